@@ -26,21 +26,13 @@ from plant.parts.fields import Floats
 from plant.simulation.executors import mapped
 
 _SAMPLES = 120  # of a period, at which the equation is set up and the limits hold
-
 _SHARPNESS = 4  # power of the mean that stands for the largest variance
-
 _MARGIN = 0.01  # share of a limit's width that is kept free: between the samples the motion goes a little further
-
 _EXACT = 20  # parameters up to which second derivatives are worked out: beyond, they take minutes
-
 _LEAST_UNIT = 1e-2  # of the largest parameter: as far as any other one is worth to be known
-
 _FULL = 100.0  # pulses of error at which a loop without a law takes its largest torque
-
 _LEAST_PULSES = 100  # by which every motor has to move, at least
-
 _SLACK = 1e-3  # by how much a limit may be exceeded [SI]
-
 _TORQUE = 0.8  # share of the amplifier's limit that the model's torque and friction may take
 
 
@@ -56,8 +48,8 @@ def design_motion(
 def design_motion(
     arm: Arm | Chain, rig: Rig, law: Law | None = None, *, kind: str = "parameters", period: float = 6.0,
     position: ArrayLike | None = None, velocity: ArrayLike | None = None, acceleration: ArrayLike | None = None,
-    frequencies: ArrayLike | None = None, harmonics: int = 5, starts: int | None = None, seed: int = 0,
-    iterations: int | None = None, executor: Any = None,
+    frequencies: ArrayLike | None = None, harmonics: int | None = None, starts: int | None = None,
+    seed: int | None = None, iterations: int | None = None, executor: Any = None,
 ) -> Harmonics | tuple[Harmonics, ...]:  # fmt: skip
     """Harmonics that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
 
@@ -68,7 +60,7 @@ def design_motion(
     rig : Rig
     law : Law, optional
         Of the position loop, without memory; gives the torque of a pulse. By default all joints have errors of the same
-        share of their largest torque.
+        share of their largest torque. Of parameters.
     kind : {"parameters", "multisine"}
         What is to be found: f, or the responses of `frequency_response`. Options below that say so are of one kind.
     period : float
@@ -80,11 +72,11 @@ def design_motion(
         Largest magnitudes [rad/s], [rad/s^2]; by default 90 % of the chain's limits, and what the harmonics need.
     frequencies : (F,) array_like, optional
         Of a multisine: its lines [Hz], moved to the nearest multiples of 1 / period that share no factor with n.
-    harmonics : int
-        Of parameters, as all below.
+    harmonics : int, optional
+        Of parameters, as all below; 5.
     starts : int, optional
         Random motions from which the search begins, of which the best end counts; 3, of many parameters 1.
-    seed : int
+    seed : int, optional
     iterations : int, optional
         Of Ipopt, per start; 200, of many parameters 60.
     executor : optional
@@ -119,16 +111,19 @@ def design_motion(
     instance("rig", rig, Rig, "The order is arm, rig, law.")
     known, rig = experiment_of(arm, rig)
     model: Arm = instance("arm", known, Arm, "The order is arm, rig, law.")
-    many = model.dynamics.p > _EXACT
-    starts, iterations = starts or (1 if many else 3), iterations or (60 if many else 200)
     period = real("period", period, "Give seconds.", positive=True)
-    if choice("kind", kind, ("parameters", "multisine")) == "multisine":
+    search = {"law": law, "harmonics": harmonics, "starts": starts, "seed": seed, "iterations": iterations}
+    own = {"parameters": search | {"executor": executor}, "multisine": {"frequencies": frequencies}}
+    other = "parameters" if choice("kind", kind, tuple(own)) == "multisine" else "multisine"
+    for name in (name for name, value in own[other].items() if value is not None):
+        raise ValueError(f'{name} is for kind="{other}"; got it for kind="{kind}". Leave one of them out.')
+    if kind == "multisine":
         return multisines(model, rig, period, frequencies, _TORQUE, (position, velocity, acceleration))
-    if frequencies is not None:
-        raise ValueError('frequencies are those of a multisine; this is for parameters. Give kind="multisine".')
+    many, harmonics = model.dynamics.p > _EXACT, 5 if harmonics is None else harmonics
+    starts, iterations = starts or (1 if many else 3), iterations or (60 if many else 200)
     limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
     of_problem = model, rig, law, period, harmonics
-    begins = list(_starts(np.random.default_rng(seed), starts, _rates(period, harmonics), *limits))
+    begins = list(_starts(np.random.default_rng(seed or 0), starts, _rates(period, harmonics), *limits))
     if executor is None:
         found = [_end(of_problem, limits, iterations, begins)]
     else:

@@ -15,7 +15,7 @@ from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import ModelFile
 from plant.mechanics.urdf_file import is_xacro, read_urdf
 from plant.mechanics.xml_file import Element, parsed, spliced
-from plant.models.edits import mjcf_inertial, mjcf_joint, mjcf_text, urdf_friction, urdf_inertial
+from plant.models.edits import mjcf_inertial, mjcf_joint, mjcf_motors, mjcf_text, urdf_friction, urdf_inertial
 from plant.parts.arguments import known_options
 from plant.parts.fields import Floats
 from plant.parts.files import require_new, write_whole
@@ -69,6 +69,7 @@ def write_model(
     prior: str | Path | Mapping[str, Body] | None = None,
     nearest: bool = False,
     friction: bool = True,
+    motors: bool = True,
     overwrite: bool = False,
 ) -> WrittenModel:
     """Write a URDF or MJCF file with the inertials of an arm; every byte that is not one of these numbers stays.
@@ -93,6 +94,10 @@ def write_model(
     friction : bool
         Of an Identification, write its viscous and Coulomb friction, joint side: <dynamics> of URDF, ``damping`` and
         ``frictionloss`` of MJCF.
+    motors : bool
+        Of an Identification, give MJCF that has none an <actuator> for each joint: a ``motor`` with the drive's gear,
+        whose control is the torque of the motor [N m] within its limit. A ``dcmotor`` needs a resistance, which a
+        drive, whose amplifiers control currents, does not have.
     overwrite : bool
         Replace a target that is there.
 
@@ -125,10 +130,11 @@ def write_model(
     model, root = _read(source)
     if is_xacro(root):
         raise ValueError(f"source must be a URDF file; {source} is xacro. Expand it first.")
-    arm, drive = _given(found_or_arm, friction)
+    arm, drive = _given(found_or_arm)
     joints = matching_joints(arm, model)
     got = bodies_of(found_or_arm, arm, model, _prior_bodies(prior), nearest, np.array([j.armature for j in joints]))
-    levels = None if drive is None or drive.coupling.matrix else (drive.joint_viscous(), drive.joint_coulomb())
+    drive = None if drive is None or drive.coupling.matrix else drive
+    levels = None if drive is None or not friction else (drive.joint_viscous(), drive.joint_coulomb())
     if root.tag == "robot" and path.suffix not in _MJCF:
         bodies = _changed(model, got)
         edits = [edit for link, body in bodies for edit in urdf_inertial(model.data, model.links[link], body)]
@@ -146,13 +152,17 @@ def write_model(
             values[joint.name]["armature"] = float(rotor)
         if levels is not None:
             values[joint.name] |= {"damping": float(levels[0][i]), "frictionloss": float(levels[1][i])}
+    section = mjcf_motors([joint.name for joint in joints], drive) if drive is not None and motors else ""
     if root.tag == "robot":
-        return _write(path, mjcf_text(model, got.bodies, values, arm.dynamics.chain.gravity), arm, got)
+        return _write(path, mjcf_text(model, got.bodies, values, arm.dynamics.chain.gravity, section), arm, got)
     edits = [edit for link, body in _changed(model, got) for edit in mjcf_inertial(model.data, _own(model, link), body)]
     for joint in joints:
         if values[joint.name] and joint.element is not None:
             _own(model, joint.child)
             edits += mjcf_joint(model.data, joint.element, values[joint.name])
+    named = all(joint.element is not None and "name" in joint.element.attributes for joint in joints)
+    if section and named and not root.all("actuator") and not root.all("include"):
+        edits.append(root.child_edit(model.data, section))
     return _write(path, spliced(model.data, edits), arm, got)
 
 
@@ -171,10 +181,10 @@ def _prior_bodies(prior: str | Path | Mapping[str, Body] | None) -> Mapping[str,
     return {name: body for name, body in _read(prior)[0].bodies.items() if body is not None}
 
 
-def _given(found_or_arm: Identification | Physical | Arm, friction: bool) -> tuple[Arm, Drive | None]:
-    """The arm, and the drive whose friction is to be written."""
+def _given(found_or_arm: Identification | Physical | Arm) -> tuple[Arm, Drive | None]:
+    """The arm, and the drive if it is known."""
     if isinstance(found_or_arm, Identification):
-        return found_or_arm.arm, found_or_arm.rig.drive if friction else None
+        return found_or_arm.arm, found_or_arm.rig.drive
     arm = found_or_arm.arm if isinstance(found_or_arm, Physical) else found_or_arm
     if not isinstance(arm, Arm):
         got = type(found_or_arm).__name__

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from plant.checkup.examine import examine
 from plant.checkup.finding import Checkup
 from plant.laws.law import Law
+from plant.logs.record_csv import COLUMNS
 from plant.logs.record_files import SOURCES, FromFiles
 from plant.logs.resampling import resampled_fields
 from plant.machine.rig import Rig
@@ -23,7 +24,6 @@ from plant.parts.fields import Floats, Vector
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
-_COLUMNS = ("reference_pulses", "error_pulses", "torque", "current", "injected", "link_counts", "true_q", "true_qd")
 _LEFT_OUT: Any = None
 NUMBERS = ("temperature",)
 """Notes that are numbers."""
@@ -128,7 +128,7 @@ class Record(FromFiles, Frozen):
             raise ValueError(f"t must increase; got {t[i]} after {t[i - 1]} at index {i}. Sort the rows or drop one.")
         shape = (len(t), self.rig.n)
         values = {"t": t}
-        for name in _COLUMNS:
+        for name in COLUMNS:
             value = getattr(self, name)
             if value is not None:
                 values[name] = array(name, value, shape, advice="Give one row per sample, one column per joint.")
@@ -200,7 +200,7 @@ class Record(FromFiles, Frozen):
             raise ValueError(f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. {whole}")
         some, reference = slice(rows[0], rows[-1] + 1), self.reference
         gone = float(self.t[rows[0]] - self.t[0])
-        values = {name: getattr(self, name) for name in (*_COLUMNS, "valid")}
+        values = {name: getattr(self, name) for name in (*COLUMNS, "valid")}
         cut: dict[str, Any] = {name: None if value is None else value[some] for name, value in values.items()}
         if reference is not None and gone:
             reference = reference.later(gone)

@@ -15,16 +15,12 @@ from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats
 from plant.parts.plain import from_plain
 
-_COLUMNS = (
-    ("reference_pulses", "reference", "pulses"),
-    ("error_pulses", "error", "pulses"),
-    ("torque", "torque", "N m"),
-    ("current", "current", "A"),
-    ("injected", "injected", "N m"),
-    ("link_counts", "link", "pulses"),
-    ("true_q", "true_q", "rad"),
-    ("true_qd", "true_qd", "rad/s"),
-)
+COLUMNS = {
+    "reference_pulses": ("reference", "pulses"), "error_pulses": ("error", "pulses"), "torque": ("torque", "N m"),
+    "current": ("current", "A"), "injected": ("injected", "N m"), "link_counts": ("link", "pulses"),
+    "true_q": ("true_q", "rad"), "true_qd": ("true_qd", "rad/s"),
+}  # fmt: skip
+"""Field of a record with a number per joint -> what its columns are called, and their unit."""
 
 
 def write(record: Any, path: str | Path) -> None:
@@ -34,7 +30,7 @@ def write(record: Any, path: str | Path) -> None:
     header["initial"] = None if record.initial is None else record.initial.tolist()
     header["notes"] = dict(record.notes)
     names, columns = ["t [s]"], [record.t[:, None]]
-    for field, name, unit in _COLUMNS:
+    for field, (name, unit) in COLUMNS.items():
         value = getattr(record, field)
         if value is not None:
             names += [f"{name}_{i + 1} [{unit}]" for i in range(record.n)]
@@ -85,7 +81,7 @@ def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
 
 
 def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
-    known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, name, unit in _COLUMNS for i in range(n)}
+    known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, (name, unit) in COLUMNS.items() for i in range(n)}
     known["valid [1]"] = "valid", 0
     fields: dict[str, Floats] = {}
     for column, name in enumerate(names[1:], 1):

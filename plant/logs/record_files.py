@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
@@ -13,6 +14,7 @@ from plant.logs.mapping import MEASURED, mapped_names, record_fields
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import instance, known_options
+from plant.parts.mcap_file import McapFile, joint_topics
 
 SOURCES = {
     "counts": ("position", "motor_position", "error_pulses"),
@@ -29,6 +31,25 @@ class FromFiles:
     def to_csv(self, path: str | Path) -> None:
         """Write a CSV file that `from_csv` reads back without loss; line 1 has what are no columns, such as the rig."""
         record_csv.write(self, path)
+
+    def to_mcap(self, path: str | Path) -> None:
+        """Write an MCAP file for Foxglove, PlotJuggler and Rerun, from time 0: joints in rad and N m, and all columns.
+
+        ``/joint_states`` has what was measured, ``/reference`` what was commanded, and ``/sample`` this record's own
+        columns. Of an evaluation, write its ``record``.
+        """
+        record: Any = self
+        times = np.rint(1e9 * (record.t - record.t[0])).astype(int).tolist()
+        columns = {name: getattr(record, name) for name in record_csv.COLUMNS if getattr(record, name) is not None}
+        columns |= {"valid": record.valid[:, None]}
+        topics = joint_topics(record.n, {name: values.shape[1] for name, values in columns.items()})
+        q, q_r = record.rig.cell_centre(record.counts), record.rig.to_angle(record.reference_pulses)
+        torque = columns.get("torque", np.zeros((len(times), 0)))
+        with McapFile(path, record.rig.drive.joints, record.n, topics) as file:
+            for k, time in enumerate(times):
+                file.append("/joint_states", time, (q[k], (), torque[k]))
+                file.append("/reference", time, (q_r[k], (), ()))
+                file.append("/sample", time, [values[k] for values in columns.values()])
 
     @classmethod
     @known_options

@@ -93,6 +93,9 @@ class Elasticity(Part):
         instance("arm", arm, Arm, "The order is arm, hz, damping_ratio.")
         n = arm.n
         hz, ratio = (np.broadcast_to(np.asarray(value, float), n) for value in (hz, damping_ratio))
+        if (rigid := np.flatnonzero(np.isinf(hz))).size:
+            advice = "Give it one above all that matters, or leave elasticity out if all are rigid."
+            raise ValueError(f"hz must be finite; {arm.dynamics.chain.joint_labels[rigid[0]]} has inf. {advice}")
         pose = array("q", np.zeros(n) if q is None else q, (n,), advice="Give one angle per joint [rad].")
         shaft = arm.dynamics.chain.coupling.shaft_inertia(ca.DM(arm.D(pose))).full()
         found = Resonance(hz=hz, damping_ratio=ratio, inertia=np.diag(shaft), backlash=backlash)

@@ -5,6 +5,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from plant.machine.drive import Drive
 from plant.mechanics.body import Body
 from plant.mechanics.mjcf_file import FULL
 from plant.mechanics.model_tree import MOVING, ModelFile, ModelJoint
@@ -107,12 +108,13 @@ def mjcf_joint(data: bytes, joint: Element, values: dict[str, float]) -> list[Ed
 
 
 def mjcf_text(
-    model: ModelFile, bodies: Mapping[str, Body], values: Mapping[str, Mapping[str, float]], gravity: Sequence[float]
-) -> bytes:
+    model: ModelFile, bodies: Mapping[str, Body], values: Mapping[str, Mapping[str, float]], gravity: Sequence[float],
+    motors: str = "",
+) -> bytes:  # fmt: skip
     """A tree of links as MJCF, without shapes: those joints move that have values, all others are fixed at zero.
 
     `bodies`, by link, are in place of the file's own; `values` by the name of each joint that moves are armature,
-    damping, frictionloss.
+    damping, frictionloss; `motors` is their section.
     """
     lines = [
         f"<mujoco model={quoteattr(model.path.stem)}>",
@@ -139,7 +141,16 @@ def mjcf_text(
     children = {joint.child for joint in model.joints.values()}
     for root in (link for link in model.bodies if link not in children):
         add(root, "", None, 2)
-    return "\n".join([*lines, "  </worldbody>", "</mujoco>", ""]).encode()
+    return "\n".join([*lines, "  </worldbody>", *([f"  {motors}"] if motors else []), "</mujoco>", ""]).encode()
+
+
+def mjcf_motors(joints: Sequence[str], drive: Drive) -> str:
+    """A section with the motor of each joint, which is commanded by the torque on its own side [N m]."""
+    motors = []
+    for joint, gear, limit in zip(joints, drive.gear, drive.motor_gain * drive.current_limit, strict=True):
+        within = f' ctrllimited="true" ctrlrange="{_text((-limit, limit))}"' if np.isfinite(limit) else ""
+        motors.append(f'<motor name={quoteattr(joint)} joint={quoteattr(joint)} gear="{_text(gear)}"{within}/>')
+    return "\n    ".join(["<actuator>", *motors]) + "\n  </actuator>"
 
 
 def _mjcf_joint_text(joint: ModelJoint, values: Mapping[str, float]) -> str:

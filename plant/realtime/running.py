@@ -4,7 +4,7 @@ import dataclasses
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,10 @@ from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import row
-from plant.realtime.status import Status, clock, numbers
-from plant.realtime.watching import FAR
+from plant.realtime.run_log import RunLog
+from plant.realtime.status import ARGUMENTS, Status, clock, numbers, refuse, whole_counts
 
 _FLOAT, _COUNTS = np.dtype(float), (np.dtype(np.int64), np.dtype(float))
-_ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 
 
 class Running:
@@ -79,14 +78,15 @@ class Running:
         block = law.block(rig)
         self.law, self.rig, self.guards, self.n = law, rig, guards, rig.n
         self.period = block.period or rig.period
-        counts = self._counts(pulses)
+        counts = whole_counts(pulses, self.rig)
         self.core, self.without = compiled(law, rig, block, guards, without), without
         self._step, self._memory = self.core
         self._weighs = compensates_gravity(law, guards)
         self._shape, self._initial = (rig.n,), self._memory.copy()
-        self._block, self._free = np.empty((len(_ARGUMENTS), rig.n)), threading.Lock()
+        self._block, self._free = np.empty((len(ARGUMENTS), rig.n)), threading.Lock()
         self._arguments = tuple(self._block)
         self._torque = np.empty(rig.n)
+        self._log: RunLog | None = None
         self._set(counts)
 
     def to_c(
@@ -106,13 +106,27 @@ class Running:
         write_running(self.law, self.rig, self.guards, folder, name, self.without, target=target, precision=precision,
                       output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
 
+    def log_to(self, path: str | Path) -> RunLog:
+        """Append every sample from now on to a new MCAP file, which is readable at any time, also after a kill.
+
+        Returns what is closed in the end, as a context manager is. A kill loses what came last: up to 64 kB, of long
+        logs up to the size of their index. Loops that call the `core` themselves are not logged.
+
+        Raises
+        ------
+        ValueError
+            A file that is there, or a folder that is not.
+        """
+        self._log = log = RunLog(path, self)
+        return log
+
     def reset(self, pulses: ArrayLike) -> None:
         """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and the stop cleared.
 
         After a safe stop: find out why (`status`), plan a reference that begins at the arm's position
         (``rig.cell_centre(pulses)``), and reset.
         """
-        self._set(self._counts(pulses))
+        self._set(whole_counts(pulses, self.rig))
 
     def step(
         self,
@@ -166,7 +180,9 @@ class Running:
             time = np.nan if now is None else clock(now)
             refusal = self._step(*ours, time, self._memory, self._torque)
             if refusal:
-                self._refuse(refusal, time)
+                refuse(refusal, ours, self.rig, self._memory[layout.NOW], time)
+            if self._log is not None:
+                self._log.sample()
             return self._torque.copy()
         finally:
             self._free.release()
@@ -215,7 +231,7 @@ class Running:
     def _row(self, index: int) -> NDArray[np.float64]:
         return self._memory[row(index, self.n)]
 
-    # -- arguments of any kind, and refusals ---------------------------------------------------------------------------
+    # -- arguments of any kind -----------------------------------------------------------------------------------------
     def _set(self, counts: NDArray[np.float64]) -> None:
         self._memory[:] = self._initial
         self._memory[row(layout.COUNTS, self.n)] = counts
@@ -223,28 +239,9 @@ class Running:
     def _take(self, given: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
         """Take arguments of any kind."""
         for name in unknown:
-            choice("an argument of step", name, (*_ARGUMENTS, "now"))
-        for name, value, place in zip(_ARGUMENTS, given, self._arguments, strict=True):
+            choice("an argument of step", name, (*ARGUMENTS, "now"))
+        for name, value, place in zip(ARGUMENTS, given, self._arguments, strict=True):
             if value is None:
-                raise ValueError(f"step takes ({', '.join(_ARGUMENTS)}); {name} is missing. Give all four.")
+                raise ValueError(f"step takes ({', '.join(ARGUMENTS)}); {name} is missing. Give all four.")
             advice = "Give the encoder count of each joint." if name == "pulses" else "Give one value per joint [SI]."
             place[:] = numbers(name, value, self.n, advice)
-
-    def _refuse(self, refusal: int, time: float) -> NoReturn:
-        counts, *motion = self._arguments
-        if refusal == layout.BAD_PULSES:
-            self._counts(counts)
-        if refusal == layout.BAD_REFERENCE:
-            for name, value in zip(_ARGUMENTS[1:], motion, strict=True):
-                array(name, value, (self.n,), advice="Give one value per joint [SI].")
-            raise ValueError(f"q_r must be below {FAR:g} rad; got {motion[0]}. Take whole turns off.")
-        if refusal == layout.BAD_CLOCK:
-            last, advice = self._memory[layout.NOW], "Give seconds of a steady clock."
-            raise ValueError(f"now must be finite and advance; got {time} after {last}. {advice}")
-        raise ValueError(f"the law must give finite torques; it does not at pulses {counts}. Check its numbers.")
-
-    def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
-        counts = array("pulses", pulses, (self.n,), advice="Give the encoder count of each joint.")
-        if not self.rig.encoder.smooth and (counts != np.trunc(counts)).any():
-            raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
-        return counts

@@ -1,14 +1,18 @@
 """What a running controller says of itself: running, or stopped and why, and whether it asks for the brakes."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plant.machine.rig import Rig
 from plant.parts.arguments import array
 from plant.realtime import memory as layout
 from plant.realtime.pieces import RAMP
+from plant.realtime.watching import FAR
+
+ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 
 _FIRST = 2  # calls in which a joint is far from its reference for the units, or the start, of the reference
 
@@ -23,6 +27,28 @@ def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.floa
         kind = "a masked array" if isinstance(value, np.ma.MaskedArray) else f"{plain.dtype} {value!r:.60}"
         raise ValueError(f"{name} must be plain numbers of shape ({n},); got {kind}. {advice}")
     return plain if plain.shape == (n,) else array(name, value, (n,), advice=advice, finite=False)
+
+
+def whole_counts(pulses: ArrayLike, rig: Rig) -> NDArray[np.float64]:
+    """Encoder counts (n,), checked."""
+    counts = array("pulses", pulses, (rig.n,), advice="Give the encoder count of each joint.")
+    if not rig.encoder.smooth and (counts != np.trunc(counts)).any():
+        raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
+    return counts
+
+
+def refuse(refusal: int, given: Sequence[NDArray[np.float64]], rig: Rig, last: float, now: float) -> NoReturn:
+    """The error of a call with these arguments that was refused, at `now` [s], after one at `last`."""
+    counts, *motion = given
+    if refusal == layout.BAD_PULSES:
+        whole_counts(counts, rig)
+    if refusal == layout.BAD_REFERENCE:
+        for name, value in zip(ARGUMENTS[1:], motion, strict=True):
+            array(name, value, (rig.n,), advice="Give one value per joint [SI].")
+        raise ValueError(f"q_r must be below {FAR:g} rad; got {motion[0]}. Take whole turns off.")
+    if refusal == layout.BAD_CLOCK:
+        raise ValueError(f"now must be finite and advance; got {now} after {last}. Give seconds of a steady clock.")
+    raise ValueError(f"the law must give finite torques; it does not at pulses {counts}. Check its numbers.")
 
 
 def clock(now: Any) -> float:

@@ -4,6 +4,7 @@ One table for `docs/guides/out_to_the_machine.md`: computed torque of the PUMA 5
 run against what their tests run against; the microcontroller under QEMU, which counts instructions and no time.
 """
 
+import contextlib
 import ctypes
 import dataclasses
 import shutil
@@ -15,6 +16,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "oracles"), str(ROOT / "tests" / "plant" / "fmu")]
@@ -28,6 +31,7 @@ from plant import PointToPoint, puma560, simulate, to_fmu, to_ros2_control, writ
 
 ARM, RIG = puma560.arm(), puma560.rig()
 LAW, PATH = ComputedTorque(ARM, RIG), puma560.reference()
+KILLS = 30
 MOVE = PointToPoint(start=(0.0, -0.5), goal=(1.0, 0.5), duration=1.4)
 
 
@@ -105,6 +109,34 @@ def microcontroller(folder, record):
     )
 
 
+def mcap(folder, record):
+    """Median time [s] that logging adds to a step, bytes of a sample, kills, and files that they left without index."""
+    motion, median, path = record.reference(record.t), [], folder / "run.mcap"
+    for logs in (False, True):
+        controller, times = LAW.start(RIG, record.counts[0]), []
+        log = controller.log_to(path) if logs else contextlib.nullcontext()
+        with log:
+            for k in range(len(record)):
+                begun = time.perf_counter()
+                controller.step(record.counts[k], motion.q[k], motion.qd[k], motion.qdd[k])
+                times.append(time.perf_counter() - begun)
+        median.append(statistics.median(times))
+    size, broken, random = path.stat().st_size / len(record), 0, np.random.default_rng(0)
+    script = ROOT / "tests" / "oracles" / "logged_run.py"
+    for kill in range(KILLS):
+        path = folder / f"{kill}.mcap"
+        with subprocess.Popen([sys.executable, script, path], stdout=subprocess.PIPE) as process:  # noqa: S603
+            process.stdout.readline()
+            time.sleep(random.uniform(0.2, 1.0))
+            process.kill()
+        with path.open("rb") as file:
+            try:
+                broken += not sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
+            except McapError:
+                broken += 1
+    return median[1] - median[0], size, KILLS, broken
+
+
 def steps():
     """Largest error of the joints [pulses] on (6), for steps of no, 1 / 1000 and 1 / 100 of the rated torque."""
     rated = RIG.drive.motor_gain * RIG.drive.current_limit / 3
@@ -117,7 +149,7 @@ def steps():
 def main():
     record = simulate(ARM, RIG, LAW, PATH)
     with tempfile.TemporaryDirectory() as name:
-        folders = [Path(name) / part for part in ("c", "ros2", "fmu", "board")]
+        folders = [Path(name) / part for part in ("c", "ros2", "fmu", "board", "mcap")]
         for each in folders:
             each.mkdir()
         share, code, spent = c_code(folders[0], record)
@@ -126,6 +158,9 @@ def main():
         print(f"plugin: {share:.1e}, {code:,} bytes, {1e6 * spent:.1f} us, {allocations} allocations", flush=True)
         share, differing, sizes, spent = fmus(folders[2], record)
         print(f"FMUs: {share:.1e}, {differing} counts differ, {sizes} bytes, {1e6 * spent:.0f} us for both", flush=True)
+        spent, size, kills, broken = mcap(folders[4], record)
+        said = f"{1e6 * spent:.0f} us more, {size:.0f} bytes a sample, {broken} of {kills} kills left no index"
+        print(f"MCAP: {said}", flush=True)
         if shutil.which("qemu-system-arm") and shutil.which("arm-none-eabi-gcc"):
             short = simulate(ARM, RIG, LAW, PATH, duration=200 * RIG.period)
             differing, lines, code, count = microcontroller(folders[3], short)

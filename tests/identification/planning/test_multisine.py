@@ -71,7 +71,13 @@ def test_records_are_orthogonal_at_every_line():
         ({"frequencies": (800.0,)}, "below half the sampling rate, 714.3 Hz"),
         ({"frequencies": ()}, "frequencies must be"),
         ({"kind": "chirp"}, "kind must be one of"),
-        ({"kind": "parameters"}, 'Give kind="multisine"'),
+        ({"kind": "parameters"}, 'frequencies is for kind="multisine"; got it for kind="parameters"'),
+        ({"law": puma560.p_law()}, 'law is for kind="parameters"; got it for kind="multisine"'),
+        ({"harmonics": 5}, 'harmonics is for kind="parameters"; got it for kind="multisine"'),
+        ({"starts": 3}, 'starts is for kind="parameters"; got it for kind="multisine"'),
+        ({"seed": 0}, 'seed is for kind="parameters"; got it for kind="multisine"'),
+        ({"iterations": 9}, 'iterations is for kind="parameters"; got it for kind="multisine"'),
+        ({"executor": list}, 'executor is for kind="parameters"'),
     ],
 )
 def test_bad_input_is_refused_in_one_line(change, why):

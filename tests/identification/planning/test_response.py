@@ -129,6 +129,8 @@ def test_rigid_gears_have_no_resonance():
     found = frequency_response(moved_records(), skip=8).resonances(RIG.drive)
     assert np.isinf(found.hz).all()
     assert np.isnan(found.hz_std).all()
+    with pytest.raises(ValueError, match=r"hz must be finite; .*q\[0\].* has inf\. Give it one above all that matters"):
+        Elasticity.from_resonance(ARM, found.hz, 0.02)
 
 
 def test_motors_that_move_several_joints_are_refused():

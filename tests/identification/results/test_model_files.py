@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from ctc import ComputedTorque
 from identification import identify, write_model
 from identification.results.nearest_bodies import Block, nearest_realisation
 from plant import Body, Chain, Coupling, Dynamics, Harmonics, P, puma560, simulate
@@ -15,6 +16,7 @@ from plant.mechanics.body import from_pseudo_inertia, pseudo_inertia, symmetric_
 
 pytest.importorskip("mujoco")
 pytest.importorskip("pinocchio")
+import mujoco
 from model_texts import mjcf, mujoco_torques, pinocchio_torques, urdf
 
 STATES = np.random.default_rng(0).uniform(-1, 1, (1000, 3, 4))
@@ -222,6 +224,85 @@ def test_pseudo_inertia_is_that_of_point_masses():
     P = pseudo_inertia(body.standard_parameters)
     np.testing.assert_allclose(P, (rows * masses[:, None]).T @ rows, rtol=0, atol=1e-12)
     np.testing.assert_allclose(pseudo_inertia(from_pseudo_inertia(P)), P, rtol=0, atol=1e-15)
+
+
+# -- motors ---------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """Files of a pendulum of two links, in each format, and it identified from the torque equation."""
+    folder, rig, found = tmp_path_factory.mktemp("driven"), puma560.rig(), {}
+    wide = urdf(7, kinds=("revolute", "revolute")).replace(
+        'lower="-1" upper="1" effort="1"', 'lower="-3" upper="3" effort="400"'
+    )
+    path = Harmonics(period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1)))
+    for name, text, read in (
+        ("arm.urdf", wide, Chain.from_urdf),
+        ("arm.xml", mjcf(7, kinds=("hinge", "hinge")), Chain.from_mjcf),
+    ):
+        (folder / name).write_text(text)
+        dynamics = Dynamics.from_chain(read(folder / name).with_rotors(rig.drive))
+        measured = simulate(dynamics.arm(dynamics.f() * 1.03), rig, P(gain=(0.5, 0.4)), path, backend="casadi")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # f10 and f11 show their sum
+            found[name] = identify(dynamics, measured, method="equation_error", progress=False)
+    return folder, found
+
+
+def written_to(driven, name, target, **options):
+    folder, found = driven
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # noise: the nearest f
+        return write_model(found[name], folder / name, target, nearest=True, **options)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
+def test_the_loop_in_mujoco_is_ours_within_a_pulse(driven, tmp_path, name, smooth):
+    """Motors, friction, rotors and bodies of the file alone; both joints turn, since MuJoCo's friction is soft at rest.
+
+    With whole counts, each of which is a step of the torque, and without rounding, where the two engines nearly agree.
+    """
+    written = written_to(driven, name, tmp_path / "out.xml")
+    rig, steps = driven[1][name].rig, 14
+    rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=smooth))
+    path = Harmonics(period=4.0, offset=(0.1, -0.2), cosine=np.zeros((2, 1)), sine=((0.9,), (-0.8,)))
+    law = ComputedTorque(written.arm, rig)
+    ours = simulate(written.arm, rig, law, path, duration=0.9, steps_per_sample=steps)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    model.opt.timestep, model.opt.integrator = rig.period / steps, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    data, motion = mujoco.MjData(model), path(ours.t)
+    data.qpos[:], data.qvel[:] = motion.q[0], motion.qd[0]
+    running, theirs = law.start(rig, rig.counts(data.qpos.copy())), np.empty((len(ours), 2))
+    for k in range(len(ours)):
+        theirs[k] = data.qpos
+        torque = running.step(rig.counts(theirs[k]), motion.q[k], motion.qd[k], motion.qdd[k])
+        data.ctrl[:] = rig.drive.motor_torque(torque)
+        mujoco.mj_step(model, data, steps)
+    assert running.status == "running"
+    if smooth:
+        assert np.abs(rig.position_in_pulses(theirs - ours.true_q)).max() < 1e-3
+    else:
+        assert np.abs(rig.counts(theirs) - ours.counts).max() <= 1
+        assert np.abs(rig.counts(theirs) - rig.counts(motion.q)).max() <= 1
+    data.ctrl[:] = 1e3
+    mujoco.mj_forward(model, data)
+    limit = rig.drive.torque_limit() * np.sign(rig.drive.gear)
+    np.testing.assert_allclose(data.qfrc_actuator, limit, rtol=1e-12)
+
+
+def test_motors_are_added_to_a_file_that_has_none(driven, tmp_path):
+    folder, found = driven
+    assert (
+        "<actuator>"
+        not in (tmp_path / written_to(driven, "arm.xml", tmp_path / "a.xml", motors=False).path).read_text()
+    )
+    own = (folder / "arm.xml").read_text().replace("</mujoco>", '<actuator><motor joint="j0"/></actuator></mujoco>')
+    (folder / "own.xml").write_text(own)
+    found["own.xml"] = found["arm.xml"]
+    assert (
+        '<actuator><motor joint="j0"/></actuator>' in written_to(driven, "own.xml", tmp_path / "b.xml").path.read_text()
+    )
+    assert written_to(driven, "own.xml", tmp_path / "c.xml").path.read_text().count("<motor ") == 1
 
 
 # -- friction, included files, coupled motors -----------------------------------------------------------------------
