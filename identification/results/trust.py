@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from identification.replay.timing import is_late
-from identification.results.diagnostics import FALSE_ALARM, ROUNDINGS, asks_from
 from identification.results.seen import APART, contradicted, motion_of
+from identification.search.predictive import FALSE_ALARM, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.checkup.rounding import rounding_doubts
@@ -61,7 +61,7 @@ _AT_END = 0.002  # share of a range within which a value lies at its end
 
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
 
-_WORSE = 1.5  # how much worse a record held out may be repeated
+_WORSE = 1.5  # how much worse a record held out is repeated that asks for an explanation
 
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
 
@@ -209,7 +209,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
             f"these values repeat the log to {difference:.2f} pulses (rms), those of prediction_error to "
             f"{told.closest:.2f}, as the model repeats itself. The log fits its model: identify with that method."
         )
-    elif difference > np.fmax(asks_from(found.records), told.limit) and not replayed:
+    elif doubtful(difference, told.limit, found.records) and not replayed:
         chance = f", above {told.limit:.2f} with a probability of {FALSE_ALARM:g}" * bool(told.limit > 0)
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two runs of the model by "
@@ -218,7 +218,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
             "and lengths of the chain, the order of joints, and counts per turn: as the rig counts, the joints move "
             f"over {_ranges(found)}."
         )
-    if held_out is not None and held_out > _WORSE * max(difference, ROUNDINGS):
+    if held_out is not None and held_out > np.fmax(_WORSE * max(difference, ROUNDINGS), told.held_out_limit):
         yield (
             f"a validation record differs by {held_out:.2f} pulses, those searched by "
             f"{difference:.2f}: the values do not hold for both."
