@@ -1,16 +1,19 @@
 """From records to an arm: the identification procedure of the paper."""
 
+import contextlib
 import dataclasses
 import itertools
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification.equation_error.excitation import advice, from_prior
 from identification.equation_error.least_squares import at_least
+from identification.equation_error.prior import Prior
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
@@ -28,6 +31,7 @@ from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.progress import progress_bar
 from plant.parts.saved import versions
+from plant.parts.user_warning import warn
 
 
 @known_options
@@ -104,7 +108,8 @@ def identify(
     prior : float, or tuple of bodies or f and a float, optional
         What is known of f before the log, for what the log does not excite: the relative standard deviation of the
         chain's own bodies, as 0.3; or ``(bodies, 0.3)`` of others, one `Body` per link; or ``(f, 0.3)``. The result
-        says which combinations of f come from it (``found.fit.prior``).
+        says which combinations of f come from it (``found.fit.prior``). By default the chain's own bodies, to 0.3, and
+        only where a joint hardly moves, or no arm follows from the log alone; that is a warning.
     checkpoint : str or Path, optional
         File in which finished stages are kept: killed and called again with it, the work goes on, to the same bits. One
         of other inputs, versions or another processor is refused.
@@ -148,10 +153,32 @@ def identify(
         dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances, prior
     )
     with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as kept:
-        problem = dataclasses.replace(problem, checkpoint=kept)
-        outcome = kept.stage("search", lambda: search(problem, progress))
-        found = _assess(problem, outcome, started)
+        found = _found(dataclasses.replace(problem, checkpoint=kept), progress, started)
     warn_of_doubts(found, "identify")
+    return found
+
+
+def _found(problem: Problem, progress: bool, started: float) -> Identification:
+    """What the log tells; where that is no arm, what it tells beside the model's own bodies, if that is one."""
+
+    def found_of(problem: Problem) -> Identification:
+        return _assess(problem, problem.checkpoint.stage("search", lambda: search(problem, progress)), started)
+
+    try:
+        found, refusal = found_of(problem), None
+    except ValueError as error:
+        found, refusal = None, error
+    if found is None or found.fit.fallback_reason is not None:
+        dynamics, records, known = problem.dynamics, problem.records, problem.prior
+        own = Prior.of_model(dynamics, records[0].rig) if known is None else None
+        if own is not None and from_prior(dynamics, records, own):
+            with contextlib.suppress(ValueError):
+                other = found_of(dataclasses.replace(problem, prior=own, checkpoint=problem.checkpoint.part("prior")))
+                if other.fit.fallback_reason is None:
+                    warn(f"identify: no arm follows from the log alone. {advice(dynamics, records, own)}")
+                    return other
+    if found is None:
+        raise cast(ValueError, refusal)
     return found
 
 

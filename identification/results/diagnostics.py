@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -16,16 +16,13 @@ from identification.results.stepwise import detect
 from identification.search.memory import repeating
 from identification.search.methods import prediction_error
 from identification.search.outcome import Fit
-from identification.search.predictive import Predicted, difference_of, doubtful, predicted
+from identification.search.predictive import ROUGH, Predicted, doubtful, predicted
 from identification.search.problem import Problem
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
-
-_ROUGH = ("equation_error", "didim", "output_error", "paper")
-"""Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the log for them."""
 
 
 @kept
@@ -100,19 +97,14 @@ class Diagnostics(Shown, Frozen):
         kept = None if problem.held_out is None else repeating(problem, problem.held_out)
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
-        difference, aside, aside_limit = difference_of(cost, objective.records), None, np.nan
-        told, closest = predicted(problem, fit, objective.records, difference), np.nan
-        doubted = doubtful(difference, told.limit, objective.records) and not any(problem.replays)
-        if doubted and problem.method in _ROUGH:
-            told, closest = _by_prediction(problem, objective, told)
-        if kept is not None:
-            aside = difference_of(float(kept(fit.values[None])[0]), kept.records)
-            aside_limit = predicted(problem, fit, kept.records, aside).limit
+        every, closest = (objective,) if kept is None else (objective, kept), np.nan
+        told, *aside = _runs(problem, fit, every)
+        if problem.method in ROUGH and not any(problem.replays) and _doubted((told, *aside), every):
+            told, closest = _by_prediction(problem, every, told)
         return cls(
             objective=cost,
-            difference=difference,
-            held_out_difference=aside,
-            held_out_limit=aside_limit,
+            held_out_difference=aside[0].difference if aside else None,
+            held_out_limit=aside[0].limit if aside else np.nan,
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
@@ -123,17 +115,25 @@ class Diagnostics(Shown, Frozen):
         )
 
 
-def _by_prediction(problem: Problem, objective: Objective, own: Predicted) -> tuple[Predicted, float]:
-    """The hunting of the prediction error's fit, and its difference, if that explains the records; else what was."""
+def _runs(problem: Problem, fit: Fit, every: Sequence[Objective]) -> list[Predicted]:
+    """What runs with the values of a fit show, for the records of each objective."""
+    return [predicted(problem, fit, each.records, float(each(fit.values[None])[0])) for each in every]
+
+
+def _doubted(told: Sequence[Predicted], every: Sequence[Objective]) -> bool:
+    return any(doubtful(own, each.records) for own, each in zip(told, every, strict=True))
+
+
+def _by_prediction(problem: Problem, every: Sequence[Objective], own: Predicted) -> tuple[Predicted, float]:
+    """The hunting of the prediction error's fit, and its difference, if that explains all records; else what was."""
     try:
         fit = prediction_error(dataclasses.replace(problem, checkpoint=Checkpoint(None, ""))).fit
-        difference = difference_of(float(objective(fit.values[None])[0]), objective.records)
+        others = _runs(problem, fit, every)
     except ValueError:  # no arm follows the log
         return own, np.nan
-    other = predicted(problem, fit, objective.records, difference)
-    if fit.fallback_reason is not None or doubtful(difference, other.limit, objective.records):
+    if fit.fallback_reason is not None or _doubted(others, every):
         return own, np.nan
-    return own._replace(hunts=other.hunts), difference
+    return own._replace(hunts=others[0].hunts), others[0].difference
 
 
 def _bands(problem: Problem, values: Floats) -> dict[float, float]:

@@ -165,9 +165,8 @@ def _only_genetic(problem: Problem, fit: Fit, cost: float, other: float) -> bool
     records = problem.objective.records
     if cost <= other:
         return False
-    difference, others = difference_of(cost, records), difference_of(other, records)
-    limit = predicted(problem, fit, records, difference).limit
-    return doubtful(difference, limit, records) and not doubtful(others, limit, records)
+    own = predicted(problem, fit, records, cost)
+    return doubtful(own, records) and not doubtful(own._replace(difference=difference_of(other, records)), records)
 
 
 _EVERY: tuple[Callable[..., Outcome], ...] = (seeded, paper, equation_error, didim, output_error, prediction_error)

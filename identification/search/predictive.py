@@ -5,7 +5,7 @@ Arms as likely as the one found, that begin elsewhere within a count, are simula
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,9 @@ ROUNDINGS = 0.58
 _FAR, _FAR_ROUNDED = 0.9, 1.5
 """Difference [pulses] from which it asks for an explanation: of the counts, and of the path as well."""
 
+ROUGH = ("equation_error", "didim", "output_error", "paper")
+"""Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the log for them."""
+
 FALSE_ALARM = 1e-3
 """Probability that a log is doubted which differs from the model's run as other runs of the model do."""
 
@@ -34,26 +37,30 @@ _OWN, _SAME_HZ = 2.0, 0.4
 
 
 class Predicted(NamedTuple):
-    """By how much runs of the model differ (geometric mean), and seldom more; and the records that hunt as they do."""
+    """By how much the records differ from what was found, and runs of it from each other (geometric mean), and seldom
+    more [pulses, rms]; and the records that hunt as runs do.
+    """
 
+    difference: float
     expected: float = np.nan
     limit: float = np.nan
     hunts: tuple[int, ...] = ()
 
 
-def predicted(problem: Problem, fit: Fit, records: Sequence[Record], difference: float) -> Predicted:
-    """What arms as likely as the one found show, for records that differ by so much [pulses, rms].
+def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float) -> Predicted:
+    """What arms as likely as the one found show, for records of which it has this objective (4).
 
     If nothing is wrong the log is a run like theirs, as far as they are from that of the values. Logarithms of these
     distances are taken for normal. Where the first runs leave it open whether the log is one of them, more are made.
     """
+    difference = difference_of(cost, records)
     swings = {i: hz for i, record in enumerate(records) if (hz := own_oscillation(record)) is not None}
     if any(problem.replays) or not np.isfinite(difference) or (difference <= asks_from(records) and not swings):
-        return Predicted()
+        return Predicted(difference)
     try:
         runs = [_run(problem, fit.values, record) for record in records]
     except ValueError:  # it diverges, or has no sound inertia
-        return Predicted()
+        return Predicted(difference)
     random = np.random.default_rng(0)
     hunts, logarithms, limit = {i for i in swings if _alike(swings[i], runs[i])}, list[float](), np.nan
     most = _OWN * float(np.sqrt(np.mean(np.concatenate([record.error_pulses for record in records]) ** 2)))
@@ -67,11 +74,11 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], difference:
             apart = [other.error_pulses - run.error_pulses for other, run in zip(others, runs, strict=True)]
             logarithms.append(0.5 * float(np.log(np.mean(np.concatenate(apart) ** 2))))
         if len(logarithms) < _FEW:
-            return Predicted(hunts=tuple(sorted(hunts)))
+            return Predicted(difference, hunts=tuple(sorted(hunts)))
         limit = min(_exceeded(logarithms, chance), most)
         if difference > limit or (difference <= np.exp(max(logarithms)) and len(hunts) == len(swings)):
             break
-    return Predicted(float(np.exp(np.mean(logarithms))), limit, tuple(sorted(hunts)))
+    return Predicted(difference, float(np.exp(np.mean(logarithms))), limit, tuple(sorted(hunts)))
 
 
 def _exceeded(logarithms: list[float], chance: float) -> float:
@@ -117,9 +124,9 @@ def asks_from(records: Sequence[Record]) -> float:
     return _FAR_ROUNDED if any(map(is_rounded, records)) else _FAR
 
 
-def doubtful(difference: float, limit: float, records: Sequence[Record]) -> bool:
-    """Whether records that differ by so much [pulses] are none of the model's, which seldom exceeds the limit."""
-    return not difference <= np.fmax(asks_from(records), limit)
+def doubtful(told: Any, records: Sequence[Record]) -> bool:
+    """Whether records differ by more than the model's runs seldom do; `told`: what has their difference and limit."""
+    return not told.difference <= np.fmax(asks_from(records), told.limit)
 
 
 def difference_of(cost: float, records: Sequence[Record]) -> float:
