@@ -2,11 +2,12 @@
 
 import contextlib
 import dataclasses
+import functools
 import itertools
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,7 @@ from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
-from identification.results.summary import warn_of_doubts
+from identification.results.summary import doubts, warn_of_doubts
 from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import repeating
@@ -159,27 +160,31 @@ def identify(
 
 
 def _found(problem: Problem, progress: bool, started: float) -> Identification:
-    """What the log tells; where that is no arm, what it tells beside the model's own bodies, if that is one."""
-
-    def found_of(problem: Problem) -> Identification:
-        return _assess(problem, problem.checkpoint.stage("search", lambda: search(problem, progress)), started)
-
+    """What the log tells; where that is no arm, what it tells beside the model's own bodies."""
+    outcome = functools.partial(search, problem, progress)
     try:
-        found, refusal = found_of(problem), None
+        found = _assess(problem, problem.checkpoint.stage("search", outcome), started)
     except ValueError as error:
-        found, refusal = None, error
-    if found is None or found.fit.fallback_reason is not None:
-        dynamics, records, known = problem.dynamics, problem.records, problem.prior
-        own = Prior.of_model(dynamics, records[0].rig) if known is None else None
-        if own is not None and from_prior(dynamics, records, own):
-            with contextlib.suppress(ValueError):
-                other = found_of(dataclasses.replace(problem, prior=own, checkpoint=problem.checkpoint.part("prior")))
-                if other.fit.fallback_reason is None:
-                    warn(f"identify: no arm follows from the log alone. {advice(dynamics, records, own)}")
-                    return other
-    if found is None:
-        raise cast(ValueError, refusal)
-    return found
+        other = _beside_model(problem, progress, started)
+        if other is None or getattr(error, "name", problem.dynamics.names[0]) not in problem.dynamics.names:
+            raise
+        return other
+    other = None if found.fit.fallback_reason is None else _beside_model(problem, progress, started)
+    return found if other is None else other
+
+
+def _beside_model(problem: Problem, progress: bool, started: float) -> Identification | None:
+    """What the log tells beside the model's own bodies, if these are known and that leaves no doubt."""
+    dynamics, records, known = problem.dynamics, problem.records, problem.prior
+    own = Prior.of_model(dynamics, records[0].rig) if known is None else None
+    if own is not None and from_prior(dynamics, records, own):
+        part = problem.checkpoint.part("prior")
+        with contextlib.suppress(ValueError):
+            found = _found(dataclasses.replace(problem, prior=own, checkpoint=part), progress, started)
+            if not doubts(found):
+                warn(f"identify: no arm follows from the log alone. {advice(dynamics, records, own)}")
+                return found
+    return None
 
 
 def search(problem: Problem, progress: bool) -> Outcome:
