@@ -67,8 +67,7 @@ _WORSE = 1.5  # how much worse a record held out is repeated that asks for an ex
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
 
 _INSEPARABLE, _VAGUE, _MANY = 0.995, 0.05, 3
-"""Correlation above which two unknowns are not separately identifiable, if the deviation of one is more than this share
-of its value; and how many pairs are named one by one."""
+"""Correlation, and relative deviation, from which on a pair is not separately identifiable; and how many are named."""
 
 _ANOTHER = 0.05  # share of the logged torque by which that of the stated law may differ
 
@@ -77,12 +76,13 @@ _ZERO = 0.49  # zero of a counter [rad] beyond which it is at the end of its ran
 
 def warnings_of(found: Any, always: bool = True) -> list[str]:
     """Lines about an `Identification`; `always`: with those that hold for any log with these unknowns."""
+    fits = found.diagnostics.closest > 0  # by prediction_error: the rig is not at fault
     replayed = any(record.law is not None and record.law.replays for record in found.records)
     return [
-        *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason else []),
+        *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
         *_ends(found),
-        *([] if found.diagnostics.closest > 0 else of_rotors(found)),  # whose values are at fault, not the rig
+        *([] if fits else of_rotors(found)),
         *(_of_torques(found) if replayed else []),
         *_of_law(found),
         *_of_fit(found, replayed),
