@@ -98,8 +98,9 @@ class Diagnostics(Shown, Frozen):
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
         every, closest = (objective,) if kept is None else (objective, kept), np.nan
-        told, *aside = _runs(problem, fit, every)
-        if problem.method in ROUGH and not any(problem.replays) and _doubted((told, *aside), every):
+        told, *aside = runs = _runs(problem, fit, every)
+        doubted = any(map(doubtful, runs, (each.records for each in every))) and not any(problem.replays)
+        if doubted and problem.method in ROUGH:
             told, closest = _by_prediction(problem, every, told)
         return cls(
             objective=cost,
@@ -120,10 +121,6 @@ def _runs(problem: Problem, fit: Fit, every: Sequence[Objective]) -> list[Predic
     return [predicted(problem, fit, each.records, float(each(fit.values[None])[0])) for each in every]
 
 
-def _doubted(told: Sequence[Predicted], every: Sequence[Objective]) -> bool:
-    return any(doubtful(own, each.records) for own, each in zip(told, every, strict=True))
-
-
 def _by_prediction(problem: Problem, every: Sequence[Objective], own: Predicted) -> tuple[Predicted, float]:
     """The hunting of the prediction error's fit, and its difference, if that explains all records; else what was."""
     try:
@@ -131,7 +128,7 @@ def _by_prediction(problem: Problem, every: Sequence[Objective], own: Predicted)
         others = _runs(problem, fit, every)
     except ValueError:  # no arm follows the log
         return own, np.nan
-    if fit.fallback_reason is not None or _doubted(others, every):
+    if fit.fallback_reason is not None or any(map(doubtful, others, (each.records for each in every))):
         return own, np.nan
     return own._replace(hunts=others[0].hunts), others[0].difference
 

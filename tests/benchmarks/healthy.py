@@ -1,6 +1,6 @@
 """Right logs of many robots, by every method: how many are accused?
 
-    python tests/benchmarks/healthy.py [--logs 200] [--joints 3] [--seconds 600] [--robots PART ...]
+    python tests/benchmarks/healthy.py [--logs 200] [--first 0] [--joints 3] [--seconds 600] [--robots PART ...]
 
 The arms of the package's robot files that have masses, and of the public model files (the extra `robots`), if these are
 installed; of each its first joints, as many as are asked for. Gears, friction and encoders as in `model_files.py`; each
@@ -87,13 +87,14 @@ def main():
     """Log after log, robots in turn, until the number or the time is reached."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--logs", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="number of the first log")
     parser.add_argument("--joints", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=np.inf)
     parser.add_argument("--robots", nargs="*", default=[], help="parts of names")
     given = parser.parse_args()
     arms, begun = chains(given.joints, given.robots), time.monotonic()
     counts, most = collections.Counter(), np.zeros(2)
-    for seed in range(given.logs):
+    for seed in range(given.first, given.first + given.logs):
         if time.monotonic() - begun > given.seconds:
             break
         name, method = list(arms)[seed % len(arms)], METHODS[seed % len(METHODS)]
