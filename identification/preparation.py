@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error import naming
-from identification.equation_error.excitation import LEAST_PULSES, unexcited
+from identification.equation_error.excitation import advice, still, unexcited
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.naming import column_of
 from identification.equation_error.prior import Prior
@@ -22,6 +22,7 @@ from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillation
+from plant.checkup.signals import LEAST_MOTION
 from plant.parts.arguments import array, choice, instance
 from plant.parts.fields import Floats
 from plant.parts.room import require_room
@@ -41,10 +42,10 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
     With a prior, some motors may stand still.
     """
     moved = np.ptp(record.counts, axis=0)
-    if (moved < LEAST_PULSES).any() and not (prior and moved.max() >= LEAST_PULSES):
+    if (moved < LEAST_MOTION).any() and not (prior and moved.max() >= LEAST_MOTION):
         motor = int(np.argmin(moved))
         raise ValueError(
-            f"every motor must move by at least {LEAST_PULSES} pulses; that of {labels[motor]}"
+            f"every motor must move by at least {LEAST_MOTION} pulses; that of {labels[motor]}"
             f"{column_of(record, 'counts', motor)} moves by {moved[motor]:.0f}. Log a motion of all joints "
             "(design_motion), leave out that record, or give prior=, such as 0.3, for what it does not excite."
         )
@@ -93,7 +94,7 @@ def prepare(
     of_all, unknown = as_records(dynamics, records, unknown)
     unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all, dynamics.chain.joint_labels)]))
     searched, kept = _set_aside(dynamics, of_all, held_out, method)
-    known = prior if prior is None or isinstance(prior, Prior) else Prior.of(dynamics, searched[0].rig, prior)
+    known = _known(dynamics, searched, prior)
     _require_room(dynamics, (*searched, *kept), unknown, method)
     objective = Objective(dynamics, searched, unknown, **options)
     of_law = any(name.startswith("law.") for name in objective.unknown)
@@ -118,19 +119,25 @@ def prepare(
         raise ValueError(f"{found[0]} can be found by prediction error, the default; got method={method!r}. Use it.")
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
-    if known is not None:
-        for line in unexcited(dynamics, followed, known):
-            warn(f"identify: {line}")
+    if said := unexcited(dynamics, followed):
+        warn(f"identify: the log does not excite all: {', '.join(said)}. {advice(dynamics, followed, known)}")
     return problem
+
+
+def _known(dynamics: Dynamics, records: Sequence[Record], given: Any) -> Prior | None:
+    """The prior that was given; by default that of the model's own bodies, if a joint hardly moves in any record."""
+    if given is None:
+        return Prior.of_model(dynamics, records[0].rig) if still(records).size else None
+    return given if isinstance(given, Prior) else Prior.of(dynamics, records[0].rig, given)
 
 
 def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
     """Friction that the rig leaves open, of joints that move; of others it stays zero, which is said."""
-    drive, moved = records[0].rig.drive, np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
-    if drive.left_open and (still := np.flatnonzero(moved < LEAST_PULSES)).size < drive.n:
-        for i in still:
-            warn(f"identify: friction of {labels[int(i)]} is taken as zero: the joint hardly moves.")
-    return [f"drive.{kind}[{i}]" for kind in drive.left_open for i in np.flatnonzero(moved >= LEAST_PULSES)]
+    drive, idle = records[0].rig.drive, still(records)
+    if drive.left_open and idle.size < drive.n:
+        for i in idle.tolist():
+            warn(f"identify: friction of {labels[i]} is taken as zero: the joint hardly moves.")
+    return [f"drive.{kind}[{i}]" for kind in drive.left_open for i in range(drive.n) if i not in idle]
 
 
 def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> None:

@@ -1,6 +1,8 @@
 """From records to an arm: the identification procedure of the paper."""
 
+import contextlib
 import dataclasses
+import functools
 import itertools
 import time
 from collections.abc import Iterable, Sequence
@@ -10,13 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification.equation_error.excitation import advice, from_prior
 from identification.equation_error.least_squares import at_least
+from identification.equation_error.prior import Prior
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
-from identification.results.summary import warn_of_doubts
+from identification.results.summary import doubts, warn_of_doubts
 from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import repeating
@@ -28,6 +32,7 @@ from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.progress import progress_bar
 from plant.parts.saved import versions
+from plant.parts.user_warning import warn
 
 
 @known_options
@@ -104,7 +109,8 @@ def identify(
     prior : float, or tuple of bodies or f and a float, optional
         What is known of f before the log, for what the log does not excite: the relative standard deviation of the
         chain's own bodies, as 0.3; or ``(bodies, 0.3)`` of others, one `Body` per link; or ``(f, 0.3)``. The result
-        says which combinations of f come from it (``found.fit.prior``).
+        says which combinations of f come from it (``found.fit.prior``). By default the chain's own bodies, to 0.3, and
+        only where a joint hardly moves, or no arm follows from the log alone; that is a warning.
     checkpoint : str or Path, optional
         File in which finished stages are kept: killed and called again with it, the work goes on, to the same bits. One
         of other inputs, versions or another processor is refused.
@@ -148,11 +154,37 @@ def identify(
         dynamics, records, unknown, held_out, method, ranges, settings, seed, zeros, options, tolerances, prior
     )
     with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as kept:
-        problem = dataclasses.replace(problem, checkpoint=kept)
-        outcome = kept.stage("search", lambda: search(problem, progress))
-        found = _assess(problem, outcome, started)
+        found = _found(dataclasses.replace(problem, checkpoint=kept), progress, started)
     warn_of_doubts(found, "identify")
     return found
+
+
+def _found(problem: Problem, progress: bool, started: float) -> Identification:
+    """What the log tells; where that is no arm, what it tells beside the model's own bodies."""
+    outcome = functools.partial(search, problem, progress)
+    try:
+        found = _assess(problem, problem.checkpoint.stage("search", outcome), started)
+    except ValueError as error:
+        other = _beside_model(problem, progress, started)
+        if other is None or getattr(error, "name", problem.dynamics.names[0]) not in problem.dynamics.names:
+            raise
+        return other
+    other = None if found.fit.fallback_reason is None else _beside_model(problem, progress, started)
+    return found if other is None else other
+
+
+def _beside_model(problem: Problem, progress: bool, started: float) -> Identification | None:
+    """What the log tells beside the model's own bodies, if these are known and that leaves no doubt."""
+    dynamics, records, known = problem.dynamics, problem.records, problem.prior
+    own = Prior.of_model(dynamics, records[0].rig) if known is None else None
+    if own is not None and from_prior(dynamics, records, own):
+        part = problem.checkpoint.part("prior")
+        with contextlib.suppress(ValueError):
+            found = _found(dataclasses.replace(problem, prior=own, checkpoint=part), progress, started)
+            if not doubts(found):
+                warn(f"identify: no arm follows from the log alone. {advice(dynamics, records, own)}")
+                return found
+    return None
 
 
 def search(problem: Problem, progress: bool) -> Outcome:

@@ -8,6 +8,7 @@ Source: T. Lee, P. M. Wensing, F. C. Park, Geometric robot dynamic identificatio
 Transactions on Robotics 36 (2020) (the metric).
 """
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,8 @@ from plant.parts.kinds import kept
 from plant.parts.sums import dot, triangle
 
 _ADVICE = "Give a relative spread such as 0.3, or (bodies or f, 0.3)."
+
+_OF_MODEL = 0.3  # relative spread of a model's own bodies, where none is given
 
 _CERTAIN = 1e-6  # share of the spread of a parameter that is its own, below which it follows from others
 
@@ -93,6 +96,13 @@ class Prior(Frozen):
                 )
         covariance = spread**2 * (columns @ columns.T)
         return cls(names=dynamics.names, mean=f, covariance=covariance, spread=spread)
+
+    @classmethod
+    def of_model(cls, dynamics: Dynamics, rig: Rig) -> Self | None:
+        """That of the chain's own bodies; None where it has none, or they do not spread every parameter."""
+        with contextlib.suppress(ValueError):
+            return cls.of(dynamics, rig, _OF_MODEL)
+        return None
 
 
 def _of_bodies(dynamics: Dynamics, rig: Rig, bodies: tuple[Body, ...]) -> tuple[Floats, Floats]:

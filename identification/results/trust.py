@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from identification.replay.timing import is_late
-from identification.results.diagnostics import FALSE_ALARM, ROUNDINGS, asks_from
 from identification.results.seen import APART, contradicted, motion_of
+from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
 from plant.checkup.oscillation import own_oscillation
 from plant.checkup.rounding import rounding_doubts
@@ -30,7 +30,8 @@ def of_rotors(found: Any) -> Iterator[str]:
     """
     rig, dynamics, f = found.rig, found.arm.dynamics, found.f
     rows = shaft_inertias(dynamics, rig, found.records[0].rig.to_angle(found.records[0].counts[0]))
-    inertia, rotors, alone = f @ rows, rig.drive.reflected_inertia(), _alone(dynamics)
+    inertia, rotors = f @ rows, rig.drive.reflected_inertia()
+    alone = {} if found.covariance is None or found.search.method in ROUGH else _alone(dynamics)
     covariance = found.fit.covariance_of(dynamics.names)
     std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
     for i, label in enumerate(dynamics.chain.joint_labels):
@@ -61,13 +62,12 @@ _AT_END = 0.002  # share of a range within which a value lies at its end
 
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
 
-_WORSE = 1.5  # how much worse a record held out may be repeated
+_WORSE = 1.5  # how much worse a record held out is repeated that asks for an explanation
 
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
 
 _INSEPARABLE, _VAGUE, _MANY = 0.995, 0.05, 3
-"""Correlation above which two unknowns are not separately identifiable, if the deviation of one is more than this share
-of its value; and how many pairs are named one by one."""
+"""Correlation, and relative deviation, from which on a pair is not separately identifiable; and how many are named."""
 
 _ANOTHER = 0.05  # share of the logged torque by which that of the stated law may differ
 
@@ -76,13 +76,13 @@ _ZERO = 0.49  # zero of a counter [rad] beyond which it is at the end of its ran
 
 def warnings_of(found: Any, always: bool = True) -> list[str]:
     """Lines about an `Identification`; `always`: with those that hold for any log with these unknowns."""
-    reason = found.fit.fallback_reason
+    fits = found.diagnostics.closest > 0  # by prediction_error: the rig is not at fault
     replayed = any(record.law is not None and record.law.replays for record in found.records)
     return [
-        *([] if reason is None else [f"{reason}."]),
+        *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
         *_ends(found),
-        *of_rotors(found),
+        *([] if fits else of_rotors(found)),
         *(_of_torques(found) if replayed else []),
         *_of_law(found),
         *_of_fit(found, replayed),
@@ -197,8 +197,8 @@ def _of_detection(found: Any, replayed: bool) -> Iterator[str]:
 
 
 def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
-    told = found.diagnostics
-    difference, held_out = told.difference, told.held_out_difference
+    told, difference = found.diagnostics, found.diagnostics.difference
+    held_out = None if told.closest > 0 else told.held_out_difference
     if not np.isfinite(difference):
         yield (
             "D(q) is not positive definite at every q, or the simulation diverges: the arm cannot be compared with the "
@@ -209,7 +209,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
             f"these values repeat the log to {difference:.2f} pulses (rms), those of prediction_error to "
             f"{told.closest:.2f}, as the model repeats itself. The log fits its model: identify with that method."
         )
-    elif difference > np.fmax(asks_from(found.records), told.limit) and not replayed:
+    elif doubtful(told, found.records) and not replayed:
         chance = f", above {told.limit:.2f} with a probability of {FALSE_ALARM:g}" * bool(told.limit > 0)
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two runs of the model by "
@@ -218,7 +218,7 @@ def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
             "and lengths of the chain, the order of joints, and counts per turn: as the rig counts, the joints move "
             f"over {_ranges(found)}."
         )
-    if held_out is not None and held_out > _WORSE * max(difference, ROUNDINGS):
+    if held_out is not None and held_out > np.fmax(_WORSE * max(difference, ROUNDINGS), told.held_out_limit):
         yield (
             f"a validation record differs by {held_out:.2f} pulses, those searched by "
             f"{difference:.2f}: the values do not hold for both."

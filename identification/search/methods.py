@@ -18,6 +18,7 @@ from identification.search.genetic import GeneticResult, minimize_genetic
 from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
+from identification.search.predictive import difference_of, doubtful, predicted
 from identification.search.problem import Problem
 from plant.parts.fields import Floats
 
@@ -25,8 +26,6 @@ _BOX = 4.0  # half width of the box around the equation error, in its standard d
 
 _NEAR, _NEIGHBOURS = 0.03, 119
 """Standard deviations around the prediction error's fit at which so many vectors are tried on objective (4)."""
-
-_AT_MOST = 1.5  # objective (4) that the prediction error's fit may have, in that of the genetic algorithm's best
 
 _NOISE = 0.05  # relative noise of objective (4) over the last digits of a candidate: single counts decide
 
@@ -146,9 +145,10 @@ def seeded(problem: Problem) -> Outcome:
     outcome = dataclasses.replace(
         outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations + len(near)
     )
-    if fit.fallback_reason is None and costs.min() <= _AT_MOST * result.cost:
-        fit = dataclasses.replace(fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs))
-        return dataclasses.replace(outcome, fit=fit)
+    if fit.fallback_reason is None and np.isfinite(costs.min()):
+        best = dataclasses.replace(fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs))
+        if not _only_genetic(problem, best, float(costs.min()), result.cost):
+            return dataclasses.replace(outcome, fit=best)
     delayed = delay_of(problem.dynamics, problem.records, problem.unknown, fit.values, **problem.options)
     if fit.fallback_reason is None and is_late(*delayed):
         return outcome  # only another arm repeats errors of late counts; this one's intervals count the delay
@@ -158,6 +158,15 @@ def seeded(problem: Problem) -> Outcome:
     message = "The genetic algorithm's best, in a box around the equation error."
     fit = Fit(unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason)
     return dataclasses.replace(outcome, fit=fit, message=message)
+
+
+def _only_genetic(problem: Problem, fit: Fit, cost: float, other: float) -> bool:
+    """Whether the genetic algorithm's best, of this other objective (4), explains the records, and the fit does not."""
+    records = problem.objective.records
+    if cost <= other:
+        return False
+    own = predicted(problem, fit, records, cost)
+    return doubtful(own, records) and not doubtful(own._replace(difference=difference_of(other, records)), records)
 
 
 _EVERY: tuple[Callable[..., Outcome], ...] = (seeded, paper, equation_error, didim, output_error, prediction_error)

@@ -7,6 +7,8 @@ import numpy as np
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import LEAST_MOTION, Signals
+from plant.parts.fields import Floats
+from plant.parts.sums import products
 
 _SPIKE = 4.0
 """Outlier limit of an innovation: so many pulses, and so many times the 98 % quantile."""
@@ -36,10 +38,21 @@ _PLATEAU = 5
 """Samples at an extreme, and counts per sample on the way there, that make a clipped peak."""
 
 
+_IN_STEP = 0.9999  # correlation of two speeds from which on joints move in step
+
+
+def in_step(speeds: Floats) -> list[tuple[int, int]]:
+    """Pairs of columns of speeds (N, n) that are proportional all along."""
+    lengths = np.sqrt((speeds**2).sum(axis=0))
+    together = products(speeds / np.where(lengths > 0, lengths, np.inf))
+    return [(int(i), int(j)) for i, j in np.argwhere(np.triu(np.abs(together) > _IN_STEP, 1))]
+
+
 def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
     """Yield the findings about counts, check by check; `whole`: with lost packets and stuck samples bridged."""
     found = [events(whole, i) for i in range(signals.n)]
-    yield from signals.each(_motion)
+    pairs = in_step(signals.motion[1][signals.clear]) if signals.long_enough else []
+    yield from (_motion(signals, i, [signals.joint_labels[k] for k, j in pairs if j == i]) for i in range(signals.n))
     for i, (glitches, _, size, _) in enumerate(found):
         largest = np.abs(size[glitches - 1]).max(initial=0.0)
         advice = (
@@ -57,15 +70,19 @@ def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
     yield from signals.each(_stuck, _clipped)
 
 
-def _motion(signals, i):
+def _motion(signals, i, alike):
     moved = np.ptp(signals.counts[:, i]) / signals.least_count[i]
     others = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
     verdict, advice = "fine", ""
     if moved < LEAST_MOTION:
-        verdict, advice = "wrong", "The motor hardly moves: log a motion of all joints (design_motion), or give prior=."
+        why = "hardly moves"
         if len(others) and others.max() > 10 * LEAST_MOTION:
-            reasons = "it sticks, its brake is on, or its encoder is dead or in other units"
-            advice = f"The motor stands still while others move: {reasons}."
+            reasons = "it sticks, its brake is on, its encoder is dead or in other units, or it was asked to"
+            why = f"stands still while others move ({reasons})"
+        verdict, advice = "wrong", f"The motor {why}: log a motion of all joints (design_motion), or give prior=."
+    elif alike:
+        why = f"It moves in step with {', '.join(alike)}: that hardly tells their parameters apart"
+        verdict, advice = "look", f"{why}; log a motion that excites more (design_motion)."
     return Finding.of("motion", i, moved * signals.least_count[i], "pulses", verdict, advice)
 
 

@@ -159,6 +159,39 @@ def test_a_contradicted_prior_is_said():
     assert "\n" not in line
 
 
-def test_without_a_prior_the_joint_is_refused_with_the_way_out():
+def test_by_default_the_model_s_bodies_fill_in_for_a_joint_that_stands_still(still):
+    """The chain's own, to 0.3, to the bit; a chain without bodies is refused, with the way out."""
+    record = logged(np.diag([0.8, 0.6, 1e-4]))
+    found, said = found_of(record)
+    assert (found.f == still[0].f).all()
+    assert found.fit.prior == still[0].fit.prior
+    assert said[0] == still[1][0]
+    assert "From the prior (30 %) are about" in said[0]
     with pytest.raises(ValueError, match=r"joint elbow .* moves by .*design_motion.*prior="):
-        found_of(logged(np.diag([0.8, 0.6, 1e-4])))
+        identify(Dynamics.from_chain(Chain(links=LINKS)), record, progress=False)
+
+
+@pytest.mark.parametrize("amplitudes", [(0.004, 0.004, 0.004), (0.0, 0.6, 0.6)])
+def test_where_no_arm_follows_from_the_log_alone_the_model_s_bodies_help(amplitudes):
+    """All joints move by some tenths of a degree, or one by next to nothing."""
+    found, said = found_of(logged(np.diag(amplitudes)))
+    assert [line for line in said if line.startswith("identify: no arm follows from the log alone. From the prior")]
+    assert found.fit.prior.spread == 0.3
+    assert np.abs((found.f - found.arm.dynamics.f(BODIES)) / found.fit.std).max() < 3
+    assert found.warnings == []
+
+
+def test_what_moves_in_step_is_named_by_check_and_identify_and_fitted_from_the_log():
+    follows = np.array([[0.8, 0, 0], [0, 0.6, 0.6], [0, 0, 0]])
+    record = logged(follows)
+    found, said = found_of(record)
+    assert said == [
+        "identify: the log does not excite all: joint shoulder (q[1]) and joint elbow (q[2]) move in step. "
+        "design_motion(arm, rig, law, ...) gives a motion that excites more."
+    ]
+    assert found.fit.prior is None
+    (finding,) = record.check().problems
+    assert (finding.check, finding.joint, finding.verdict) == ("motion", 2, "look")
+    assert finding.advice.startswith("It moves in step with joint shoulder (q[1])")
+    assert "design_motion" in finding.advice
+    assert logged(np.diag([0.8, 0.6, 0.7])).check().ok

@@ -20,7 +20,23 @@ from ctc.commandline.inputs import path_of, records_of
 from ctc.commandline.main import main
 from identification import Identification
 from identification.results.summary import doubts
-from plant import Chain, everyday_motions, puma560, read_robot, simulate
+from plant import (
+    Body,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Harmonics,
+    Link,
+    P,
+    Rig,
+    Robot,
+    everyday_motions,
+    puma560,
+    read_robot,
+    simulate,
+    write_robot,
+)  # fmt: skip
 from plant.models.robot_file import FOLDER
 
 MAPPED = """
@@ -112,6 +128,35 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
     assert code == 2
     assert "must be of laws with this identification's f" in err
     assert not (folder / "mixed.html").exists()
+
+
+@pytest.mark.filterwarnings("default::UserWarning")  # which the command prints
+def test_a_prior_of_the_model_s_bodies_is_given_by_its_spread(tmp_path, capsys, monkeypatch):
+    """The second joint stands still: with --prior its spread, without it that of the default, which is said."""
+    monkeypatch.chdir(tmp_path)
+    bodies = (Body(mass=5.0, com=(0.2, 0.02, 0.0), inertia=(0.01, 0, 0, 0.1, 0, 0.1)),
+              Body(mass=2.0, com=(0.15, 0.01, 0.0), inertia=(0.004, 0, 0, 0.03, 0, 0.03)))  # fmt: skip
+    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 3e-5), viscous=(1e-3, 5e-4), coulomb=(0.03, 0.1),
+                  motor_gain=(1, 1), current_limit=(5, 5))  # fmt: skip
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
+    links = (Link(name="shoulder", alpha=-math.pi / 2), Link(name="elbow", a=0.4))
+    dynamics = Dynamics.from_chain(Chain(links=links, bodies=bodies).with_rotors(drive))
+    robot = Robot(name="arm", rig=rig, arm=dynamics.arm(dynamics.f()), law=P(gain=(0.02, 0.01)))
+    write_robot(robot, "arm.toml")
+    path = Harmonics(period=2.0, offset=(0.0, 0.5), cosine=((0.5, 0.2), (1e-4, 0)), sine=((0.2, -0.3), (0, 1e-4)))
+    simulate(robot.arm, rig, robot.law, path, duration=2.0, steps_per_sample=8).to_csv("log.csv")
+    asked = ("identify", "log.csv", "--robot", "arm.toml", "-o", "found.json", "--force", "--quiet")
+    for given, spread in ((("--prior", "0.1"), 0.1), ((), 0.3)):
+        code, out, err = run(capsys, *asked, *given)
+        assert code == 0
+        assert re.search(rf"joint elbow \(q\[1\]\) moves by \d+ pulses. From the prior \({100 * spread:g} %\) are", err)
+        found = Identification.load("found.json")
+        assert found.fit.prior.spread == spread
+        assert found.fit.prior.mean == pytest.approx(dynamics.f())
+        assert f"from the prior ({100 * spread:g} %)" in " ".join(out.split())
+    code, _, err = run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "no.json", "--prior", "-0.1")
+    assert code == 2
+    assert "spread of the prior must be a positive number" in err
 
 
 def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from identification import identify
-from identification.equation_error.excitation import in_step
 from identification.equation_error.prior import Prior, PriorRows
 from identification.equation_error.regressor import System
 from identification.equation_error.torque_fit import weighted
 from identification.replay.gauss_newton import gauss_newton
 from plant import Body, Chain, Dynamics, Link, Placement, Rig, puma560, simulate
+from plant.checkup.counts import in_step
 from plant.mechanics.body import from_pseudo_inertia, prior_factor, symmetric_basis
 
 SPREAD = 0.3
