@@ -2,7 +2,7 @@
 
     python tests/benchmarks/everyday.py [--samples 300] [--logs 3] [--old FOLDER]
     python tests/benchmarks/everyday.py --readme
-    python tests/benchmarks/everyday.py --mujoco 10
+    python tests/benchmarks/everyday.py --mujoco 10 [--hz 60]
     python tests/benchmarks/everyday.py --friction
     python tests/benchmarks/everyday.py --machines
 
@@ -142,8 +142,8 @@ def table(samples, logs):
         row(name, certified(arm, rig, law, everyday_motions(arm, rig), Uncertainty(plants=f, friction=0.05)))
 
 
-def engine(runs, pool):
-    """Print the table of another engine's arm; the pool's processes share the runs."""
+def engine(runs, only, pool):
+    """Print the table of another engine's arm, of all gears or one [Hz]; the pool's processes share the runs."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "oracles"))
     from mujoco_elastic import RIG, p_loop, run
 
@@ -173,6 +173,8 @@ def engine(runs, pool):
         (25, True),
         (15, True),
     ]:
+        if only not in (None, hz):
+            continue
         controller, cells = ComputedTorque(identified(hz, elasticity=True) if known else rigid), []
         for motion in motions.values():
             begin = hanging(hz, motion)
@@ -241,6 +243,7 @@ if __name__ == "__main__":
     parser.add_argument("--logs", type=int, default=3)
     parser.add_argument("--readme", action="store_true", help="the table of the README")
     parser.add_argument("--mujoco", type=int, help="runs of another engine's arm")
+    parser.add_argument("--hz", type=int, help="of these, gears of this resonance alone")
     parser.add_argument("--friction", action="store_true", help="friction that is off, with and without learning")
     parser.add_argument("--old", help="folder of another checkout, for the same table beside it")
     parser.add_argument("--machines", action="store_true", help="other encoders, periods, delay, jitter, seven joints")
@@ -254,7 +257,7 @@ if __name__ == "__main__":
         sys.exit(friction(chosen.samples))
     if chosen.mujoco:
         with ProcessPoolExecutor() as pool:
-            sys.exit(engine(chosen.mujoco, pool))
+            sys.exit(engine(chosen.mujoco, chosen.hz, pool))
     table(chosen.samples, chosen.logs)
     if chosen.old:
         print(f"\n{chosen.old}:", flush=True)
