@@ -182,13 +182,16 @@ class Certificate(Certified):
         return verdict(self)
 
     @known_options
-    def reserves(self, *, samples: int = 400, allowed: float = 0.0) -> Reserves:
-        """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` exceeds it."""
+    def reserves(self, *, samples: int | None = None, allowed: float = 0.0) -> Reserves:
+        """Lowest bandwidth and longest period at which at most a share `allowed` of the first `samples` exceeds it.
+
+        Of 400 by default, or of all where there are fewer.
+        """
         return reserves(self, samples, allowed)
 
     @known_options
-    def from_hold(self, *, samples: int = 400) -> Any:
-        """The certificate of the first `samples` where the controller has held the arm at rest until the path begins.
+    def from_hold(self, *, samples: int | None = None) -> Any:
+        """The certificate of the first `samples` (400, or all) where the controller has held the arm at rest before.
 
         Its disturbance torque is then what the model lacks there, and static friction may carry anything: of each
         joint's Coulomb level any share from -1 to 1, uniform. By default samples begin as when a brake is let go, with

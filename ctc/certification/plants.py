@@ -16,6 +16,8 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.population import Population
 
+_USUAL = 400  # of what runs many times
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Worst(Shown):
@@ -111,8 +113,9 @@ class Plants(Frozen):
             return self.rig
         return dataclasses.replace(self.rig, encoder=dataclasses.replace(self.rig.encoder, phase=None))
 
-    def first(self, count: int) -> Self:
-        """The first so many of them; more than there are is refused."""
+    def first(self, count: int | None) -> Self:
+        """The first so many of them, by default 400 or all; more than there are is refused."""
+        count = min(_USUAL, len(self)) if count is None else count
         if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(self):
             raise ValueError(f"samples must be a whole number from 1 to {len(self)}; got {count!r}. Sample more.")
         first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived", "expected")}

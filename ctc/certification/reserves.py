@@ -69,7 +69,7 @@ class Reserves(Shown):
         yield Table(("tested", "", "violations"), rows)
 
 
-def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Reserves:
+def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Reserves:
     """See `Certificate.reserves`."""
     law, plants, tried = certificate.law, certificate.plants.first(samples), []
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
@@ -78,7 +78,7 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
     def left(kind: str, value: float, law: Law, plants: Plants) -> bool:
         count = int((certificate.run(plants, law).outside > 0).sum())
         tried.append((kind, value, count))
-        return count <= allowed * samples
+        return count <= allowed * len(plants)
 
     rig = plants.rig
     bandwidth, period = getattr(law, "bandwidth", None), rig.period if law.period else None
@@ -94,7 +94,7 @@ def reserves(certificate: Any, samples: int = 400, allowed: float = 0.0) -> Rese
             break
         period = slow.rig.period
     return Reserves(
-        samples=samples, allowed=float(allowed), holds=holds, bandwidth=bandwidth if holds else None,
+        samples=len(plants), allowed=float(allowed), holds=holds, bandwidth=bandwidth if holds else None,
         period=period if holds else None, tried=tried,
     )  # fmt: skip
 
@@ -110,7 +110,7 @@ def _slower(law: Any, factor: float) -> Any:
     return dataclasses.replace(law, **changes)
 
 
-def held(certificate: Any, samples: int) -> Any:
+def held(certificate: Any, samples: int | None) -> Any:
     """The certificate of the first samples, each from a hold: the disturbance torque is what the model lacks at rest,
     and of Coulomb friction any share from -1 to 1, uniform, of each joint.
     """
@@ -123,7 +123,7 @@ def held(certificate: Any, samples: int) -> Any:
     motion, still = path(np.zeros(1)), np.zeros(arm.n)
     if np.abs(plants.rig.position_in_pulses(motion.qd[0])).max() > _AT_REST:
         raise ValueError(f"the path must begin at rest; this one begins with {motion.qd[0]} rad/s. Take another.")
-    shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (samples, arm.n))
+    shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (len(plants), arm.n))
     weight = np.asarray(arm.dynamics.Y(motion.q[0], still, still))
     friction = [drive.coupling.joint_torque(row) for row in shares * drive.joint_coulomb()]
     lacking = (plants.f - law.arm.f) @ weight.T + friction

@@ -431,7 +431,7 @@ WRONG = {
     "fast and lost": (lambda: certified(law=puma560.p_law(), dropped=0.1), "Use a sampled law"),
     "nothing left": (lambda: certified(after=0.05), "below the duration"),
     "text for a flag": (lambda: certified(phase="yes"), "phase of Uncertainty must be of type bool"),
-    "more reserves than plants": (lambda: certified(samples=20).reserves(), "from 1 to 20"),
+    "more reserves than plants": (lambda: certified(samples=20).reserves(samples=21), "from 1 to 20"),
     "no such plant": (lambda: certified(samples=20).plant(20), "from 0 to 19"),
 }
 
@@ -475,6 +475,7 @@ def test_a_hold_knows_the_weight():
     let_go = rested(smooth, 0.05, 2.0)
     held = let_go.from_hold(samples=32)
     assert len(held.plants) == len(held.runs.outside) == 32
+    assert len(let_go.from_hold().plants) == len(let_go.plants) < 400
     assert let_go.failures > 40
     assert held.failures < 4
 
