@@ -5,7 +5,9 @@ by side in one kernel.
 """
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +16,13 @@ from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward
 from ctc.stability.design import motor_gain
+from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
 
 Numbers = Mapping[str, NDArray[np.float64]]
+
+_USUAL = "dead_zone", "start_boost", "start_time"
+"""Of the default, and not searched."""
 
 
 def _named(values: Numbers) -> Numbers:
@@ -42,19 +48,27 @@ class Family:
         return self.law.filled({name: float(own[0]) for name, own in self.numbers(named).items()}, "law.")
 
 
-def families(arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
+def families(found: Any, arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
     """Computed torque with observer and with PID, and feed-forward with PD, about an identified arm.
 
-    At the reference's first pose the PD gains of the joints are in proportion to their inertia.
+    That with observer has the dead zone and the boost that are the default of what was `found`, and its search begins
+    with the default. At the reference's first pose the PD gains of the joints are in proportion to their inertia.
     """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
+        usual = ComputedTorque(found, rig)
+    observed = ComputedTorque(arm, rig, **{name: getattr(usual, name) for name in _USUAL})
     most = 0.6 / rig.period  # [rad/s]: a bandwidth beyond has too few samples
     corner = 3.0 / rig.period
     found = [
         Family(
             name="computed torque with observer",
-            law=ComputedTorque(arm, rig),
+            law=observed,
             variables={"bandwidth": (10.0, min(400.0, most)), "observer_ratio": (0.5, 4.0)},
-            known=[{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)],
+            known=[
+                {"bandwidth": usual.bandwidth, "observer_ratio": usual.observer_ratio},
+                *({"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)),
+            ],
         ),
         Family(
             name="computed torque with PID that rolls off",

@@ -112,7 +112,7 @@ def tune(
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05.")
     validated = _FRESH // min(len(task.motions), _MOTIONS)
     searching, fresh = (task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, validated)))
-    laws, trials = families(fresh.arm, fresh.own, task.first), list[Trial]()
+    laws, trials = families(found, fresh.arm, fresh.own, task.first), list[Trial]()
     where = contextlib.nullcontext() if executor is None else Executor(executor)
     with (
         where as there,

@@ -62,7 +62,7 @@ def test_same_seed_same_law_whatever_the_threads(monkeypatch):
 
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_a_tuning_side_by_side_is_its_law_simulated(which):
-    family = families(ARM, RIG, PATH)[which]
+    family = families(ARM, ARM, RIG, PATH)[which]
     uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], resonance=(40, 60))
     plants = draw(uncertainty, ARM, RIG, 3, 5, START)
     values = np.array([list(each.values()) for each in family.known])[:2] * 0.9
@@ -90,7 +90,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
         "costs",
         lambda self, values, plants, aim: seen.append(len(plants)) or original(self, values, plants, aim),
     )
-    family = families(ARM, RIG, PATH)[2]
+    family = families(ARM, ARM, RIG, PATH)[2]
     uncertainty = Uncertainty(friction=0.2, covariance=STATED["covariance"], resonance=(15, 80))
     plants = draw(uncertainty, ARM, RIG, 40, 5, START)
     tunings = Tunings(
@@ -109,7 +109,7 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     searches = []
     original = Tunings._searched
     monkeypatch.setattr(Tunings, "_searched", lambda self, *some: searches.append(some) or original(self, *some))
-    family = families(ARM, RIG, PATH)[1]
+    family = families(ARM, ARM, RIG, PATH)[1]
     noisy = {"bandwidth": 200.0, "ratio": 1.5, "integral": 20.0, "roll_off": 3000.0, "roll_off_damping": 0.8}
     family = dataclasses.replace(family, known=[noisy])
     uncertainty = Uncertainty(friction=0.03, covariance=STATED["covariance"], resonance=(40, 60))
