@@ -127,10 +127,13 @@ class Plants(Frozen):
         names = (*self.arm.dynamics.names, *(self.names[i] for i in own), *self.derived_names)
         return names, np.hstack([self.f, self.values[:, own], self.derived])
 
-    def under(self, law: Law, reference: Reference, **options: Any) -> Population:
-        """All of them under a controller on a reference, ready to run; options as of `Population`."""
+    def under(self, law: Law, reference: Reference, numbers: Any = None, **options: Any) -> Population:
+        """All of them under a controller on a reference, ready to run; options as of `Population`.
+
+        Or loops of other `numbers`, their names and values (P', L'), which lose samples as often.
+        """
         lost = functools.partial(_lost, self.seed, self.dropped) if self.dropped else None
-        return Population(self.arm, self.rig, law, reference, *self.numbers(), lost=lost, **options)
+        return Population(self.arm, self.rig, law, reference, *(numbers or self.numbers()), lost=lost, **options)
 
     def lost(self, block: int, width: int, steps: int) -> NDArray[np.bool_]:
         """Whether the counts of each step of the controller are lost, (steps, width), in a block of so many loops."""

@@ -20,7 +20,7 @@ from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
-from plant.simulation.population import Population, Runs
+from plant.simulation.population import Runs
 
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
 """Generations of one search after another, and the share of the limit within which errors before rounding are to stay;
@@ -82,11 +82,10 @@ class Tunings:
         own, names = self.family.numbers(named), self.plants.numbers()[0]
         count, each = len(values), len(plants)
         lanes = np.hstack([np.repeat(np.column_stack(list(own.values())), each, axis=0), np.tile(plants, (count, 1))])
-        arm, rig, law = self.plants.arm, self.plants.rig, self.family.law
-        options = self.options | {"steps_per_sample": steps}
+        options, numbers = self.options | {"steps_per_sample": steps}, ((*own, *names), lanes)
         runs = []
         for path, lasts in self.motions:
-            population = Population(arm, rig, law, path, (*own, *names), lanes, duration=lasts, **options)
+            population = self.plants.under(self.family.law, path, numbers, duration=lasts, **options)
             runs.append(population.run(**self.by))
         return Runs.joined(runs), (count, each)
 

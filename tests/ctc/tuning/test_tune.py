@@ -80,6 +80,19 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
     np.testing.assert_allclose(runs.chatter[5], changes, rtol=1e-9)
 
 
+def test_tunings_lose_counts_as_certified_loops_do():
+    uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], dropped=0.05)
+    plants, family = draw(uncertainty, ARM, RIG, 16, 5, START), families(ARM, ARM, RIG, PATH)[0]
+    tunings = Tunings(family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1}, scale=np.ones(2),
+                      by={"threads": 1})  # fmt: skip
+    values = np.array([list(family.known[0].values())])
+    runs, _ = tunings.runs(values, plants.numbers()[1], 8)
+    alone = plants.under(family.tuned(values[0]), PATH, duration=0.2, within=1, steps_per_sample=8).run(threads=1)
+    np.testing.assert_array_equal(runs.lost, alone.lost)
+    np.testing.assert_array_equal(runs.peak, alone.peak)
+    assert runs.lost.sum() > 100
+
+
 def test_plants_that_leave_join_the_search(monkeypatch):
     """A search on one plant cannot know the others; those that it loses are in the next."""
     seen = []
