@@ -21,6 +21,8 @@ _GAIN, _FALLS, _WORSE = 0.7, 0.8, 0.005
 more may be beyond ±1 pulse than before.
 """
 
+_ORDER = "The order is law, rig, reference, records."
+
 _SURPRISES, _MORE = 1.25, 1.3
 _FINEST, _MOST = 40.0, 400
 """Highest frequency of the learnt torque [Hz], and its terms per joint at most."""
@@ -90,6 +92,8 @@ def learn(
     """
     before = law if isinstance(law, Learning) else None
     ran: Any = before.law if before is not None else instance("law", law, Law, "Give the law that made the logs.")
+    instance("rig", rig, Rig, _ORDER)
+    instance("reference", reference, Reference, _ORDER)
     arm, base = _model(ran, found), ran.law if isinstance(ran, LearntTorque) else ran
     logs, count = _logs(records, ran, rig, reference)
     plant, t = path_plant(arm, rig, reference, count), rig.period * np.arange(count)

@@ -43,9 +43,8 @@ def as_records(
         raise ValueError(f"records must be at least one Record; got {given}. Pass what simulate or from_csv gave.")
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open, such as puma560.dynamics().")
     if (isinstance(unknown, str) and unknown not in GROUPS) or not (unknown is None or np.iterable(unknown)):
-        raise ValueError(
-            f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {unknown!r}. Write ({unknown!r},)."
-        )
+        meant = near(unknown, GROUPS, f"Write ({unknown!r},).", cutoff=0.8)
+        raise ValueError(f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {unknown!r}. {meant}")
     if unknown is None:
         return records, dynamics.names
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))

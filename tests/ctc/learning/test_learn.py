@@ -180,6 +180,8 @@ def test_bad_input(learnt, log):
     refused("amplifier's", LAW, BELIEVED, PATH, dataclasses.replace(log, torque=10 * log.torque))
     refused("holds no arm", puma560.p_law(), BELIEVED, PATH, log)
     refused("got none", LAW, BELIEVED, PATH, [])
+    refused("The order is law, rig", LAW, PATH, BELIEVED, log)
+    refused("reference must be", LAW, BELIEVED, 3, log)
     other = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(500, 500)))
     refused("rig must be that on which", learnt, other, PATH, log)
     with pytest.raises(ValueError, match="got another"):
