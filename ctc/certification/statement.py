@@ -180,8 +180,10 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
     if beyond:
         yield f"motions that exceed angles or speeds of the log: {', '.join(beyond)}"
     yield from (f"{name}: {each.from_rest}" for name, each in certificates.items() if each.from_rest is not None)
-    if certificates.plants.rig.drive.elasticity is None:
-        yield "rigid gears assumed; .lowest_resonance [Hz] says from where on the nominal arm holds"
+    if certificates.probability <= _MOST and (on_gears := [each for each in certificates.values() if each.on_gears]):
+        hardest = max(on_gears, key=lambda each: each.on_gears.hz)
+        unseen = _unseen(hardest, hardest.on_gears.hz)
+        yield f"rigid gears assumed; the nominal arm, in all motions, {hardest.on_gears}.{unseen}"
 
 
 def _explained(certificate: Any) -> Iterator[Piece]:

@@ -103,6 +103,10 @@ def test_what_is_left_out_is_counted_by_simulations_one_by_one():
     assert row.split()[-2:] == [f"{before.sum()}", f"{(before | after).sum()}"]
 
 
+def hardest(several):
+    return max(several, key=lambda name: several[name].lowest_resonance)
+
+
 def test_what_is_printed(several):
     text = str(several)
     assert several.verdict in " ".join(text.split())
@@ -113,6 +117,9 @@ def test_what_is_printed(several):
         assert float(row[-2]) == each.runs.peak.max(), row
     assert "everyday_motions(arm, rig) gives others" not in text
     assert "for this path alone: everyday_motions(arm, rig) gives others" in str(several["move"])
+    words = " ".join(text.split())
+    assert f"in all motions, {several[hardest(several)].on_gears}" in words
+    assert f"{several.lowest_resonance:.3g} Hz" in words
     assert f"{several.failures} of 70" in repr(several)
     quiet = certified({"still": PATHS["still"]}, within=9)
     assert quiet.holds
