@@ -132,4 +132,5 @@ def held(certificate: Any, samples: int | None) -> Any:
         derived=np.hstack([plants.derived, lacking]),
     )  # fmt: skip
     runs = certificate.run(begun, Resumed(law=law, state=law.initial_state(arm.n)))
-    return dataclasses.replace(certificate, plants=plants, runs=runs)
+    settings = certificate.settings | {"held": True, "proved": False}  # no bound is proved of such a start
+    return dataclasses.replace(certificate, plants=plants, runs=runs, settings=settings)

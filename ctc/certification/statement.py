@@ -89,7 +89,8 @@ def verdict_of_set(certificates: Any) -> str:
 def verdict(certificate: Any) -> str:
     """What a `Certificate` found, and on which gears it holds."""
     gears = certificate.on_gears
-    sentence = _exceeding(certificate, "at some sampling instant", "")
+    held = " from a hold, static friction anywhere inside its cone" * certificate.settings.get("held", False)
+    sentence = _exceeding(certificate, f"at some sampling instant{held}", held)
     if certificate.from_rest is not None:
         said = str(certificate.from_rest)
         sentence = f"{sentence} {said[:1].upper()}{said[1:]}."

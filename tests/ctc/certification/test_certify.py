@@ -478,6 +478,9 @@ def test_a_hold_knows_the_weight():
     assert len(let_go.from_hold().plants) == len(let_go.plants) < 400
     assert let_go.failures > 40
     assert held.failures < 4
+    said = "from a hold, static friction anywhere inside its cone"
+    assert said in held.verdict
+    assert said not in let_go.verdict
 
 
 def test_a_hold_may_hide_as_much_as_static_friction_carries():
