@@ -12,6 +12,7 @@ import numpy as np
 
 from identification import Identification
 from identification.equation_error.regressor import linear, regressor_along
+from identification.results.summary import doubts
 from plant import Rig
 from plant.analysis.sampled_loops import SampledLoops
 
@@ -66,7 +67,7 @@ def known_gains(found: Any, rig: Any = None) -> Gains:
     if isinstance(rig := found.rig if rig is None else rig, Rig) and rig.drive.elasticity is not None:
         return _GEARS
     enough = float(np.sqrt(uncertain_acceleration(found) / _SHARE))
-    if enough <= _NEARLY * _FRICTION_TOO.bandwidth:
+    if enough <= _NEARLY * _FRICTION_TOO.bandwidth or doubts(found):  # whose covariance says nothing
         return _FRICTION_TOO
     bandwidth, least, share, *_ = min(enough, _ARM.bandwidth), *_FRICTION_TOO
     return _FRICTION_TOO._replace(bandwidth=bandwidth, dead_zone=share * np.sqrt(least / bandwidth))

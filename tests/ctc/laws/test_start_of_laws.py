@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from ctc import ComputedTorque, ComputedTorquePID, FeedForward, margins
+from ctc import ComputedTorque, ComputedTorquePID, FeedForward, evaluate, margins
 from identification import identify
 from plant import PD, Body, Elasticity, SteppedArm, puma560, simulate
 
@@ -49,6 +49,20 @@ def test_the_bandwidth_follows_what_is_known():
     assert (ComputedTorque(unknown).bandwidth, ComputedTorque(unknown).dead_zone) == (360, 0)
     slow = dataclasses.replace(RIG, period=5e-3)
     assert ComputedTorque(found(), slow).bandwidth == pytest.approx(60)
+
+
+@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
+def test_an_identification_in_doubt_is_not_believed():
+    """A log of gears of 60 Hz that are taken for rigid: a faster controller swings up."""
+    fine = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=4 * RIG.encoder.resolution))
+    soft = dataclasses.replace(fine, drive=on_gears(60).drive)
+    log = simulate(ARM, soft, dataclasses.replace(puma560.p_law(), gain=puma560.p_law().gain / 4), PATH)
+    doubtful = identify(ARM.dynamics, dataclasses.replace(log, rig=fine), unknown="friction", seed=1, progress=False)
+    assert doubtful.warnings
+    law = ComputedTorque(doubtful)
+    assert (law.bandwidth, law.dead_zone) == (120, 0.45)
+    assert evaluate(ARM, soft, law, PATH, duration=1).within(3)
+    assert not evaluate(ARM, soft, dataclasses.replace(law, bandwidth=250), PATH, duration=1).within(3)
 
 
 @pytest.mark.parametrize(("hz", "bandwidth"), [(15, 74), (40, 145)])
