@@ -40,9 +40,9 @@ def tune(
     """Find the controller with the least torque chatter that keeps its limit over the stated uncertainty.
 
     Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward with PD, tunings are
-    searched by the genetic algorithm on samples of the uncertainty, and the best are tested on independent ones. That of
-    computed torque begins with its default, whose dead zone and boost all its tunings have. Torque
-    chatter is the mean change of the torque from one sampling instant to the next.
+    searched by the genetic algorithm on samples of the uncertainty, and the best are tested on independent ones. Those
+    of computed torque with observer begin with its default, and have its dead zone and boost. Torque chatter is the
+    mean change of the torque from one sampling instant to the next.
 
     Parameters
     ----------
