@@ -51,10 +51,13 @@ def write_templates(
         (place / file).write_bytes(text.encode("ascii"))
 
 
+_TAKEN = ("main", "board")  # files of other contents
+
+
 def require_name(name: Any) -> None:
     """Refuse what C could not have as a name."""
-    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name) or name == "main":
-        rule = "be a small letter and up to 39 small letters, digits or _, and not main"
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name) or name in _TAKEN:
+        rule = "be a small letter and up to 39 small letters, digits or _, and not main or board"
         raise ValueError(f"name must {rule}; got {name!r:.60}. It names the files and the functions.")
 
 

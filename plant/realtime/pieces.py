@@ -66,7 +66,9 @@ def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, 
     parts = law.model_parts(*motion)
     if isinstance(without, str) or not set(without) <= set(parts) or len(set(without)) < len(without):
         known = ", ".join(parts) or "none, since it has no model of the arm"
-        raise ValueError(f"without must be parts of {type(law).__name__} ({known}), each once; got {without!r:.60}.")
+        meant = f"Write ({without!r:.60},)." if isinstance(without, str) else "Leave out what it has not."
+        rule = f"without must be a sequence of parts of {type(law).__name__} ({known}), each once"
+        raise ValueError(f"{rule}; got {without!r:.60}. {meant}")
     return sum((parts[each] for each in without), ca.SX.zeros(rig.n))
 
 

@@ -21,6 +21,7 @@ from plant.realtime.c_text import RUNNING, Output, paragraph, require_counts, re
 from plant.realtime.guards import Guards
 
 _TEMPLATES = Path(__file__).with_name("templates")
+_RATE = 0.9e-3  # by which the manager's rate may differ from the law's; the controller checks 0.1 %
 _FILES = {
     "package.xml": "package.xml", "CMakeLists.txt": "CMakeLists.txt", "{}_plugin.xml": "plugin.xml",
     "{}_controller.hpp": "controller.hpp", "{}_controller.cpp": "controller.cpp", "{}.yaml": "parameters.yaml",
@@ -59,8 +60,8 @@ def to_ros2_control(
     Raises
     ------
     ValueError
-        No rig; a law that repeats a log, or has no period; names that ROS could not have; a file in the folder that is
-        not an earlier export.
+        No rig; a law that repeats a log, or has no period, or one that is no whole rate; names that ROS could not have;
+        a file in the folder that is not an earlier export.
 
     See Also
     --------
@@ -77,7 +78,7 @@ def to_ros2_control(
     >>> (folder / "arm_controller_plugin.xml").exists()
     True
     """
-    instance("law", law, Law, "Pass a control law, such as ComputedTorque(found).")
+    instance("law", law, Law, "Pass a control law, such as ComputedTorque(found), with guards= and without=.")
     rig = getattr(law, "rig", None) if rig is None else rig
     kind = type(law).__name__
     if rig is None:
@@ -92,6 +93,11 @@ def to_ros2_control(
     require_name(name)
     if "__" in name or name.endswith("_"):
         raise ValueError(f"name must have single underscores, and none at its end, in ROS; got {name!r}. Rename it.")
+    hertz = 1 / (law.period or rig.period)
+    if abs(round(hertz) / hertz - 1) > _RATE:
+        low, high = int(hertz), int(hertz) + 1
+        took = f"got {1 / hertz:g} s, {hertz:.6g} Hz. Make the law for 1 / {low} or 1 / {high} s"
+        raise ValueError(f"law must have a rate in whole Hz, as the controller manager has; {took}.")
     names = _joint_names(law, rig, joints)
     values = values_of(law, rig, guards, name, Output(None, 0), without)
     said = f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
@@ -100,7 +106,7 @@ def to_ros2_control(
     values |= {
         "about": f"{paragraph(said)}\n *\n{values['about']}",
         "summary": escape(said), "functions": functions, "joints": ", ".join(f'"{joint}"' for joint in names),
-        "joints_said": ", ".join(names), "rate": round(1 / (law.period or rig.period)),
+        "joints_said": ", ".join(names), "rate": round(hertz),
     }  # fmt: skip
     own = {file.format(name): _TEMPLATES / template for file, template in _FILES.items()}
     code = {f"{name}{suffix}": template for suffix, template in RUNNING.items()}
@@ -113,6 +119,8 @@ def _joint_names(law: Law, rig: Rig, given: Sequence[str] | None) -> list[str]:
     known = rig.drive.joints if arm is None else [link.name for link in arm.dynamics.chain.links]
     known = known or [str(i + 1) for i in range(rig.n)]
     names = [f"joint{each}" if each.isdigit() else each.replace(" ", "_") for each in known]
+    if isinstance(given, str):
+        raise ValueError(f"joints must be a sequence of names; got {given!r:.60}. Write ({given!r:.60},).")
     names = names if given is None else list(given)
     for each in names:
         if not isinstance(each, str) or not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]{0,99}", each):

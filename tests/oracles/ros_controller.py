@@ -61,12 +61,20 @@ class Controller:
         torque = np.full(len(position), 7.0)
         return self.c.update(self.now, period, array(position), array(torque)), torque
 
-    def send(self, joints, times, rows, accelerations=True):
+    def send(self, joints, times, rows, accelerations=True, stamp=0):
         """A trajectory: times [s] and rows (points, 3, n); what the log says."""
         rows = np.ascontiguousarray(rows, float)
         stamps = np.round(1e9 * np.asarray(times)).astype(np.int64)
         names = ",".join(joints).encode()
-        self.c.send(TOPIC.encode(), names, len(stamps), array(stamps), array(rows), int(not accelerations))
+        self.c.send(
+            TOPIC.encode(),
+            names,
+            len(stamps),
+            array(stamps),
+            array(rows),
+            int(not accelerations),
+            ctypes.c_longlong(stamp),
+        )
         return self.said
 
     @property

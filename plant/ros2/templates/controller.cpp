@@ -303,7 +303,7 @@ Motions Controller::along(const Trajectory & trajectory, std::int64_t now) const
     return motions;
   }
   const Motions & begun = place > 0 ? trajectory.points[place - 1] : from_;
-  const std::int64_t since = place > 0 ? trajectory.times[place - 1] : 0;
+  const std::int64_t since = place > 0 ? trajectory.times[place - 1] : since_;
   const double span = static_cast<double>(*next - since) / static_cast<double>(SECOND);
   const double at = static_cast<double>(now - since) / static_cast<double>(SECOND);
   for (std::size_t i = 0; i < JOINTS; i++) {
@@ -320,8 +320,11 @@ return_type Controller::update_reference_from_subscribers(
     followed_ = given->number;
     from_ = reference_;
     start_ = given->start > 0 ? given->start : time.nanoseconds();
+    const auto moves = [](const Motion & motion) {return motion[1] != 0.0 || motion[2] != 0.0;};
+    const bool moving = std::any_of(from_.begin(), from_.end(), moves);
+    since_ = moving ? std::min<std::int64_t>(time.nanoseconds() - start_, 0) : 0;  // at rest it waits for the start
   }
-  if (given && time.nanoseconds() >= start_) {
+  if (given && time.nanoseconds() >= start_ + since_) {
     reference_ = along(*given, time.nanoseconds() - start_);
   }
   for (std::size_t i = 0; i < JOINTS; i++) {

@@ -94,7 +94,7 @@ private:
   ${name}_state law_{};
   Motions reference_{}, from_{};  /* given last; where the trajectory was joined */
   std::uint64_t followed_ = 0;
-  std::int64_t start_ = 0;
+  std::int64_t start_ = 0, since_ = 0;  /* of the trajectory; when it was joined, in its time [ns] */
   double now_ = 0.0;  /* [s], the sum of the periods */
   bool begun_ = false;
   int unwritten_ = 0;

@@ -182,10 +182,14 @@ int update(long long now, long long period, const double * at, double * torque)
   std::copy(efforts.begin(), efforts.end(), torque);
   return static_cast<int>(result);
 }
-/* A message: times [ns], rows (points, 3, joints); without accelerations if `empty`. */
-void send(const char * topic, const char * joints, int points, const long long * times, const double * rows, int empty)
+/* A message: stamp and times [ns], rows (points, 3, joints); without accelerations if `empty`. */
+void send(
+  const char * topic, const char * joints, int points, const long long * times, const double * rows, int empty,
+  long long stamp)
 {
   auto message = std::make_shared<Message>();
+  message->header.stamp.sec = static_cast<std::int32_t>(stamp / 1000000000);
+  message->header.stamp.nanosec = static_cast<std::uint32_t>(stamp % 1000000000);
   message->joint_names.emplace_back();
   for (; *joints; joints++) {
     if (*joints == ',') {

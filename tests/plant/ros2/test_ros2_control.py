@@ -1,5 +1,6 @@
 """The exported controller of ros2_control: compiled, taken through its lifecycle, and the torques of `.step`."""
 
+import dataclasses
 import os
 import shutil
 import xml.etree.ElementTree as ElementTree
@@ -129,6 +130,46 @@ def test_between_points_it_follows_the_polynomial_of_fifth_degree_and_then_holds
 
 
 @needs_cxx
+def test_a_trajectory_that_begins_later_is_joined_from_the_motion_before_it(controller):
+    """At rest the arm waits for its start; in motion it goes to its first point at once, to be there in time."""
+    goal, other, still = np.array((0.25, -0.35)), np.array((0.22, -0.36)), np.zeros((2, 2))
+    start = np.asarray(RIG.cell_centre(RIG.counts((0.2, -0.3)))).ravel()  # where it stands
+    wait, sent, first, later = 40, 190, 0.3, 0.1 + 0.2
+
+    def moved(begun, ended, span, at):
+        curves = [BPoly.from_derivatives([0.0, span], np.stack([begun, ended])[:, :, j]) for j in range(2)]
+        return np.array([[each(min(at, span), nu=order) for each in curves] for order in range(3)])
+
+    def path(t):
+        k, rest = round(t[0] / DT), np.vstack([start[None], still])
+        if k < wait:
+            return tuple(rest[:, None])
+        if k < sent:
+            return tuple(moved(rest, np.vstack([goal[None], still]), first, (k - wait) * DT)[:, None])
+        begun = moved(rest, np.vstack([goal[None], still]), first, (sent - 1 - wait) * DT)
+        return tuple(moved(begun, np.vstack([other[None], still]), later, (k - sent) * DT)[:, None])
+
+    class Begun(tuple):
+        q = property(lambda self: self[0])
+
+    def send(k, at):
+        if k in (0, sent):
+            ended, ahead = ((goal, wait * DT), (other, 0.1))[k == sent]
+            rows, times = np.vstack([ended[None], still])[None], ((first,), (0.2,))[k == sent]
+            stamp = controller.now + 700_000 + round(1e9 * ahead)
+            assert controller.send(JOINTS, times, rows, stamp=stamp) == ""
+        return at
+
+    controller.begin(angle(RIG.counts(start)))
+    for _ in followed(controller, lambda t: Begun(path(t)), sent + 600, spoil=send):
+        pass
+    codes, torques, running = controller.result
+    assert not codes.any()
+    assert_equal(torques, 1e-9)
+    np.testing.assert_allclose(running.reference, other, atol=1e-12)
+
+
+@needs_cxx
 def test_counts_that_are_missing_are_bridged_and_then_stop_the_arm_as_in_python(controller):
     path = next(each for name, each in motions().items() if "there and back" in name)
     controller.begin(angle(RIG.counts(path([0.0]).q[0])), chained=True)
@@ -244,6 +285,7 @@ def test_the_package_is_what_ros_reads(tmp_path):
     }  # fmt: skip
     compile((tmp_path / "new" / "arm.launch.py").read_text(), "arm.launch.py", "exec")
     assert '"shoulder", "elbow"' in (tmp_path / "new" / "arm.yaml").read_text()
+    assert (tmp_path / "new" / "arm.yaml").read_text().count("type: arm/Controller") == 2
     to_ros2_control(LAW, tmp_path / "new", name="arm", without=("gravity",))  # over an export of its own
     header = " ".join((tmp_path / "new" / "arm.h").read_text().replace(" * ", "").split())
     assert "is without gravity: the firmware adds that" in header
@@ -261,6 +303,14 @@ def test_the_package_is_what_ros_reads(tmp_path):
         ((LAW,), {"joints": ("a b", "c")}, "joints must be letters"),
         ((LAW,), {"joints": ("a", "a")}, "2 different names"),
         ((LAW,), {"guards": None}, "guards must be"),
+        ((LAW,), {"name": "board"}, "and not main or board"),
+        ((LAW,), {"joints": "ab"}, "joints must be a sequence of names"),
+        ((LAW,), {"without": "gravity"}, r"sequence of parts .* Write \('gravity',\)"),
+        (
+            (ComputedTorque(ARM, dataclasses.replace(RIG, period=0.003), bandwidth=30),),
+            {},
+            "Make the law for 1 / 333 or",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_one_line(tmp_path, arguments, options, why):
