@@ -34,6 +34,19 @@ _DEFINITION = (
 )
 
 
+def _opened(path: str | Path) -> Any:
+    """A file to be written anew; what is no earlier MCAP file stays."""
+    place = Path(path)
+    if place.is_file():
+        with place.open("rb") as file:
+            begins = file.read(len(_MAGIC))
+    if place.exists() and not (place.is_file() and begins == _MAGIC):
+        raise ValueError(f"{place} must not exist, or be an MCAP file; it is something else. Name a new file.")
+    if not place.absolute().parent.is_dir():
+        raise ValueError(f"{place} must be in a folder that exists; there is no {place.parent}. Make it.")
+    return open(place, "wb", buffering=0)
+
+
 class McapFile:
     """A file that messages are appended to; a context manager, which closes it.
 
@@ -49,7 +62,7 @@ class McapFile:
     """
 
     def __init__(self, path: str | Path, joints: Sequence[str], n: int, topics: Topics) -> None:
-        self._file, self._end, self._tail, self._count = open(path, "wb", buffering=0), 0, b"", 0  # noqa: SIM115
+        self._file, self._end, self._tail, self._count = _opened(path), 0, b"", 0
         names = joints or [f"joint_{k + 1}" for k in range(n)]
         self._messages = {topic: (k, *_message(names, each[1])) for k, (topic, each) in enumerate(topics.items(), 1)}
         self._totals, self._chunks, self._index = dict.fromkeys(range(1, len(topics) + 1), 0), 0, b""

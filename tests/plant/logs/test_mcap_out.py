@@ -82,6 +82,18 @@ def test_a_record_comes_back_in_all_its_columns(tmp_path):
     assert [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in found["/sample"]] == times
 
 
+def test_another_file_is_not_written_over(tmp_path):
+    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.01)
+    for _ in range(2):
+        record.to_mcap(tmp_path / "mine.mcap")
+    (tmp_path / "mine.txt").write_text("mine")
+    for name, says in (("mine.txt", "must not exist, or be an MCAP file"), ("none/a.mcap", "in a folder that exists"),
+                       ("", "must not exist")):  # fmt: skip
+        with pytest.raises(ValueError, match=says):
+            record.to_mcap(tmp_path / name)
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+
+
 def test_an_evaluation_is_read_again_as_a_record(tmp_path):
     record = evaluate(ARM, RIG, LAW, PATH, duration=0.2).record
     record.to_mcap(tmp_path / "a.mcap")
