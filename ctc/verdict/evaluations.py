@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
-from plant.motion.everyday import motions_of, naming
+from plant.motion.everyday import motions_of, naming, of_motion
 from plant.parts.arguments import choice, known_options
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -59,7 +59,7 @@ class Evaluations(Shown, Mapping[str, Evaluation]):
     evaluations: dict[str, Evaluation]
 
     def __getitem__(self, name: str) -> Evaluation:
-        return self.evaluations[name]
+        return of_motion(self.evaluations, name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.evaluations)

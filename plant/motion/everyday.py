@@ -8,7 +8,7 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,18 @@ from plant.motion.demand import demand, sampled_demand, shortest_duration
 from plant.motion.fastest import require_inside
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.smooth import Harmonics, PointToPoint
-from plant.parts.arguments import instance, known_options
+from plant.parts.arguments import instance, known_options, near
+
+T = TypeVar("T")
 
 _SHARE, _ROOM = 0.8, 0.9
 """Share of torque and speed limits that a motion takes at most, and of the way to the limit of a joint's position."""
 
 _POSES, _HALF, _NEAR = 1024, 0.5, 0.25
 """Poses of which the first is taken whose holding torques are such a share of their largest, as near as that."""
+
+_ASIDE = 0.4
+"""Share of the way between two limits by which a pose may be off their middle."""
 
 _LOADED = 0.1
 """Share of the largest holding torque of any joint above which gravity loads a joint."""
@@ -128,13 +133,26 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
 
 
 def _pose(arm: Arm, rig: Rig, limits: Limits) -> NDArray[np.float64]:
-    """Where the motions begin (n,): in the middle of limits, or where holding torques are neither none nor largest."""
+    """Where the motions begin (n,): in the middle of limits, or where holding torques are neither none nor largest.
+
+    Where the drives cannot hold the arm in the middle, anywhere inside the limits.
+    """
     span = limits.upper - limits.lower
     prismatic = np.array([link.prismatic for link in arm.dynamics.chain.links])
     known = np.where(prismatic, np.isfinite(span), span < 2 * np.pi)
     middle = np.zeros(rig.n)
     middle[known] = (limits.lower[known] + limits.upper[known]) / 2
-    spread = np.where(known | prismatic, 0.0, np.pi / 2)
+    free = np.where(prismatic, 0.0, np.pi / 2)
+    inside = np.where(known, _ASIDE * np.where(known, span, 0.0), free)
+    for spread in (np.where(known, 0.0, free), inside):
+        poses, beyond, away = _held(arm, rig, middle, spread, limits)
+        if not beyond.min():
+            break
+    return poses[(away + rig.n * beyond).argmin()]
+
+
+def _held(arm: Arm, rig: Rig, middle: Any, spread: Any, limits: Limits) -> tuple[Any, Any, Any]:
+    """Poses (P, n) around the middle, how many joints cannot hold the arm there, and how far from half their load."""
     poses = middle + np.random.default_rng(0).uniform(-1, 1, (_POSES, rig.n)).round(2) * spread
     poses = np.clip(poses[np.square(poses).sum(axis=1).argsort()], limits.lower, limits.upper)
     needed = demand(arm, rig, (poses, np.ones_like(poses), np.zeros_like(poses)))
@@ -142,8 +160,7 @@ def _pose(arm: Arm, rig: Rig, limits: Limits) -> NDArray[np.float64]:
     largest, allowed = holding.max(axis=0), _SHARE * rig.drive.torque_limit()
     loaded = largest > _LOADED * largest.max()
     share = holding[:, loaded] / largest[loaded]
-    away = np.maximum(np.abs(share - _HALF), _NEAR).sum(axis=1) + (holding + dry > allowed).sum(axis=1)
-    return poses[away.argmin()]
+    return poses, (holding + dry > allowed).sum(axis=1), np.maximum(np.abs(share - _HALF), _NEAR).sum(axis=1)
 
 
 def _possible(
@@ -176,6 +193,14 @@ def slowing(arm: Arm, rig: Rig, motion: Reference, limits: Limits | None = None,
     return factor
 
 
+def of_motion(each: Mapping[str, T], name: str) -> T:
+    """What belongs to one motion of a set; a KeyError that knows the others."""
+    if name in each:
+        return each[name]
+    others = near(name, each, f"It has {', '.join(each)}.")
+    raise KeyError(f"{name!r} is no motion of this set. {others}")
+
+
 @contextlib.contextmanager
 def naming(name: str) -> Iterator[None]:
     """Errors of one motion of a set begin with its name."""
@@ -190,8 +215,9 @@ def motions_of(arm: Any, rig: Rig, reference: Any, order: str) -> dict[str, Refe
     if not isinstance(reference, Mapping):
         return {"": instance("reference", reference, Reference, order)}
     motions = dict(reference)
-    if not motions or not all(isinstance(name, str) and name for name in motions):
-        raise ValueError(f"motions must have names; got {reference!r:.60}. Give {{'mine': path, ...}}.")
+    nameless = [repr(name) for name in motions if not (isinstance(name, str) and name)] or ["none"] * (not motions)
+    if nameless:
+        raise ValueError(f"motions must have texts as names; got {nameless[0]:.60}. Give {{'mine': path, ...}}.")
     for name, motion in motions.items():
         instance(f"motion {name!r}", motion, Reference, "Give {'mine': path, ...}.")
         with naming(name):

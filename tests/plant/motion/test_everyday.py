@@ -53,6 +53,16 @@ def test_what_each_motion_is():
     assert np.ptp(held[500:], axis=0).max() < 1e-12 < np.ptp(held[:500], axis=0).min()
 
 
+def test_where_the_middle_of_the_limits_cannot_be_held_they_begin_elsewhere():
+    limits = Limits(lower=(-1.4, -1.4), upper=(1.4, 1.4), velocity=(9, 9), effort=(999, 999))
+    rig = weak(0.35)  # 103 N m at the shoulder, of which 83 are taken; level the arm weighs 99
+    assert np.array_equal(everyday_motions(ARM, RIG, limits=limits)["creep"]([0.0]).q[0], (0, 0))
+    for motion in everyday_motions(ARM, rig, limits=limits).values():
+        along = sampled(motion)
+        assert (np.abs(along.q) < 1.4).all()
+        assert (np.abs(joint_torque(ARM, RIG, along)) < 0.35 * RIG.drive.torque_limit()).all()
+
+
 def test_gravity_loads_the_pose_of_an_arm_without_limits():
     poses = np.random.default_rng(5).uniform(-np.pi / 2, np.pi / 2, (2000, 2))
     largest = np.abs([ARM.h(pose, (0, 0)) for pose in poses]).max(axis=0)
@@ -175,8 +185,8 @@ WRONG = {
         lambda: everyday_motions(ARM, weak(0.05)),
         "motion '.*': path must be one along which the drives can hold the arm",
     ),
-    "no motions": (lambda: motions_of(ARM, RIG, {}, ""), "motions must have names; got {}"),
-    "no name": (lambda: motions_of(ARM, RIG, {"": FAR}, ""), "motions must have names"),
+    "no motions": (lambda: motions_of(ARM, RIG, {}, ""), "motions must have texts as names; got none"),
+    "no name": (lambda: motions_of(ARM, RIG, {"": FAR}, ""), "motions must have texts as names"),
     "no reference": (lambda: motions_of(ARM, RIG, {"a": 3}, ""), "motion 'a' must be of type Reference"),
     "other joints": (
         lambda: motions_of(ARM, RIG, {"a": PointToPoint(start=(0,), goal=(1,), duration=1)}, ""),
