@@ -115,7 +115,7 @@ def prepare(
     if zeros and not all(problem.replays):
         raise ValueError("zeros can be found only of logs that replay their torque; got a controller. Leave it out.")
     found = [name for name in problem.unknown if name.startswith("drive.elasticity")]
-    if found and method in ("equation_error", "didim"):
+    if found and method == "equation_error":
         raise ValueError(f"{found[0]} can be found by prediction error, the default; got method={method!r}. Use it.")
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
         raise ValueError(f"zeros must be found by prediction or output error; got method={method!r}. Use the default.")
@@ -159,7 +159,7 @@ def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterab
     follow the counts, some three copies of all sensitivities.
     """
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
-    follows = method not in ("paper", "equation_error", "didim")
+    follows = method not in ("paper", "equation_error")
     each = 8.0 * (250 + (3.5 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 0))
     samples = sum(len(record) for record in records)
     what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.excitation import advice, from_prior
-from identification.equation_error.least_squares import at_least
 from identification.equation_error.prior import Prior
 from identification.preparation import prepare, with_gears
 from identification.replay.experiment import with_zeros
@@ -73,11 +72,11 @@ def identify(
         counts. `LoggedTorque` and `LoggedCurrent` repeat theirs.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
-    method : {"seeded", "paper", "equation_error", "didim", "output_error", "prediction_error"}
-        - "seeded": "equation_error", the genetic algorithm in a box around it, then "prediction_error"
+    method : {"seeded", "paper", "equation_error", "output_error", "prediction_error"}
+        - "seeded": "equation_error", the genetic algorithm in a box around it (by default not with more than 30
+          unknowns), then "prediction_error"
         - "paper": the genetic algorithm of 3.7, as printed if no `settings` are given, on objective (4), in ranges
         - "equation_error": least squares on the torque equation in a pass band
-        - "didim": the same with the motion of a simulated arm in place of the measured one, again and again
         - "output_error": simulated against counted positions, by Gauss-Newton
         - "prediction_error": predicted against counted positions, by Gauss-Newton
     progress : bool
@@ -220,10 +219,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     diagnostics = problem.checkpoint.stage(
         "diagnostics", lambda: Diagnostics.of(problem, fit, objective, cost, outcome.rounding)
     )
-    doubt, grouped = diagnostics.detection.doubt, diagnostics.detection.grouped
-    if fit.covariance is not None and fit.resonance is None and doubt is not None and grouped is not None:
-        whole = at_least(fit.covariance + doubt, grouped)
-        fit = dataclasses.replace(fit, covariance=whole, noise_covariance=fit.covariance)
+    fit = diagnostics.detection.whole(fit)
     if fit.resonance is not None and diagnostics.detection.played:
         fit = dataclasses.replace(fit, resonance=fit.resonance.beside_backlash(diagnostics.detection.played))
     return Identification(

@@ -167,15 +167,14 @@ def without_known(
 
 
 def system_of(
-    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], q: Floats | None = None,
-    torque: Floats | None = None,
+    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], torque: Floats | None = None
 ) -> System:  # fmt: skip
     """The torque equation of a record in a band [Hz].
 
-    `q` (N, n) [rad]: along which motion; by default the counted one. `torque` (N, n): of `torque_of`.
+    `torque` (N, n): of `torque_of`.
     """
     rig, torque = record.rig, torque_of(record) if torque is None else torque
-    q = rig.cell_centre(record.counts) if q is None else q
+    q = rig.cell_centre(record.counts)
     filtering = filtering_of(rig, min(band, BAND_MOST / rig.period))
     return regressor_and_torque(dynamics, q, torque, rig, filtering, unknown, {}, record.valid)
 

@@ -107,15 +107,6 @@ class Followed(Experiment):
         other._weigh(counts)
         return other.innovations(values)
 
-    def motion(self, values: Floats) -> Floats:
-        """Joint positions (N, n) [rad] of a run with these values; NaN after it has diverged."""
-        (q, qd), numbers, n, kernel = *self._start(values), self.loop.n, self.kernel()
-        state = self.loop.initial_state(q + numbers[-n:], qd, numbers)
-        log, errors = np.full((len(self.clock), self.loop.n_log), np.nan), np.empty((self.steps, n))
-        tables = kernel.along(self.loop, **self.driven, data=self._measured(self.record.counts), logged=True)
-        kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, errors))
-        return log[self.clock.rows, 2 * n : 3 * n]
-
     def innovations(self, values: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run diverges."""
         return self.block([values])[0]

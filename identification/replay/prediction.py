@@ -209,8 +209,3 @@ class Prediction:
             of_record[k] += found
         known = (self._expected * values[len(values) - len(self._expected) :] for values in many)
         return [joined(row, self.scales) for row in zip(map(self.prior.of, many), *of_record, known, strict=True)]
-
-    def motions(self, values: Floats) -> list[Floats]:
-        """Joint positions (N, n) [rad] of each record's arm with these values."""
-        self.evaluations += 1
-        return [followed.motion(own) for followed, own in self._each(values)]

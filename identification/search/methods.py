@@ -1,20 +1,18 @@
 """Methods of identification, all with one interface: a `Problem` in, an `Outcome` out; `identify` lists them.
 
-Sources: paper 3.2, 3.7; M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method
-for parameter identification of robot dynamics, IEEE Transactions on Control Systems Technology 21 (2013) (didim).
+Source: paper 3.2, 3.7.
 """
 
+import contextlib
 import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 
-from identification.equation_error.pulse_fit import fit_systems, pass_band, system_of
-from identification.equation_error.regressor import linear
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
-from identification.search.genetic import GeneticResult, minimize_genetic
+from identification.search.genetic import GeneticResult, GeneticSettings, minimize_genetic
 from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
@@ -27,13 +25,10 @@ _BOX = 4.0  # half width of the box around the equation error, in its standard d
 _NEAR, _NEIGHBOURS = 0.03, 119
 """Standard deviations around the prediction error's fit at which so many vectors are tried on objective (4)."""
 
+_MANY = 30
+"""Unknowns from which on the paper's 60 individuals are too few for a box around what is the better start."""
+
 _NOISE = 0.05  # relative noise of objective (4) over the last digits of a candidate: single counts decide
-
-_ROUNDS = 10  # of `didim`, at most
-
-_BELOW = 0.25  # its band, as a share of the pass band
-
-_SETTLED = 0.02  # change, in standard deviations, below which it ends
 
 
 def paper(problem: Problem) -> Outcome:
@@ -68,31 +63,6 @@ def equation_error(problem: Problem) -> Outcome:
     return _of_fit(problem, torque_fit(problem))
 
 
-def didim(problem: Problem) -> Outcome:
-    """The torque equation along the motion of the arm found last, until that no longer changes.
-
-    The band ends below the slow mode: its oscillation depends on the rounding of single counts, which a simulation does
-    not repeat.
-    """
-    fit = torque_fit(problem)
-    stages = {"equation error": start_of_fit(problem, fit)[0]}
-    simulated = problem.prediction(simulated=True)
-    unknown = linear(problem.dynamics, problem.records[0].rig, problem.unknown)
-    bands = [_BELOW * pass_band(record) for record in problem.records]
-    while simulated.evaluations < _ROUNDS:
-        motions = simulated.motions(start_of_fit(problem, fit)[0])
-        if not all(np.isfinite(q).all() for q in motions):
-            raise ValueError(
-                "the simulated arm must stay on its path; what was found so far diverges. Log a slower motion."
-            )
-        log = zip(problem.records, bands, motions, strict=True)
-        systems = [system_of(problem.dynamics, record, band, unknown, q) for record, band, q in log]
-        before, fit = fit, fit_systems(problem.dynamics, unknown, problem.known, systems)
-        if (np.abs(fit.values - before.values) < _SETTLED * fit.std).all():
-            break
-    return dataclasses.replace(_of_fit(problem, fit), evaluations=simulated.evaluations, stages=stages)
-
-
 def output_error(problem: Problem) -> Outcome:
     """Gauss-Newton on simulated positions."""
     if problem.elastic:
@@ -116,6 +86,7 @@ def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
 def seeded(problem: Problem) -> Outcome:
     """Equation error, genetic algorithm around it, prediction error from there.
 
+    With many unknowns it goes without the genetic algorithm, where an arm comes of it and no settings were given.
     A log that replays its torques skips the genetic algorithm: an uncorrected run accumulates all model errors.
 
     Last, of some vectors within some hundredths of a standard deviation, which fit the log equally well, the one whose
@@ -124,6 +95,14 @@ def seeded(problem: Problem) -> Outcome:
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
     values, step = start_of_fit(problem, torque_fit(problem))
+    if len(values) > _MANY and problem.settings == GeneticSettings.paper():
+        with contextlib.suppress(ValueError):
+            direct = problem.checkpoint.stage(
+                "direct", lambda: polished(problem, values, step, {"equation error": values})
+            )
+            near, costs = _neighbours(problem, direct.fit)
+            if direct.fit.fallback_reason is None and np.isfinite(costs.min()):
+                return _with_best(direct, near, costs)
     room = _BOX * step
     if problem.prior is not None:  # not far outside it: few such numbers are an arm
         places = problem.prior.places(problem.unknown)
@@ -136,19 +115,13 @@ def seeded(problem: Problem) -> Outcome:
         fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
         return Outcome(fit=fit, genetic=result, evaluations=result.evaluations, stages=stages)
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
-    fit, stages = outcome.fit, outcome.stages
-    stages["prediction error"] = fit.values
-    moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(step)))
-    moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
-    near = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
-    costs = problem.costs(near)
-    outcome = dataclasses.replace(
-        outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations + len(near)
-    )
+    fit = outcome.fit
+    near, costs = _neighbours(problem, fit)
+    outcome = dataclasses.replace(outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations)
     if fit.fallback_reason is None and np.isfinite(costs.min()):
-        best = dataclasses.replace(fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs))
-        if not _only_genetic(problem, best, float(costs.min()), result.cost):
-            return dataclasses.replace(outcome, fit=best)
+        best = _with_best(outcome, near, costs)
+        if not _only_genetic(problem, best.fit, float(costs.min()), result.cost):
+            return best
     delayed = delay_of(problem.dynamics, problem.records, problem.unknown, fit.values, **problem.options)
     if fit.fallback_reason is None and is_late(*delayed):
         return outcome  # only another arm repeats errors of late counts; this one's intervals count the delay
@@ -160,6 +133,21 @@ def seeded(problem: Problem) -> Outcome:
     return dataclasses.replace(outcome, fit=fit, message=message)
 
 
+def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
+    """A fit and vectors (P, k) within hundredths of its standard deviations; objective (4) of each (P,)."""
+    moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(fit.values)))
+    moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
+    near = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
+    return near, problem.costs(near)
+
+
+def _with_best(outcome: Outcome, near: Floats, costs: Floats) -> Outcome:
+    """An outcome with that of some vectors (P, k) whose objective (4) is least."""
+    outcome.stages["prediction error"] = outcome.fit.values
+    fit = dataclasses.replace(outcome.fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs))
+    return dataclasses.replace(outcome, fit=fit, evaluations=outcome.evaluations + len(near))
+
+
 def _only_genetic(problem: Problem, fit: Fit, cost: float, other: float) -> bool:
     """Whether the genetic algorithm's best, of this other objective (4), explains the records, and the fit does not."""
     records = problem.objective.records
@@ -169,7 +157,7 @@ def _only_genetic(problem: Problem, fit: Fit, cost: float, other: float) -> bool
     return doubtful(own, records) and not doubtful(own._replace(difference=difference_of(other, records)), records)
 
 
-_EVERY: tuple[Callable[..., Outcome], ...] = (seeded, paper, equation_error, didim, output_error, prediction_error)
+_EVERY: tuple[Callable[..., Outcome], ...] = (seeded, paper, equation_error, output_error, prediction_error)
 METHODS: dict[str, Callable[[Problem], Outcome]] = {method.__name__: method for method in _EVERY}
 
 

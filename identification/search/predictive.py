@@ -22,7 +22,7 @@ ROUNDINGS = 0.58
 _FAR, _FAR_ROUNDED = 0.9, 1.5
 """Difference [pulses] from which it asks for an explanation: of the counts, and of the path as well."""
 
-ROUGH = ("equation_error", "didim", "output_error", "paper")
+ROUGH = ("equation_error", "output_error", "paper")
 """Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the log for them."""
 
 FALSE_ALARM = 1e-3

@@ -63,7 +63,7 @@ def methods():
     yield "|---|---|---|---|---|"
     logs = [(arm, log(arm, gain)) for arm in ARMS.values() for gain in GAINS]
     true = [Objective(DYNAMICS, record)(arm.f[None])[0] for arm, record in logs]
-    for method in ("paper", "equation_error", "didim", "output_error", "prediction_error", "seeded"):
+    for method in ("paper", "equation_error", "output_error", "prediction_error", "seeded"):
         runs = [identify(DYNAMICS, record, method=method, progress=False) for _, record in logs]
         wrong = np.array([off(run.f, arm) for run, (arm, _) in zip(runs, logs, strict=True)])
         ratio = [run.objective / floor for run, floor in zip(runs, true, strict=True)]

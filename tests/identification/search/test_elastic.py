@@ -146,7 +146,6 @@ def test_rigid_identification_has_no_resonance_to_tell():
     [
         ({"elasticity": 1}, "elasticity must be"),
         ({"elasticity": True, "ranges": puma560.PRINTED_RANGES}, "ranges need every unknown by name"),
-        ({"elasticity": True, "method": "didim"}, "can be found by prediction error"),
         ({"elasticity": True, "method": "equation_error"}, "can be found by prediction error"),
         ({"elasticity": True, "method": "paper"}, "ranges must be given"),
     ],
