@@ -25,13 +25,14 @@ _OWN = 1e-3  # a direction of which less than this share is its own is taken for
 class Optimum:
     """Where the sum of squared innovations is least.
 
-    `values` (k,). `innovations` (M,): weighted. `rates` (v, M): their changes per step of the varied unknowns. `made`
-    (r, v): what orthonormal directions are of these changes. `unknown`: how many of the varied unknowns, the first, are
-    not observer gains.
+    `values` (k,), `step` (k,) of their differences. `innovations` (M,): weighted. `rates` (v, M): their changes per
+    step of the varied unknowns. `made` (r, v): what orthonormal directions are of these changes. `unknown`: how many of
+    the varied unknowns, the first, are not observer gains.
     """
 
     model: Extended
     values: Floats
+    step: Floats
     innovations: Floats
     rates: Floats
     made: Floats
@@ -60,17 +61,28 @@ class Optimum:
         return float(((self.before**2).sum() - (after**2).sum()) / self.unit(after))
 
 
-def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats) -> Optimum:
-    """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an unknown as it is."""
+def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: Optimum | None = None) -> Optimum:
+    """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an unknown as it is.
+
+    Near another optimum, whose varied unknowns are the first of these, its rates are taken as they are; those of the
+    others are made once.
+    """
     step, values = step.copy(), np.clip(values, *bounds.T)
     varied, innovations = np.flatnonzero(step), model.innovations(values)
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
         raise ValueError("the model with what was found does not follow the log")
-    own = model.prior.own(_OWN)
-    for left in reversed(range(_ROUNDS)):
-        rates = slopes(model, values, step, varied).T
+    own, rates = model.prior.own(_OWN), np.empty((0, 0))
+    if near is not None:
+        count = len(near.rates)
+        step[varied[:count]] = near.step[varied[:count]]
+        rates = np.vstack([near.rates, slopes(model, values, step, varied[count:]).T])
         made = directions(rates, own)
+    for left in reversed(range(_ROUNDS)):
+        if near is None:
+            rates = np.empty((0, 0))  # not beside the next ones
+            rates = slopes(model, values, step, varied).T
+            made = directions(rates, own)
         before, solved = (innovations**2).sum(), functools.partial(_solved, made, rates, innovations, own)
         change = within_bounds(solved, values, step, bounds)
         for length in _LENGTHS:
@@ -81,8 +93,9 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats) -> Opt
                 break
         if not left or not (innovations**2).sum() < (1 - _SETTLED) * before:
             break
-        rates = np.empty((0, 0))  # not beside the next ones
-    return Optimum(model=model, values=values, innovations=innovations, rates=rates, made=made, unknown=unknown)
+    return Optimum(
+        model=model, values=values, step=step, innovations=innovations, rates=rates, made=made, unknown=unknown
+    )
 
 
 def _solved(made: Floats, rates: Floats, innovations: Floats, own: float, moving: NDArray[np.bool_]) -> Floats:

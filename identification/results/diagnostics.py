@@ -24,6 +24,9 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 
+_WIDER = 2.0
+"""Difference over that of two runs which what the rig may lack explains at most."""
+
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -98,8 +101,12 @@ class Diagnostics(Shown, Frozen):
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
         every, closest = (objective,) if kept is None else (objective, kept), np.nan
+        detection = detect(problem, fit, delay if is_late(delay, delay_std) else 0.0, rounding)
         told, *aside = runs = _runs(problem, fit, every)
         doubted = any(map(doubtful, runs, (each.records for each in every))) and not any(problem.replays)
+        if doubted and problem.method not in ROUGH and (whole := detection.whole(fit)) is not fit:
+            told, *aside = runs = [*map(_wider, runs, _runs(problem, whole, every))]
+            doubted = any(map(doubtful, runs, (each.records for each in every)))
         if doubted and problem.method in ROUGH:
             told, closest = _by_prediction(problem, every, told)
         return cls(
@@ -109,7 +116,7 @@ class Diagnostics(Shown, Frozen):
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
-            detection=detect(problem, fit, delay if is_late(delay, delay_std) else 0.0, rounding),
+            detection=detection,
             law_apart=tuple(torque_apart(record) for record in problem.objective.records),
             closest=closest,
             **told._asdict(),
@@ -119,6 +126,11 @@ class Diagnostics(Shown, Frozen):
 def _runs(problem: Problem, fit: Fit, every: Sequence[Objective]) -> list[Predicted]:
     """What runs with the values of a fit show, for the records of each objective."""
     return [predicted(problem, fit, each.records, float(each(fit.values[None])[0])) for each in every]
+
+
+def _wider(own: Predicted, whole: Predicted) -> Predicted:
+    """What runs differ by, with a limit for what the rig may lack; at most twice what they differ by without."""
+    return own._replace(limit=np.fmin(whole.limit, _WIDER * own.expected), hunts=whole.hunts)
 
 
 def _by_prediction(problem: Problem, every: Sequence[Objective], own: Predicted) -> tuple[Predicted, float]:

@@ -55,7 +55,8 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | No
         detection = tested.detection(delay)
         steps = problem.options.get("steps_per_sample", 4)
         if tested.is_faint(detection) and not delay and steps < _FINER:  # may be the model's own steps
-            finer = _Search(dataclasses.replace(problem, options=problem.options | {"steps_per_sample": _FINER}), fit)
+            fine = dataclasses.replace(problem, options=problem.options | {"steps_per_sample": _FINER})
+            finer = _Search(fine, fit, tested._first)
             tested, detection = finer, finer.detection(delay)
         doubt = tested.doubt()
         added = doubt.added(problem.tolerances, rounding)
@@ -92,7 +93,7 @@ class _Refit(NamedTuple):
 class _Search:
     """The model where it follows the log best, and what has been named so far."""
 
-    def __init__(self, problem: Problem, fit: Fit) -> None:
+    def __init__(self, problem: Problem, fit: Fit, near: Optimum | None = None) -> None:
         records, keep = as_tested(problem, fit)
         self._unknown, self._keep = len(problem.unknown), keep
         if fit.covariance is not None:
@@ -108,7 +109,8 @@ class _Search:
         self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
         limits = np.column_stack([model.least, np.full(len(extra), np.inf)])
         self.bounds = np.vstack([problem.bounds[keep], model.gain_bounds, limits])
-        first = fitted(model, np.concatenate([values[keep], gains, extra]), self.step, self.bounds)
+        begin = np.concatenate([values[keep], gains, extra]) if near is None else near.values
+        first = fitted(model, begin, self.step, self.bounds, near)
         if model.prior.settle(first.unit(first.innovations)):
             first = fitted(model, first.values, self.step, self.bounds)
         self.at = self._first = first
@@ -137,6 +139,8 @@ class _Search:
                 named += [sign for sign in those if sign.name == "disagreement"]
                 break
             refit = min(good, key=lambda each: each.sign.freedom)
+            own_rates = fitted(refit.at.model, refit.at.values, refit.step, self.bounds)
+            refit = self._compared(refit.sign, own_rates, refit.step)
             self.at, self.step = refit.at, refit.step
             self.effects = effects_of(self.at, self._efforts)
             named.append(refit.sign)
@@ -177,11 +181,17 @@ class _Search:
                 place, value = model.place(name), sign.values.get(name, 0.0)
                 values[place] = np.clip(value, _LEAST, _MOST) if every else value
                 step[place] = 0.0 if sign.name == "backlash" else _FINE * abs(values[place])
+            near = self.at if self._begins(step) else None
             try:
-                return self._compared(sign, fitted(model, values, step, self.bounds), step)
+                return self._compared(sign, fitted(model, values, step, self.bounds, near), step)
             except ValueError:  # it diverges: inertias that rigid gears have made too small
                 continue
         return None
+
+    def _begins(self, step: Floats) -> bool:
+        """Whether what is varied now is the first of what steps (k,) vary."""
+        now, then = np.flatnonzero(self.step), np.flatnonzero(step)
+        return bool((then[: len(now)] == now).all())
 
     def _shifted(self, sign: Sign) -> _Refit | None:
         """The model of counts that are not late."""
@@ -191,7 +201,7 @@ class _Search:
             if abs(delay) > _LATE:
                 return None
             try:
-                at = fitted(self.at.model.late(-delay), at.values, self.step, self.bounds)
+                at = fitted(self.at.model.late(-delay), at.values, self.step, self.bounds, self.at)
             except ValueError:
                 return None
             sign = delay_sign(at) or sign
