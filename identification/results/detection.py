@@ -10,7 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from identification.equation_error.least_squares import at_least
 from identification.results.alternatives import Sign
+from identification.search.outcome import Fit
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -32,8 +34,8 @@ _SAID = {
     "lag": "torques lag behind commands by {lag:.2g} ms ({chance}). Give the drive current_lag, and compare.",
     "delay": "the counts are {late} ({chance}), which biases f. Identify without_delay(record, {value:.2g}) and "
     "compare.",
-    "friction": "friction is not the rig's ({chance}): {each}. Add these numbers to unknown (drive.viscous[0] and so "
-    "on).",
+    "friction": "friction is not the rig's{scaled} ({chance}): {each}. Add these numbers to unknown (drive.viscous[0] "
+    "and so on).",
     "offset": "torques have an offset that the rig lacks, {each}, motor side ({chance}), which biases f. Give the "
     "drive a FrictionCurve, and add drive.curve.offset[0] and so on to unknown.",
     "gear": "gears (or lengths, or counts per turn) are not the rig's: {each} ({chance}), which biases f. Check them, "
@@ -43,6 +45,8 @@ _SAID = {
     "changed.",
 }
 """What contradicts the model, and what to do."""
+
+_SCALED = 0.08  # by which friction is off in all its numbers, and by which they may differ: then torques are scaled
 
 _LEAST = 1e-3  # of these units, below which nobody asks
 
@@ -83,6 +87,13 @@ class Detection(Shown, Frozen):
     grouped: Floats | None = None
     assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
     friction: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    def whole(self, fit: Fit) -> Fit:
+        """A fit whose covariance counts what the rig may lack; the same one where nothing is to be added."""
+        if fit.covariance is None or fit.resonance is not None or self.doubt is None or self.grouped is None:
+            return fit
+        covariance = at_least(fit.covariance + self.doubt, self.grouped)
+        return dataclasses.replace(fit, covariance=covariance, noise_covariance=fit.covariance)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -146,11 +157,20 @@ class Detection(Shown, Frozen):
                 "late": f"{abs(value):.2g} samples {'late' if value > 0 else 'early'}",
                 "value": value,
                 "lag": 1e3 * value,
+                "scaled": self._scaled(sign),
             } | {name: getattr(sign, name) for name in ("chi_square", "freedom", "threshold")}
             played = [name for name in sign.values if name.startswith("backlash")] or [""]
             for name in played:
                 joint = {"joint": self._joint(name), "degrees": np.rad2deg(sign.values[name])} if name else {}
                 yield _SAID[sign.name].format(**about, **joint)
+
+    def _scaled(self, sign: Sign) -> str:
+        """What else than friction, where all of it is off by one factor: torques are, by a wrong gain."""
+        ratios = [1 + value / self.stated[name] for name, value in sign.values.items() if self.stated.get(name)]
+        factor = float(np.median(ratios)) if len(ratios) > 2 else 1.0
+        if not factor > 0 or abs(factor - 1) < _SCALED or np.abs(np.array(ratios) / factor - 1).max() > _SCALED:
+            return ""
+        return f", or gains of law or motor are not: all of it is {factor:.2g} times as stated, so check them first"
 
     def _visible(self, sign: Sign) -> str:
         """An alternative, and the least of it that would have been seen."""

@@ -1,11 +1,13 @@
 """Warnings: what a user should know before trusting what an identification found, one line each."""
 
+import dataclasses
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from identification.replay.timing import is_late
+from identification.results.restated import restated
 from identification.results.seen import APART, contradicted, motion_of
 from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
@@ -59,18 +61,13 @@ def _alone(dynamics: Any) -> dict[int, int]:
 
 
 _AT_END = 0.002  # share of a range within which a value lies at its end
-
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
-
 _WORSE = 1.5  # how much worse a record held out is repeated that asks for an explanation
-
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
-
 _INSEPARABLE, _VAGUE, _MANY = 0.995, 0.05, 3
 """Correlation, and relative deviation, from which on a pair is not separately identifiable; and how many are named."""
 
 _ANOTHER = 0.05  # share of the logged torque by which that of the stated law may differ
-
 _ZERO = 0.49  # zero of a counter [rad] beyond which it is at the end of its range
 
 
@@ -78,22 +75,23 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
     """Lines about an `Identification`; `always`: with those that hold for any log with these unknowns."""
     fits = found.diagnostics.closest > 0  # by prediction_error: the rig is not at fault
     replayed = any(record.law is not None and record.law.replays for record in found.records)
-    return [
-        *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
+    lines = [
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
+        *_of_law(found),
+        *_of_detection(found, replayed),  # causes before what they do
+        *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
         *_ends(found),
         *([] if fits else of_rotors(found)),
         *(_of_torques(found) if replayed else []),
-        *_of_law(found),
         *_of_fit(found, replayed),
         *(_of_timing(found) if not replayed else []),
         *(_of_unknowns(found) if not replayed and always else []),
         *_of_loops(found),
-        *_of_detection(found, replayed),
         *_of_repeats(found, replayed),
         *_of_pairs(found),
         *contradicted(found),
     ]
+    return [*(restated(found.arm.dynamics.chain, found.records[0]) if lines else []), *lines]
 
 
 def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator[str]:
@@ -238,6 +236,8 @@ def _of_pairs(found: Any) -> Iterator[str]:
         return
     names, vague = found.short_names, found.fit.std > _VAGUE * np.abs(found.fit.values)
     alike = (np.abs(found.fit.correlation) > _INSEPARABLE) & (vague[:, None] | vague)
+    if (noise := found.fit.noise_covariance) is not None:  # what the rig may lack moves many alike
+        alike &= np.abs(dataclasses.replace(found.fit, covariance=noise).correlation) > _INSEPARABLE
     pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
     if len(pairs) > _MANY:
         those = sorted({name for pair in pairs for name in pair}, key=names.index)

@@ -102,10 +102,10 @@ _LEAST = 50
 
 
 _PARTS = (
-    quantisation_findings, rounding_findings, reference_findings, wiring_findings, unit_findings, torque_findings,
-    oscillation_findings,
+    oscillation_findings, quantisation_findings, rounding_findings, reference_findings, wiring_findings, unit_findings,
+    torque_findings,
 )  # fmt: skip
-"""Checks of a log whose lost rows are bridged."""
+"""Checks of a log whose lost rows are bridged; first what shows as noise, saturation and delay, too."""
 
 
 def examine(record: Any) -> Checkup:

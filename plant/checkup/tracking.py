@@ -35,7 +35,7 @@ def reference_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about counts and reference."""
     short = "" if signals.long_enough else "too short to compare speeds"
     why = short or ("no reference" if signals.reference is None else "")
-    yield from unless(why, ("gear sign", "swapped joints"), signals.each(_sign, _swapped))
+    yield from unless(why, ("swapped joints", "gear sign"), signals.each(_swapped, _sign))
     yield from unless(short, ("delay",), signals.each(_delay))
 
 

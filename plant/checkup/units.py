@@ -50,7 +50,8 @@ def _units(signals, i):
         verdict = "fine" if 1 / _FACTOR < slope < _FACTOR else "wrong"
         advice = f"The torque is {slope:.3g} times the commanded one: {_guess(signals, slope, i)}."
         if verdict == "fine" and abs(slope - 1) > _GAIN_OFF and correlation(signals, i, i) > 1 - _GAIN_OFF / 10:
-            verdict, advice = "look", f"The torque is {slope:.3g} times the commanded one: check gain and motor gain."
+            verdict = "look"
+            advice = f"The torque is {slope:.3g} times the commanded one: check gain, motor gain and gear."
         return Finding.of(name, i, slope, "of the law's", verdict, advice * (verdict != "fine"))
     stated, shown = drive.motor_inertia[i], signals.regression(i)
     if shown is None:

@@ -67,6 +67,9 @@ class Link(Part):
         for name, (rule, most, advice) in (("alpha", angle), ("theta", angle), ("a", length), ("d", length)):
             if abs(value := getattr(self, name)) > most:
                 raise ValueError(f"{name} of link {self.name} must be {rule}; got {value:g}. {advice}")
+        if (far := max(map(abs, self.before.position))) > _LONGEST:
+            rule, _, advice = length
+            raise ValueError(f"before.position of link {self.name} must be {rule}; got {far:g}. {advice}")
 
     def rotation(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""

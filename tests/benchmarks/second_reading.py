@@ -3,6 +3,7 @@
     python tests/benchmarks/second_reading.py                 all, in this order
     python tests/benchmarks/second_reading.py --logs 20       fewer of each
     python tests/benchmarks/second_reading.py rounding
+    python tests/benchmarks/second_reading.py causes --logs 20 [--arms puma] [--only healthy play] [--said]
 
 Arms, paths, gains and friction are drawn anew for each log.
 """
@@ -63,7 +64,7 @@ def rounding(logs):
 # -- one log, spoiled ------------------------------------------------------------------------------------------------
 def rows(record, row):
     names = ("error_pulses", "reference_pulses", "torque", "current")
-    return dataclasses.replace(record, **{name: getattr(record, name)[row] for name in names})
+    return dataclasses.replace(record, **{name: x[row] for name in names if (x := getattr(record, name)) is not None})
 
 
 def counting(record, counts):
@@ -162,13 +163,23 @@ def obeyed(logs):
     print(f"as they are: median error / clean {np.median(left / clean):.2f}, refused {int(np.isinf(left).sum())}")
 
 
-BENCHES = {"rounding": (rounding, 100), "obeyed": (obeyed, 200)}
+def causes(logs):
+    """What is said first where one thing is wrong, of arms in MuJoCo; see `causes`."""
+    from causes import table
+
+    table(logs, options.arms, options.only, options.said)
+
+
+BENCHES = {"rounding": (rounding, 100), "obeyed": (obeyed, 200), "causes": (causes, 20)}
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("which", nargs="*", choices=[*BENCHES, []], default=list(BENCHES))
     parser.add_argument("--logs", type=int, default=0)
+    parser.add_argument("--arms", nargs="*", default=["puma", "ur5e"], help="of causes")
+    parser.add_argument("--only", nargs="*", default=[], help="these causes")
+    parser.add_argument("--said", action="store_true", help="print what is said of each log")
     options = parser.parse_args()
     for name in options.which or BENCHES:
         bench, usual = BENCHES[name]

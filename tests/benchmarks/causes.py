@@ -1,0 +1,271 @@
+"""Causes, tried on another engine: is what was spoiled named first? A part of `second_reading.py`.
+
+    python tests/benchmarks/second_reading.py causes [--logs 40] [--arms puma ur5e] [--only NAME ...] [--said]
+
+Two arms in MuJoCo under P control with dry friction, on paths drawn from a seed. One thing is spoiled: the machine, or
+what is stated of it, or the log. Of four logs in turn two have the other gain, and two the logged torque. First is what
+`record.check()` finds first; where it finds nothing, the first warning of `identify`, or its refusal.
+"""
+
+import collections
+import dataclasses
+import re
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from identification import identify
+from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, puma560, read_robot
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "oracles"))
+from mujoco_odd import run
+
+
+def puma(strong):
+    """Truth, dynamics without values, rig and law of the arm of the paper."""
+    links = (Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH))
+    law = P(gain=(0.20, 0.15) if strong else (0.10, 0.075))
+    return puma560.literature_arm(1.5), Chain(links=links), puma560.rig(), law
+
+
+def ur5e(strong):
+    """The same of shoulder lift and elbow of the UR5e: gears, encoders and friction as the tests have them."""
+    file = read_robot("ur5e").model
+    chain = Chain.from_urdf(file, [link.name for link in Chain.from_urdf(file).links[1:3]])
+    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
+                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096), rounding="fix"), period=1e-3)
+    chain = chain.with_rotors(drive)
+    dynamics = Dynamics.from_chain(chain)
+    return dynamics.arm(dynamics.f()), chain, rig, P(gain=(0.080, 0.0295) if strong else (0.042, 0.0153))
+
+
+ARMS = {"puma": puma, "ur5e": ur5e}
+
+
+def path_of(random):
+    """A smooth path whose joints pass zero."""
+    cosine, sine = (random.normal(size=(2, 3)) * 0.35 / np.arange(1, 4) for _ in range(2))
+    return Harmonics(period=random.uniform(2.5, 3.0), offset=random.uniform(-0.2, 0.2, 2), cosine=cosine, sine=sine)
+
+
+# -- what is spoiled -------------------------------------------------------------------------------------------------
+@dataclasses.dataclass
+class Given:
+    """What a user has: records, chain, and the draw that spoils them."""
+
+    records: list
+    chain: Chain
+    random: np.random.Generator
+
+    def stated(self, **drive):
+        """The rig stated wrongly; the path is as it was, and what it is in counts stands in the log."""
+        for i, record in enumerate(self.records):
+            rig = dataclasses.replace(record.rig, drive=dataclasses.replace(record.rig.drive, **drive))
+            self.records[i] = dataclasses.replace(record, rig=rig, reference=None)
+
+    def each(self, **columns):
+        """Columns of the log changed, by functions of the record."""
+        for i, record in enumerate(self.records):
+            new = {name: change(record) for name, change in columns.items()}
+            self.records[i] = dataclasses.replace(record, reference=None, **new)
+
+
+def _links(given, change):
+    first, second = given.chain.links
+    given.chain = dataclasses.replace(given.chain, links=(first, change(second)))
+
+
+def _longer(factor):
+    def longer(link):
+        x = np.array(link.before.position) * factor
+        return dataclasses.replace(link, a=link.a * factor, before=dataclasses.replace(link.before, position=tuple(x)))
+
+    return longer
+
+
+def _turned(given):
+    sign = np.array((1.0, -1.0))
+    given.each(**{name: lambda record, name=name: sign * getattr(record, name)
+                  for name in ("error_pulses", "reference_pulses", "torque") if given.records[0].torque is not None
+                  or name != "torque"})  # fmt: skip
+
+
+def _upward(given):
+    given.chain = dataclasses.replace(given.chain, gravity=tuple(-g for g in given.chain.gravity))
+
+
+def _degrees(given):
+    turn = 180 / np.pi
+    given.each(reference_pulses=lambda r: turn * r.reference_pulses, error_pulses=lambda r: turn * r.error_pulses)
+
+
+def _again(given, change):
+    given.records = [change(record, given.random) for record in given.records]
+
+
+def _lost(given):
+    from second_reading import lost_packets
+
+    _again(given, lost_packets)
+
+
+def _late(given):
+    from second_reading import late
+
+    _again(given, late)
+
+
+def _gain(given):
+    factor = 1 + given.random.choice((-1, 1)) * given.random.uniform(0.15, 0.4)
+    for i, record in enumerate(given.records):
+        given.records[i] = dataclasses.replace(record, law=P(gain=factor * np.array(record.law.gain)))
+
+
+def _gear(given):
+    gear = np.array(given.records[0].rig.drive.gear)
+    gear[given.random.integers(2)] *= 1 + given.random.choice((-1, 1)) * given.random.uniform(0.05, 0.2)
+    given.stated(gear=gear)
+
+
+def _swap(given):
+    given.each(error_pulses=lambda r: r.reference_pulses - r.counts[:, ::-1])
+
+
+def uniform(low, high, name, **more):
+    """A machine with this number drawn."""
+    return lambda random: {name: random.uniform(low, high), **more}
+
+
+@dataclasses.dataclass(frozen=True)
+class Cause:
+    """What is spoiled, and the labels (of LABELS) that name it."""
+
+    right: tuple[str, ...]
+    machine: object = None
+    stated: object = None
+    two: bool = False
+    """Two records, only the second is of this machine."""
+
+
+LABELS = {
+    "sign of a joint": r"turns the other way",
+    "sign of gravity": r"gravity acts the other way",
+    "lengths": r"the length before|in metres",
+    "taken back": r"look for another cause",
+    "gain or friction": r"or gains of law or motor are not",
+    "gain or gear": r"check gain, motor gain and gear",
+    "rounding": r"wide cell|cell two pulses wide",
+    "lost rows": r"lost|repeat(s|ed) the row|packet",
+    "late counts": r"counts (are|were) [\d.]+ samples|not logged at the same time|samples late|samples early",
+    "lag of the loop": r"torques lag",
+    "speed error": r"error grows with speed",
+    "elastic": r"joints are elastic",
+    "play": r"backlash",
+    "offset": r"have an offset",
+    "friction": r"[Ff]riction is not the rig's|Coulomb friction is",
+    "gain": r"times the commanded|cannot have made|gains? .*not the",
+    "saturated": r"amplifier is at its limit|cut off at",
+    "swapped": r"exchange the columns|belongs to the motion",
+    "wrong sign": r"wrong sign|change the sign|backwards|runs? against",
+    "scale of counts": r"times as far|correct the resolution|resolution|unit|moved? .* turns|steps of",
+    "gears, lengths": r"gears \(or lengths",
+    "rotor": r"rotor of|below that of its rotor",
+    "changes": r"contradict each other|changing|drift|do not hold for both",
+    "oscillates": r"oscillates",
+    "poor fit": r"follows the log no closer|simulated and measured errors differ",
+    "pairs": r"separately identifiable",
+}
+"""Label -> words of a sentence, the first that fit."""
+
+CAUSES = {
+    "healthy": Cause(("",)),
+    "floor/fix": Cause(("rounding",), lambda random: {"rounding": "floor"}),
+    "lost rows": Cause(("lost rows",), stated=_lost),
+    "late log": Cause(("late counts",), stated=_late),
+    "late loop": Cause(("lag of the loop", "oscillates"), uniform(0.1, 1.0, "delay")),
+    "asymmetric friction": Cause(("offset",), uniform(0.15, 0.5, "offset")),
+    "Stribeck": Cause(("friction",), uniform(0.3, 1.0, "stribeck")),
+    "elastic": Cause(("elastic",), uniform(15, 60, "hertz")),
+    "play": Cause(("play",), uniform(0.001, 0.006, "play", hertz=300.0)),
+    "gear": Cause(("gears, lengths", "rotor", "gain or gear"), stated=_gear),
+    "gain": Cause(("gain", "gain or gear", "gain or friction"), stated=_gain),
+    "length": Cause(
+        ("gears, lengths", "lengths"), stated=lambda g: _links(g, _longer(g.random.choice((0.8, 0.9, 1.1, 1.25))))
+    ),
+    "sign of a joint": Cause(("sign of a joint",), stated=_turned),
+    "sign of gravity": Cause(("sign of gravity",), stated=_upward),
+    "swapped columns": Cause(("swapped",), stated=_swap),
+    "degrees": Cause(("scale of counts",), stated=_degrees),
+    "mm": Cause(("gears, lengths", "lengths"), stated=lambda g: _links(g, _longer(1000.0))),
+    "saturation": Cause(("saturated",), lambda random: {"share": "peak"}),
+    "PD for P": Cause(("gain", "law"), uniform(0.005, 0.02, "derivative")),
+    "load": Cause(("changes",), uniform(1.0, 3.0, "load"), two=True),
+    "cogging": Cause(("cogging",), uniform(0.1, 0.4, "cogging")),
+    "friction drifts": Cause(("friction", "changes"), uniform(0.3, 0.8, "drift")),
+}
+
+
+def spoiled(name, arm, seed):
+    """What a user has of a cause: dynamics and records."""
+    cause, random = CAUSES[name], np.random.default_rng([seed, *map(ord, name), *map(ord, arm)])
+    truth, chain, rig, law = ARMS[arm](seed % 2)
+    path, odd = path_of(random), cause.machine(random) if cause.machine else {}
+    if odd.get("share") == "peak":
+        healthy = run(truth, rig, law, path)
+        odd["share"] = random.uniform(0.6, 0.85) * np.abs(healthy.torque).max(axis=0)
+    records = [run(truth, rig, law, path)] if cause.two else []
+    records.append(run(truth, rig, law, path_of(random) if cause.two else path, **odd))
+    if seed % 4 in (1, 2):
+        records = [dataclasses.replace(record, torque=None) for record in records]
+    given = Given(records, chain, random)
+    if cause.stated:
+        cause.stated(given)
+    return Dynamics.from_chain(given.chain), given.records
+
+
+def first(name, arm, seed):
+    """What is said first, "" where nothing is; and by whom."""
+    try:
+        dynamics, records = spoiled(name, arm, seed)
+    except ValueError as refusal:
+        return "refusal", str(refusal)
+    for record in records:
+        for finding in record.check().problems:
+            return "check", f"{finding.check}: {finding.advice}"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = identify(dynamics, records, progress=False)
+    except ValueError as refusal:
+        return "refusal", str(refusal) or repr(refusal)
+    return ("identify", found.warnings[0]) if found.warnings else ("", "")
+
+
+def label(text):
+    """The label of a sentence."""
+    return next((name for name, words in LABELS.items() if re.search(words, text)), "other") if text else ""
+
+
+def table(logs, arms, only, said):
+    """Print what was said first of each cause: right of all, and the labels."""
+    total, right = 0, 0
+    for name, cause in CAUSES.items():
+        if only and name not in only:
+            continue
+        told = collections.Counter()
+        for arm in arms:
+            for seed in range(logs):
+                by, text = first(name, arm, seed)
+                told[label(text)] += 1
+                if said:
+                    mark = " " if label(text) in cause.right else "!"
+                    print(f"  {mark} {name}, {arm} {seed}: {by} [{label(text)}] {text[:260]}", flush=True)
+        good = sum(told[each] for each in cause.right)
+        total, right = total + sum(told.values()) * (name != "healthy"), right + good * (name != "healthy")
+        rest = ", ".join(f"{each or 'nothing'} {count}" for each, count in told.most_common())
+        print(f"| {name} | {good} of {sum(told.values())} | {rest} |", flush=True)
+    if total:
+        print(f"the right cause first: {right} of {total} ({right / total:.0%})")

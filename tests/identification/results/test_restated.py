@@ -1,0 +1,57 @@
+"""A sign of the chain that is wrong is named, as is a gain where friction is off by one factor; right logs are not."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from identification.results.alternatives import Sign
+from identification.results.detection import Detection
+from identification.results.restated import restated
+from plant import Chain, Link, Placement, puma560, simulate
+
+CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
+
+
+@cache
+def log():
+    return simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), puma560.reference())
+
+
+def test_a_right_log_is_not_restated():
+    assert restated(CHAIN, log()) == []
+    assert restated(CHAIN, dataclasses.replace(log(), torque=None, current=None)) == []
+
+
+def test_gravity_the_other_way_is_named():
+    wrong = dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81))
+    (said,) = restated(wrong, log())
+    assert said.startswith("gravity acts the other way. So stated, the equation of motion leaves ")
+
+
+def test_a_joint_that_turns_the_other_way_is_named():
+    turned = np.array((1.0, -1.0))
+    columns = {name: turned * getattr(log(), name) for name in ("error_pulses", "reference_pulses", "torque")}
+    wrong = dataclasses.replace(log(), current=None, reference=None, true_q=None, true_qd=None, **columns)
+    (said,) = restated(CHAIN, wrong)
+    assert said.startswith("joint 3 (q[1]) turns the other way: its axis, or the signs of all its columns, are wrong.")
+
+
+def said_of(factors):
+    stated = {"viscous[0]": 0.001, "viscous[1]": 0.002, "coulomb[0]": 0.1, "coulomb[1]": 0.2}
+    values = {name: (factor - 1) * stated[name] for name, factor in zip(stated, factors, strict=True)}
+    sign = Sign(name="friction", chi_square=99.0, freedom=4, threshold=28.0, explained=1.0, values=values, visible={})
+    return next(Detection(named=(sign,), stated=stated, joints=("a", "b")).warnings())
+
+
+def test_friction_that_is_off_by_one_factor_asks_for_gains_first():
+    text = "or gains of law or motor are not: all of it is 0.81 times as stated, so check them first"
+    assert text in said_of((0.80, 0.82, 0.78, 0.81))
+    for other in ((0.9, 0.9, 1.1, 1.1), (1.02, 1.01, 1.02, 1.03)):
+        assert "gains" not in said_of(other)
+
+
+def test_a_place_in_millimetres_is_refused():
+    with pytest.raises(ValueError, match=r"before.position of link 3 .* got 425. Divide by 1000 what is in mm"):
+        Link(name="3", before=Placement(position=(-425.0, 0.0, 0.0)))
