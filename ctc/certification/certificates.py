@@ -10,6 +10,8 @@ from ctc.certification.certified import Certified
 from ctc.certification.statement import shown_set, verdict_of_set
 from identification.results.seen import Seen
 from plant import Reference
+from plant.motion.everyday import of_motion
+from plant.parts.arguments import known_options
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece
 from plant.simulation.population import Runs
@@ -46,7 +48,7 @@ class Certificates(Certified, Mapping[str, Certificate]):
         }
 
     def __getitem__(self, name: str) -> Certificate:
-        return self._each[name]
+        return of_motion(self._each, name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.motions)
@@ -89,6 +91,13 @@ class Certificates(Certified, Mapping[str, Certificate]):
     def verdict(self) -> str:
         """What was found, and in which motion the most samples exceed the limit."""
         return verdict_of_set(self)
+
+    @known_options
+    def from_hold(self, *, samples: int | None = None) -> "Certificates":
+        """`Certificate.from_hold` of every motion."""
+        held = {name: each.from_hold(samples=samples) for name, each in self.items()}
+        motions = {name: (each.reference, each.runs, each.settings, each.seen) for name, each in held.items()}
+        return dataclasses.replace(self, plants=held[self.worst].plants, motions=motions, rare=None)
 
     def _shown(self) -> Iterator[Piece]:
         return shown_set(self)

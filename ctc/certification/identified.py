@@ -173,6 +173,10 @@ def identified(
         covariance = np.asarray(uncertainty.covariance)
     elif isinstance(found, Identification) and uncertainty.resonance is not None and found.rig.drive.elasticity is None:
         again = refits(found, uncertainty.resonance, uncertainty.damping_ratio, pose, progress, checkpoint)
+        if again is None:
+            hz = ", ".join(f"{low:g} to {high:g} Hz" for low, high in uncertainty.resonance)
+            why = f"the records cannot be fitted on gears of {hz}, which would have shown in them"
+            raise ValueError(f"resonance must be what the records allow; {why}. State higher ones, or none.")
     if covariance is None and again is None:
         reason = found.fit.fallback_reason if isinstance(found, Identification) else None
         give = "such as found.assumed().covariance(1.0) of one that follows its log, or plants=found.candidates."

@@ -133,4 +133,4 @@ def held(certificate: Any, samples: int | None) -> Any:
     )  # fmt: skip
     runs = certificate.run(begun, Resumed(law=law, state=law.initial_state(arm.n)))
     settings = certificate.settings | {"held": True, "proved": False}  # no bound is proved of such a start
-    return dataclasses.replace(certificate, plants=plants, runs=runs, settings=settings)
+    return dataclasses.replace(certificate, plants=plants, runs=runs, settings=settings, rare=None)

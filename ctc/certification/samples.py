@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.identified import identified
-from ctc.certification.imperfections import Drawn, drawn_of, placed_in
+from ctc.certification.identified import Identified, identified
+from ctc.certification.imperfections import IMPERFECTIONS, Drawn, drawn_of, placed_in
 from ctc.certification.plants import Plants
-from ctc.certification.statement import statement
-from ctc.certification.uncertainty import Uncertainty
+from ctc.certification.uncertainty import Uncertainty, spread
 from ctc.verdict.on_gears import with_gears
 from identification import Identification
 from plant import Arm, Body, Elasticity, Phase, Rig, Transport
@@ -205,3 +204,36 @@ def _possible(dynamics, rig, plants):
         row = f"row {wrong[0]} has D(q) below the motors' own inertia"
         raise ValueError(f"plants must all be arms; {row}. Leave it out.")
     return plants
+
+
+def statement(uncertainty: Uncertainty, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What is sampled of an `Uncertainty` with these identified numbers, and what is not."""
+    u, drawn = uncertainty, []
+    identified = [name for name in known.names if name.startswith(("drive.viscous", "drive.coulomb"))]
+    every = len(identified) == 2 * rig.n
+    friction = f"friction{' that was not identified' * bool(identified)} ±{100 * u.friction:.3g} % (standard deviation)"
+    if every:
+        friction = "friction as identified (friction= is of what was not)"
+    if u.plants is not None:
+        drawn.append("f of given arms")
+    elif known.refits is not None:
+        drawn.append(f"what the log says on gears of {len(known.refits.places)} resonances of the range")
+    elif known.names:
+        drawn.append("what was identified")
+    hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance or ())
+    alike = "all joints alike" if len(u.resonance or ()) == 1 else "of each joint"
+    gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
+    stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
+    rows = [
+        (u.resonance is not None, gears, stiff),
+        (every or u.friction > 0, friction, "friction"),
+        (u.load[1] > 0, f"load {spread(u.load)} kg", "load"),
+        (u.phase, "encoder zeros", "encoder zeros"),
+        (u.delay[1] > 0, f"delay {spread(u.delay)} s", "delay"),
+        (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
+    ]
+    for name, row in IMPERFECTIONS.items():
+        own = "" if row.own(rig) is None else " (as the rig has it)"
+        rows.append((any(getattr(u, name)), f"{row.words} {spread(getattr(u, name))} {row.unit}", f"{row.words}{own}"))
+    drawn += [said for there, said, _ in rows if there]
+    return tuple(drawn), tuple(name for there, _, name in rows if not there)

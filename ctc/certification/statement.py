@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.identified import Identified
 from ctc.certification.imperfections import IMPERFECTIONS
-from ctc.certification.uncertainty import Uncertainty, spread
 from ctc.verdict.on_gears import LOWEST
-from plant import Rig
+from plant.motion.everyday import slowing
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
 
@@ -18,41 +16,13 @@ _DECIDES, _AT_ALL = 0.5, 0.25  # shares of what is explained, and of all that va
 
 _SHOWN = 5  # sensitivities in the table
 
+_HELD = " from a hold, static friction anywhere inside its cone"
+
+SEARCH = "another controller may hold: tune searches for it, along this path and over what is sampled here"
+"""What `tune` does not say of what it found."""
+
 _LESS = 0.5  # share of the samples beyond the limit that may be left where friction is known, if it decides
 _MOST = 0.5  # share of samples that exceed the limit beyond which nothing is said of the nominal one
-
-
-def statement(uncertainty: Uncertainty, rig: Rig, known: Identified) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What is sampled of an `Uncertainty` with these identified numbers, and what is not."""
-    u, drawn = uncertainty, []
-    identified = [name for name in known.names if name.startswith(("drive.viscous", "drive.coulomb"))]
-    every = len(identified) == 2 * rig.n
-    friction = f"friction{' that was not identified' * bool(identified)} ±{100 * u.friction:g} % (standard deviation)"
-    if every:
-        friction = "friction as identified (friction= is of what was not)"
-    if u.plants is not None:
-        drawn.append("f of given arms")
-    elif known.refits is not None:
-        drawn.append(f"what the log says on gears of {len(known.refits.places)} resonances of the range")
-    elif known.names:
-        drawn.append("what was identified")
-    hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance or ())
-    alike = "all joints alike" if len(u.resonance or ()) == 1 else "of each joint"
-    gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
-    stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
-    rows = [
-        (u.resonance is not None, gears, stiff),
-        (every or u.friction > 0, friction, "friction"),
-        (u.load[1] > 0, f"load {spread(u.load)} kg", "load"),
-        (u.phase, "encoder zeros", "encoder zeros"),
-        (u.delay[1] > 0, f"delay {spread(u.delay)} s", "delay"),
-        (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
-    ]
-    for name, row in IMPERFECTIONS.items():
-        own = "" if row.own(rig) is None else " (as the rig has it)"
-        rows.append((any(getattr(u, name)), f"{row.words} {spread(getattr(u, name))} {row.unit}", f"{row.words}{own}"))
-    drawn += [said for there, said, _ in rows if there]
-    return tuple(drawn), tuple(name for there, _, name in rows if not there)
 
 
 def _exceeding(certificate: Any, where: str, anywhere: str) -> str:
@@ -78,7 +48,8 @@ def _exceeding(certificate: Any, where: str, anywhere: str) -> str:
 def verdict_of_set(certificates: Any) -> str:
     """What `Certificates` found: in how many motions the limit is exceeded, and in which most."""
     count, worst = len(certificates), certificates.worst
-    sentence = _exceeding(certificates, f"in some of {count} motions", f" in any of {count} motions")
+    held = _HELD * certificates.settings.get("held", False)
+    sentence = _exceeding(certificates, f"in some of {count} motions{held}", f" in any of {count} motions{held}")
     failing = sum(each.failures > 0 for each in certificates.values())
     if failing:
         most = percent(certificates[worst].probability)
@@ -89,7 +60,7 @@ def verdict_of_set(certificates: Any) -> str:
 def verdict(certificate: Any) -> str:
     """What a `Certificate` found, and on which gears it holds."""
     gears = certificate.on_gears
-    held = " from a hold, static friction anywhere inside its cone" * certificate.settings.get("held", False)
+    held = _HELD * certificate.settings.get("held", False)
     sentence = _exceeding(certificate, f"at some sampling instant{held}", held)
     if certificate.from_rest is not None:
         said = str(certificate.from_rest)
@@ -144,7 +115,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
         ("of it by rounding alone, f exact [pulses]", *(f"{x:.2f}" for x in certificate.by_counts)),
         ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
         ("motor current, median peak / limit", *(f"{share:.0%}" for share in certificate.current_share)),
-        ("loops that reach the limit", *map(percent, certificate.saturation)),
+        ("samples that reach the torque limit", *map(percent, certificate.saturation)),
     ]
     yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
     yield Table((), rows)
@@ -192,24 +163,40 @@ def _explained(certificate: Any) -> Iterator[Piece]:
     influences, dynamics = certificate.sensitivities, certificate.plants.arm.dynamics
     shown, of_f = influences[:_SHOWN], sum(x.share for x in influences if x.name in dynamics.names)
     short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
-    explained = [(short.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
+    zeros = {name: name.replace("encoder.phase.shift", "encoder zero") for name in certificate.plants.names}
+    explained = [({**zeros, **short}.get(x.name, x.name), f"{x.share:.0%}", x.sense) for x in shown]
     yield Table(("sensitivity to", "share of variance", "direction"), explained, words=(2,))
     long = [f"{short[x.name]} = {x.name}" for x in shown if short.get(x.name, x.name) != x.name]
     yield Aside("What the parameters mean", long)
-    if certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
-        advice = "identify from more records, or from a motion of design_motion; or let tune search for a controller"
-        yield f"how well f is known decides: {advice} that holds all of it"
+    if certificate.failures and (beyond := _beyond_motors(certificate)):
+        yield f"no controller can hold it: {beyond}"
+    elif certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
+        yield "how well f is known decides: identify from more records, or from a motion of design_motion"
+        yield SEARCH
     elif certificate.failures and (known := _friction(certificate)) is not None:
         some = f'{percent(known)} of the first samples exceed the limit. Call identify(..., unknown="friction")'
         yield f"that friction is uncertain decides: known as this log would identify it, {some}"
     elif certificate.failures:
-        yield "another controller may hold: tune searches for it, along this path and over what is sampled here"
+        yield SEARCH
     if certificate.plants.redrawn:
         yield f"{certificate.plants.redrawn} samples were no arm, and were replaced"
     if share := certificate.plants.projected / len(certificate.plants):
         yield f"{share:.0%} of the samples were moved towards the identified arm, until they are arms"
     for what, names in zip(("sampled", "not sampled"), certificate.plants.said, strict=True):
         yield f"{what}: {', '.join(names)}"
+
+
+def _beyond_motors(certificate: Any) -> str:
+    """Why the drives cannot make the path of a certificate, if so; of a set it was asked before."""
+    arm, rig, path = certificate.plants.arm, certificate.plants.rig, getattr(certificate, "reference", None)
+    try:
+        factor = 1.0 if path is None else slowing(arm, rig, path)
+    except ValueError as error:
+        return str(error)
+    if factor == 1:
+        return ""
+    slower = f".slowed({math.ceil(1000 * factor) / 1000:g})"
+    return f"the path asks for more torque than the amplifiers give. Slow it down by {slower}"
 
 
 def _friction(certificate: Any) -> float | None:

@@ -114,6 +114,8 @@ def run_certify(given: Namespace) -> Answer:
     place, found = _place(given), Identification.load(given.found)
     law, motions = _law(found, given), motions_asked(found, given.path, given.everyday)
     certificate = certify(found, found.rig, law, motions, _uncertainty(given, found), **_run(given))
+    if given.hold:
+        certificate = certificate.from_hold(samples=given.samples)
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
     first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
     if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.fit.unknown:

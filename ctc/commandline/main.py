@@ -188,7 +188,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
     )),
     "identify": ("find the parameters, with intervals, from logs", (
         _SEED, *_LOGS, _option("--robot", **_ROBOT, required=True, help="robot file, or the name of one"),
-        _option("--method", default="seeded", help="seeded (default), paper, genetic, prediction_error, ..."),
+        _option("--method", default="seeded", help="seeded (default), paper, prediction_error, ..."),
         _option("--unknown", nargs="+", metavar="NAME",
                 help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]"),
         _option("--prior", type=float, metavar="SHARE",
@@ -197,7 +197,10 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         _option("--held-out", nargs="+", metavar="LOG", help="logs for validation, only simulated"),
         *_output("file for certify and report"), _CHECKPOINT,
     )),
-    "certify": ("the probability that computed torque exceeds the pulse limit", (*_UNCERTAIN, _BANDWIDTH, _PATH)),
+    "certify": ("the probability that computed torque exceeds the pulse limit", (
+        *_UNCERTAIN, _BANDWIDTH, _PATH,
+        _option("--hold", action="store_true", help="from a hold, static friction anywhere inside its cone"),
+    )),
     "tune": ("the controller of least activity within the pulse limit, and its certificate", (*_UNCERTAIN, _PATH)),
     "campaign": ("the commands above over the logs of many robots, as a plan says", (
         _option("plan", metavar="PLAN.toml", help="robots, logs, what to do, and where results are kept"),

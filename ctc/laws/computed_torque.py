@@ -178,7 +178,7 @@ class ComputedTorque(ModelLaw):
         running, n = super().start(rig, pulses, **options), self.arm.n
         known = np.zeros(len(running.state))
         if torque is not None:
-            known[2 * n : 3 * n] = unexplained(torque, self, rig, rig.cell_centre(pulses))
+            known[2 * n : 3 * n] = unexplained(torque, self, running.rig, rig.cell_centre(pulses))
         if friction is not None:
             known[self._learnt(n)] = shares(friction, self.rig.drive, self.learnable if self._learns else None).ravel()
         running.begin(running.state + known)

@@ -112,7 +112,9 @@ def learn(
         innovations.append(innovation)
         if innovation > _SURPRISES or innovation > max(_MORE * min(innovations), 1.0):
             name = record.name or f"repetition {len(innovations)}"
-            left_out.append(f"{name}: its innovation is {innovation:.3g}; disturbed, or gears unlike the model's")
+            fast = ", or torque that fast hardware changed between samples" * (ran.period is None)
+            why = f"disturbed, or gears unlike the model's{fast}"
+            left_out.append(f"{name}: its innovation is {innovation:.3g}; {why}")
         else:
             corrections.append(correction)
             errors.append(np.abs(record.error_pulses[:count]).max(axis=1))

@@ -14,6 +14,7 @@ from plant import Arm, Rig
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
+from plant.parts.saved import Saved
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table, by_joint
 
@@ -29,7 +30,7 @@ _CORRELATED = 0.02
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Learning(Shown, Frozen):
+class Learning(Shown, Saved, Frozen):
     """Result of `learn`; give it in place of the law to learn on. Print it for the verdict.
 
     Attributes
@@ -110,6 +111,8 @@ class Learning(Shown, Frozen):
             yield by_joint(self.rig.joint_labels, [[name, *(f"{x:.3g}" for x in row)] for name, row in quantities])
         yield f"innovations: {', '.join(f'{x:.2f}' for x in self.innovations)} (1: as the model says)"
         yield from (f"left out: {each}" for each in self.left_out)
+        if not self.missing:
+            return
         drive, std = self.rig.drive, np.sqrt(np.diag(self.covariance))
         names = [*self.arm.dynamics.short_names]
         rows = [(name, f"{f:.4g}", f"{s:.2g}") for name, f, s in zip(names, self.arm.f, std, strict=True)]

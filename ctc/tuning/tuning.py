@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
-from ctc.certification.statement import percent
+from ctc.certification.statement import SEARCH, percent
 from plant import Law
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -128,6 +128,6 @@ class Tuning(Shown, Frozen):
             near, quiet = (min(self.trials, key=key) for key in (lambda each: each.peak, lambda each: each.noise))
             yield f"least peak: {near.peak:.0f} pulses, {near.family} ({near.tuned})"
             yield f"least chatter: {quiet.chatter.max():.2g} N m, {quiet.family} ({quiet.tuned})"
-        yield from self.certificate._shown()
+        yield from (piece for piece in self.certificate._shown() if piece is not SEARCH)
         yield "the best tuning of each family, on independent validation samples:"
         yield self._table()

@@ -1,10 +1,12 @@
 """Checks of what a user hands in: every message says what was expected, what came, and what to do."""
 
+import dataclasses
 import difflib
 import functools
 import inspect
 import math
 import numbers
+import typing
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
@@ -60,7 +62,9 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
     """Return `value` if it is one of `allowed`, or refuse it and offer the nearest."""
     if value in allowed:
         return value
-    hint = near(value, allowed, f"Use {next(iter(allowed))!r}.")
+    texts = {str(each): each for each in allowed}
+    same = texts.get(str(value))
+    hint = near(value, allowed, f"Use {next(iter(allowed))!r}.") if same is None else f"Write {same!r}."
     raise ValueError(f"{name} must be one of {', '.join(repr(a) for a in allowed)}; got {value!r}. {hint}")
 
 
@@ -138,11 +142,18 @@ def known_options(callable_: C) -> C:
         k for k, p in signature.parameters.items() if p.kind is not p.POSITIONAL_ONLY and k not in ("self", "cls")
     ]
 
+    kinds = [(k, kind) for k, p in signature.parameters.items() for kind in typing.get_args(p.annotation)]
+    parts = [(name, kind) for name, kind in kinds if dataclasses.is_dataclass(kind)]
+
     def verify(args, kwargs):
         for key in kwargs:
             if key not in signature.parameters:
                 if not keywords:
                     raise ValueError(f"{callable_.__name__} has no options; got {key!r}. Leave it out.")
+                for name, kind in parts:
+                    if key in {field.name for field in dataclasses.fields(kind)}:
+                        give = f"Give {name}={kind.__name__}({key}=...)."
+                        raise ValueError(f"{callable_.__name__} takes {key} by its {kind.__name__}; got {key}=. {give}")
                 choice(f"an option of {callable_.__name__}", key, keywords)
         try:
             signature.bind(*args, **kwargs)

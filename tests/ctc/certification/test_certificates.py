@@ -7,7 +7,17 @@ import pytest
 from uncertain import with_uncertainty
 
 import ctc.certification.task as task
-from ctc import Certificate, ComputedTorquePID, Evaluation, certify, compare, evaluate, tune
+from ctc import (
+    Certificate,
+    ComputedTorque,
+    ComputedTorquePID,
+    Evaluation,
+    Uncertainty,
+    certify,
+    compare,
+    evaluate,
+    tune,
+)  # fmt: skip
 from ctc.certification.cells import clopper_pearson
 from ctc.certification.certificates import Certificates
 from ctc.certification.statement import percent
@@ -182,6 +192,16 @@ def test_a_controller_is_tuned_for_all_motions(monkeypatch):
     np.testing.assert_allclose(trial.chatter, rows.runs.chatter.mean(axis=0), rtol=1e-9)
 
 
+def test_a_set_from_a_hold_is_each_from_a_hold():
+    law, paths = ComputedTorque(ARM, RIG), {name: PATHS[name] for name in ("still", "move")}
+    both = certify(ARM, RIG, law, paths, Uncertainty(covariance=COVARIANCE), samples=32, progress=False)
+    held = both.from_hold(samples=16)
+    assert held["move"] == both["move"].from_hold(samples=16)
+    assert len(held.plants) == 16
+    assert "from a hold" in held.verdict
+    assert "from a hold" not in both.verdict
+
+
 # -- bad input ------------------------------------------------------------------------------------------------------
 FAST = PATHS | {"quick": PointToPoint(start=START, goal=np.add(START, (1, -1)), duration=0.2)}
 CALLS = {
@@ -191,7 +211,8 @@ CALLS = {
 }
 WRONG = {
     "too fast": (FAST, r"motion 'quick' must be one that .* too fast by a factor of \d\.\d+\. Slow it down by"),
-    "nothing": ({}, r"motions must have names; got \{\}"),
+    "nothing": ({}, "motions must have texts as names; got none"),
+    "a number as name": ({3: PATH}, "motions must have texts as names; got 3"),
     "no reference": ({"a": RIG}, "motion 'a' must be of type Reference; got a value of type Rig"),
 }
 
@@ -202,6 +223,13 @@ def test_wrong_motions_are_refused_in_one_line(call, motions, message):
     with pytest.raises(ValueError, match=message) as refusal:
         call(motions)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_misspelled_motion_knows_the_others(several):
+    with pytest.raises(KeyError, match=r"'mve' is no motion of this set\. Did you mean 'move'"):
+        several["mve"]
+    assert several.get("mve") is None
+    assert "mve" not in several
 
 
 def test_a_motion_shorter_than_what_is_left_out_is_named():

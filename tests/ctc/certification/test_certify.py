@@ -7,6 +7,7 @@ pulse in about 10 of 100 loops, which makes them a case for counting.
 import contextlib
 import dataclasses
 import itertools
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -446,14 +447,14 @@ def test_wrong_calls_are_refused_in_one_line(call, message):
 def test_a_gear_cannot_be_drawn(found):
     gear = dataclasses.replace(
         found.fit, unknown=(*found.fit.unknown, "drive.gear[0]"), values=np.append(found.fit.values, 107.8),
-        covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]),
+        covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]), noise_covariance=None,
     )  # fmt: skip
     with_gear = dataclasses.replace(found, fit=gear)
     with pytest.raises(ValueError, match="controllers read their counts by it"):
         certify(with_gear, RIG, LAW, PATH)
     curve = dataclasses.replace(
         found.fit, unknown=(*found.fit.unknown, "drive.curve.offset[0]"), values=np.append(found.fit.values, 0.01),
-        covariance=np.pad(found.covariance, (0, 1)),
+        covariance=np.pad(found.covariance, (0, 1)), noise_covariance=None,
     )  # fmt: skip
     with_curve = dataclasses.replace(found, fit=curve)
     with pytest.raises(ValueError, match=r"Pass found\.rig"):
@@ -517,3 +518,21 @@ def test_other_holds_are_refused(law, path, samples, says):
     )
     with pytest.raises(ValueError, match=says):
         certificate.from_hold(samples=samples)
+
+
+# -- what else to do -------------------------------------------------------------------------------------------------
+def test_a_path_beyond_the_motors_is_named():
+    fast = PATH.slowed(0.2)
+    certificate = certify(ARM, RIG, LAW, fast, Uncertainty(covariance=COVARIANCE), samples=32, progress=False)
+    assert certificate.failures == 32
+    factor = float(re.search(r"Slow it down by \.slowed\(([\d.]+)\)", str(certificate))[1])
+    assert 1 < factor < 5
+    slower = certify(ARM, RIG, LAW, fast.slowed(factor), Uncertainty(covariance=COVARIANCE), samples=8, progress=False)
+    assert "no controller can hold it" not in str(slower)
+
+
+def test_options_of_a_part_are_told_from_others():
+    with pytest.raises(ValueError, match=r"certify takes resonance by .* Give uncertainty=Uncertainty\(resonance="):
+        certify(ARM, RIG, LAW, PATH, resonance=(20, 40))
+    with pytest.raises(ValueError, match="Did you mean 'samples'"):
+        certify(ARM, RIG, LAW, PATH, sample=3)

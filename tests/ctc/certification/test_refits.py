@@ -83,6 +83,8 @@ def test_loops_on_gears_take_an_identification_for_its_arm(found):
 
 def test_where_no_resonance_can_be_fitted_there_are_none(found):
     assert refits(found, ((0.3, 0.3),), (RATIO, RATIO), START) is None
+    with pytest.raises(ValueError, match=r"what the records allow; .* fitted on gears of 2 to 2 Hz"):
+        certify(found, RIG, ComputedTorque(found), PATH, Uncertainty(resonance=(2.0, 2.0)), samples=8, progress=False)
 
 
 def results(certificate):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, LearntTorque, certify, evaluate, learn
+from ctc.learning.learning import Learning
 from ctc.learning.path_plant import path_plant
 from ctc.learning.smoother import standing
-from plant import PID, Elasticity, puma560, simulate
+from plant import PID, Elasticity, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
@@ -116,6 +117,24 @@ def test_a_correction_that_does_not_help_is_taken_back(learnt, log):
     assert result.gain == pytest.approx(0.35)
     assert np.allclose(result.law.terms, 0.5 * learnt.law.terms)
     assert "taken back" in str(result)
+
+
+def test_where_all_is_left_out_nothing_is_mended(learnt, log):
+    rough = np.array(log.error_pulses) + 5 * np.sign(np.sin(np.arange(len(log))))[:, None]
+    result = learn(P(gain=(0.2, 0.15)), BELIEVED, PATH, dataclasses.replace(log, error_pulses=rough, law=None),
+                   found=MODEL)  # fmt: skip
+    assert not result.missing
+    assert "fast hardware" in result.left_out[0]
+    assert "mended" not in str(result)
+    assert "mended" in str(learnt)
+
+
+def test_it_is_saved_and_read_back(learnt, log, tmp_path):
+    learnt.save(tmp_path / "learnt.json")
+    again = Learning.load(tmp_path / "learnt.json")
+    assert str(again) == str(learnt)
+    assert np.array_equal(learn(again, BELIEVED, PATH, dataclasses.replace(log, law=None)).law.terms,
+                          learn(learnt, BELIEVED, PATH, dataclasses.replace(log, law=None)).law.terms)  # fmt: skip
 
 
 def test_any_law_is_learnt_from(learnt):

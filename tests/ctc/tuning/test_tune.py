@@ -173,6 +173,8 @@ def test_where_nothing_holds_it_says_so(monkeypatch):
     quiet = min(found.trials, key=lambda trial: trial.noise)
     assert f"least chatter: {quiet.chatter.max():.2g} N m, {quiet.family} (" in text
     assert found.certificate.failures > 0
+    assert "tune searches" in str(found.certificate)
+    assert "tune searches" not in text
 
 
 @pytest.mark.parametrize(("options", "message"), [
