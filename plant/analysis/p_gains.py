@@ -101,11 +101,13 @@ def p_gains(
     for q in _along(motion, poses):
         found = modes(linearise(arm, rig, law, q))
         if (found[:, 1] <= _UNDAMPED).any():
-            raise ValueError(f"the P loop must be stable; at q = {q} it is not: {why(law.gain)}")
+            raise ValueError(f"the P loop must be stable; at q = {np.round(q, 3).tolist()} it is not: {why(law.gain)}")
         if found[-1, 0] * 2 * np.pi * rig.period / 4 > _FASTEST:
+            joint = int((np.abs(per_gain) * law.gain * np.diag(np.linalg.inv(arm.D(q)))).argmax())
+            label = arm.dynamics.chain.joint_labels[joint]
             raise ValueError(
-                f"the P loop must be slower than the sub-steps; at q = {q} it has a mode of {found[-1, 0]:.0f} Hz. "
-                "Allow a larger peak."
+                f"the P loop must be slower than the sub-steps; that of {label} has a mode of {found[-1, 0]:.0f} Hz. "
+                f"Allow it a peak of more than {peaks[joint]:g} pulses, or slow the reference down."
             )
     return law
 
@@ -215,4 +217,5 @@ def _require_stable(arm: Arm, rig: Rig, law: Law, motion: Motion, poses: int) ->
         q = _along(motion, poses)[k]
         if (pole := SampledLoops(arm, rig, law, q).unstable_pole()) is not None:
             hertz = abs(pole.imag) / (2 * np.pi)
-            raise ValueError(f"the loop must be stable; at q = {q} it grows at {hertz:.0f} Hz. Allow a larger peak.")
+            grows = f"at q = {np.round(q, 3).tolist()} it grows at {hertz:.0f} Hz"
+            raise ValueError(f"the loop must be stable; {grows}. Allow a larger peak.")
