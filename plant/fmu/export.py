@@ -20,7 +20,7 @@ from plant.fmu.variables import Variable, arm_variables, described, law_variable
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.parts.arguments import choice, instance
+from plant.parts.arguments import choice, instance, known_options
 from plant.realtime.c_text import braced, require_counts
 from plant.realtime.running import Running
 from plant.simulation.stepped_arm import stepped_loop
@@ -42,6 +42,7 @@ class _Model(NamedTuple):
     step: float
 
 
+@known_options
 def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None, version: int = 2) -> None:
     """A control law, or an arm with its drives and encoders, as a functional mock-up unit for co-simulation.
 
@@ -50,7 +51,8 @@ def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None,
     Parameters
     ----------
     model : Law, Running or Arm
-        A law with the guards of `Law.start`; what `Law.start` gave, with guards and limits of its own; or an arm.
+        A law with the guards of `Law.start`; what `Law.start` gave, with guards, limits and ``without=`` of its own; or
+        an arm.
     path : str or Path
         Of the file, which ends in ``.fmu``; its name is the model's. An earlier export is overwritten, nothing else is.
     rig : Rig, optional

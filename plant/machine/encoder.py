@@ -90,7 +90,7 @@ class Encoder(Part):
         Of a position in pulses to counts: down by default, as quadrature counters do, whose cells are all one pulse
         wide; towards zero, as the paper's rig does: the cell around zero is two pulses wide; or to the nearest.
     phase : Phase, optional
-        By default zero is where a pulse begins.
+        By default zero is where a pulse begins; ``Phase(shift=(0.3, 0.6))`` [pulses] places it elsewhere.
     quadrature : QuadratureError, optional
         None by default: every pulse is as wide as the next.
     side : {"motor", "link", "both"}
