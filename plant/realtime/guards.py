@@ -216,3 +216,14 @@ class Guards:
             return default
         value = np.full(len(default), value) if np.ndim(value) == 0 else value
         return array(name, value, default.shape, finite=False, advice="Give one number, or one per joint.")
+
+
+def limited(rig: Rig, torque_limit: ArrayLike | None) -> Rig:
+    """A rig whose amplifiers end at these torques (n,) [N m], joint side; itself where they are None."""
+    if torque_limit is None:
+        return rig
+    advice = "Give one torque above 0 per joint [N m]."
+    limit = array("torque_limit", torque_limit, (rig.n,), advice=advice, finite=False)
+    if not (limit > 0).all():
+        raise ValueError(f"torque_limit must be positive; got {limit}. {advice}")
+    return dataclasses.replace(rig, drive=rig.drive.limited_to(limit))

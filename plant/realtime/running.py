@@ -1,6 +1,5 @@
 """A running controller for a control script: the same equations as in the simulator, one sample at a time."""
 
-import dataclasses
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
-from plant.parts.arguments import array, choice, instance
+from plant.parts.arguments import choice, instance
 from plant.realtime import memory as layout
 from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
-from plant.realtime.guards import Guards
+from plant.realtime.guards import Guards, limited
 from plant.realtime.pieces import row
 from plant.realtime.run_log import RunLog
 from plant.realtime.status import ARGUMENTS, Status, clock, numbers, refuse, whole_counts
@@ -69,12 +68,7 @@ class Running:
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:
             instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
-        if torque_limit is not None:
-            advice = "Give one torque above 0 per joint [N m]."
-            limit = array("torque_limit", torque_limit, (rig.n,), advice=advice, finite=False)
-            if not (limit > 0).all():
-                raise ValueError(f"torque_limit must be positive; got {limit}. {advice}")
-            rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limit))
+        rig = limited(rig, torque_limit)
         block = law.block(rig)
         self.law, self.rig, self.guards, self.n = law, rig, guards, rig.n
         self.period = block.period or rig.period

@@ -10,6 +10,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 import casadi as ca
+from numpy.typing import ArrayLike
 
 from plant.compiler.c_statements import helpers, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
@@ -18,7 +19,7 @@ from plant.machine.rig import Rig
 from plant.parts.arguments import instance, known_options
 from plant.realtime.c_running import values_of
 from plant.realtime.c_text import RUNNING, Output, paragraph, require_counts, require_name, write_templates
-from plant.realtime.guards import Guards
+from plant.realtime.guards import Guards, limited
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _RATE = 0.9e-3  # by which the manager's rate may differ from the law's; the controller checks 0.1 %
@@ -33,7 +34,7 @@ _FILES = {
 def to_ros2_control(
     law: Law, folder: str | Path, rig: Rig | None = None, *, name: str = "arm_controller",
     joints: Sequence[str] | None = None, guards: Guards = Guards(),  # noqa: B008 - frozen
-    without: Sequence[str] = (),
+    torque_limit: ArrayLike | None = None, without: Sequence[str] = (),
 ) -> None:  # fmt: skip
     """A control law as a controller of ros2_control: a package for ROS 2 Jazzy, to be built with colcon.
 
@@ -54,6 +55,8 @@ def to_ros2_control(
         Names of the joints in ROS, in the order of the law; by default those of the arm, with _ for each space; of
         numbers, and where there are none, joint1 and so on.
     guards : Guards
+    torque_limit : (n,) array_like, optional
+        Lower than the amplifier's [N m], joint side.
     without : sequence of str
         Parts of the model that the hardware adds; as `Law.start`.
 
@@ -89,6 +92,7 @@ def to_ros2_control(
         raise ValueError(f"a law at work must be a controller; {kind} repeats a log. Use another.")
     if law.period is None:
         raise ValueError(f"law must have a period, to run in update; {kind} has none. Use to_c for fast hardware.")
+    rig = limited(rig, torque_limit)
     require_counts(rig)
     require_name(name)
     if "__" in name or name.endswith("_"):

@@ -321,6 +321,15 @@ def test_bad_input_is_refused_in_one_line(tmp_path, arguments, options, why):
     assert not (tmp_path / "new").exists()
 
 
+def test_its_c_is_that_of_the_running_controller_with_the_same_limits(tmp_path):
+    options = {"torque_limit": (250, 120), "without": ("gravity",)}
+    to_ros2_control(LAW, tmp_path / "ros", name="arm", **options)
+    LAW.start(RIG, (0, 0), **options).to_c(tmp_path / "c", name="arm")
+    assert (tmp_path / "ros" / "arm.c").read_text() == (tmp_path / "c" / "arm.c").read_text()
+    with pytest.raises(ValueError, match="torque_limit must be positive"):
+        to_ros2_control(LAW, tmp_path / "more", torque_limit=(0, 1))
+
+
 def test_a_folder_with_something_else_in_it_is_left_as_it_is(tmp_path):
     (tmp_path / "README.md").write_text("mine\n")
     with pytest.raises(ValueError, match=r"README.md must not exist, or be an export of arm_controller"):
