@@ -93,7 +93,7 @@ def test_in_c_it_is_that_of_python(tmp_path, guards, output):
 @pytest.mark.parametrize(
     ("law", "without", "why"),
     [
-        (LAW, ("weight",), r"without must be a sequence of parts of ComputedTorque \(gravity, friction, inertia\), each once"),
+        (LAW, ("weight",), r"sequence of parts of ComputedTorque \(gravity, friction, inertia\), each once"),
         (LAW, "gravity", "each once; got 'gravity'"),
         (LAW, ("gravity", "gravity"), "each once"),
         (ComputedTorque(ARM, RIG, friction=False), ("friction",), r"\(gravity, inertia\)"),
