@@ -130,7 +130,7 @@ def _runs(problem: Problem, fit: Fit, every: Sequence[Objective]) -> list[Predic
 
 def _wider(own: Predicted, whole: Predicted) -> Predicted:
     """What runs differ by, with a limit for what the rig may lack; at most twice what they differ by without."""
-    return own._replace(limit=np.fmin(whole.limit, _WIDER * own.expected), hunts=whole.hunts)
+    return own._replace(limit=np.fmin(whole.limit, _WIDER * own.expected)) if own.expected > 0 else own
 
 
 def _by_prediction(problem: Problem, every: Sequence[Objective], own: Predicted) -> tuple[Predicted, float]:
