@@ -88,7 +88,7 @@ def _one_joint() -> ca.Function:
     x, push = ca.SX.sym("x", 4), ca.SX.sym("push", 2)
     e, rate, e_l, rate_l = ca.vertsplit(x)
     pushed = e, rate, e_l, rate_l - dt * push[1] / (D - rotor)
-    gears = ElasticGears(D, rotor, Springs(stiffness, damping))
+    gears = ElasticGears(D, dt * viscous, rotor, Springs(stiffness, damping))
     after, _ = gears.moved(pushed, push[0] + viscous * rate, lambda *_: ca.SX(0), dt)
     return ca.Function("joint", numbers, [ca.densify(ca.jacobian(ca.vertcat(*after), each)) for each in (x, push)])
 

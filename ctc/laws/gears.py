@@ -28,10 +28,13 @@ _SOFTER = 0.8
 
 
 class RigidGears:
-    """An arm whose motors carry the inertia D of their joints."""
+    """An arm whose motors carry the inertia D of their joints.
 
-    def __init__(self, D: ca.SX, observer: ca.SX, dt: ca.SX) -> None:
-        self.mobility = inverse(D)
+    `drag`, viscous friction times `dt`, adds to it: friction acts with the rate at the end, so that it may be faster.
+    """
+
+    def __init__(self, D: ca.SX, drag: ca.SX, observer: ca.SX, dt: ca.SX) -> None:
+        self.mobility = inverse(D + ca.diag(drag))
         self._observer, self._dt = observer, dt
 
     def moved(self, deviation: Deviation, push: ca.SX, friction: Friction, time: ca.SX) -> tuple[Deviation, ca.SX]:
@@ -65,11 +68,11 @@ class Springs(NamedTuple):
 class ElasticGears:
     """An arm whose links are on the springs of its gears; gains from a table, for the inertia that each joint feels."""
 
-    def __init__(self, D: ca.SX, rotors: ca.SX, elasticity: Any, table: Any = None) -> None:
+    def __init__(self, D: ca.SX, drag: ca.SX, rotors: ca.SX, elasticity: Any, table: Any = None) -> None:
         self.mobility = inverse(D)
         self._stated = Springs(elasticity.stiffness, elasticity.damping)
         self._springs = Springs(_SOFTER * elasticity.stiffness, elasticity.damping)
-        self._rotors, self._links = rotors, D - ca.diag(rotors)
+        self._rotors, self._links, self._dragged = rotors, D - ca.diag(rotors), rotors + drag
         self._felt = inverse(self._links).alone
         if table is not None:
             self._filter, self._regulator = self._gains(table, D.shape[0])
@@ -104,7 +107,7 @@ class ElasticGears:
         e, rate, e_l, rate_l = deviation
         apart = e - e_l + time / 2 * (rate - rate_l)
         held = spring(self._springs, apart, rate - rate_l, time, self._rotors, self._felt)
-        both = joined(self._rotors, self._links, held.added)
+        both = joined(self._dragged, self._links, held.added)
         kick = -time * (push + held.torque)
         gained = both.links.solve(time * held.torque + both.passed * kick)
         free, mobility = both.motors(rate, kick, gained), both.mobility()
@@ -162,9 +165,9 @@ def gears_along(
     if law.measured:
         q, qd = q - deviation[0], qd - deviation[1]
     D, h = law.arm.dynamics.D(q, law.arm.f), law.h(q, qd)
-    inertia = coupling.shaft_inertia(D)
+    inertia, drag = coupling.shaft_inertia(D), dt * drive.joint_viscous() * law.friction
     if not of_links:
-        return RigidGears(inertia, law.observer_ratio * law.bandwidth, dt), D @ setpoint.qdd + h, ()
-    gears = ElasticGears(inertia, rotors, drive.elasticity, law.gear_gains)
+        return RigidGears(inertia, drag, law.observer_ratio * law.bandwidth, dt), D @ setpoint.qdd + h, ()
+    gears = ElasticGears(inertia, drag, rotors, drive.elasticity, law.gear_gains)
     *motion, carried = gears.followed(before, along, coupling.shaft_torque(h), begun, dt)
     return gears, coupling.joint_torque(carried + rotors * along[2]), tuple(motion)

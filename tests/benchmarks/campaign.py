@@ -3,7 +3,7 @@
 - Overhead: time of tasks that do nothing, by threads and by Dask with two workers, with and without a folder; beside
   Dask's own `submit` in the same run, and the memory that the coordinator takes.
 - Efficiency: 200 simulated logs of 20 robots over ten weeks, identified by one thread, two threads, one process, two
-  processes and Dask with two workers: times, and whether all bits are the same.
+  processes and Dask with two workers: times, and whether all bits are the same; beside processes without a campaign.
 - Fleet (``--fleet`` for it and efficiency alone): friction of one robot and an inertia of another grow; in which week
   each is named, and how many of the healthy are accused; then of 20 fleets of the same truth.
 - Kills: a campaign killed at random instants and called again: what was lost, and what was done twice.
@@ -15,6 +15,7 @@
 import argparse
 import dataclasses
 import datetime
+import multiprocessing
 import os
 import pickle
 import platform
@@ -129,6 +130,24 @@ def one_log(robot, week):
     return log, fit_torque(ARM.dynamics, log, band=64.0, unknown=NAMES)
 
 
+def part_of_logs(first, step):
+    """Some of the logs, handed back to nobody."""
+    for i in range(first, ROBOTS * WEEKS, step):
+        one_log(i % ROBOTS, i // ROBOTS)
+
+
+def alone(processes):
+    """Time [s] of the logs by processes that know nothing of one another: what the machine has to give."""
+    context = multiprocessing.get_context("forkserver")
+    began = time.perf_counter()
+    each = [context.Process(target=part_of_logs, args=(i, processes)) for i in range(processes)]
+    for process in each:
+        process.start()
+    for process in each:
+        process.join()
+    return time.perf_counter() - began
+
+
 def efficiency():
     import distributed
 
@@ -150,6 +169,7 @@ def efficiency():
             first = first or done.results
             same = all(np.array_equal(first[name][1].values, done.results[name][1].values) for name in tasks)
             print(f"  {name}: {lasted:.1f} s, same bits: {same}", flush=True)
+    print("  without a campaign: " + ", ".join(f"{n} process(es) {alone(n):.1f} s" for n in (1, 2)), flush=True)
     return [[first[f"robot {robot}, week {week}"] for robot in range(ROBOTS)] for week in range(WEEKS)]
 
 

@@ -205,11 +205,27 @@ def test_a_joint_that_sticks_is_predicted_to_stick(push):
     np.testing.assert_allclose(impulse, -RIG.period * LEVEL * push, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("joint", [0, 1])
+def test_viscous_friction_faster_than_the_period_ends_a_rate(joint):
+    """Twenty times what stops the joint within a period: it all but stops, and does not turn back."""
+    viscous = np.array(RIG.drive.viscous)
+    viscous[joint] = 20 * arm().D(STILL)[joint, joint] / RIG.period / RIG.drive.gear[joint] ** 2
+    stiff = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, viscous=viscous, coulomb=(0, 0)))
+    rate = 1e-3 * np.eye(2)[joint]
+    _, after, _ = predicted(law(rig=stiff, dead_zone=1.0), STILL, rate=rate)
+    assert 0 < after[joint] < 0.1 * rate[joint]
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("joint", [0, 1])
 def test_beyond_its_friction_a_joint_moves_by_what_is_beyond(joint, sign):
-    """Twice its level on one joint, the other held by its own friction: q moves with +C / D_jj, the error with less."""
-    push, D = np.zeros(2), arm().D(RIG.cell_centre(np.array([300, -700])))
+    """Twice its level on one joint, the other held by its own friction: q moves with +C / D_jj, the error with less.
+
+    Viscous friction at the end takes T V of it."""
+    push, D = (
+        np.zeros(2),
+        arm().D(RIG.cell_centre(np.array([300, -700]))) + RIG.period * np.diag(RIG.drive.joint_viscous()),
+    )
     push[joint] = 2 * sign * LEVEL[joint]
     impulse = STILL
     for _ in range(8):
@@ -235,6 +251,7 @@ def test_the_torque_does_not_jump_where_the_motion_turns_back():
 def test_the_feed_forward_of_friction_follows_the_speed_that_is_desired():
     """On a standing reference an error pulls: C sat(bandwidth e / 2), the rest in proportion to it."""
     controller, pulses = law(dead_zone=1.0, bandwidth=100.0), np.array([300, -700])
+    slippery = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0, 0)))
     q, pulse = RIG.cell_centre(pulses), np.abs(RIG.to_angle(np.ones(2)))
     for share in (0.2, -0.5, 3.0):
         e = share * pulse * _SLIDES / 50
@@ -242,7 +259,7 @@ def test_the_feed_forward_of_friction_follows_the_speed_that_is_desired():
         base = [
             asked(each, pulses, q + e, STILL, STILL, state=begun(each, e=e, torque_needed=arm().h(q + e, STILL)),
                   applied=arm().h(q + e, STILL))[0]
-            for each in (controller, dataclasses.replace(controller, friction=False))
+            for each in (controller, law(rig=slippery, dead_zone=1.0, bandwidth=100.0))
         ]  # fmt: skip
         np.testing.assert_allclose(base[0] - base[1], np.clip(share, -1, 1) * LEVEL, rtol=0, atol=1e-9)
 

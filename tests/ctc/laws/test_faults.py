@@ -37,7 +37,7 @@ def test_torques_stay_finite_and_within_the_amplifier(name):
     ("name", "status", "bridged"),
     [
         ("none", "running", 0),
-        ("jump", f"running; bridged a jump of 799 pulses of joint 2 (q[0]) at call {BEGIN + 1}", 1),
+        ("jump", f"running; bridged a jump of 800 pulses of joint 2 (q[0]) at call {BEGIN + 1}", 1),
         ("late", f"running; bridged a call that came 1.4 ms late at call {BEGIN + 1}", 1),
         ("gap", f"running; bridged a reference that is no finite position at call {BEGIN + 2}", 2),
     ],
@@ -64,7 +64,7 @@ def test_what_lasts_a_moment_is_bridged(name, status, bridged):
             "safe stop, holding: a reference that is no finite position, 4 times in a row, at call 1004",
             (1, 1),
         ),
-        ("leap", "safe stop, holding: joint 2 (q[0]) is 1373 pulses from its reference, at call 1001", (4, 4)),
+        ("leap", "safe stop, holding: joint 2 (q[0]) is 1372 pulses from its reference, at call 1001", (4, 4)),
     ],
 )
 def test_what_lasts_stops_the_arm_under_the_law(name, status, error):
