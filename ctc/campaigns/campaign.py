@@ -6,7 +6,8 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import CellType
+from typing import Any, cast
 
 from ctc.campaigns.ledger import InMemory, Ledger
 from plant.parts.arguments import known_options, whole
@@ -64,8 +65,8 @@ def campaign(
         called again when a worker was killed. By default threads, one per core.
     folder : str or Path, optional
         Where results are kept: those that have `save` in files of their own, plain values and arrays as JSON in
-        ``ledger.sqlite``. Called again with the same tasks in the same order, it does those that are not done.
-        Memory then does not grow with the number of tasks.
+        ``ledger.sqlite``. Called again with the same tasks in the same order, and maybe more after them, it does those
+        that are not done. Memory then does not grow with the number of tasks.
     retries : int
         How often a task that fails, or kills its worker, is tried again.
     each : callable, optional
@@ -87,7 +88,7 @@ def campaign(
     Notes
     -----
     Results do not depend on the number of workers. Arguments that a file can hold are compared with those of a folder
-    value by value, functions by name and text; of other objects the class alone.
+    value by value; functions by their text, and what they hold; other objects by class and attributes.
 
     See Also
     --------
@@ -153,10 +154,12 @@ class _Fingerprints:
 
     def __init__(self) -> None:
         self._last: dict[int, tuple[Any, Any]] = {}
+        self._within: list[int] = []  # objects that are being told: one that holds itself ends there
 
     def of(self, parts: Any) -> str:
         function, args, kwargs = parts
-        return fingerprint((_text_of(function), *map(self._one, args), {k: self._one(v) for k, v in kwargs.items()}))
+        called = self._told(function), *map(self._one, args), {k: self._one(v) for k, v in kwargs.items()}
+        return fingerprint(called)
 
     def _one(self, value: Any) -> Any:
         if value is None or isinstance(value, bool | int | float | str):
@@ -167,11 +170,30 @@ class _Fingerprints:
         try:
             made = fingerprint(value)
         except ValueError:
-            thing: Any = value if callable(value) else type(value)
-            made = _text_of(thing)
+            made = self._told(value)
         if frozen:
             self._last = dict([*self._last.items(), (id(value), (value, made))][-16:])
         return made
+
+    def _told(self, thing: Any) -> str:
+        """Of a function its text, and what a method, closure or `partial` holds; of an object class and attributes."""
+        if id(thing) in self._within:
+            return ""
+        self._within.append(id(thing))
+        try:
+            if isinstance(thing, functools.partial):
+                return self.of((thing.func, thing.args, thing.keywords))
+            if inspect.ismethod(thing):
+                return self.of((thing.__func__, (thing.__self__,), {}))
+            if inspect.isfunction(thing) and (thing.__closure__ or thing.__defaults__ or thing.__kwdefaults__):
+                cells = [cell.cell_contents for cell in thing.__closure__ or () if cell != CellType()]
+                held = _text_of(thing), *cells, *(thing.__defaults__ or ())
+                return self.of((type(thing), held, thing.__kwdefaults__ or {}))
+            if inspect.isroutine(thing) or inspect.isclass(thing):
+                return _text_of(cast(Any, thing))
+            return self.of((type(thing), (), getattr(thing, "__dict__", {})))
+        finally:
+            self._within.pop()
 
 
 @functools.lru_cache(maxsize=256)

@@ -21,7 +21,7 @@ from ctc.campaigns.fleet_page import fleet_page, plot_fleet
 from ctc.campaigns.judgement import Judgement, Logged, judged, logged
 from identification.equation_error.naming import short_names, units
 from plant.parts.arguments import instance, known_options, real
-from plant.parts.files import require_new, write_whole
+from plant.parts.files import path_of, require_new, write_whole
 from plant.parts.saved import fingerprint, versions
 
 _MARK = 0x6F6E6570  # application_id of the file
@@ -43,6 +43,8 @@ _ROWS = """select robots.name, time, temperature, parameters.name, label, value,
     join identifications on identifications.id = identification join robots on robots.id = robot
     order by time, identification, place"""
 _REPLACED = "delete from identifications where id in (select identification from logs where sha256 = ?)"
+_OF = """select robots.name from logs join identifications on identifications.id = identification
+    join robots on robots.id = robot where sha256 = ? and robots.name != ?"""
 _IDENTIFIED = "insert into identifications select null, id, ?, ?, ?, ?, ? from robots where name = ?"
 _WORDS = {
     "drive.viscous": "viscous friction", "drive.coulomb": "Coulomb friction", "drive.motor_inertia": "motor inertia",
@@ -52,6 +54,9 @@ _WORDS = {
 }  # fmt: skip
 LEVEL = 1e-3
 """Probability of a false alarm, over all parameters of a log, below which a change is called one."""
+
+
+_FEW = 30  # robots; of more, a log that is judged weighs little in what weeks differ by
 
 
 class FleetRow(NamedTuple):
@@ -105,7 +110,7 @@ class Fleet:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = path_of("path", path)
         self._known: tuple[Any, tuple[Effect, ...]] = (None, ())
         try:
             with self._base() as base:
@@ -147,6 +152,9 @@ class Fleet:
         texts = source.method, json.dumps(versions()), json.dumps(np.nan_to_num(source.covariance).tolist())
         labels = _labels(source.dynamics, source.names), units(source.dynamics, source.names)
         with self._base() as base:
+            for known in sums:
+                for (other,) in base.execute(_OF, (known, log.robot)):
+                    raise ValueError(f"a log must be of one robot; this one is of {other!r} already. Name it so.")
             base.executemany(_REPLACED, [(each,) for each in sums])
             base.execute("insert or ignore into robots (name) values (?)", (log.robot,))
             number = base.execute(_IDENTIFIED, (log.time, warm, *texts, log.robot)).lastrowid
@@ -196,16 +204,23 @@ class Fleet:
         """
         if not 0 < real("level", level, "Give a probability, such as 1e-3.") < 1:
             raise ValueError(f"level must be between 0 and 1; got {level:g}. Give a probability, such as 1e-3.")
-        return judged(logged(found, notes)[0], self.effects(), level)
+        log = logged(found, notes)[0]
+        return judged(log, self._before(log, self.parameters()), level)
+
+    def _before(self, log: Logged, rows: Sequence[FleetRow]) -> tuple[Effect, ...]:
+        """As `effects`, of all but this log and what its robot did after it; in large fleets it hardly counts."""
+        past = [row for row in rows if row.robot != log.robot or row.time < log.time]
+        alone = len(past) < len(rows) and len({row.robot for row in rows}) <= _FEW
+        return tuple(effect_of(each) for each in values_of(past)) if alone else self.effects()
 
     def __iter__(self) -> Iterator[Judgement]:
-        last = dict[str, Logged]()
-        for row in self.parameters():
+        last, rows = dict[str, Logged](), self.parameters()
+        for row in rows:
             if row.robot not in last or row.time > last[row.robot].time:
                 warm = math.nan if row.temperature is None else row.temperature
                 last[row.robot] = Logged(row.robot, row.time, warm, {})
             last[row.robot].values[row.name] = row.value, row.std or 0.0
-        found = [judged(log, self.effects(), LEVEL) for log in last.values()]
+        found = [judged(log, self._before(log, rows), LEVEL) for log in last.values()]
         yield from sorted(found, key=lambda each: (each.looked[0].false_alarm if each.looked else 1.0, each.robot))
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:

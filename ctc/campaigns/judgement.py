@@ -1,5 +1,6 @@
 """A robot's log against its own past: which parameters changed, each with its probability of a false alarm."""
 
+import contextlib
 import dataclasses
 import datetime
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +18,8 @@ from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_NOTES = 'Give notes={"robot": "cell_7", "time": "2026-05-12"}, or read_records(..., notes="{robot}_{time}").'
+_NOTES = 'Give notes={"robot": "cell_7", "time": "2026-05-12"}; of files, or in a plan, notes="{robot}_{time}".'
+_EARLIEST, _LATEST = 1e8, 1e11  # Unix s: neither parts of a date nor milliseconds
 _TAIL = 1e-6  # probability below which none is told
 _LINE = 3  # logs before it from which on a line is laid through a robot's
 _KNOWN = 3.0  # standard deviations of the past from which on a change is told as a share of it
@@ -69,18 +71,20 @@ def logged(found: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Logge
     std = np.sqrt(np.diag(own[-1]))
     known = {name: (value, s) for name, value, s in zip(own[2], values.tolist(), std.tolist(), strict=True)}
     temperature = float(np.mean(warm)) if warm else np.nan
-    return Logged(robots.pop(), _seconds(said[0]["time"]), temperature, known), Source(tuple(records), *own)
+    return Logged(robots.pop(), seconds_of(said[0]["time"]), temperature, known), Source(tuple(records), *own)
 
 
-def _seconds(time: Any) -> float:
+def seconds_of(time: Any) -> float:
     """Unix seconds of a note: a number, or a date of ISO 8601, of UTC where it says no other."""
-    if not isinstance(time, str):
-        return real("time", time, "Give Unix seconds, or a date such as 2026-05-12.")
     try:
-        day = datetime.datetime.fromisoformat(time)
-    except ValueError:
-        raise ValueError(f"time must be Unix seconds, or a date such as 2026-05-12; got {time!r:.40}.") from None
-    return (day if day.tzinfo else day.replace(tzinfo=datetime.UTC)).timestamp()
+        day = time if isinstance(time, datetime.datetime) else datetime.datetime.fromisoformat(time)
+        return (day if day.tzinfo else day.replace(tzinfo=datetime.UTC)).timestamp()
+    except (TypeError, ValueError):
+        pass
+    with contextlib.suppress(TypeError, ValueError):
+        if _EARLIEST <= float(time) < _LATEST:
+            return float(time)
+    raise ValueError(f"time must be Unix seconds after 1973, or a date such as 2026-05-12; got {time!r:.40}. Give one.")
 
 
 class Change(NamedTuple):

@@ -18,6 +18,7 @@ from typing import Any
 
 from llvmlite.binding import get_host_cpu_name
 
+from plant.parts.files import path_of
 from plant.parts.plain import from_plain, to_plain
 from plant.parts.saved import Saved, parsed, versions, written
 
@@ -64,8 +65,9 @@ class Ledger:
     """In a folder, made if it is not there; use it in a ``with`` statement. `work` of a task is its SHA-256."""
 
     def __init__(self, folder: str | Path) -> None:
-        self.folder = Path(folder)
+        self.folder = path_of("folder", folder)
         self.path = self.folder / "ledger.sqlite"
+        self._given = 0  # tasks of this call
 
     def __enter__(self) -> "Ledger":
         with self._writing():
@@ -116,7 +118,8 @@ class Ledger:
 
     def begins(self, number: int, name: str, work: Any) -> bool:
         """Whether a task is still to be done; another than that of before at this place is refused."""
-        held = self._base.execute("select name, work, state from tasks where number = ?", (number,)).fetchone()
+        query = "select name, work, state, file from tasks where number = ?"
+        self._given, held = max(self._given, number + 1), self._base.execute(query, (number,)).fetchone()
         if held is None:
             with self._writing():
                 try:
@@ -129,7 +132,7 @@ class Ledger:
             what = f"{held[0]!r:.80}" if held[0] != name else "other work of this name"
             differs = f"its task {number} is {what}, got {name!r:.80}. Give the same tasks in the same order"
             raise ValueError(f"folder {self.folder} must be of the same campaign; {differs}, or another folder.")
-        return bool(held[2] != "done")
+        return held[2] != "done" or not (held[3] is None or (self.folder / held[3]).is_file())
 
     def done(self, number: int, name: str, result: Any) -> Any:
         """Keep a result, and hand it back as it was kept; what no file can hold is a ValueError."""
@@ -159,35 +162,40 @@ class Ledger:
 
     def ended(self, state: str) -> Mapping[str, Any]:
         """Name -> result of those that are done, or why it failed; read from the folder when it is asked for."""
-        return _Rows(self.path, state)
+        return _Rows(self.path, state, self._given)
 
 
 def rows_of(path: Path, query: str, *values: Any) -> Iterator[tuple[Any, ...]]:
     """Rows of a ledger, which is only read."""
-    with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
-        yield from base.execute(query, values)
+    try:
+        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+            yield from base.execute(query, values)
+    except sqlite3.DatabaseError as error:
+        raise ValueError(f"{path} must be a ledger of campaign; {error}. Give another folder.") from None
 
 
 class _Rows(Mapping[str, Any]):
-    """Rows of one state, in the order of the tasks."""
+    """Rows of one state, in the order of the tasks, of the first that many."""
 
-    def __init__(self, path: Path, state: str) -> None:
-        self._path, self._state = path, state
+    def __init__(self, path: Path, state: str, given: int) -> None:
+        self._path, self._those = path, (state, given)
 
     def __getitem__(self, name: str) -> Any:
-        query = "select error, file, value from tasks where state = ? and name = ?"
-        for error, file, value in rows_of(self._path, query, self._state, name):
+        query = "select error, file, value from tasks where state = ? and number < ? and name = ?"
+        for error, file, value in rows_of(self._path, query, *self._those, name):
             if error is not None:
                 return error
             return from_plain(parsed(value.encode())) if file is None else Saved.load(self._path.parent / file)
         raise KeyError(name)
 
     def __iter__(self) -> Iterator[str]:
-        for (name,) in rows_of(self._path, "select name from tasks where state = ? order by number", self._state):
+        query = "select name from tasks where state = ? and number < ? order by number"
+        for (name,) in rows_of(self._path, query, *self._those):
             yield name
 
     def __len__(self) -> int:
-        return int(next(rows_of(self._path, "select count(*) from tasks where state = ?", self._state))[0])
+        query = "select count(*) from tasks where state = ? and number < ?"
+        return int(next(rows_of(self._path, query, *self._those))[0])
 
     def __repr__(self) -> str:
         return f"{len(self)} of {self._path.parent}"

@@ -78,7 +78,8 @@ class Rare(Frozen):
             some = f"rarer than {self.asked:g}: at most {self.upper:.2g}"
         elif self.stuck:
             some = f"at most {self.upper:.2g}, no further: rounding decides beyond {self.levels[-1]:.2f} pulses"
-        return f"error before rounding beyond the limit: {some} ({how})"
+        missed = "" if self.met else f"; not shown to be as rare as {self.asked:g}"
+        return f"error before rounding beyond the limit: {some}{missed} ({how})"
 
 
 def subset_simulation(

@@ -57,6 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
                 answer = COMMANDS[given.command](given)
     except KeyboardInterrupt:
         kept = f" What was finished is in {given.checkpoint}: call again." if getattr(given, "checkpoint", None) else ""
+        kept = " What was finished is kept: go on with --resume." if given.command == "campaign" else kept
         return _failed(f"interrupted.{kept}", 130)
     except (ValueError, OSError, ImportError, MemoryError) as error:
         return _failed(_as_options(" ".join(str(error).split()), given) or type(error).__name__, 2)

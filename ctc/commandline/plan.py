@@ -9,7 +9,10 @@ of a pattern of file names in ``notes``.
 import contextlib
 import functools
 import glob
+import hashlib
 import multiprocessing
+import os
+import threading
 import tomllib
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -19,6 +22,7 @@ from typing import Any
 
 from ctc.campaigns.campaign import campaign
 from ctc.campaigns.fleet import Fleet
+from ctc.campaigns.judgement import seconds_of
 from ctc.campaigns.ledger import rows_of
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.inputs import Answer
@@ -26,10 +30,11 @@ from identification import Identification
 from plant.compiler.background import cores
 from plant.logs.several import notes_of
 from plant.models.robot_file import read_robot
-from plant.parts.arguments import choice
+from plant.parts.arguments import choice, instance
 
 _DO = ("check", "identify", "certify", "report")
 _KEYS, _ROBOT_KEYS = ("folder", "do", "robots", "executor", "fleet", "notes", *_DO), ("robot", "logs")
+_OWN = {"checkpoint", "certificate", "force", "found", "help", "json", "output", "quiet", "robot"}
 _EXECUTORS = "threads, processes or dask:ADDRESS, such as dask:tcp://10.0.0.5:8786"
 
 Parse = Callable[[list[str]], Namespace]
@@ -39,20 +44,27 @@ def run_campaign(given: Namespace, parse: Parse) -> Answer:
     """What a plan asks for; `parse` reads the options of the other commands."""
     plan = _read(Path(given.plan))
     folder = Path(given.plan).parent / plan["folder"]
+    ledger, logs = folder / "ledger.sqlite", _tasks(plan, Path(given.plan), folder, parse)
     if given.status:
-        return _status(folder)
-    if (folder / "ledger.sqlite").exists() and not given.resume:
+        return _status(ledger, logs)
+    if ledger.exists() and not given.resume:
         raise ValueError(f"{folder} holds a campaign. Pass --resume to go on with it, or name another folder.")
-    tasks: dict[str, Any] = {
-        name: (_worked, (steps, stamp), {}) for name, steps, stamp in _tasks(plan, Path(given.plan), folder, parse)
-    }
+    tasks: dict[str, Any] = {}
+    for name, steps, stamp in logs:
+        if name in tasks:
+            raise ValueError(f"logs of a robot must differ in name; two are {name!r:.80}. Rename one of the files.")
+        tasks[name] = _worked, (steps, stamp), {}
+    if ledger.exists():  # what is new comes after what it knows
+        known: dict[str, int] = dict(rows_of(ledger, "select name, number from tasks"))
+        tasks = dict(sorted(tasks.items(), key=lambda task: known.get(task[0], len(known))))
     where = given.executor or plan.get("executor", "threads")
     with _executor(where) as executor:
         done = campaign(tasks, executor=executor, folder=folder, retries=0, progress=not given.quiet)
     results = dict(done.results)
     judged = _fleet(plan, Path(given.plan), tasks, results) if "fleet" in plan else {}
     negative = [name for name, result in results.items() if not all(each["good"] for each in result.values())]
-    said = [f"{name}: {', '.join(c for c, each in results[name].items() if not each['good'])}" for name in negative]
+    said = [f"{name}: {command}: {each['said']}" for name in negative
+            for command, each in results[name].items() if not each["good"]]  # fmt: skip
     said += [f"{name}: failed: {error}" for name, error in done.errors.items()]
     said += [f"{name}: {each}" for name, each in judged.items()]
     counts = f"{len(results)} logs done, {len(negative)} with a negative verdict, {len(done.errors)} failed"
@@ -66,9 +78,17 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         plan = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ValueError(f"{path} must be a plan in TOML; {' '.join(str(error).split())}. Correct it.") from None
-    for key in plan:
+        said = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
+        raise ValueError(f"{path} must be a plan in TOML; {said}. Correct it.") from None
+    for key, value in plan.items():
         choice(f"a key of {path}", key, _KEYS)
+        if isinstance(value, dict) != (key in ("robots", *_DO)):
+            raise ValueError(f"{key} of {path} must be {'no ' * isinstance(value, dict)}a table; got {value!r:.60}.")
+        if key == "executor":
+            instance(key, value, str, f"Give {_EXECUTORS}.")
+    for command in _DO:
+        for key in _OWN & set(plan.get(command, {})):
+            raise ValueError(f"[{command}] of {path} must not have {key!r}, which the plan gives itself. Drop it.")
     robots, do = plan.get("robots"), plan.get("do")
     if not isinstance(plan.get("folder"), str) or not isinstance(robots, dict) or not robots:
         raise ValueError(f'{path} must have folder = "..." and a table [robots.NAME] for each robot. Add them.')
@@ -78,10 +98,15 @@ def _read(path: Path) -> dict[str, Any]:
         raise ValueError(f"do of {path} must have identify before {do[-1]}; it has not. Add it.")
     for key in ("fleet", "notes"):
         if key in plan and (not isinstance(plan[key], str) or "identify" not in do or "fleet" not in plan):
-            raise ValueError(f"{key} of {path} must be text beside fleet and identify; got {plan[key]!r:.60}. Do so.")
+            asked = 'fleet = "..." and "identify" in do' if isinstance(plan[key], str) else "text"
+            raise ValueError(f"{key} of {path} must come with {asked}; got {plan[key]!r:.60}. Add what is missing.")
     for name, robot in robots.items():
-        if not isinstance(robot, dict) or set(robot) != set(_ROBOT_KEYS):
-            raise ValueError(f"[robots.{name}] of {path} must have robot and logs; got {robot!r:.80}. Correct it.")
+        sound = isinstance(robot, dict) and set(robot) == set(_ROBOT_KEYS) and isinstance(robot["robot"], str)
+        logs = (robot["logs"] if isinstance(robot["logs"], list) else [robot["logs"]]) if sound else []
+        if not logs or not all(isinstance(pattern, str) for pattern in logs):
+            raise ValueError(
+                f"[robots.{name}] of {path} must have texts robot and logs; got {robot!r:.80}. Correct it."
+            )
     return plan
 
 
@@ -97,9 +122,12 @@ def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iter
             if not logs:
                 raise ValueError(f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct it.")
             for log in logs:
-                place, status = folder / name / Path(log).stem, Path(log).stat()
+                place = folder / name / Path(log).stem
+                if "notes" in plan:
+                    seconds_of(notes_of(plan["notes"], log).get("time", 1e9))
                 steps = [vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]]
-                yield f"{name}/{Path(log).stem}", steps, [status.st_size, status.st_mtime_ns]
+                with open(log, "rb") as content:
+                    yield f"{name}/{Path(log).stem}", steps, hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def _fleet(plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dict[str, Any]) -> dict[str, str]:
@@ -130,6 +158,8 @@ def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: 
     }  # fmt: skip
     more = []
     for key, value in plan.get(command, {}).items():
+        if value is False:
+            continue
         values = [] if value is True else value if isinstance(value, list) else [value]
         more += [f"--{key.replace('_', '-')}", *map(str, values)]
     return [command, *own[command], *more, "--quiet"]
@@ -142,7 +172,8 @@ def _worked(steps: list[dict[str, Any]], stamp: Any) -> dict[str, Any]:
         if step.get("output"):
             Path(step["output"]).parent.mkdir(parents=True, exist_ok=True)
         answer = COMMANDS[step["command"]](Namespace(**step))
-        answers[step["command"]] = answer.data | {"good": bool(answer.good)}
+        said = answer.text.strip().split("\n")[0]
+        answers[step["command"]] = answer.data | {"good": bool(answer.good), "said": said}
     return answers
 
 
@@ -156,7 +187,7 @@ def _executor(where: str) -> Iterator[Any]:
         context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
         if hasattr(context, "set_forkserver_preload"):
             context.set_forkserver_preload(["ctc.commandline.plan"])
-        yield functools.partial(ProcessPoolExecutor, cores(), mp_context=context)
+        yield functools.partial(ProcessPoolExecutor, cores(), mp_context=context, initializer=_ends_with_its_parent)
     elif where.startswith("dask:"):
         try:
             from distributed import Client
@@ -172,13 +203,18 @@ def _executor(where: str) -> Iterator[Any]:
         raise ValueError(f"executor must be {_EXECUTORS}; got {where!r:.60}. Correct it.")
 
 
-def _status(folder: Path) -> Answer:
-    """How many tasks are in which state, from the ledger alone."""
-    path = folder / "ledger.sqlite"
-    if not path.is_file():
-        raise ValueError(f"{folder} must hold a campaign; there is none. Run it without --status first.")
-    states = dict(rows_of(path, "select state, count(*) from tasks group by state"))
-    failed = dict(rows_of(path, "select name, error from tasks where state = 'failed' order by number"))
-    data = {state: states.get(state, 0) for state in ("done", "open", "failed")}
-    text = ", ".join(f"{count} {state}" for state, count in data.items())
+def _ends_with_its_parent() -> None:
+    """A worker waits for tasks for ever; one whose campaign was killed ends, too."""
+    parent: Any = multiprocessing.parent_process()
+    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+
+
+def _status(ledger: Path, logs: Iterator[Any]) -> Answer:
+    """How many tasks are in which state, from the ledger, of how many."""
+    if not ledger.is_file():
+        raise ValueError(f"{ledger.parent} must hold a campaign; there is none. Run it without --status first.")
+    states = dict(rows_of(ledger, "select state, count(*) from tasks group by state"))
+    failed = dict(rows_of(ledger, "select name, error from tasks where state = 'failed' order by number"))
+    data = {state: states.get(state, 0) for state in ("done", "open", "failed")} | {"logs": sum(1 for _ in logs)}
+    text = ", ".join(f"{count} {state}" for state, count in data.items()).replace(" failed, ", " failed, of ")
     return Answer("\n".join([text, *(f"{name}: {error}" for name, error in failed.items())]), data | {"errors": failed})

@@ -8,9 +8,17 @@ import stat
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 _OLD = 60.0
 """Age [s] beyond which a file beside its place is what a killed process left."""
+
+
+def path_of(name: str, given: Any) -> Path:
+    """A path that is named, or a refusal."""
+    if not isinstance(given, str | os.PathLike) or not os.fspath(given):
+        raise ValueError(f"{name} must be a path; got {given!r:.60}. Name a file or a folder.")
+    return Path(given)
 
 
 def require_bounded(path: str | Path, most: int) -> None:

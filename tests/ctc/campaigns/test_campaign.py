@@ -1,5 +1,6 @@
 """Campaigns: results by name, failures named, nothing lost when killed, and folders that refuse what is not theirs."""
 
+import functools
 import os
 import sqlite3
 import subprocess
@@ -172,6 +173,35 @@ def test_folders_of_other_tasks_and_versions_are_refused(tmp_path):
     (tmp_path / "text" / "ledger.sqlite").write_text("no base, " * 200)
     with pytest.raises(ValueError, match="must be a ledger of campaign"):
         run(tasks, folder=tmp_path / "text")
+
+
+class Times:
+    def __init__(self, factor):
+        self.factor = factor
+
+    def by(self, x):
+        return self.factor * x
+
+
+def made(factor):
+    return lambda x: factor * x
+
+
+@pytest.mark.parametrize("of", [lambda k: functools.partial(pow, k), lambda k: Times(k).by, made,
+                                lambda k: lambda x, k=k: k * x])  # fmt: skip
+def test_functions_that_hold_other_numbers_are_other_work(tmp_path, of):
+    campaign({"a": (of(3), (2,), {})}, folder=tmp_path, progress=False)
+    assert campaign({"a": (of(3), (2,), {})}, folder=tmp_path, progress=False).results
+    with pytest.raises(ValueError, match="other work of this name"):
+        campaign({"a": (of(4), (2,), {})}, folder=tmp_path, progress=False)
+
+
+def test_a_folder_answers_what_is_asked_and_makes_anew_what_was_deleted(tmp_path):
+    tasks = {name: (puma560.rig, (), {}) for name in "abc"}
+    campaign(tasks, folder=tmp_path, progress=False)
+    assert list(campaign({"a": tasks["a"]}, folder=tmp_path, progress=False).results) == ["a"]
+    next(tmp_path.glob("results/000/000001_*")).unlink()
+    assert campaign(tasks, folder=tmp_path, progress=False).results["b"] == puma560.rig()
 
 
 def test_a_failure_is_tried_again_by_the_next_call(tmp_path):

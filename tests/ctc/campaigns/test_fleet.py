@@ -194,10 +194,24 @@ def test_the_page_does_not_grow_with_logs(tmp_path):
     assert sizes[1] < 1.6 * sizes[0]  # 12.5 times the logs; the figure has up to 60 instants
 
 
+def test_a_log_does_not_speak_for_itself(tmp_path):
+    """In a small fleet a defect would widen what weeks differ by, and excuse itself."""
+    fleet, own = filled(tmp_path / "fleet.sqlite", weeks=4, robots=2, seed=3)
+    new, y = log(99, "cell_1", 5, temperature=20.0), own[1] + 0.6 * np.eye(len(NAMES))[-1]
+    before = fleet.judge(new, found(y))
+    fleet.add(new, found(y))
+    assert before.changes
+    assert fleet.judge(new, found(y)).verdict == before.verdict == next(iter(fleet)).verdict
+    with pytest.raises(ValueError, match="this one is of 'cell_1' already"):
+        fleet.add(new, found(y), notes={"robot": "cell_0"})
+    assert [row.robot for row in fleet.parameters()][-1] == "cell_1"
+
+
 @pytest.mark.parametrize(("change", "said"), [
     (lambda record, fit: (dataclasses.replace(record, notes={"time": 0.0}), fit), "robot is missing"),
     (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a"}), fit), "time is missing"),
     (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a", "time": "May"}), fit), "time must be Unix"),
+    (lambda record, fit: (dataclasses.replace(record, notes={"robot": "a", "time": 17e17}), fit), "time must be Unix"),
     (lambda record, fit: (fit,), "got TorqueFit"),
     (lambda record, fit: (), "got nothing"),
 ])  # fmt: skip

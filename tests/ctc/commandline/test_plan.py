@@ -93,7 +93,7 @@ def test_a_plan_from_end_to_end(place, capsys):
     assert found.search.seed == 3
 
     code, out, err = run(capsys, place / "plan.toml", "--status")
-    assert (code, out.splitlines()[0]) == (0, "2 done, 0 open, 1 failed")
+    assert (code, out.splitlines()[0]) == (0, "2 done, 0 open, 1 failed, of 3 logs")
     code, out, err = run(capsys, place / "plan.toml")
     assert code == 2
     assert "holds a campaign. Pass --resume" in err
@@ -101,6 +101,12 @@ def test_a_plan_from_end_to_end(place, capsys):
     code, out, err = run(capsys, place / "plan.toml", "--resume")
     assert code == 1
     assert "right/right: failed" in out
+    assert (place / "study" / "left" / "left_1" / "found.json").stat().st_mtime_ns == before
+    shutil.copyfile(place / "left_1.csv", place / "left_0.csv")  # one more log, first in the alphabet
+    (place / "left_1.csv").touch()
+    code, out, err = run(capsys, place / "plan.toml", "--resume")
+    (place / "left_0.csv").unlink()
+    assert (code, out.splitlines()[0]) == (1, "3 logs done, 0 with a negative verdict, 1 failed")
     assert (place / "study" / "left" / "left_1" / "found.json").stat().st_mtime_ns == before
 
 
@@ -116,6 +122,11 @@ def test_a_plan_from_end_to_end(place, capsys):
         ('folder = "study"', "", "must have folder"),
         ("[certify]", "[certify", "must be a plan in TOML"),
         ('folder = "study"', 'folder = "new"\nexecutor = "cloud"', "executor must be threads, processes or dask:"),
+        ('folder = "study"', 'folder = "new"\nexecutor = 3', "executor must be of type str"),
+        ('"left_*.csv"', "3", "must have texts robot and logs"),
+        ('["right.csv"]', '["right.csv", "r*.csv"]', "two are 'right/right'"),
+        ("[identify]", "[identify]\noutput = 'mine.json'", "must not have 'output'"),
+        ('folder = "study"', 'folder = "new"\nreport = 3', "report of"),
     ],
 )  # fmt: skip
 def test_bad_plans_are_one_line(place, capsys, old, new, said):
