@@ -102,8 +102,8 @@ _LEAST = 50
 
 
 _PARTS = (
-    _of_torque("clipped torque", _clipped), oscillation_findings, _of_torque("saturation", _saturated),
-    quantisation_findings, rounding_findings, reference_findings, wiring_findings, unit_findings,
+    _of_torque("clipped torque", _clipped), oscillation_findings, quantisation_findings, rounding_findings,
+    reference_findings, wiring_findings, unit_findings, _of_torque("saturation", _saturated),
     _of_torque("backlash", _backlash),
 )  # fmt: skip
 """Checks of a log whose lost rows are bridged; first what shows as noise, saturation and delay, too."""
