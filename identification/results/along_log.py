@@ -48,7 +48,12 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
         link, _, length = name.removeprefix("links[").partition("].")
         other = [_torque(chain, arm, motion) for motion in motions]
         found[f"length.{length}[{link}]"] = [(a - b) / SHARE for a, b in zip(as_it_is, other, strict=True)]
-    return {name: torques for name, torques in found.items() if any(map(np.any, torques))}
+    return {name: [_held(torque) for torque in own] for name, own in found.items() if any(map(np.any, own))}
+
+
+def _held(torque: Floats) -> Floats:
+    """Mean (N, n) from each sample to the next, in which it is held."""
+    return (torque + np.vstack([torque[1:], torque[-1:]])) / 2
 
 
 def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[str, Floats]:

@@ -37,7 +37,9 @@ _LENGTH = 0.05  # share of a length by which one differs, at least; less is not 
 
 _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")  # what can be more or less than stated
 
-_OWN = 1e-3  # an effect of which less than this share is its own cannot be told from those of the unknowns
+_OWN, _OWN_OF_LENGTH = 1e-3, 0.25
+"""An effect of which less than this share is its own cannot be told from those of the unknowns. That of a length is
+known along a smoothed motion only: of one that f takes over altogether, 0.16 are left."""
 
 
 @kept
@@ -164,7 +166,8 @@ def _threshold(freedom: int, choices: float = 1.0) -> float:
 def _linear(at: Optimum, name: str, changes: dict[str, Floats]) -> Iterator[Sign]:
     """The sign of what acts linearly; of compliance, lag and lead, only what is positive; none of what is too small."""
     own = {each: at.left(change) for each, change in changes.items()}
-    own = {each: row for each, row in own.items() if (row**2).sum() > _OWN**2 * (changes[each] ** 2).sum()}
+    share = _OWN_OF_LENGTH if name == "length" else _OWN
+    own = {each: row for each, row in own.items() if (row**2).sum() > share**2 * (changes[each] ** 2).sum()}
     if not own:
         return
     before, freedom = at.before, len(own)

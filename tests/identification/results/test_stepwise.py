@@ -64,7 +64,6 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "offset",
         "gear",
         "cogging",
-        "length",
         "lead",
     }
     assert not any(sign.significant for sign in detection.signs)
