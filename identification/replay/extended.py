@@ -62,7 +62,8 @@ class Extended:
         prior: Prior | None = None, threads: int | None = None, **options: Any,
     ) -> None:  # fmt: skip
         n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
-        self.records, self.threads = tuple(records), int(threads or cores())
+        records = [dataclasses.replace(record, injected=_beside(record)) for record in records]  # one kernel for all
+        self.dynamics, self.records, self.threads = dynamics, tuple(records), int(threads or cores())
         own = {**options, "threads": self.threads, "moving": prior is not None}
         self._logs = [_Log(dynamics, record, tuple(unknown), links, own) for record in records]
         self._again = lambda others: Extended(dynamics, others, unknown, f, prior=prior, threads=threads, **options)
@@ -94,9 +95,17 @@ class Extended:
 
     def late(self, samples: float) -> "Extended":
         """The same model, following records whose counts are so many samples later."""
-        later = self._again([without_delay(record, -samples) for record in self.records])
-        later.scales, later.prior = self.scales, self.prior
-        return later
+        return self._following([without_delay(record, -samples) for record in self.records])
+
+    def pushed(self, torques: Sequence[Floats]) -> "Extended":
+        """The same model, with torques (N, n) [N m] along each record beside those of its law."""
+        pairs = zip(self.records, torques, strict=True)
+        return self._following([dataclasses.replace(record, injected=_beside(record) + own) for record, own in pairs])
+
+    def _following(self, records: Sequence[Record]) -> "Extended":
+        other = self._again(records)
+        other.scales, other.prior = self.scales, self.prior
+        return other
 
     def stated(self) -> dict[str, float]:
         """Friction that the first rig states, by the names of what is beyond it."""
@@ -111,6 +120,11 @@ class Extended:
         """Where the innovations of each record are."""
         ends = np.cumsum([self.prior.count, *(len(log.prediction.weights) for log in self._logs)]).tolist()
         return [slice(*pair) for pair in itertools.pairwise(ends)]
+
+
+def _beside(record: Record) -> Floats:
+    """Torque (N, n) [N m] that is injected, zero where none is."""
+    return np.zeros(record.counts.shape) if record.injected is None else record.injected
 
 
 def _link_inertia(dynamics: Dynamics, record: Record, f: Floats) -> Floats | None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, Trial, along, backlash, compliance, directions
+from identification.results.along_log import CYCLES
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -30,9 +31,15 @@ _LAG, _DELAY, _FRICTION, _SHARE = 1e-5, 0.05, 0.01, 1e-4
 """The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's torque (rms), and of
 gears, motor gains and gains of the law, relative."""
 
-_SIGNED = ("friction", "delay", "offset", "gear")  # what can be more or less than stated
+_LEAD = 0.5  # samples by which a torque leads, at least, where its law has the rate of the error; less is timing
 
-_OWN = 1e-3  # an effect of which less than this share is its own cannot be told from those of the unknowns
+_LENGTH = 0.05  # share of a length by which one differs, at least; less is not told from what rounding does to a loop
+
+_SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")  # what can be more or less than stated
+
+_OWN, _OWN_OF_LENGTH = 1e-3, 0.25
+"""An effect of which less than this share is its own cannot be told from those of the unknowns. That of a length is
+known along a smoothed motion only: of one that f takes over altogether, 0.16 are left."""
 
 
 @kept
@@ -43,8 +50,8 @@ class Sign(Shown, Frozen):
     Attributes
     ----------
     name : str
-        "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear", or "disagreement": of the
-        records with each other.
+        "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear", "cogging", "length" of links,
+        "lead" of a law's torque, or "disagreement": of the records with each other.
     chi_square : float
         By how much it would lower the sum of squared innovations, in units of their (inflated) variance.
     freedom : int
@@ -95,7 +102,7 @@ def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
         effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
     changes = {name: row for name, row in effects.items() if np.isfinite(row).all()}
     found: list[Sign] = []
-    for name in ("compliance", "lag", "friction", "offset", "gear", "delay"):
+    for name in ("compliance", "lag", "friction", "offset", "gear", "delay", "cogging", "length", "lead"):
         own = {each: row for each, row in changes.items() if family(each) == name}
         found += _linear(at, name, own)
     if "compliance[0]" in at.model.extra:
@@ -145,42 +152,49 @@ def _steps(model: Extended, efforts: Floats) -> dict[str, float]:
 
 def family(name: str) -> str:
     """The alternative that a number belongs to."""
-    kind = name.partition("[")[0]
+    kind = name.partition("[")[0].partition(".")[0]
     return "friction" if kind in ("viscous", "coulomb") else kind
 
 
-def _threshold(freedom: int) -> float:
+def _threshold(freedom: int, choices: float = 1.0) -> float:
+    """Chi-square that a right model exceeds by chance; of the best of so many choices."""
     from scipy.special import chdtri
 
-    return float(chdtri(freedom, _BY_CHANCE))
+    return float(chdtri(freedom, _BY_CHANCE / choices))
 
 
 def _linear(at: Optimum, name: str, changes: dict[str, Floats]) -> Iterator[Sign]:
-    """The sign of what acts linearly; of compliance and lag, only what is positive."""
+    """The sign of what acts linearly; of compliance, lag and lead, only what is positive; none of what is too small."""
     own = {each: at.left(change) for each, change in changes.items()}
-    own = {each: row for each, row in own.items() if (row**2).sum() > _OWN**2 * (changes[each] ** 2).sum()}
+    share = _OWN_OF_LENGTH if name == "length" else _OWN
+    own = {each: row for each, row in own.items() if (row**2).sum() > share**2 * (changes[each] ** 2).sum()}
     if not own:
         return
     before, freedom = at.before, len(own)
-    least = _threshold(freedom) * at.unit(before)
-    visible = {each: float(np.sqrt(least / (row**2).sum())) for each, row in own.items()}
+    choices = CYCLES ** (freedom / 2) if name == "cogging" else 1.0
+    least = _threshold(freedom, choices) * at.unit(before)
+    lowest = {"lead": _LEAD * at.model.records[0].rig.period, "length": _LENGTH}.get(name, 0.0)
+    visible = {each: max(lowest, float(np.sqrt(least / (row**2).sum()))) for each, row in own.items()}
     after, size = before, np.empty(0)
     while own:
         rows = np.array(list(own.values()))
         size = -along(directions(rows), rows, before)
         after = before + np.einsum("i,im->m", size, rows)
-        if name in _SIGNED or not (size < 0).any():
+        if name in _SIGNED or not (size < lowest).any():
             break
-        own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > 0}, before
-    yield _sign(at, name, freedom, after, dict(zip(own, size.tolist(), strict=False)), visible)
+        own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > lowest}, before
+    if own and np.abs(size).max() < lowest:
+        own, after = {}, before
+    yield _sign(at, name, freedom, after, dict(zip(own, size.tolist(), strict=False)), visible, choices)
 
 
 def _sign(
-    at: Optimum, name: str, freedom: int, after: Floats, values: dict[str, float], visible: dict[str, float]
-) -> Sign:
+    at: Optimum, name: str, freedom: int, after: Floats, values: dict[str, float], visible: dict[str, float],
+    choices: float = 1.0,
+) -> Sign:  # fmt: skip
     """Of an alternative that leaves so much (M,) of the innovations."""
     return Sign(
-        name=name, chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom),
+        name=name, chi_square=at.chi_square(after), freedom=freedom, threshold=_threshold(freedom, choices),
         explained=float((at.before**2).sum() - (after**2).sum()), values=values, visible=visible,
     )  # fmt: skip
 

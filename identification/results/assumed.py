@@ -16,6 +16,7 @@ from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
 from identification.equation_error.regressor import linear, regressor_along
 from plant import Arm, Chain, Record
 from plant.mechanics.newton_euler import lumped_torque
+from plant.motion.reference import Motion
 from plant.parts.arguments import real
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -25,23 +26,21 @@ from plant.parts.tables import Table
 
 _ROWS = 400  # samples of the motion, at most
 
-_SHARE = 0.01  # change of a length, relative
+SHARE = 0.01  # change of a length, relative
 
 
 def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[str, Floats]:
-    """Change (k,) of the unknowns if one length of a link is 1 % larger, by its name, ``links[1].a`` or ``links[1].d``.
+    """Change (k,) of the unknowns if one length of a link is 1 % larger, by its name, such as ``links[1].a``.
 
     `arm`: as found. `unknown`: names of f, and numbers of rig and law; of these, friction takes part.
     """
     dynamics, rig = arm.dynamics, record.rig
     names, p = linear(dynamics, rig, unknown), dynamics.p
-    band = min(2 * path_in(record), BAND_MOST / rig.period)
-    motion = derivatives(rig.cell_centre(record.counts), rig.period, CUTOFF * band)
-    motion = type(motion)(*(each[:: -(-len(record) // _ROWS)] for each in motion))
+    motion = Motion(*(each[:: -(-len(record) // _ROWS)] for each in smoothed(record, rig.cell_centre(record.counts))))
     columns, _ = regressor_along(dynamics, rig, names, motion)
     torque, moves = columns[:, :, :p] @ arm.f, {}
     scale = 1 / np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9 * np.abs(torque).max())
-    for name, chain in _longer(dynamics.chain).items():
+    for name, chain in longer(dynamics.chain).items():
         columns[:, :, :p] = _regressor(chain, arm, motion)
         rows, missing = columns * scale[:, None], (torque - columns[:, :, :p] @ arm.f) * scale
         change = np.linalg.lstsq(rows.reshape(-1, len(names)), missing.ravel(), rcond=None)[0]
@@ -49,15 +48,22 @@ def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[s
     return moves
 
 
-def _longer(chain: Chain) -> dict[str, Chain]:
-    """The chain with one length more each."""
-    found = {}
+def smoothed(record: Record, values: Floats) -> Motion:
+    """Values (N, n) along a record within twice the band of its path, with first and second derivatives."""
+    band = min(2 * path_in(record), BAND_MOST / record.rig.period)
+    return derivatives(values, record.rig.period, CUTOFF * band)
+
+
+def longer(chain: Chain) -> dict[str, Chain]:
+    """The chain with one length more each, by `SHARE`."""
+    found, by, replace = {}, 1 + SHARE, dataclasses.replace
     for i, link in enumerate(chain.links):
-        for length in ("a", "d"):
-            if value := getattr(link, length):
-                other = dataclasses.replace(link, **{length: (1 + _SHARE) * value})
+        place = replace(link.before, position=tuple(by * x for x in link.before.position))
+        ways = replace(link, a=by * link.a), replace(link, d=by * link.d), replace(link, before=place)
+        for length, other in zip(("a", "d", "before"), ways, strict=True):
+            if other != link:
                 links = (*chain.links[:i], other, *chain.links[i + 1 :])
-                found[f"links[{i}].{length}"] = dataclasses.replace(chain, links=links)
+                found[f"links[{i}].{length}"] = replace(chain, links=links)
     return found
 
 

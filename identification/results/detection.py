@@ -22,9 +22,16 @@ _STIFF = 300.0  # resonance above which a gear is not mentioned [Hz]
 
 _LIMITS = {
     "backlash": (180 / np.pi, "degrees"), "lag": (1e3, "ms"), "delay": (1.0, "samples"), "gear": (100.0, "%"),
-    "offset": (1.0, "N m of the motor"),
+    "offset": (1.0, "N m of the motor"), "cogging": (1.0, "N m of the motor"), "length": (100.0, "%"),
+    "lead": (1e3, "ms"),
 }  # fmt: skip
 """What turns the numbers of `Extended` into those of a text, and their units."""
+
+_EACH = {
+    "gear": (100.0, "{:+.2g} % at {}"), "offset": (1.0, "{:.3g} N m at {}"), "lead": (1e3, "{:.2g} ms at {}"),
+    "length": (100.0, "{:+.2g} % before {}"),
+}  # fmt: skip
+"""Factor and text of the numbers of a joint."""
 
 _SAID = {
     "compliance": "the joints are elastic: locked-rotor resonance near {each} ({chance}), which biases f. Give the "
@@ -40,6 +47,11 @@ _SAID = {
     "drive a FrictionCurve, and add drive.curve.offset[0] and so on to unknown.",
     "gear": "gears (or lengths, or counts per turn) are not the rig's: {each} ({chance}), which biases f. Check them, "
     "or add drive.gear[0] and so on to unknown.",
+    "cogging": "motors cog: {each}, motor side ({chance}). Give the drive a TorqueRipple of that.",
+    "length": "the arm's lengths are not the chain's: {each} ({chance}), which biases f. Measure them, and correct the "
+    "chain.",
+    "lead": "the stated law lacks the rate of its error: torques lead by {each} ({chance}), which biases f. Check the "
+    "law; a PD has such a lead, its derivative per gain.",
     "disagreement": "the records contradict each other: each alone has other values (chi-square {chi_square:.0f} of "
     "{freedom} degrees of freedom, by chance below {threshold:.0f}). The model lacks something, or the robot has "
     "changed.",
@@ -183,7 +195,8 @@ class Detection(Shown, Frozen):
         if not limits:
             return f"{kind} (none is detectable)"
         scale, unit = _LIMITS[kind]
-        kind = {"gear": "another gear", "offset": "an offset of the torque"}.get(kind, kind)
+        said = {"gear": "another gear", "offset": "an offset of the torque", "length": "another length"}
+        kind = (said | {"lead": "a derivative in the law"}).get(kind, kind)
         values = [scale * value for _, value in limits]
         seen = _span(values) if max(values) > _LEAST else f"less than {_LEAST:g}"
         return f"{kind} (detectable from {seen} {unit})"
@@ -198,10 +211,15 @@ class Detection(Shown, Frozen):
         if sign.name == "compliance":
             gears = ", ".join(f"{hertz:.0f} Hz at {joint}" for joint, hertz in self.resonances.items())
             return gears or "some resonance"
-        if sign.name == "gear":
-            return ", ".join(f"{100 * value:+.2g} % at {self._joint(name)}" for name, value in sign.values.items())
-        if sign.name == "offset":
-            return ", ".join(f"{value:.3g} N m at {self._joint(name)}" for name, value in sign.values.items())
+        if sign.name in _EACH:
+            scale, form = _EACH[sign.name]
+            return ", ".join(form.format(scale * value, self._joint(name)) for name, value in sign.values.items())
+        if sign.name == "cogging":
+            pairs = [name for name in sign.values if "cos" in name]
+            sizes = {name: np.hypot(sign.values[name], sign.values[name.replace("cos", "sin")]) for name in pairs}
+            shown = [name for name in pairs if sizes[name] > sign.visible[name]] or pairs
+            form = "{:.2g} N m, {} times per turn, at {}"
+            return ", ".join(form.format(sizes[name], name[8 : name.index("cos")], self._joint(name)) for name in shown)
         return ""
 
     def _level(self, name: str, value: float) -> str:

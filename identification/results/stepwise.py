@@ -8,6 +8,7 @@ import numpy as np
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
+from identification.results.along_log import effects_along, torques_along
 from identification.results.alternatives import Sign, delay_sign, effects_of, signs
 from identification.results.detection import Detection
 from identification.results.model_error import Doubt
@@ -116,9 +117,14 @@ class _Search:
         self.at = self._first = first
         self._searched = model.rows()[len(problem.records) - 1].stop
         self._efforts, self.joints = _efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
-        self.effects = effects_of(self.at, self._efforts)
+        self._weigh()
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
         self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
+
+    def _weigh(self) -> None:
+        """What the innovations change by with what the model may lack, from where it is."""
+        self.torques = torques_along(self.at)
+        self.effects = effects_of(self.at, self._efforts) | effects_along(self.at, self.torques)
 
     def detection(self, delay: float) -> Detection:
         first = found = self._signs = signs(self.at, self.effects)
@@ -142,7 +148,7 @@ class _Search:
             own_rates = fitted(refit.at.model, refit.at.values, refit.step, self.bounds)
             refit = self._compared(refit.sign, own_rates, refit.step)
             self.at, self.step = refit.at, refit.step
-            self.effects = effects_of(self.at, self._efforts)
+            self._weigh()
             named.append(refit.sign)
             found = signs(self.at, self.effects)
         values = tuple(self._with_values(sign) for sign in named)
@@ -173,6 +179,8 @@ class _Search:
             return None
         if sign.name == "delay":
             return self._shifted(sign)
+        if sign.values.keys() <= self.torques.keys():
+            return self._pushed(sign)
         model, some = self.at.model, list(sign.values)
         every = [name for name in model.extra if sign.name == "compliance" and name.startswith("compliance")]
         for names in (every, some) if every else (some,):
@@ -206,6 +214,15 @@ class _Search:
                 return None
             sign = delay_sign(at) or sign
         return self._compared(dataclasses.replace(sign, values={"delay": delay}), at, self.step)
+
+    def _pushed(self, sign: Sign) -> _Refit | None:
+        """The model beside the torques of a sign."""
+        own = [[value * torque for torque in self.torques[name]] for name, value in sign.values.items()]
+        try:
+            pushed = self.at.model.pushed([sum(of_record) for of_record in zip(*own, strict=True)])
+            return self._compared(sign, fitted(pushed, self.at.values, self.step, self.bounds, self.at), self.step)
+        except ValueError:
+            return None
 
     def _compared(self, sign: Sign, at: Optimum, step: Floats) -> _Refit:
         explained = self.at.squares - at.squares

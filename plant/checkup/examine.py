@@ -14,7 +14,7 @@ from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding, unless
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
-from plant.checkup.quantisation import quantisation_findings
+from plant.checkup.quantisation import count_unit_findings, quantisation_findings
 from plant.checkup.rounding import rounding_findings
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import lost_findings, time_findings
@@ -41,10 +41,9 @@ _REVERSALS, _PLAY, _PLAY_SURE = 6, 0.5, 3.5
 """Reversals of the load that a log must hold; backlash [pulses], and in standard deviations, that is significant."""
 
 
-def torque_findings(signals: Signals) -> Iterator[Finding]:
-    """Yield the findings about torque and current, check by check."""
-    why, names = signals.no_torque, ("saturation", "clipped torque", "backlash")
-    yield from unless(why, names, signals.each(_saturated, _clipped, _backlash))
+def _of_torque(name: str, check: Callable[[Any, int], Finding]) -> Callable[[Signals], Iterator[Finding]]:
+    """A check of torque or current, joint by joint."""
+    return lambda signals: unless(signals.no_torque, (name,), signals.each(check))
 
 
 def _saturated(signals, i):
@@ -67,14 +66,15 @@ def _clipped(signals, i):
             continue
         if signals.torque is not None and signals.commanded is not None:
             cut, commanded = torque == levels[k], signals.commanded[:, i]
-            alike = np.quantile(np.abs(commanded - torque)[~cut], 0.9) < _ALIKE * np.ptp(torque)
+            inside = (torque > levels[0]) & (torque < levels[-1])
+            alike = np.quantile(np.abs(commanded - torque)[inside], 0.9) < _ALIKE * np.ptp(torque)
             piled += alike * np.sum(cut & (np.abs(commanded) > _BEYOND * np.abs(levels[k])))
         elif often[k] > _PILED * often[inner].mean():
             piled += often[k]
     # Against the commanded torque a cut one is plain to see.
     least = _LEAST_PILE if signals.commanded is None else _LEAST_PILE / 5
-    cut_off = f"cut off at {np.abs(torque).max():.4g} N m (motor), not by the amplifier"
-    advice = f"The torque is {cut_off}: the log's range is too small; leave these rows out."
+    cut_off = f"cut off at {np.abs(torque).max():.4g} N m (motor), not at the stated limit of the amplifier"
+    advice = f"The torque is {cut_off}: it gives less, or the log's range is too small; leave these rows out."
     return Finding.graded("clipped torque", i, 100 * piled / len(torque), "%", look=least, wrong=_LOST, advice=advice)
 
 
@@ -102,8 +102,9 @@ _LEAST = 50
 
 
 _PARTS = (
-    oscillation_findings, quantisation_findings, rounding_findings, reference_findings, wiring_findings, unit_findings,
-    torque_findings,
+    _of_torque("clipped torque", _clipped), oscillation_findings, quantisation_findings, rounding_findings,
+    reference_findings, wiring_findings, unit_findings, _of_torque("saturation", _saturated),
+    _of_torque("backlash", _backlash),
 )  # fmt: skip
 """Checks of a log whose lost rows are bridged; first what shows as noise, saturation and delay, too."""
 
@@ -126,7 +127,12 @@ def _findings(record: Any) -> list[Finding]:
     if lost.any.mean() > MOST:
         return [*time_findings(signals), *lost_findings(signals, lost)]
     whole, bridged = Signals(repeats_bridged(record, lost)), Signals(all_bridged(record, lost))
-    found = [*time_findings(signals), *lost_findings(signals, lost), *counts_findings(signals, whole)]
+    found = [
+        *time_findings(signals),
+        *count_unit_findings(signals),
+        *lost_findings(signals, lost),
+        *counts_findings(signals, whole),
+    ]
     return [*found, *(finding for part in _PARTS for finding in part(bridged))]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.checkup.counts import events
+from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
@@ -60,7 +61,9 @@ def lost_rows(record: Any) -> LostRows:
     counts, reference = record.counts[rows], record.reference_pulses[rows]
     columns = np.hstack([counts, reference])
     t = record.t[rows] / np.median(np.diff(record.t))
-    repeats, moving = (np.column_stack(each) for each in zip(*(_repeats(x, t) for x in columns.T), strict=True))
+    repeats, moving = (
+        np.column_stack(each) for each in zip(*(_repeats(x / grid(x), t) for x in columns.T), strict=True)
+    )
     packet = repeats[:, n:].any(axis=1) | (repeats == moving).all(axis=1) & repeats.any(axis=1)
     off, again = off_reference(record)[rows], np.diff(reference, axis=0, prepend=np.nan).any(axis=1)
     packet |= off & ~again

@@ -28,6 +28,9 @@ _PEAK, _AVERAGED = 20.0, 9
 _GROWN = 1.5
 """Ratio of the last third to the first from which on it grows."""
 
+_LIMITED = 0.01
+"""Share of the log in which commands above the limit make it another loop."""
+
 _NAME = "oscillation"
 
 
@@ -66,11 +69,23 @@ def _oscillation(signals, i):
     clear = around[fast].max() > _PEAK * np.median(around[fast])
     if not (clear and size > _LEAST * signals.least_count[i] and size > _SWINGS * tracking):
         return Finding.of(_NAME, i, size, "pulses")
+    if _driven_to_limit(signals, i, size):
+        return Finding.unknown(_NAME, i, "the motion takes the amplifier to its limit", value=size, unit="pulses")
     third = _PARTS // 3
     does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
     seen = f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}"
     why = "it is unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple)"
     return Finding.of(_NAME, i, own, "Hz", "look", f"{seen}: {why}. Lower its gains.")
+
+
+def _driven_to_limit(signals, i, size):
+    """Whether commands reach the amplifier's limit, which swings of this size [pulses] (RMS) alone would not."""
+    if signals.commanded is None:
+        return False
+    drive, commanded = signals.rig.drive, signals.commanded[:, i]
+    limit = drive.current_limit[i] * drive.motor_gain[i]
+    per_pulse = _rms(commanded) / max(_rms((signals.reference - signals.counts)[:, i]), 1e-300)
+    return np.mean(np.abs(commanded) > limit) > _LIMITED and np.sqrt(2) * size * per_pulse < limit
 
 
 def _rms(values):

@@ -30,9 +30,18 @@ _NOISY = 0.6
 """Noise [pulses] that rounding (0.29) does not explain."""
 
 
+_DIGITS, _WHOLE = 6, 0.01
+"""Digits of scaled counts, beyond which they are rounding; and how far off a multiple of their step they may be."""
+
+
+def count_unit_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about the unit of the counts."""
+    yield from signals.each(_units)
+
+
 def quantisation_findings(signals: Signals) -> Iterator[Finding]:
-    """Yield the findings about units, quantisation and noise of the counts."""
-    yield from signals.each(_units, _step, _noise)
+    """Yield the findings about quantisation and noise of the counts."""
+    yield from signals.each(_step, _noise)
 
 
 def _units(signals, i):
@@ -44,6 +53,9 @@ def _units(signals, i):
     if not broken:
         return Finding.of("units of counts", i, 0.0, "% not whole")
     verdict, advice = "look", "Counts are whole; these were shifted or scaled after counting."
+    if (step := grid(counts)) > 1:
+        degrees = " = 180/pi, as of radians turned into degrees" if abs(np.deg2rad(step) - 1) < _WHOLE else ""
+        advice = f"Counts are whole; these come in steps of {step:.6g}{degrees}: divide counts and reference by it."
     if signals.angular[i]:
         unit = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
         verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.counts(q)."
@@ -69,6 +81,14 @@ def _step(signals, i):
     why = f"the encoder has {stated / step:.6g} pulses per turn, not {stated:g}, or was rounded to another step before"
     advice = f"Counts come in steps of {step:.4g}: {why}."
     return Finding.graded("quantisation step", i, step, "pulses", look=1.02, advice=advice)
+
+
+def grid(counts: Floats) -> float:
+    """Step [pulses] of which all counts (N,) are multiples apart, where it is more than a pulse; otherwise 1."""
+    levels = np.unique(np.round(counts - counts[0], _DIGITS))
+    if len(levels) < _DISTINCT or (step := float(np.diff(levels).min())) <= 1:
+        return 1.0
+    return step if np.abs(levels / step - np.round(levels / step)).max() < _WHOLE else 1.0
 
 
 def comb(counts: Floats) -> tuple[float, bool]:

@@ -153,7 +153,9 @@ class Cause:
 LABELS = {
     "sign of a joint": r"turns the other way",
     "sign of gravity": r"gravity acts the other way",
-    "lengths": r"the length before|in metres",
+    "lengths": r"lengths are not the chain's|in metres",
+    "cogging": r"motors cog",
+    "law": r"the rate of its error",
     "taken back": r"look for another cause",
     "gain or friction": r"or gains of law or motor are not",
     "gain or gear": r"check gain, motor gain and gear",

@@ -4,12 +4,25 @@ Robots are simulated at 16 steps per sample with what their records' rigs do not
 """
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
 from identification import GeneticSettings, identify
-from plant import PD, Elasticity, Harmonics, LoggedTorque, puma560, read_robot, simulate
+from plant import (
+    PD,
+    Chain,
+    Dynamics,
+    Elasticity,
+    Harmonics,
+    Link,
+    LoggedTorque,
+    TorqueRipple,
+    puma560,
+    read_robot,
+    simulate,
+)
 from plant.machine.encoder import Phase
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
@@ -50,6 +63,8 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "backlash",
         "offset",
         "gear",
+        "cogging",
+        "lead",
     }
     assert not any(sign.significant for sign in detection.signs)
     assert "no sign of compliance (detectable below" in rigid.summary()
@@ -186,6 +201,26 @@ def test_a_fast_law_with_a_memory_is_tested_in_its_loop():
     assert found.diagnostics.detection.reason is None
     assert found.diagnostics.detection.names == ()
     assert {"lag", "friction", "compliance"} <= {sign.name for sign in found.diagnostics.detection.signs}
+
+
+def test_motors_that_cog_are_named_with_their_cycles():
+    ripple = TorqueRipple(amplitude=0.2 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
+    (said, *_) = quick(log(ripple=ripple)).warnings
+    assert said.startswith("motors cog: ")
+    assert "N m, 6 times per turn, at joint 3 (q[1])" in said
+
+
+def test_a_length_that_is_wrong_is_named():
+    chain = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=1.1 * puma560.LINK_LENGTH)))
+    (said, *_) = identify(Dynamics.from_chain(chain), log(), method="prediction_error", progress=False).warnings
+    assert re.match(r"the arm's lengths are not the chain's: -(8|9|10)(\.\d)? % before joint 3", said)
+
+
+def test_a_derivative_that_the_stated_law_lacks_is_named():
+    law = PD(gain=(0.1, 0.075), derivative=(1e-4, 7.5e-5), filter=3000.0)
+    record = dataclasses.replace(log(law=law), law=puma560.p_law((0.1, 0.075)), torque=None, current=None)
+    (said, *_) = quick(record).warnings
+    assert said.startswith("the stated law lacks the rate of its error: torques lead by ")
 
 
 # -- a robot that another engine simulates ----------------------------------------------------------------------------

@@ -171,3 +171,23 @@ def test_advice_that_explains_no_more_is_not_given():
     assert told
     for f in told:
         assert ("look for another cause" in f.advice) == (checkup.record is record)
+
+
+# -- causes are told before what they do ------------------------------------------------------------------------------
+def test_degrees_are_told_before_lost_rows():
+    turn = 180 / np.pi
+    wrong = dataclasses.replace(
+        log(), reference=None, reference_pulses=turn * log().reference_pulses, error_pulses=turn * log().error_pulses
+    )
+    assert not lost_rows(wrong).any.any()
+    first, *_ = wrong.check().problems
+    assert first.check == "units of counts"
+    assert "in steps of 57.2958 = 180/pi" in first.advice
+
+
+def test_a_torque_that_is_cut_off_is_told_before_counts_that_do_not_follow():
+    own = rig("floor")
+    weak = dataclasses.replace(own, drive=dataclasses.replace(own.drive, current_limit=0.35 * own.drive.current_limit))
+    record = simulate(puma560.literature_arm(1.5), weak, puma560.p_law((0.2, 0.15)), PATH, duration=3.0)
+    first, *_ = dataclasses.replace(record, rig=own).check().problems
+    assert first.check == "clipped torque"

@@ -1,0 +1,85 @@
+"""Torques along a log that its model may lack: cogging of the motors, another length, the rate of a law's error.
+
+Each is known along the log but for its size, with which the innovations change in proportion.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from identification.equation_error.torque_logs import torque_of
+from identification.replay.optimum import Optimum
+from identification.results.assumed import SHARE, longer, smoothed
+from plant import Arm, Chain
+from plant.laws.replayed import commanded_torque
+from plant.mechanics.newton_euler import lumped_torque
+from plant.motion.reference import Motion
+from plant.parts.fields import Floats
+
+CYCLES = 24  # of a motor's cogging per turn, at most
+
+_SMALL = 0.01  # share of the log's torque (rms) by whose effect that of a torque is taken
+
+
+def torques_along(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] of each record, by the names of numbers that are zero in the model, per unit of them.
+
+    ``cogging.6cos[i]`` [N m of the motor], of the number of cycles that shows most; ``length.a[i]``, relative, before
+    link i; ``lead[i]`` [s] of the torque of a law without memory.
+    """
+    model, records, found = at.model, at.model.records, dict[str, list[Floats]]()
+    arm = model.dynamics.arm([at.values[model.unknown.index(name)] for name in model.dynamics.names])
+    left = [at.before[rows].reshape(-1, arm.dynamics.n) for rows in model.rows()]
+    asked = [commanded_torque(record) for record in records]
+    rates = [
+        0 * r.counts if torque is None else smoothed(r, torque).qd for r, torque in zip(records, asked, strict=True)
+    ]
+    for i, own in enumerate(np.eye(arm.dynamics.n)):
+        angles = [record.rig.encoder.to_angle(record.counts)[:, i] for record in records]
+        cycles = _cycles(angles, [rest[:, i] for rest in left])
+        for name, wave in (("cos", np.cos), ("sin", np.sin)):
+            pairs = zip(angles, (record.rig.drive.joint_torque(own) for record in records), strict=True)
+            found[f"cogging.{cycles}{name}[{i}]"] = [np.outer(wave(cycles * angle), unit) for angle, unit in pairs]
+        found[f"lead[{i}]"] = [rate * own for rate in rates]
+    motions = [smoothed(record, record.rig.cell_centre(record.counts)) for record in records]
+    as_it_is = [_torque(arm.dynamics.chain, arm, motion) for motion in motions]
+    for name, chain in longer(arm.dynamics.chain).items():
+        link, _, length = name.removeprefix("links[").partition("].")
+        other = [_torque(chain, arm, motion) for motion in motions]
+        found[f"length.{length}[{link}]"] = [(a - b) / SHARE for a, b in zip(as_it_is, other, strict=True)]
+    return {name: [_held(torque) for torque in own] for name, own in found.items() if any(map(np.any, own))}
+
+
+def _held(torque: Floats) -> Floats:
+    """Mean (N, n) from each sample to the next, in which it is held."""
+    return (torque + np.vstack([torque[1:], torque[-1:]])) / 2
+
+
+def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[str, Floats]:
+    """Change of the innovations (M,) with each of these numbers."""
+    size, effects = np.sqrt(np.mean(torque_of(at.model.records[0]) ** 2)), dict[str, Floats]()
+    for name, own in torques.items():
+        step = _SMALL * size / np.sqrt(np.mean(np.concatenate(own) ** 2))
+        moved = at.model.pushed([step * torque for torque in own]).innovations(at.values)
+        effects[name] = (moved - at.innovations) / step
+    return effects
+
+
+def _cycles(motors: Sequence[Floats], left: Sequence[Floats]) -> int:
+    """Cycles per turn of a motor at which what is left (N,) along its angles (N,) has most power, turn by turn."""
+    power = np.zeros(CYCLES)
+    for angle, rest in zip(motors, left, strict=True):
+        _, turn, length = np.unique(np.floor(angle / (2 * np.pi)), return_inverse=True, return_counts=True)
+        sums = np.zeros((len(length), CYCLES), complex)
+        np.add.at(sums, turn, rest[:, None] * np.exp(-1j * np.outer(angle, np.arange(1, CYCLES + 1))))
+        power += (np.abs(sums) ** 2 / length[:, None]).sum(axis=0)
+    return int(power.argmax()) + 1
+
+
+def _torque(chain: Chain, arm: Arm, motion: Motion) -> Floats:
+    """Torque (N, n) of an arm on a motion, with another chain."""
+    q, qd, qdd = (ca.SX.sym(name, chain.n) for name in ("q", "qd", "qdd"))
+    moving, at_rest = lumped_torque(chain, arm.dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
+    torque = ca.Function("torque", [q, qd, qdd], [ca.densify(moving + at_rest)])
+    return np.asarray(torque.map(len(motion.q))(*(each.T for each in motion)).full().T)
