@@ -24,6 +24,7 @@ def test_certify_gives_the_same_bits_on_processes(tmp_path):
         certify(ARM, RIG, law, PATH, stated, executor=work.pool, checkpoint=tmp_path / "c.json", **options)
 
 
+@pytest.mark.slow
 def test_tune_gives_the_same_bits_on_processes(tmp_path):
     stated = Uncertainty(covariance=np.diag((0.01 * np.abs(ARM.f)) ** 2), friction=0.02)
     options = {"samples": 8, "duration": 0.05, "progress": False}

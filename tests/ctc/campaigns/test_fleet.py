@@ -182,6 +182,7 @@ def test_csv_and_parquet_have_the_same_rows(tmp_path):
         fleet.to_csv(tmp_path / "fleet.csv")
 
 
+@pytest.mark.slow
 def test_the_page_does_not_grow_with_logs(tmp_path):
     sizes = []
     for weeks, robots in ((6, 16), (30, 40)):

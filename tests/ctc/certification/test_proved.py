@@ -118,6 +118,7 @@ def test_no_arm_of_the_box_exceeds_it_and_a_corner_comes_near():
     assert corner < proved.error[0] < corner + 1.5 * proved.rounding[0]
 
 
+@pytest.mark.slow
 def test_wider_ranges_are_cut_until_there_is_a_bound():
     wide = certified(0.012, duration=0.05, samples=64).proved
     assert wide.share == 0.25
@@ -138,6 +139,7 @@ def test_the_certificate_prints_both_columns():
     assert "proved" not in str(certify(ARM, RIG, LAW, PATH, stated, **options))
 
 
+@pytest.mark.slow
 def test_where_there_is_none_it_says_why():
     soft = Elasticity(stiffness=(2e4, 1e4), damping=(20, 10))
     gears = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=soft))

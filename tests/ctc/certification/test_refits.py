@@ -81,6 +81,7 @@ def test_loops_on_gears_take_an_identification_for_its_arm(found):
     assert one == other
 
 
+@pytest.mark.slow
 def test_where_no_resonance_can_be_fitted_there_are_none(found):
     assert refits(found, ((0.3, 0.3),), (RATIO, RATIO), START) is None
     with pytest.raises(ValueError, match=r"what the records allow; .* fitted on gears of 2 to 2 Hz"):

@@ -96,6 +96,7 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 8
 
 
+@pytest.mark.slow
 def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     words = ("--unknown", "friction", "--quiet")
@@ -229,6 +230,7 @@ def test_everyday_motions_and_a_path_are_a_row_each(folder, capsys, monkeypatch)
     assert (folder / "day.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_what_is_in_doubt_is_certified_with_that_doubt(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     text = (folder / "arm.toml").read_text().replace("coulomb = [0.124, 0.146]  # N m", "coulomb = [0.0, 0.0]")
@@ -284,6 +286,7 @@ def test_a_path_in_other_units_or_coarse_is_named(folder, monkeypatch, scale, sa
     assert [str(each.message) for each in given] == ([f"units.csv {said}"] if said else [])
 
 
+@pytest.mark.slow
 def test_an_output_that_is_full_closed_or_narrow(folder):
     command = [sys.executable, "-c", "import sys; from ctc.commandline.main import main; sys.exit(main())", "robots"]
     given = {"cwd": folder, "capture_output": True, "text": True, "check": False}

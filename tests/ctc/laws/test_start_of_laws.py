@@ -51,6 +51,7 @@ def test_the_bandwidth_follows_what_is_known():
     assert ComputedTorque(found(), slow).bandwidth == pytest.approx(60)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
 def test_an_identification_in_doubt_is_not_believed():
     """A log of gears of 60 Hz that are taken for rigid: a faster controller swings up."""

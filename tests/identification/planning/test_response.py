@@ -108,6 +108,7 @@ def test_a_designed_multisine_gives_the_plant_within_its_standard_deviations():
     assert np.median(measured.plant_std / np.abs(exact).max(axis=1, keepdims=True)) < 0.03  # 0.011
 
 
+@pytest.mark.slow
 def test_the_resonance_of_each_gear_is_found_within_its_standard_deviation_and_makes_the_gears():
     hz, ratio, pose = np.array([25.0, 30.0]), (0.02, 0.03), {"q": POSE, "drive": RIG.drive}
     gears = Elasticity.from_resonance(ARM, hz, ratio, **pose)

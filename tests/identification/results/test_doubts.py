@@ -103,7 +103,9 @@ def two_joints_of_a_ur5e():
     return dynamics.arm(dynamics.f()), rig, path
 
 
-@pytest.mark.parametrize(("gain", "hunts"), [((0.080, 0.0295), ()), ((0.042, 0.0153), (0,))])
+@pytest.mark.parametrize(
+    ("gain", "hunts"), [pytest.param((0.080, 0.0295), (), marks=pytest.mark.slow), ((0.042, 0.0153), (0,))]
+)
 def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, hunts):
     arm, rig, path = two_joints_of_a_ur5e()
     record = simulate(arm, rig, P(gain=gain), path, duration=3.0, steps_per_sample=16)
@@ -157,6 +159,7 @@ def test_no_method_blames_a_healthy_log_whose_loop_hunts(method):
         ]
 
 
+@pytest.mark.slow
 def test_a_validation_record_whose_loop_hunts_is_not_blamed_and_one_of_another_arm_is():
     """Searched at gains that do not hunt: the other differs more than 1.5 times as much, as runs of the model do."""
     arm, rig, path = two_joints_of_a_ur5e()

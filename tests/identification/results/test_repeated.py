@@ -33,8 +33,10 @@ def logged(kind):
     "kind",
     [
         "P",
-        "torque",
-        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("without torque", "in motion", "as counts")),
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("torque", "without torque", "in motion", "as counts")
+        ),
     ],
 )
 def test_the_run_that_is_drawn_is_the_one_that_was_judged(kind, tmp_path):

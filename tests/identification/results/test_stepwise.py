@@ -166,6 +166,7 @@ def test_nothing_contradicts_a_model_whose_gears_give_and_whose_stiffness_is_unk
     assert (gears(60).stiffness < ends[1]).all()
 
 
+@pytest.mark.slow
 def test_torques_that_are_repeated_show_lag_and_compliance():
     """Held torques of a sampled PD: its memory is not in the log, the torque is."""
     law = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
@@ -187,6 +188,7 @@ def test_the_papers_method_is_tested_too_and_its_result_stays():
     assert found.diagnostics.detection.names == ("compliance",)
 
 
+@pytest.mark.slow
 def test_same_bits_on_any_number_of_threads():
     record = log(elasticity=gears(60))
     one, two = (quick(record, threads=threads).diagnostics.detection for threads in (1, 2))

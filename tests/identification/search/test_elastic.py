@@ -99,6 +99,7 @@ def test_one_gear_unknown_and_the_others_known():
     assert "as the rig says" in str(result.fit.resonance)
 
 
+@pytest.mark.slow
 def test_backlash_that_no_rig_states_leaves_a_bound():
     """It makes the gear look softer than it is: 70 Hz look like 53."""
     played = Elasticity.from_resonance(ARM, 70, 0.02, drive=RIG.drive, backlash=(2e-4, 2e-4))

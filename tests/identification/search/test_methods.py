@@ -254,7 +254,7 @@ def test_ranges_that_exclude_the_truth_are_warned_about():
     assert any("f7 ends at the lower end" in text or "simulated and measured" in text for text in result.warnings)
 
 
-@pytest.mark.parametrize("wrong", ["gear", "joints", "errors"])
+@pytest.mark.parametrize("wrong", [pytest.param("gear", marks=pytest.mark.slow), "joints", "errors"])
 def test_signs_and_order_that_are_wrong_are_warned_about(wrong):
     record = dataclasses.replace(measured(), reference=None, torque=None, current=None, true_q=None, true_qd=None)
     if wrong == "gear":
