@@ -170,7 +170,8 @@ class Drive(Part):
                 continue
             if (lacking := np.flatnonzero(~np.isfinite(values))).size:
                 where = f"{what} of joint {names[lacking[0]]} in {Path(path).name}"
-                raise ValueError(f"{where} must be stated; it is not, or 0. Give {key}, motor side.")
+                got, do = (", or 0", "") if what == "effort" else ("", ", or None to identify it")
+                raise ValueError(f"{where} must be stated; it is not{got}. Give {key}, motor side{do}.")
             changes[key] = values / scale
         return dataclasses.replace(drive, **changes)
 

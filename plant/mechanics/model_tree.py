@@ -84,6 +84,7 @@ class ModelFile:
         if base is not None and (not way or way[0].parent != base):
             raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Give a link further out.")
         found = [joint.name for joint in way if joint.kind in MOVING and not joint.mimics]
+        _require_own([joint for joint in way if joint.mimics in found])
         if not found:
             raise ValueError(f"a joint must move between base and tip {tip}; none does. Give links further apart.")
         return found
@@ -107,6 +108,9 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
         at = frame
         made.append(_lumped(model.bodies, hanging, joint.child, moving))
+    if not any(body.mass for body in made):
+        those = f"of links {chosen[0].child} to {chosen[-1].child} none does"
+        raise ValueError(f"links must state their masses; {those}. Give them <inertial>.")
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
         if body is made[-1] or body.standard_parameters.any():  # nothing may lie between two joints whose axes meet
             body.require_physical(f"behind {label}")
@@ -168,10 +172,17 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
             raise ValueError(f"joints must lie behind each other, base first; got {', '.join(names):.300}. Reorder.")
     if not chosen:
         raise ValueError("the file must have at least one joint that moves; it has none. Give another one.")
-    for joint in chosen:
-        if joint.mimics:
-            raise ValueError(f"joints must move on their own; {joint.name} mimics another one. Leave it out.")
+    start = None if names is None else chosen[0].parent
+    _require_own(_way({joint.child: joint for joint in every.values()}, start, chosen[-1]))
     return chosen
+
+
+def _require_own(way: list[ModelJoint]) -> None:
+    """Refuse joints between base and tip that mimic others: held at zero, they would change the arm."""
+    for joint in way:
+        if joint.mimics:
+            how = f"{joint.name} mimics {joint.mimics}"
+            raise ValueError(f"joints must move on their own; {how}. End the chain before it, or fix it in the file.")
 
 
 def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
