@@ -14,7 +14,7 @@ from plant.mechanics.body import Body
 from plant.mechanics.link import Limits, Link
 from plant.mechanics.placement import Placement, righted
 from plant.mechanics.xml_file import Element
-from plant.parts.arguments import choice
+from plant.parts.arguments import choice, several
 from plant.parts.fields import Floats
 from plant.parts.labels import joint_labels
 
@@ -68,6 +68,8 @@ class ModelFile:
         self, names: Sequence[str] | None = None, base: str | None = None, tip: str | None = None
     ) -> list[ModelJoint]:
         """The joints of the chain, base first; by default all that move, but those that mimic and are mimicked."""
+        if base is not None:
+            choice("base", base, tuple(self.bodies))
         if base is not None or tip is not None:
             if names is not None or tip is None:
                 raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
@@ -78,9 +80,8 @@ class ModelFile:
     def joints_between(self, base: str | None, tip: str) -> list[str]:
         """Names of the joints that move on their own from one link to another below it, by default from the root."""
         _require_tree(self.bodies, self.joints)
-        start = None if base is None else choice("base", base, tuple(self.bodies))
         end = {joint.child: joint for joint in self.joints.values()}.get(choice("tip", tip, tuple(self.bodies)))
-        way = [] if end is None else _way({joint.child: joint for joint in self.joints.values()}, start, end)
+        way = [] if end is None else _way({joint.child: joint for joint in self.joints.values()}, base, end)
         if base is not None and (not way or way[0].parent != base):
             raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Give a link further out.")
         found = [joint.name for joint in way if joint.kind in MOVING and not joint.mimics]
@@ -152,8 +153,8 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
         chosen = _ordered(every, moving)
         if chosen is None:
             raise ValueError(
-                f"joints must be named where the file has a tree; it has {', '.join(j.name for j in moving):.300}. "
-                "Pass tip='name of a link', or joints=[...], base first."
+                f"joints must be named where the file has a tree; it has {several(j.name for j in moving)}. "
+                "Pass tip='name of a link', and base= where it is not the file's."
             )
     else:
         if isinstance(names, str) or not names:
@@ -169,7 +170,8 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
             raise ValueError(f"joints must be named once each; {twice} comes twice. Leave one out.")
         chosen = _ordered(every, [every[name] for name in names])
         if chosen is None or [joint.name for joint in chosen] != names:
-            raise ValueError(f"joints must lie behind each other, base first; got {', '.join(names):.300}. Reorder.")
+            do = "Reorder." if chosen else "They are on two branches: leave out those of one."
+            raise ValueError(f"joints must lie behind each other, base first; got {several(names)}. {do}")
     if not chosen:
         raise ValueError("the file must have at least one joint that moves; it has none. Give another one.")
     start = None if names is None else chosen[0].parent

@@ -146,6 +146,8 @@ def test_a_chain_between_two_links(tmp_path, given, joints):
         ({"base": "toroso", "tip": "arm"}, "Did you mean 'torso'"),
         ({"tip": "other"}, "a joint must move between base and tip other; none does"),
         ({"base": "arm"}, "tip must be given with base"),
+        ({"base": "amr"}, "Did you mean 'arm'"),
+        ({"joints": ["to_left", "to_right"]}, "They are on two branches"),
         ({"tip": "arm", "joints": ["to_arm"]}, "tip must be given with base, and no joints"),
         ({}, "to_arm mimics to_torso"),
         ({"tip": "hand"}, "to_arm mimics to_torso"),
@@ -220,6 +222,8 @@ def test_fixed_joint_is_no_joint_of_a_chain_and_text_is_no_file(tmp_path):
     text = GOOD.replace("</robot>", LINK.format("b") + MORE.format("arm", "b").replace("revolute", "fixed"))
     with pytest.raises(ValueError, match="joints must move; elbow is fixed"):
         Chain.from_urdf(written(tmp_path, text), ["elbow"])
+    with pytest.raises(ValueError, match=r"none.urdf must be a file; there is none"):
+        Chain.from_urdf(tmp_path / "none.urdf")
     with pytest.raises(ValueError, match="got its text"):
         Chain.from_urdf(GOOD)
 
