@@ -12,7 +12,7 @@ import numpy as np
 
 from plant.mechanics.body import Body
 from plant.mechanics.link import Limits, Link
-from plant.mechanics.placement import Placement, righted
+from plant.mechanics.placement import Placement, axis_frame, righted
 from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice, several
 from plant.parts.fields import Floats
@@ -68,9 +68,8 @@ class ModelFile:
         self, names: Sequence[str] | None = None, base: str | None = None, tip: str | None = None
     ) -> list[ModelJoint]:
         """The joints of the chain, base first; by default all that move, but those that mimic and are mimicked."""
-        if base is not None:
-            choice("base", base, tuple(self.bodies))
         if base is not None or tip is not None:
+            base = None if base is None else choice("base", base, tuple(self.bodies))
             if names is not None or tip is None:
                 raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
             names = self.joints_between(base, tip)
@@ -102,7 +101,7 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
         before, start = Placement(), chosen[i - 1].child if i else None
         for step in _way(parents, start, joint):
             before = before if step.origin is HERE else before @ step.origin
-        on_axis = Placement(rotation=_axis_frame(joint.axis), position=joint.anchor)
+        on_axis = Placement(rotation=axis_frame(joint.axis), position=joint.anchor)
         slides, frame = MOVING[joint.kind], on_axis.inverse()
         zero = {"d" if slides else "theta": -joint.zero}
         pose, rounded[joint.name] = righted(at @ before @ on_axis)
@@ -249,13 +248,3 @@ def _lumped(
             body = body.seen_from(placement)
             found = body if found is None else found.joined(body)
     return found or Body(mass=0.0, com=np.zeros(3))
-
-
-def _axis_frame(axis: Floats) -> Floats:
-    """A rotation whose z axis is this axis; the smallest turn that takes z there."""
-    z = axis / np.linalg.norm(axis)
-    if abs(z[0]) < 1e-12 and abs(z[1]) < 1e-12:
-        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    x = np.cross((0.0, 0.0, 1.0), z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])

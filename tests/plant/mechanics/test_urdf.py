@@ -314,7 +314,11 @@ def test_a_drive_has_the_friction_and_the_efforts_of_pinocchio_s_reader(tmp_path
         ),
         (STATED[1].split("<dyn")[0], {}, "damping of joint j2 in robot.urdf must be stated; .* Give viscous"),
         (STATED[1].split("<dyn")[0], {"viscous": 1e-3}, "friction of joint j2 .* Give coulomb"),
-        (STATED[1].replace(' friction="0.3"', ""), {}, "friction of joint j2 .* or None to identify it"),
+        (
+            STATED[1].replace(' friction="0.3"', ""),
+            {},
+            r"Give coulomb motor side \(friction: or None\)",
+        ),
         (STATED[1].replace('"0.3"', '"-0.3"'), {}, "joint j2 must not have negative friction; got 0.7 and -0.3"),
         (STATED[1], {"gear": (100, 0)}, "gear must not be zero; got 0.0 at joint j2"),
         (STATED[1], {"gear": (1, 2, 3)}, "joints must be 3 names"),
