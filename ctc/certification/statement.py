@@ -170,12 +170,12 @@ def _explained(certificate: Any) -> Iterator[Piece]:
     yield Aside("What the parameters mean", long)
     if certificate.failures and (beyond := _beyond_motors(certificate)):
         yield f"no controller can hold it: {beyond}"
-    elif certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
-        yield "how well f is known decides: identify from more records, or from a motion of design_motion"
-        yield SEARCH
     elif certificate.failures and (known := _friction(certificate)) is not None:
         some = f'{percent(known)} of the first samples exceed the limit. Call identify(..., unknown="friction")'
         yield f"that friction is uncertain decides: known as this log would identify it, {some}"
+    elif certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
+        yield "how well f is known decides: identify from more records, or from a motion of design_motion"
+        yield SEARCH
     elif certificate.failures:
         yield SEARCH
     if certificate.plants.redrawn:

@@ -78,7 +78,7 @@ def _as_options(text: str, given: argparse.Namespace) -> str:
     """A text with the options of the command in place of the keyword arguments that have their names."""
     names = "|".join(set(vars(given)) - _PLACES)
     text = re.sub(rf"\b({names})=\(([^,()]+), ([^,()]+)\)", r"\1=\2 \3", text)
-    text = re.sub(rf"\b({names})=(?=[\d.-])", r"\1= ", text)
+    text = re.sub(rf"\b({names})=(?=[\d.'-])", r"\1= ", text)
     found = rf"^({names})(?= (?:must|cannot|needs) )|\b({names})="
     return re.sub(found, lambda each: "--" + (each[1] or each[2]).replace("_", "-"), text)
 

@@ -10,8 +10,7 @@ from identification.equation_error.prior import Prior
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, pass_band
 from identification.equation_error.regressor import regressor_along
 from plant import Dynamics, Record
-from plant.checkup.counts import in_step
-from plant.checkup.signals import LEAST_MOTION
+from plant.checkup.counts import hardly_moving, in_step
 from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 from plant.parts.sums import products
@@ -23,7 +22,7 @@ _TORQUE = 0.02  # error of a log's torques that is expected, as a share of each 
 
 def still(records: Sequence[Record]) -> NDArray[np.intp]:
     """Joints that hardly move in any record."""
-    return np.flatnonzero(np.max([np.ptp(record.counts, axis=0) for record in records], axis=0) < LEAST_MOTION)
+    return np.flatnonzero(np.all([hardly_moving(record) for record in records], axis=0))
 
 
 def unexcited(dynamics: Dynamics, records: Sequence[Record]) -> list[str]:
@@ -53,7 +52,7 @@ def advice(dynamics: Dynamics, records: Sequence[Record], prior: Prior | None) -
 def _motion(record: Record) -> Motion:
     """In the pass band, as many samples as are independent in it; joints that hardly move stand still."""
     rig, counts = record.rig, record.counts
-    counts = np.where(np.ptp(counts, axis=0) < LEAST_MOTION, np.round(counts.mean(axis=0)), counts)
+    counts = np.where(hardly_moving(record), np.round(counts.mean(axis=0)), counts)
     band = min(pass_band(record), BAND_MOST / rig.period)
     every = slice(None, None, max(1, int(1 / (2 * band * rig.period))))
     return Motion(*(part[every] for part in derivatives(rig.cell_centre(counts), rig.period, CUTOFF * band)))

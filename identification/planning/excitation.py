@@ -21,7 +21,7 @@ from identification.planning.model_limits import experiment_of, motion_limits
 from identification.planning.multisine import multisines
 from plant import Arm, Chain, Harmonics, Law, Rig
 from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import choice, instance, known_options, real
+from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
 from plant.simulation.executors import mapped
 
@@ -120,7 +120,9 @@ def design_motion(
     if kind == "multisine":
         return multisines(model, rig, period, frequencies, _TORQUE, (position, velocity, acceleration))
     many, harmonics = model.dynamics.p > _EXACT, 5 if harmonics is None else harmonics
-    starts, iterations = starts or (1 if many else 3), iterations or (60 if many else 200)
+    starts = (1 if many else 3) if starts is None else whole("starts", starts, "Leave it out for the usual.")
+    usual = 60 if many else 200
+    iterations = usual if iterations is None else whole("iterations", iterations, "Leave it out for the usual.")
     limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
     of_problem = model, rig, law, period, harmonics
     begins = list(_starts(np.random.default_rng(seed or 0), starts, _rates(period, harmonics), *limits))

@@ -16,7 +16,7 @@ from plant.logs.record import Record
 from plant.machine.rig import smooth_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.motion.reference import Motion
-from plant.parts.arguments import instance, near
+from plant.parts.arguments import instance, near, several
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
@@ -94,7 +94,7 @@ class Experiment:
                     hint = "Give the drive a FrictionCurve first."
                 if str(name).startswith("springs") and record.rig.springs is None:
                     hint = "Give the rig its springs first, such as a JointSpring."
-                known = f"{hint} Known: {', '.join(names)}.".lstrip()
+                known = hint or f"Known: {several(names)}."
                 raise ValueError(f"unknown must name numbers of this experiment; got {name!r}. {known}")
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:

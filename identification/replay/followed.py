@@ -10,7 +10,7 @@ import numpy as np
 from identification.equation_error.law_memory import FADED, Memory, Resumption
 from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
-from plant.checkup.signals import LEAST_MOTION
+from plant.checkup.counts import hardly_moving
 from plant.parts.fields import Floats
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
@@ -38,7 +38,7 @@ class Followed(Experiment):
             self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self._rounding: Rounding | None = None
-        self.heard = (np.ptp(record.counts, axis=0) >= LEAST_MOTION) | (not moving)
+        self.heard = ~hardly_moving(record) | (not moving)
         self._tables = self._kernel.along(self.loop, **self.driven, data=self._measured(record.counts))
         self._weigh(record.counts)
 

@@ -127,16 +127,17 @@ def origins(found: Any, full: bool) -> Iterator[Piece]:
         f"of {count} combinations of f, {count - len(those)} come from the log, {len(those)} from the prior "
         f"({spread:.3g} %), of whose standard deviation the log leaves more than {_TOLD:.0%}"
     )
-    rows = []
-    for i in those if full else those[::-1][:_TERMS]:
+    rows = dict[str, tuple[str, str]]()  # combinations that print alike count once
+    for i in those if full else those[::-1]:
         parts = told_of.axes[:, i] * std
         order = np.argsort(-np.abs(parts))[:_TERMS]
         parts = parts / parts[order[0]]
         terms = [f"{parts[k]:+.2g} {told_of.names[k]}" for k in order if abs(parts[k]) > _SMALL]
-        rows.append((", ".join(terms).lstrip("+"), f"{told_of.shares[i]:.0%}", f"{told_of.off[i]:+.1f}"))
+        rows.setdefault(", ".join(terms).lstrip("+"), (f"{told_of.shares[i]:.0%}", f"{told_of.off[i]:+.1f}"))
     if rows:
-        head = "from the prior, least told first" if not full else "from the prior"
-        yield Table((f"{head} (f in its standard deviations)", "left", "off"), rows, words=(0,))
+        cells = [(name, *values) for name, values in rows.items()][: None if full else _TERMS]
+        head = "from the prior" if full else f"from the prior, least told first, {len(cells)} of {len(those)}"
+        yield Table((f"{head} (f in its standard deviations)", "left", "off"), cells, words=(0,))
 
 
 def contradicted(found: Any) -> Iterator[str]:

@@ -136,8 +136,9 @@ def _values(found: Any) -> Table:
     names, values = found.short_names, [f"{value:.5g}" for value in found.fit.values]
     if found.covariance is None:
         return Table(("", "value"), list(zip(names, values, strict=True)))
-    try:
-        bounds = np.full(len(values), np.nan) if found.fit.resumptions else found.bound()
+    try:  # the bound is that of the logs alone
+        alone = not found.fit.resumptions and found.fit.prior is None
+        bounds = found.bound() if alone else np.full(len(values), np.nan)
     except ValueError:  # no reference, or numbers that are not separately identifiable
         bounds = np.full(len(values), np.nan)
     others, rows = found.fit.correlation - np.eye(len(values)), list[tuple[str, ...]]()

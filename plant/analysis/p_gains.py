@@ -15,7 +15,7 @@ from plant.laws.pid import PD, P
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Motion, Reference
-from plant.parts.arguments import array
+from plant.parts.arguments import array, instance
 from plant.parts.fields import Floats
 from plant.simulation.cautions import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
@@ -156,7 +156,8 @@ def cascade_gains(arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike, *, 
 
 def _asked(arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike) -> tuple[Floats, Motion, Floats]:
     """Peaks (n,) [pulses], the motion at 400 instants, and the largest motor torques (n,) that it takes [N m]."""
-    n = arm.n
+    made = "Of a chain: d = Dynamics.from_chain(chain.with_rotors(rig.drive)), then d.arm(d.f())."
+    n = instance("arm", arm, Arm, made).n
     peaks = array("peak", np.broadcast_to(peak, n) if np.ndim(peak) == 0 else peak, (n,), advice="Give pulses.")
     if (peaks < 1).any():
         raise ValueError(f"peak must be at least 1 pulse; got {peaks.min()}. P control needs an error to act on.")

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.checkup.finding import Finding
 from plant.checkup.signals import LEAST_MOTION, Signals
@@ -38,7 +39,17 @@ _PLATEAU = 5
 """Samples at an extreme, and counts per sample on the way there, that make a clipped peak."""
 
 
+_FEW, _OF_ERROR = 10, 3.0
+"""A motion of fewer counts, in units of `LEAST_MOTION`, and of less than so many times its error, excites nothing."""
+
 _IN_STEP = 0.9999  # correlation of two speeds from which on joints move in step
+
+
+def hardly_moving(record: Any) -> NDArray[np.bool_]:
+    """Motors (n,) that move by less than `LEAST_MOTION`, or do little but hunt about a reference that moves others."""
+    moved, error, asked = (np.ptp(x, axis=0) for x in (record.counts, record.error_pulses, record.reference_pulses))
+    hunting = (moved < np.minimum(_FEW * LEAST_MOTION, _OF_ERROR * error)) & (asked.max() >= LEAST_MOTION)
+    return np.asarray((moved < LEAST_MOTION) | (hunting & (record.injected is None)))
 
 
 def in_step(speeds: Floats) -> list[tuple[int, int]]:
@@ -70,6 +81,9 @@ def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
     yield from signals.each(_stuck, _clipped)
 
 
+_MORE = "log a motion of all joints (design_motion), or give prior=."
+
+
 def _motion(signals, i, alike):
     moved = np.ptp(signals.counts[:, i]) / signals.least_count[i]
     others = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
@@ -79,7 +93,9 @@ def _motion(signals, i, alike):
         if len(others) and others.max() > 10 * LEAST_MOTION:
             reasons = "it sticks, its brake is on, its encoder is dead or in other units, or it was asked to"
             why = f"stands still while others move ({reasons})"
-        verdict, advice = "wrong", f"The motor {why}: log a motion of all joints (design_motion), or give prior=."
+        verdict, advice = "wrong", f"The motor {why}: {_MORE}"
+    elif hardly_moving(signals.record)[i]:
+        verdict, advice = "look", f"The motor moves by little more than its error: {_MORE}"
     elif alike:
         why = f"It moves in step with {', '.join(alike)}: that hardly tells their parameters apart"
         verdict, advice = "look", f"{why}; log a motion that excites more (design_motion)."

@@ -33,8 +33,8 @@ LEAST_MOTION = 20
 _ANGLES = 2000
 """Range of counts above which they cannot be angles."""
 
-_MEDIAN = 0.89
-"""Median of chi-squared with six degrees of freedom, divided by six."""
+_MEDIAN = 0.84
+"""Median of chi-squared with four degrees of freedom, divided by four."""
 
 _GAP = 1.5
 """Median intervals above which samples are missing."""
@@ -229,13 +229,13 @@ class Signals:
 
     @functools.cached_property
     def noise(self) -> Floats:
-        """Standard deviation (n,) of the counts from parabolas of 9 samples, where the arm is slowest [pulses]."""
+        """Standard deviation (n,) of the counts from quartics of 9 samples, where the arm is slowest [pulses]."""
         if len(self.t) < 90:
             return np.full(self.n, np.nan)
-        basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 9), 3))
+        basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 9), 5, increasing=True))
         window = np.lib.stride_tricks.sliding_window_view(self.counts, 9, axis=0)
         share = window @ basis
-        square = ((window - share @ basis.T) ** 2).sum(axis=2) / 6
+        square = ((window - share @ basis.T) ** 2).sum(axis=2) / 4
         slow = np.abs(share[..., 1]) <= np.quantile(np.abs(share[..., 1]), 0.1, axis=0)
         median = [np.median(column[rows]) for column, rows in zip(square.T, slow.T, strict=True)]
         return np.sqrt(np.array(median) / _MEDIAN)

@@ -170,7 +170,7 @@ class Drive(Part):
                 continue
             if (lacking := np.flatnonzero(~np.isfinite(values))).size:
                 where = f"{what} of joint {names[lacking[0]]} in {Path(path).name}"
-                raise ValueError(f"{where} must be stated; it is not, or 0. Give {key}, motor side.")
+                raise ValueError(f"{where} must be stated; it is not, or 0. Give {key} motor side (friction: or None).")
             changes[key] = values / scale
         return dataclasses.replace(drive, **changes)
 

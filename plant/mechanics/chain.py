@@ -144,7 +144,7 @@ class Chain(Part):
         joints : sequence of str, optional
             Names of the chain's joints, base first; by default all that move, if they form one chain. Other joints that
             move are held at zero and lumped with the link that carries them, like fixed joints. So are, unless named,
-            joints that mimic another one, and those that they mimic: a gripper's.
+            joints that mimic another one, and those that they mimic: a gripper's; inside the chain they are refused.
         base, tip : str, optional
             Names of links, in place of joints: the joints between them. By default the base is that of the file.
         gravity : (3,) array_like

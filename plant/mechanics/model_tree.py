@@ -12,9 +12,9 @@ import numpy as np
 
 from plant.mechanics.body import Body
 from plant.mechanics.link import Limits, Link
-from plant.mechanics.placement import Placement, righted
+from plant.mechanics.placement import Placement, axis_frame, righted
 from plant.mechanics.xml_file import Element
-from plant.parts.arguments import choice
+from plant.parts.arguments import choice, several
 from plant.parts.fields import Floats
 from plant.parts.labels import joint_labels
 
@@ -69,6 +69,7 @@ class ModelFile:
     ) -> list[ModelJoint]:
         """The joints of the chain, base first; by default all that move, but those that mimic and are mimicked."""
         if base is not None or tip is not None:
+            base = None if base is None else choice("base", base, tuple(self.bodies))
             if names is not None or tip is None:
                 raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
             names = self.joints_between(base, tip)
@@ -78,12 +79,12 @@ class ModelFile:
     def joints_between(self, base: str | None, tip: str) -> list[str]:
         """Names of the joints that move on their own from one link to another below it, by default from the root."""
         _require_tree(self.bodies, self.joints)
-        start = None if base is None else choice("base", base, tuple(self.bodies))
         end = {joint.child: joint for joint in self.joints.values()}.get(choice("tip", tip, tuple(self.bodies)))
-        way = [] if end is None else _way({joint.child: joint for joint in self.joints.values()}, start, end)
+        way = [] if end is None else _way({joint.child: joint for joint in self.joints.values()}, base, end)
         if base is not None and (not way or way[0].parent != base):
             raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Give a link further out.")
         found = [joint.name for joint in way if joint.kind in MOVING and not joint.mimics]
+        _require_own([joint for joint in way if joint.mimics in found])
         if not found:
             raise ValueError(f"a joint must move between base and tip {tip}; none does. Give links further apart.")
         return found
@@ -100,13 +101,16 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
         before, start = Placement(), chosen[i - 1].child if i else None
         for step in _way(parents, start, joint):
             before = before if step.origin is HERE else before @ step.origin
-        on_axis = Placement(rotation=_axis_frame(joint.axis), position=joint.anchor)
+        on_axis = Placement(rotation=axis_frame(joint.axis), position=joint.anchor)
         slides, frame = MOVING[joint.kind], on_axis.inverse()
         zero = {"d" if slides else "theta": -joint.zero}
         pose, rounded[joint.name] = righted(at @ before @ on_axis)
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
         at = frame
         made.append(_lumped(model.bodies, hanging, joint.child, moving))
+    if not any(body.mass for body in made):
+        those = f"of links {chosen[0].child} to {chosen[-1].child} none does"
+        raise ValueError(f"links must state their masses; {those}. Give them <inertial>.")
     for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
         if body is made[-1] or body.standard_parameters.any():  # nothing may lie between two joints whose axes meet
             body.require_physical(f"behind {label}")
@@ -148,8 +152,8 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
         chosen = _ordered(every, moving)
         if chosen is None:
             raise ValueError(
-                f"joints must be named where the file has a tree; it has {', '.join(j.name for j in moving):.300}. "
-                "Pass tip='name of a link', or joints=[...], base first."
+                f"joints must be named where the file has a tree; it has {several(j.name for j in moving)}. "
+                "Pass tip='name of a link', and base= where it is not the file's."
             )
     else:
         if isinstance(names, str) or not names:
@@ -165,13 +169,21 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
             raise ValueError(f"joints must be named once each; {twice} comes twice. Leave one out.")
         chosen = _ordered(every, [every[name] for name in names])
         if chosen is None or [joint.name for joint in chosen] != names:
-            raise ValueError(f"joints must lie behind each other, base first; got {', '.join(names):.300}. Reorder.")
+            do = "Reorder." if chosen else "They are on two branches: leave out those of one."
+            raise ValueError(f"joints must lie behind each other, base first; got {several(names)}. {do}")
     if not chosen:
         raise ValueError("the file must have at least one joint that moves; it has none. Give another one.")
-    for joint in chosen:
-        if joint.mimics:
-            raise ValueError(f"joints must move on their own; {joint.name} mimics another one. Leave it out.")
+    start = None if names is None else chosen[0].parent
+    _require_own(_way({joint.child: joint for joint in every.values()}, start, chosen[-1]))
     return chosen
+
+
+def _require_own(way: list[ModelJoint]) -> None:
+    """Refuse joints between base and tip that mimic others: held at zero, they would change the arm."""
+    for joint in way:
+        if joint.mimics:
+            how = f"{joint.name} mimics {joint.mimics}"
+            raise ValueError(f"joints must move on their own; {how}. End the chain before it, or fix it in the file.")
 
 
 def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
@@ -236,13 +248,3 @@ def _lumped(
             body = body.seen_from(placement)
             found = body if found is None else found.joined(body)
     return found or Body(mass=0.0, com=np.zeros(3))
-
-
-def _axis_frame(axis: Floats) -> Floats:
-    """A rotation whose z axis is this axis; the smallest turn that takes z there."""
-    z = axis / np.linalg.norm(axis)
-    if abs(z[0]) < 1e-12 and abs(z[1]) < 1e-12:
-        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
-    x = np.cross((0.0, 0.0, 1.0), z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])

@@ -109,3 +109,13 @@ def righted(pose: Placement) -> tuple[Placement, float]:
         return pose, 0.0
     rotation = turn((0, 0, 1), right[0]) @ turn((1, 0, 0), right[1]) @ turn((0, 0, 1), right[2])
     return Placement(rotation=rotation, position=pose.position), off
+
+
+def axis_frame(axis: Floats) -> Floats:
+    """A rotation whose z axis is this axis; the smallest turn that takes z there."""
+    z = axis / np.linalg.norm(axis)
+    if abs(z[0]) < 1e-12 and abs(z[1]) < 1e-12:
+        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    x = np.cross((0.0, 0.0, 1.0), z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

@@ -103,12 +103,13 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
 
 
 def _friction(dynamics: Element | None, where: str) -> tuple[float, float]:
-    """Viscous and Coulomb friction of a joint; NaN where the file states none."""
-    if dynamics is None:
-        return math.nan, math.nan
-    keys = "damping", "friction"
-    viscous, coulomb = (numbers_of(dynamics, key, 1, "0", f"{where}, dynamics")[0] for key in keys)
-    if min(viscous, coulomb) < 0:
+    """Viscous and Coulomb friction of a joint; NaN where the file does not state it."""
+    known = {} if dynamics is None else dynamics.attributes
+    viscous, coulomb = (
+        numbers_of(dynamics, key, 1, None, f"{where}, dynamics")[0] if key in known else math.nan
+        for key in ("damping", "friction")
+    )
+    if viscous < 0 or coulomb < 0:
         raise ValueError(f"{where} must not have negative friction; got {viscous:g} and {coulomb:g}. Correct it.")
     return viscous, coulomb
 

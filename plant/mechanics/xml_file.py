@@ -86,6 +86,8 @@ def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None
     path = Path(path)
     try:
         data = read_bounded(path, _LARGEST) if data is None else data
+    except FileNotFoundError:
+        raise ValueError(f"{path} must be a file; there is none. Check the path.") from None
     except ValueError as error:
         raise ValueError(f"{path} {error}") from None
     root: list[Element] = []

@@ -125,8 +125,9 @@ def mjcf_text(
 
     def add(link: str, placed: str, joint: ModelJoint | None, depth: int) -> None:
         indent = "  " * depth
-        lines.append(f"{indent}<body name={quoteattr(link)}{placed}>")
-        body = bodies.get(link, model.bodies[link])
+        own = link != "world"  # MJCF has one of its own, without a body
+        lines.extend([f"{indent}<body name={quoteattr(link)}{placed}>"] * own)
+        body = bodies.get(link, model.bodies[link]) if own else None
         if body is not None:
             lines.append(f"{indent}  {_mjcf_inertial_text(body)}")
         if joint is not None and joint.name in values:
@@ -136,7 +137,7 @@ def mjcf_text(
                 axes = np.array(other.origin.rotation).T[:2].ravel()
                 pose = f' pos="{_text(other.origin.position)}" xyaxes="{_text(axes)}"'
                 add(other.child, pose, other, depth + 1)
-        lines.append(f"{indent}</body>")
+        lines.extend([f"{indent}</body>"] * own)
 
     children = {joint.child for joint in model.joints.values()}
     for root in (link for link in model.bodies if link not in children):

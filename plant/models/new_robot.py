@@ -72,6 +72,9 @@ def per_joint_table(table: Any, cls: type[Part], n: int) -> Any:
     if not isinstance(table, Mapping):
         return table
     many = {name for name, field in cls.__dataclass_fields__.items() if field.metadata.get("number") == ("n",)}
+    for key in many & set(table):
+        if isinstance(table[key], list) and len(table[key]) != n:
+            raise ValueError(f"{key} must have {n} numbers; got {len(table[key])}. Give one per joint, or one for all.")
     alike = {key for key in many & set(table) if isinstance(table[key], (int, float))}
     return {key: [value] * n if key in alike else value for key, value in table.items()}
 

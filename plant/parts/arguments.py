@@ -65,7 +65,13 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
     texts = {str(each): each for each in allowed}
     same = texts.get(str(value))
     hint = near(value, allowed, f"Use {next(iter(allowed))!r}.") if same is None else f"Write {same!r}."
-    raise ValueError(f"{name} must be one of {', '.join(repr(a) for a in allowed)}; got {value!r}. {hint}")
+    raise ValueError(f"{name} must be one of {several(repr(a) for a in allowed)}; got {value!r}. {hint}")
+
+
+def several(names: Iterable[str], most: int = 20) -> str:
+    """Names one after another; of many the first, and how many more there are."""
+    every = list(names)
+    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
 
 
 def near(value: Any, known: Iterable[Any], otherwise: str = "", *, cutoff: float = 0.4) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from ctc import ComputedTorque, Uncertainty, certify
 from identification import Identification, identify
-from identification.results.seen import told
+from identification.results.seen import origins, told
 from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, simulate
 from tests.oracles.pinocchio_arm import pinocchio_model
 
@@ -119,6 +119,8 @@ def test_what_came_from_where(still):
     assert 0 < count < len(those.shares)
     text = found.summary()
     assert f"{len(those.shares) - count} come from the log, {count} from the prior (30 %)" in " ".join(text.split())
+    assert f"least told first, 3 of {count} (f in its standard deviations)" in str(list(origins(found, full=False))[-1])
+    assert "Cramér-Rao bound" not in found.summary(full=True)  # it would be of the log alone
     left = found.fit.std / np.sqrt(np.diag(found.fit.prior.covariance))
     (rotor,) = [i for i, name in enumerate(found.arm.dynamics.names) if name == "J_elbow"]
     assert left[rotor] > 0.8
@@ -173,9 +175,14 @@ def test_by_default_the_model_s_bodies_fill_in_for_a_joint_that_stands_still(sti
 
 @pytest.mark.parametrize("amplitudes", [(0.004, 0.004, 0.004), (0.0, 0.6, 0.6)])
 def test_where_no_arm_follows_from_the_log_alone_the_model_s_bodies_help(amplitudes):
-    """All joints move by some tenths of a degree, or one by next to nothing."""
+    """All joints move by some tenths of a degree, or one hunts about where it is held, which is said at once."""
     found, said = found_of(logged(np.diag(amplitudes)))
-    assert [line for line in said if line.startswith("identify: no arm follows from the log alone. From the prior")]
+    why = (
+        "no arm follows from the log alone. From the prior"
+        if all(amplitudes)
+        else "the log does not excite all: joint "
+    )
+    assert [line for line in said if line.startswith(f"identify: {why}")]
     assert found.fit.prior.spread == 0.3
     assert np.abs((found.f - found.arm.dynamics.f(BODIES)) / found.fit.std).max() < 3
     assert found.warnings == []

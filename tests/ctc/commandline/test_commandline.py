@@ -17,7 +17,7 @@ from model_texts import urdf
 import ctc.commandline.commands as commands
 from ctc import Certificate
 from ctc.commandline.inputs import path_of, records_of
-from ctc.commandline.main import main
+from ctc.commandline.main import _as_options, main
 from identification import Identification
 from identification.results.summary import doubts
 from plant import (
@@ -417,6 +417,10 @@ def test_what_no_robot_file_can_be_made_of(capsys, arguments, said):
     code, out, err = run(capsys, "robots", *arguments)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert re.search(said, err)
+
+
+def test_options_have_their_names_in_messages():
+    assert _as_options("Pass tip='name of a link'.", types.SimpleNamespace(tip=None)) == "Pass --tip 'name of a link'."
 
 
 def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):

@@ -212,6 +212,8 @@ def test_how_well_f_is_known_decides(certified, found):
     vague = certify(found, found.rig, ComputedTorque(found), PATH, stated, samples=64, duration=1.2, progress=False)
     assert vague.failures
     assert "how well f is known decides" in str(vague)
+    vague.__dict__["friction_known"] = 0.1  # where that helps it is said first
+    assert "known as this log would identify it, 10 % of the first" in " ".join(str(vague).split())
     assert "decides" not in str(certified(PATH))
     with_zeros = certify(
         found, found.rig, ComputedTorque(found), PATH, samples=16, duration=0.2, within=0, progress=False

@@ -87,6 +87,7 @@ def test_same_seed_same_motion(motion):
         ({"period": -1}, "period must be a positive number"),
         ({"law": ComputedTorque(ARM, RIG)}, "fast and without memory"),
         ({"arm": puma560.dynamics()}, "arm must be of type Arm"),
+        ({"starts": 0}, "starts must be a whole number of at least 1; got 0"),
         ({"velocty": (1, 1)}, "Did you mean 'velocity'"),
         ({"acceleration": (1e-6, 1e-6), "starts": 1, "iterations": 20}, "limits must allow"),
     ],

@@ -80,10 +80,16 @@ def test_mjcf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
 
 
 def test_mjcf_of_a_urdf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
-    """Another format, the same joints: axes, fixed branches and prismatic joints; MuJoCo and this library read it."""
-    chain, target = Chain.from_urdf(files / "0.urdf"), tmp_path / "new.xml"
+    """Another format, the same joints: axes, fixed branches and prismatic joints; MuJoCo and this library read it.
+
+    Its base hangs on a link called world, of which MJCF has its own.
+    """
+    source, target = tmp_path / "0.urdf", tmp_path / "new.xml"
+    above = '<link name="world"/><joint name="to_world" type="fixed"><parent link="world"/><child link="l0"/></joint>'
+    source.write_text((files / "0.urdf").read_text().replace("</robot>", f"{above}</robot>"))
+    chain = Chain.from_urdf(source)
     arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies)
-    written = write_model(arm, files / "0.urdf", target)
+    written = write_model(arm, source, target)
     expected = np.array([arm.inverse(*state) for state in STATES])
     got = mujoco_torques(target, [link.name for link in chain.links], STATES)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)

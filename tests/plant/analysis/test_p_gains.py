@@ -26,6 +26,7 @@ def test_ten_pulses_on_the_paper_s_trajectory_take_gains_like_the_paper_s():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
+        ({"arm": puma560.dynamics().chain}, "arm must be of type Arm; got a value of type Chain. Of a chain: d ="),
         ({"peak": 0.5}, "peak must be at least 1 pulse; got 0.5"),
         ({"peak": (1, 2, 3)}, r"peak must have shape \(2,\)"),
         ({"reference": puma560.reference(0.9)}, r"motor of joint 3 \(q\[1\]\) needs .* N m and has 2.86"),

@@ -14,6 +14,7 @@ from packaged_arms import planar
 
 from ctc import ComputedTorque
 from identification import design_motion
+from identification.equation_error.excitation import still
 from plant import (
     Cascade,
     Drive,
@@ -101,6 +102,21 @@ def test_without_law_torque_or_reference_a_healthy_record_is_no_worse(records):
         bare = replace(record, law=None, reference=None, reference_pulses=None, error_pulses=-record.counts)
         for less in (bare, replace(record, torque=None, current=None), replace(bare, torque=None, current=None)):
             assert less.check().ok, f"{name}\n{less.check()}"
+
+
+def test_a_motion_that_curves_within_a_few_samples_is_no_noise():
+    rate = np.random.default_rng(0)
+    path = Harmonics(period=2.5, offset=(0, 0), cosine=rate.uniform(-0.2, 0.2, (2, 4)), sine=np.zeros((2, 4)))
+    checkup = simulate(ARM, replace(RIG, period=3e-3), puma560.p_law((0.2, 0.2)), path).check()
+    assert [f.verdict for f in checkup.findings if f.check == "noise"] == ["fine", "fine"]
+
+
+def test_a_joint_that_hunts_about_its_reference_is_not_excited():
+    """It moves by 30 pulses, 16 of them error."""
+    path = Harmonics(period=2.5, offset=(0, 0.3), cosine=((0.5,), (1e-3,)), sine=((0.3,), (0,)))
+    record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), path)
+    assert [f.verdict for f in record.check().findings if f.check == "motion"] == ["fine", "look"]
+    assert still([record]).tolist() == [1]
 
 
 # -- one defect at a time ---------------------------------------------------------------------------------------------

@@ -146,13 +146,21 @@ def test_a_chain_between_two_links(tmp_path, given, joints):
         ({"base": "toroso", "tip": "arm"}, "Did you mean 'torso'"),
         ({"tip": "other"}, "a joint must move between base and tip other; none does"),
         ({"base": "arm"}, "tip must be given with base"),
+        ({"base": "amr"}, "Did you mean 'arm'"),
+        ({"joints": ["to_left", "to_right"]}, "They are on two branches"),
         ({"tip": "arm", "joints": ["to_arm"]}, "tip must be given with base, and no joints"),
+        ({}, "to_arm mimics to_torso"),
+        ({"tip": "hand"}, "to_arm mimics to_torso"),
+        ({"tip": "arm"}, "to_arm mimics to_torso"),
+        ({"joints": ["to_torso", "to_hand"]}, "to_arm mimics to_torso"),
     ],
     ids=str,
 )
 def test_ends_that_are_none(tmp_path, given, said):
+    mimic = '<mimic joint="to_torso"/>' * ("mimics" in said)
+    text = TREE.replace('<child link="arm"/>', f'<child link="arm"/>{mimic}')
     with pytest.raises(ValueError, match=said) as error:
-        Chain.from_urdf(written(tmp_path, TREE), **given)
+        Chain.from_urdf(written(tmp_path, text), **given)
     assert "\n" not in str(error.value)
 
 
@@ -179,7 +187,7 @@ def test_ends_that_are_none(tmp_path, given, said):
         (GOOD.replace("</robot>", LINK.format("b") + MORE.format("base", "b")), "joints must be named where"),
         (GOOD.replace('mass value="1"', 'mass value="1_7"', 1), "got '1_7'"),
         (GOOD.replace("<inertial>", "<inertial/><inertial>", 1), "link base must have one <inertial>; it has 2"),
-        (GOOD.replace("</joint>", '<mimic joint="other"/></joint>'), "shoulder mimics another one"),
+        (GOOD.replace("</joint>", '<mimic joint="other"/></joint>'), "shoulder mimics other"),
         ('<robot name="r"/>', "the file must have links"),
         ("<robot>", "must be well-formed XML"),
         ("", "must be well-formed XML"),
@@ -214,6 +222,8 @@ def test_fixed_joint_is_no_joint_of_a_chain_and_text_is_no_file(tmp_path):
     text = GOOD.replace("</robot>", LINK.format("b") + MORE.format("arm", "b").replace("revolute", "fixed"))
     with pytest.raises(ValueError, match="joints must move; elbow is fixed"):
         Chain.from_urdf(written(tmp_path, text), ["elbow"])
+    with pytest.raises(ValueError, match=r"none.urdf must be a file; there is none"):
+        Chain.from_urdf(tmp_path / "none.urdf")
     with pytest.raises(ValueError, match="got its text"):
         Chain.from_urdf(GOOD)
 
@@ -304,6 +314,11 @@ def test_a_drive_has_the_friction_and_the_efforts_of_pinocchio_s_reader(tmp_path
         ),
         (STATED[1].split("<dyn")[0], {}, "damping of joint j2 in robot.urdf must be stated; .* Give viscous"),
         (STATED[1].split("<dyn")[0], {"viscous": 1e-3}, "friction of joint j2 .* Give coulomb"),
+        (
+            STATED[1].replace(' friction="0.3"', ""),
+            {},
+            r"Give coulomb motor side \(friction: or None\)",
+        ),
         (STATED[1].replace('"0.3"', '"-0.3"'), {}, "joint j2 must not have negative friction; got 0.7 and -0.3"),
         (STATED[1], {"gear": (100, 0)}, "gear must not be zero; got 0.0 at joint j2"),
         (STATED[1], {"gear": (1, 2, 3)}, "joints must be 3 names"),
@@ -326,5 +341,5 @@ def test_a_link_without_mass_between_two_joints_is_that_of_pinocchio(tmp_path):
     assert [body.mass > 0 for body in chain.bodies] == [False, True, True]
     compared(chain, pin.buildModelFromXML(text))
     bare = GOOD[: GOOD.rindex("<inertial>")] + GOOD[GOOD.rindex("</inertial>") + len("</inertial>") :]
-    with pytest.raises(ValueError, match=r"link behind joint shoulder \(q\[0\]\) must have a positive mass; got 0.0"):
+    with pytest.raises(ValueError, match="links must state their masses; of links arm to arm none does"):
         Chain.from_urdf(written(tmp_path, bare))

@@ -136,7 +136,7 @@ PAPER = (FOLDER / "paper_puma560.toml").read_text()
         (PAPER.replace("[drive]", "[drives]"), "a table of the file must be one of .*Did you mean 'drive'"),
         (PAPER.replace("ranges", "rangs"), r"a key of \[arm\] must be one of .*Did you mean 'ranges'"),
         (PAPER.replace("alpha", "alhpa"), r"\[arm.links\] must have keys of Link; got 'alhpa'. Did you mean 'alpha'"),
-        (PAPER.replace("107.8, ", ""), r"\[drive\]: motor_inertia of Drive must have shape \(1,\)"),
+        (PAPER.replace("107.8, ", ""), "gear must have 2 numbers; got 1. Give one per joint, or one for all"),
         (PAPER.replace("plant.P", "plant.PP"), r"kind in \[law\] must be that of a part; got 'plant.PP'. Did you mean"),
         (PAPER.replace("plant.P", "ctc.Nothing"), "must be that of a part; got 'ctc.Nothing'"),
         (PAPER.replace("\ngain = [0.2", "\ngian = [0.2"), r"keys of P; got 'gian'. Did you mean 'gain'"),

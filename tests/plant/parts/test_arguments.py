@@ -57,6 +57,8 @@ def test_choice_offers_the_nearest():
         choice("backend", "nubma", ("numba", "casadi"))
     with pytest.raises(ValueError, match=r"got 'q'\. Use 'numba'\.$"):
         choice("backend", "q", ("numba", "casadi"))
+    with pytest.raises(ValueError, match=r"18, 19 and 10 more; got 4\.5"):
+        choice("number", 4.5, range(30))
 
 
 @known_options
