@@ -11,7 +11,7 @@ import numpy as np
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.optimum import Optimum
 from identification.results.assumed import SHARE, longer, smoothed
-from plant import Arm, Chain
+from plant import Arm, Chain, Record
 from plant.laws.replayed import commanded_torque
 from plant.mechanics.newton_euler import lumped_torque
 from plant.motion.reference import Motion
@@ -49,6 +49,15 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
         other = [_torque(chain, arm, motion) for motion in motions]
         found[f"length.{length}[{link}]"] = [(a - b) / SHARE for a, b in zip(as_it_is, other, strict=True)]
     return {name: [_held(torque) for torque in own] for name, own in found.items() if any(map(np.any, own))}
+
+
+def efforts(record: Record) -> Floats:
+    """Torque [N m] and speed [rad/s] of each motor (2, n), rms over a record; a little where there is none."""
+    drive = record.rig.drive
+    torque = np.array([drive.motor_torque(row) for row in torque_of(record)])
+    speed = record.rig.encoder.to_angle(np.diff(record.counts, axis=0)) / record.rig.period
+    rms = np.array([np.sqrt((torque**2).mean(axis=0)), np.sqrt((speed**2).mean(axis=0))])
+    return np.maximum(rms, 1e-9 + 0.01 * rms.max(axis=1, keepdims=True))
 
 
 def _held(torque: Floats) -> Floats:

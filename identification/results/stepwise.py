@@ -1,14 +1,14 @@
 """What contradicts a model, one thing after another: what explains most is fitted, the rest tested again beside it."""
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
-from identification.equation_error.torque_logs import torque_of
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
-from identification.results.along_log import effects_along, torques_along
+from identification.results.along_log import effects_along, efforts, torques_along
 from identification.results.alternatives import Sign, delay_sign, effects_of, signs
 from identification.results.detection import Detection
 from identification.results.model_error import Doubt
@@ -16,7 +16,6 @@ from identification.search.memory import as_tested
 from identification.search.outcome import Fit
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem
-from plant import Record
 from plant.parts.fields import Floats
 
 _NAMED = 3  # alternatives that are named, at most
@@ -116,7 +115,7 @@ class _Search:
             first = fitted(model, first.values, self.step, self.bounds)
         self.at = self._first = first
         self._searched = model.rows()[len(problem.records) - 1].stop
-        self._efforts, self.joints = _efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
+        self._efforts, self.joints = efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
         self._weigh()
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
         self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
@@ -130,7 +129,10 @@ class _Search:
         first = found = self._signs = signs(self.at, self.effects)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
-            found = [_guessed(sign, delay) if sign.name == "delay" else sign for sign in found]
+            known = functools.partial(
+                dataclasses.replace, values={"delay": delay}, chi_square=np.inf
+            )  # by another test
+            found = [known(sign) if sign.name == "delay" else sign for sign in found]
         while len(named) < _NAMED:
             again = _AGAIN if named else 1.0
             those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
@@ -241,23 +243,9 @@ class _Search:
         return dataclasses.replace(sign, values=values)
 
 
-def _guessed(sign: Sign, delay: float) -> Sign:
-    """The sign of a delay that another test has found, whatever its own says."""
-    return dataclasses.replace(sign, values={"delay": delay}, chi_square=np.inf)
-
-
 def _may_follow(sign: Sign, named: list[Sign]) -> bool:
     """Backlash goes with the compliance that its gear has; late counts and lagging currents are nearly one thing."""
     names = {each.name for each in named}
     if "backlash" in names:
         return sign.name == "backlash"
     return sign.name not in names and not (sign.name in ("lag", "delay") and names & {"lag", "delay"})
-
-
-def _efforts(record: Record) -> Floats:
-    """Torque [N m] and speed [rad/s] of each motor (2, n), rms over a record; a little where there is none."""
-    drive = record.rig.drive
-    torque = np.array([drive.motor_torque(row) for row in torque_of(record)])
-    speed = record.rig.encoder.to_angle(np.diff(record.counts, axis=0)) / record.rig.period
-    rms = np.array([np.sqrt((torque**2).mean(axis=0)), np.sqrt((speed**2).mean(axis=0))])
-    return np.maximum(rms, 1e-9 + 0.01 * rms.max(axis=1, keepdims=True))
