@@ -1,7 +1,6 @@
 """What contradicts a model, one thing after another: what explains most is fitted, the rest tested again beside it."""
 
 import dataclasses
-import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -129,10 +128,8 @@ class _Search:
         first = found = self._signs = signs(self.at, self.effects)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
-            known = functools.partial(
-                dataclasses.replace, values={"delay": delay}, chi_square=np.inf
-            )  # by another test
-            found = [known(sign) if sign.name == "delay" else sign for sign in found]
+            known = {"delay": delay}  # by another test
+            found = [dataclasses.replace(s, values=known, chi_square=np.inf) if s.name == "delay" else s for s in found]
         while len(named) < _NAMED:
             again = _AGAIN if named else 1.0
             those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
