@@ -34,6 +34,7 @@ _EXACT, _HEARD = 1e-9, 1e-6  # standard deviation at least, in the torque; and s
 
 _TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that is seen
 
+_ALIKE = 1e-12  # variance between runs over that of their noise, at most, of runs that are the same
 _FLAT = 1e-9  # change of twice the log likelihood over all variances below which it says nothing of them
 
 _MOST, _MANY = 1000, 1e6  # logs that are counted; and degrees of freedom of what is not compared
@@ -199,7 +200,7 @@ def restricted(name: str, each: Floats, std: Floats, share: Floats, about: float
         return float(np.log(total).sum() + taken + squares.sum())
 
     largest = max(np.var(values[some], ddof=1) for values, some in zip(each.T, known.T, strict=True))
-    if largest == 0:
+    if largest <= _ALIKE * np.min(std[known] ** 2):
         return 0.0
     tried = _TRIED * largest
     costs = np.array([criterion(variance) for variance in tried])
