@@ -172,7 +172,7 @@ def _worked(steps: list[dict[str, Any]], stamp: Any) -> dict[str, Any]:
         if step.get("output"):
             Path(step["output"]).parent.mkdir(parents=True, exist_ok=True)
         answer = COMMANDS[step["command"]](Namespace(**step))
-        said = answer.text.strip().split("\n")[0]
+        said = " ".join(answer.text.split()).partition(". ")[0]
         answers[step["command"]] = answer.data | {"good": bool(answer.good), "said": said}
     return answers
 
