@@ -16,7 +16,7 @@ _PANELS, _CURVES, _PLACES, _FIRST = 3, 3, 60, 3  # of the figure; and logs of a 
 _ROWS = 15  # robots in a table
 _CAPTION = (
     "Change of each robot against its own first logs: the band holds nine in ten of all robots, curves with 95 % "
-    "intervals are the robots that need attention first."
+    "intervals, if there are any, are the robots that need attention first."
 )
 
 
@@ -32,8 +32,7 @@ def plot_fleet(effects: Sequence[Effect], order: Sequence[Judgement], ax: Any = 
     for name, axis in zip(names, axes[:, 0], strict=True):
         _panel(axis, next(effect for effect in effects if effect.of.name == name), shown)
     axes[-1, 0].set_xlabel("time [date, UTC]")
-    if shown:
-        legend_above(axes[0, 0], columns=_CURVES + 1)
+    legend_above(axes[0, 0], columns=_CURVES + 1)
     return axes
 
 
@@ -62,7 +61,7 @@ def _panel(axis: Any, effect: Effect, shown: Sequence[str]) -> None:
             wide = np.array([1.96 * std[own & (place == p)].mean() for p in at])
             axis.errorbar(when[np.isin(places, at)], middle, wide, color=colour_of(i), marker="o", markersize=3,
                           linewidth=1.2, elinewidth=0.7, label=name)  # fmt: skip
-    axis.tick_params(axis="x", labelsize=8)
+    axis.tick_params(axis="x", labelsize=7)
 
 
 def fleet_page(title: str, effects: Sequence[Effect], order: Sequence[Judgement], logs: int) -> str:
