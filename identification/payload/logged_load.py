@@ -138,8 +138,7 @@ def _with_offsets(record: Record) -> Record:
     drive = record.rig.drive
     if drive.curve is not None:
         return record
-    none = (0.0,) * record.n
-    curve = FrictionCurve(offset=none, breakaway=none, speed=(1.0,) * record.n)
+    curve = FrictionCurve(offset=np.zeros(record.n))
     rig = dataclasses.replace(record.rig, drive=dataclasses.replace(drive, curve=curve))
     return dataclasses.replace(record, rig=rig)
 

@@ -7,6 +7,8 @@ friction that held it. Source: paper Fig. 4 (static friction); the law is Coulom
 and sliding level.
 """
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -28,9 +30,9 @@ class FrictionCurve(Part):
     offset : (n,) array_like
         Friction torque that keeps its sign when the motion reverses [N m]. Coulomb friction that is c+ forwards and
         c- backwards is ``coulomb = (c+ + c-) / 2`` with ``offset = (c+ - c-) / 2``.
-    breakaway : (n,) array_like
-        Excess of the breakaway level over ``coulomb`` [N m].
-    speed : (n,) array_like
+    breakaway : (n,) array_like, optional
+        Excess of the breakaway level over ``coulomb`` [N m]; left out, with `speed`, there is none.
+    speed : (n,) array_like, optional
         Stribeck speed, of the motor [rad/s]: level = coulomb + breakaway exp(-(motor speed / speed)^2).
 
     See Also
@@ -48,15 +50,19 @@ class FrictionCurve(Part):
     """
 
     offset: Vector = number(("n",))
-    breakaway: Vector = number(("n",))
-    speed: Vector = number(("n",))
+    breakaway: Any = number(("n",), default=None)
+    speed: Any = number(("n",), default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("speed",), not_negative=("breakaway",), advice="Both are magnitudes.")
+        if (self.breakaway is None) != (self.speed is None):
+            raise ValueError("breakaway and speed must be given together; one is missing. Give both, or neither.")
 
     def level(self, qd_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Excess over the Coulomb level [N m] at motor speeds [rad/s]."""
+        if self.breakaway is None:
+            return 0.0
         ratio = qd_m / self.speed
         return self.breakaway * (np.exp(-(ratio**2)) if isinstance(ratio, np.ndarray) else ca.exp(-(ratio**2)))
 

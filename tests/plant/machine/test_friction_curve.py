@@ -48,6 +48,12 @@ def test_an_offset_below_the_level_moves_nothing_and_one_above_it_does():
     np.testing.assert_allclose(q[-1], -(0.6 - LEVEL) / INERTIA / 2, rtol=5e-3)  # a constant push backwards
 
 
+def test_an_offset_alone_needs_no_stribeck_curve_and_is_in_no_equation_of_one():
+    alone = rig(offset=(0.2,), breakaway=None, speed=None)
+    np.testing.assert_array_equal(coasted(alone, 0.4), coasted(rig(offset=(0.2,)), 0.4))
+    assert [name for name in alone.number_names() if "curve" in name] == ["drive.curve.offset[0]"]
+
+
 def test_more_friction_at_rest_holds_what_the_level_would_not():
     """An offset of 0.6 against 0.5 in motion and 0.7 at rest: held, until it is pushed faster than Stribeck's speed."""
     curve = {"offset": (-0.6,), "breakaway": (0.2,), "speed": (0.05,)}
@@ -89,6 +95,7 @@ def test_casadi_and_the_kernel_agree_and_the_numbers_have_names():
     [
         (lambda: rig(breakaway=(-0.1,)), "breakaway must not be negative"),
         (lambda: rig(speed=(0.0,)), "speed must be positive"),
+        (lambda: rig(speed=None), "breakaway and speed must be given together"),
         (lambda: rig(offset=(0.0, 0.1), breakaway=(0.0, 0.0), speed=(1.0, 1.0)), "curve.offset must have 1 joints"),
         (lambda: dataclasses.replace(puma560.rig().drive, curve=0.3), "curve of Drive must be of type FrictionCurve"),
     ],
