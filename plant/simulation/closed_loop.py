@@ -10,6 +10,7 @@ by one predictor pass, so that energy is conserved to order h^2.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -152,6 +153,10 @@ class ClosedLoop(Layout):
     def _encoded(self, q: ca.SX) -> ca.SX:
         """Position with which the encoders turn."""
         return self._given("link") if self.rig.encoder.side == "link" else q
+
+
+closed_loop = functools.lru_cache(maxsize=16)(ClosedLoop)
+"""The loop of these parts; of equal ones the same, whose functions are made once."""
 
 
 def bounded(state: Any) -> Any:

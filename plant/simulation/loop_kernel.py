@@ -44,17 +44,22 @@ class _Compiled:
         self.loop, self.lanes, self._uneven = loop, tuple(lanes), uneven
         self.width = self.usual if width is None else width
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        source, self._columns = loop_source(
-            loop, self.lanes, self.uniform, self.width, uneven, logged=self.many == "logged"
-        )
-        self._kernel = Kernel(source, list(self._columns))
+        self._programs = dict[str, tuple[Kernel, dict[str, list[int]]]]()
+
+    def program(self, name: str) -> tuple[Kernel, dict[str, list[int]]]:
+        """``single`` or that of many, and the columns that it reads of its tables; made when it is first asked for."""
+        if name not in self._programs:
+            width = 1 if name == "single" else self.width
+            source, columns = loop_source(self.loop, self.lanes, self.uniform, self._uneven, name, width)
+            self._programs[name] = Kernel(source, [name]), columns
+        return self._programs[name]
 
     def prepared(self, tables: Sequence[Floats], *, logged: bool = False) -> tuple[Any, ...]:
         """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and h.
 
         `logged` is for a run of one individual with its log.
         """
-        return self._prepared(tables, self._columns["single" if logged else self.many])
+        return self._prepared(tables, self.program("single" if logged else self.many)[1])
 
     def along(
         self, loop: ClosedLoop, path: Path | Logged, clock: Clock, data: Floats, *, logged: bool = False,
@@ -65,8 +70,17 @@ class _Compiled:
         The loop has this structure, and may have other numbers. Path, clock, replayed and injected are as for
         `time_tables`, `data` is (M, m).
         """
-        narrow, places = _narrow(self._columns["single" if logged else self.many])
+        narrow, places = _narrow(self.program("single" if logged else self.many)[1])
         return self._prepared((*time_tables(loop, path, clock, replayed, injected, narrow), data), places)
+
+    def blocks(
+        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, replayed: Floats | None = None,
+        injected: Floats | None = None, *, samples: int,
+    ) -> Iterator[tuple[Any, ...]]:  # fmt: skip
+        """The same without data, in blocks of about so many samples one after another."""
+        narrow, places = _narrow(self.program(self.many)[1])
+        for tables in in_blocks(loop, path, clock, replayed, injected, narrow, samples=samples):
+            yield self._prepared((*tables, np.empty((len(tables[1]), 0))), places)
 
     def _prepared(self, tables: Sequence[Floats], columns: dict[str, list[int]]) -> tuple[Any, ...]:
         """The columns of the tables, and the length of a step."""
@@ -80,15 +94,6 @@ class _Compiled:
 class LoopKernel(_Compiled):
     """A closed loop compiled: one individual with its log, or `width` individuals without."""
 
-    def blocks(
-        self, loop: ClosedLoop, path: Path | Logged, clock: Clock, replayed: Floats | None = None,
-        injected: Floats | None = None, *, samples: int,
-    ) -> Iterator[tuple[Any, ...]]:  # fmt: skip
-        """The same of a logged run without data, in blocks of about so many samples one after another."""
-        narrow, places = _narrow(self._columns["single"])
-        for tables in in_blocks(loop, path, clock, replayed, injected, narrow, samples=samples):
-            yield self._prepared((*tables, np.empty((len(tables[1]), 0))), places)
-
     def run(
         self, tables: tuple[Any, ...], initial: Floats, lanes: Floats, uniform: Floats,
         logs: tuple[Floats, Floats] | None = None,
@@ -100,7 +105,7 @@ class LoopKernel(_Compiled):
         """
         name, logged = ("population", [np.empty((0, 0))] * 2) if logs is None else ("single", logs)
         numbers, final = np.append(uniform, tables[-1]), np.empty_like(initial)
-        steps = self._kernel.call(name, initial, lanes, numbers, *tables[:-1], *logged, final)
+        steps = self.program(name)[0].call(name, initial, lanes, numbers, *tables[:-1], *logged, final)
         return final, steps
 
 
@@ -112,7 +117,17 @@ class LoggedKernel(_Compiled):
 
     def with_data(self, tables: tuple[Any, ...], data: Floats) -> tuple[Any, ...]:
         """The same tables with other data (M, m)."""
-        return *tables[:3], np.ascontiguousarray(data[:, self._columns["logged"]["data"]]), tables[4]
+        return *tables[:3], np.ascontiguousarray(data[:, self.program("logged")[1]["data"]]), tables[4]
+
+    def with_injected(self, tables: tuple[Any, ...], torque: Floats) -> tuple[Any, ...]:
+        """The same tables with another injected torque (M, n) at all samples."""
+        first, changed = self.loop.time_names.index("injected[0]"), list(tables)
+        for i, which, times in ((1, "sample", 1), (2, "step", self.loop.steps_per_sample)):
+            joints = np.array(self.program("logged")[1][which], int) - first
+            own = (joints >= 0) & (joints < self.loop.n)
+            changed[i] = tables[i].copy()
+            changed[i][:, own] = np.repeat(torque[:, joints[own]], times, axis=0)
+        return tuple(changed)
 
     def parts(self, tables: tuple[Any, ...], samples: int) -> Iterator[tuple[slice, tuple[Any, ...]]]:
         """The tables of so many samples in parts that are run one after another: their samples, and their tables."""
@@ -134,7 +149,8 @@ class LoggedKernel(_Compiled):
         n, final = self.loop.n, np.empty_like(initial)
         errors = np.empty((samples, n, self.width))
         numbers, rows = np.append(uniform, tables[-1]), errors.reshape(-1, self.width)
-        steps = self._kernel.call("logged", initial, lanes, numbers, *tables[:-1], rows, np.empty((0, 0)), final)
+        kernel, _ = self.program("logged")
+        steps = kernel.call("logged", initial, lanes, numbers, *tables[:-1], rows, np.empty((0, 0)), final)
         errors[-(-steps // self.loop.steps_per_sample) :] = np.nan
         return final, errors
 

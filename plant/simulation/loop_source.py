@@ -32,27 +32,13 @@ that loops over short pieces only cost memory; and those in one loop then, for t
 
 
 def loop_source(
-    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], width: int, uneven: bool, *, logged: bool = False
-) -> tuple[str, dict[str, dict[str, list[int]]]]:
-    """Text of ``single`` and ``population``, or of ``logged``, and the columns that each reads of its tables.
+    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], uneven: bool, name: str, width: int
+) -> tuple[str, dict[str, list[int]]]:
+    """Text of one loop, and the columns (law, sample, step, data) that it reads of its tables.
 
+    ``single`` logs all that there is of its individual, ``logged`` the tracking errors of each, ``population`` nothing.
     `lanes` and `uniform` are positions in ``loop.number_names``. The length of a sub-step is the last of the uniform
     numbers; with uneven time it is in the tables.
-    """
-    sizes = {"single": LONG_PIECE, "population": PIECE if width > 1 else LONG_PIECE}
-    text, columns = head(), {}
-    for name, size in ({"logged": PIECE} if logged else sizes).items():
-        one, columns[name] = _loop(loop, lanes, uniform, uneven, name, 1 if name == "single" else width, size)
-        text += one
-    return text, columns
-
-
-def _loop(
-    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], uneven: bool, name: str, width: int, size: int
-) -> tuple[str, dict[str, list[int]]]:
-    """Text of one loop, and the columns (law, sample, step, data) that it reads.
-
-    ``single`` logs all that there is of its individual, ``logged`` the tracking errors of each.
     """
     states, rows = len(loop.state_names), itertools.count(len(loop.state_names) + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
@@ -60,7 +46,7 @@ def _loop(
     if name == "logged":
         wanted["sample"] = states + loop.n
     programs = _programs(loop, lanes, uniform, uneven, rows.__next__, wanted)
-    emitter = _Emitter(name, width, size, states, kept, rows.__next__)
+    emitter = _Emitter(name, width, PIECE if width > 1 else LONG_PIECE, states, kept, rows.__next__)
     text, numbers = emitter.once(programs.values())
     blocks = dict.fromkeys(_BLOCKS, "pass")
     columns: dict[str, list[int]] = {"law": [], "sample": [], "step": [], "data": []}
@@ -70,7 +56,7 @@ def _loop(
         text += of_step + of_each
     settings: dict[str, Any] = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
     settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
-    return text + _LOOP.format(**settings, **blocks), columns
+    return head() + text + _LOOP.format(**settings, **blocks), columns
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,7 +20,7 @@ from plant.parts.room import require_room
 from plant.parts.user_warning import warn
 from plant.simulation.cautions import warn_of_missing_rotors, warn_of_stiff_gears, warn_of_unstable_lag
 from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop
+from plant.simulation.closed_loop import closed_loop
 from plant.simulation.followed_path import Path, path_of, start_of
 from plant.simulation.logged_run import logged_run
 
@@ -106,7 +106,7 @@ def run(
     if law.replays:
         raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
     steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
-    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps)
+    loop = closed_loop(dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps)
     duration = reference.duration if duration is None else duration
     duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
     samples = math.ceil(min(duration / rig.period, 1e18) - 1e-9)
@@ -179,7 +179,7 @@ def replay(
     record = dataclasses.replace(record, rig=rig, law=law)
     added = injected_beside(record)
     steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
-    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, injected=added is not None, **steps)
+    loop = closed_loop(dynamics=arm.dynamics, rig=rig, law=law, injected=added is not None, **steps)
     clock = Clock.of(record)
     path = path_of(record, clock)
     driven = path, clock, law.replayed(record), added

@@ -22,10 +22,11 @@ pytestmark = pytest.mark.skipif("+avx2" not in FEATURES, reason="no x86 processo
 def assembly(loop):
     """Machine code of the population kernel, and its source, compiled here and now."""
     kernel = LoopKernel(loop, range(loop.dynamics.p))
-    source = kernel._kernel.source.replace("cache=True, ", "")
+    program, _ = kernel.program("population")
+    source = program.source.replace("cache=True, ", "")
     module = types.ModuleType("kernel")
     exec(source, module.__dict__)  # noqa: S102 - the generator's own text
-    function = getattr(module, f"population_{kernel._kernel.hash}")
+    function = getattr(module, f"population_{program.hash}")
     table = empty = np.zeros((0, 0))
     state, lanes = np.zeros((len(loop.state_names), LANES)), np.zeros((loop.dynamics.p, LANES))
     uniform = np.ones(len(kernel.uniform) + 1)

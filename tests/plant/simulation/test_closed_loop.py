@@ -10,7 +10,7 @@ from random_arms import random_arm
 
 from plant import PD, Arm, P, PointToPoint, Record, puma560
 from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import FAR, ClosedLoop, bounded
+from plant.simulation.closed_loop import FAR, ClosedLoop, bounded, closed_loop
 from plant.simulation.followed_path import Logged, Path, path_of, with_path
 from plant.simulation.loop_kernel import LANES, LOGGED, LoggedKernel, LoopKernel, loop_kernel
 from plant.simulation.time_tables import time_tables
@@ -158,6 +158,13 @@ def test_every_lane_is_the_single_kernel_bit_for_bit(population):
     tables = single.prepared(tables, logged=True)
     plain = single.run(tables, initial[:, :1], np.empty((0, 1)), loop.number_values(f[0]), logs)[0]
     assert (np.abs(RIG.position_in_pulses(plain[:2, 0] - final[:2, 0])) < 1).all()
+
+
+def test_equal_parts_have_one_loop():
+    given = {"dynamics": ARM.dynamics, "law": LAWS["P"], "steps_per_sample": 4}
+    first, again = (closed_loop(rig=dataclasses.replace(RIG, period=1 * RIG.period), **given) for _ in range(2))
+    assert first is again
+    assert closed_loop(rig=dataclasses.replace(RIG, period=2 * RIG.period), **given) is not first
 
 
 def test_every_logged_lane_is_the_single_kernel_bit_for_bit(population):
