@@ -8,6 +8,8 @@ import numpy as np
 
 from plant.parts.fields import Floats
 
+_AT_ONCE = 8  # columns whose products with those behind them are summed; with those before them they are known
+
 
 def dot(a: Floats, b: Floats) -> float:
     """Inner product of two vectors."""
@@ -29,7 +31,11 @@ def product(rows: Floats, columns: Floats) -> Floats:
 
 def products(rows: Floats) -> Floats:
     """Sums of the products (k, k) of the columns of rows (N, k)."""
-    return np.asarray(np.einsum("mi,mj->ij", rows, rows))
+    found = np.empty((rows.shape[1],) * 2)
+    for i in range(0, len(found), _AT_ONCE):
+        found[i : i + _AT_ONCE, i:] = np.einsum("mi,mj->ij", rows[:, i : i + _AT_ONCE], rows[:, i:])
+        found[i:, i : i + _AT_ONCE] = found[i : i + _AT_ONCE, i:].T
+    return found
 
 
 def triangle(rows: Floats) -> Floats:

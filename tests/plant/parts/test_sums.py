@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant.parts.sums import dot, least, norm, product, triangle
+from plant.parts.sums import dot, least, norm, product, products, triangle
 
 RANDOM = np.random.default_rng(0)
 
@@ -39,6 +39,12 @@ def test_products_and_lengths():
     assert norm(rows) == pytest.approx(np.linalg.norm(rows), rel=1e-14)
     np.testing.assert_allclose(product(rows, columns), rows @ columns, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(product(rows, columns[:, 0]), rows @ columns[:, 0], rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(3000, 21), (50, 8), (5, 1), (4, 0)])
+def test_products_of_columns_are_summed_once_in_the_order_of_all(shape):
+    for rows in (RANDOM.normal(size=shape), RANDOM.normal(size=shape[::-1]).T):
+        np.testing.assert_array_equal(products(rows), np.einsum("mi,mj->ij", rows, rows))
 
 
 SCRIPT = """
