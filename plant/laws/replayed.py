@@ -72,13 +72,9 @@ def commanded_torque(record: Any) -> NDArray[np.float64] | None:
     if law is None or law.replays or law.has_memory(record.n):
         return None
     block, counts, found = law.block(rig), record.counts, np.empty((len(record), record.n))
+    zero = np.zeros(record.n)
     for start in range(0, len(record), _AT_ONCE):
         rows = slice(start, start + _AT_ONCE)
-        count = len(found[rows])
-        zero = np.zeros((record.n, count))
-        asked, _ = block.step.map(count)(
-            np.empty((0, count)), zero, zero, zero, record.reference_pulses[rows].T, counts[rows].T, zero,
-            np.full((1, count), rig.period), np.repeat(block.values[:, None], count, axis=1),
-        )  # fmt: skip
-        found[rows] = asked.full().T
+        pulses = record.reference_pulses[rows].T, counts[rows].T
+        found[rows] = block.step([], zero, zero, zero, *pulses, zero, rig.period, block.values)[0].full().T
     return found
