@@ -19,9 +19,9 @@ from plant.motion.reference import Motion
 from plant.parts.arguments import instance, near, several
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.simulation.closed_loop import ClosedLoop, bounded, closed_loop
 from plant.simulation.followed_path import Logged, path_of, start_of
-from plant.simulation.loop_kernel import loop_kernel
+from plant.simulation.loop_kernel import LOGGED, logged_kernel, loop_kernel
 from plant.simulation.simulator import injected_beside
 
 GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
@@ -85,7 +85,7 @@ class Experiment:
             raise ValueError(f"the record must have {dynamics.n} joints; it has {record.n}. Use one of this arm.")
         rig = smooth_rig(record.rig) if smooth else record.rig
         self.record, added = record, injected_beside(record)
-        self.loop = ClosedLoop(dynamics=dynamics, rig=rig, law=record.law, injected=added is not None, **options)
+        self.loop = closed_loop(dynamics=dynamics, rig=rig, law=record.law, injected=added is not None, **options)
         names = self.loop.number_names
         for name in unknown:
             if name not in names:
@@ -108,7 +108,8 @@ class Experiment:
         self.driven = {"path": path, "clock": self.clock, "replayed": record.law.replayed(record), "injected": added}
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))
-        self._geared = any(name.startswith(_GEARED) for name in unknown)
+        geared = [i for i, name in enumerate(names) if name.startswith(_GEARED)]
+        self._geared = geared if set(geared) & set(self.places) else []
 
     def path(self, smooth: bool) -> Any:
         """The commanded path; smooth: not rounded to pulses."""
@@ -119,13 +120,12 @@ class Experiment:
 
         Rows of numbers that no rig can have begin as by the record's rig.
         """
-        if not self._geared:
+        every = np.reshape(numbers, (len(numbers), -1))
+        if (every[self._geared] == self.numbers[self._geared, None]).all():
             return self.begin
         rig, own = self.record.rig, self.record.rig.number_names()
-        first = self.loop.number_names.index(own[0])
-        columns = np.reshape(numbers, (len(numbers), -1))[first : first + len(own)].T
-        states = []
-        for row in columns:
+        first, states = self.loop.number_names.index(own[0]), []
+        for row in every[first : first + len(own)].T:
             try:
                 turned = rig.with_numbers(row)
             except ValueError:
@@ -154,15 +154,6 @@ _STEPS = 16  # sub-steps per sample: fast hardware feels each count when it come
 _AT_ONCE = 1 << 13  # samples that are simulated at once: the tables of so many sub-steps are large
 
 
-@dataclasses.dataclass
-class _Run:
-    """Where a run has come to: state (s,), its numbers, and errors (M, n) [pulses] up to there."""
-
-    state: Floats
-    numbers: Floats
-    errors: Floats
-
-
 class Rounding(Experiment):
     """The loop of a record, as `loop` has it, without correction and with rounding."""
 
@@ -174,7 +165,8 @@ class Rounding(Experiment):
             loop.dynamics, dataclasses.replace(record, rig=phased), loop.dynamics.names, steps_per_sample=_STEPS,
             sweeps=loop.sweeps,
         )  # fmt: skip
-        self._kernel = self.kernel()
+        self._phase = [self.loop.number_names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
+        self._kernel = logged_kernel(self.loop, self._phase, uneven=self.clock.even is None)
         self._reference = self.driven["path"](self.clock.t)[1]
 
     def path(self, smooth: bool) -> Any:
@@ -186,32 +178,25 @@ class Rounding(Experiment):
         self, start: Any, numbers: Floats, names: Sequence[str], shifts: Sequence[Floats], threads: int
     ) -> list[Floats]:
         """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by so many pulses (n,)."""
-        own, n = self.numbers.copy(), self.loop.n
-        places = {name: i for i, name in enumerate(self.loop.number_names)}
-        for name, value in zip(names, numbers.tolist(), strict=True):
-            if name in places:
-                own[places[name]] = value
-        phase = [places[f"encoder.phase.shift[{i}]"] for i in range(n)]
-        q, qd = start
-        runs = [_Run(self.loop.initial_state(q, qd, own), own.copy(), np.empty((len(self.clock), n))) for _ in shifts]
-        for run, shift in zip(runs, shifts, strict=True):
-            run.numbers[phase] = self._own + shift
-        begin = 0
-        for tables in self._kernel.blocks(self.loop, **self.driven, samples=_AT_ONCE):
-            rows = slice(begin, begin + len(tables[1]))
-            shared_out(functools.partial(self._block, tables, rows), runs, threads)
-            begin = rows.stop
-        for run in runs:
-            if not (run.state[-1] > 0 and bounded(run.state[: 2 * n]) and np.isfinite(run.errors).all()):
-                raise ValueError("the model must stay on the log's path; simulated with what was found, it diverges.")
-        return [np.asarray((self._reference - run.errors)[self.clock.rows]) for run in runs]
+        own, given = self.numbers.copy(), dict(zip(names, numbers.tolist(), strict=True))
+        for i, name in enumerate(self.loop.number_names):
+            own[i] = given.get(name, own[i])
+        groups = [self._own + np.array(shifts[i : i + LOGGED]) for i in range(0, len(shifts), LOGGED)]
+        state = self.loop.initial_state(start[0], start[1], own)
+        made = shared_out(functools.partial(self._group, state, own), groups, threads)
+        return [np.asarray((self._reference - errors)[self.clock.rows]) for group in made for errors in group]
 
-    def _block(self, tables: tuple[Any, ...], rows: slice, run: _Run) -> None:
-        """One block of samples of a run."""
-        log = np.full((len(tables[1]), self.loop.n_log), np.nan)
-        errors = np.empty((len(log) * self.loop.steps_per_sample, self.loop.n))
-        final, _ = self._kernel.run(tables, run.state[:, None], np.empty((0, 1)), run.numbers, (log, errors))
-        run.state, run.errors[rows] = final[:, 0], log[:, : self.loop.n]
+    def _group(self, start: Floats, numbers: Floats, phases: Floats) -> list[Floats]:
+        """Errors (M, n) [pulses] of encoders with these phases (W, n), side by side."""
+        lanes = np.vstack([phases, phases[-1:].repeat(LOGGED - len(phases), axis=0)]).T.copy()
+        state, parts = start[:, None].repeat(LOGGED, axis=1), list[Floats]()
+        for tables in self._kernel.blocks(self.loop, **self.driven, samples=_AT_ONCE):
+            state, errors = self._kernel.run(tables, len(tables[1]), state, lanes, numbers[list(self._kernel.uniform)])
+            parts.append(errors)
+        found = np.concatenate(parts)
+        if not ((state[-1] > 0) & bounded(state[: 2 * self.loop.n])).all() or not np.isfinite(found).all():
+            raise ValueError("the model must stay on the log's path; simulated with what was found, it diverges.")
+        return [found[:, :, j] for j in range(len(phases))]
 
 
 class _Rounded:

@@ -30,8 +30,8 @@ def delay_of(
 
     Returns delay, std: [samples]; a positive delay is a count that is read too late.
     """
-    prediction = Prediction(dynamics, records, unknown, simulated=True, **options)
-    difference = prediction.innovations(values)
+    prediction = Prediction(dynamics, records, unknown, **options)
+    difference = prediction.innovations(np.append(values, 0 * prediction.nuisances))  # the search's loop, uncorrected
     if not np.isfinite(difference).all():
         return np.nan, np.inf
     speed = np.concatenate([_speed(record.counts).ravel() for record in records])
