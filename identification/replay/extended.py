@@ -6,6 +6,7 @@ sub-steps even the stiffest do not stick quite like rigid ones where a joint tur
 contradict.
 """
 
+import copy
 import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
@@ -95,16 +96,17 @@ class Extended:
 
     def late(self, samples: float) -> "Extended":
         """The same model, following records whose counts are so many samples later."""
-        return self._following([without_delay(record, -samples) for record in self.records])
+        other = self._again([without_delay(record, -samples) for record in self.records])
+        other.scales, other.prior = self.scales, self.prior
+        return other
 
     def pushed(self, torques: Sequence[Floats]) -> "Extended":
         """The same model, with torques (N, n) [N m] along each record beside those of its law."""
-        pairs = zip(self.records, torques, strict=True)
-        return self._following([dataclasses.replace(record, injected=_beside(record) + own) for record, own in pairs])
-
-    def _following(self, records: Sequence[Record]) -> "Extended":
-        other = self._again(records)
-        other.scales, other.prior = self.scales, self.prior
+        other = copy.copy(self)
+        every = [_beside(record) + torque for record, torque in zip(self.records, torques, strict=True)]
+        pairs = list(zip(self.records, self._logs, every, strict=True))
+        other.records = tuple(dataclasses.replace(record, injected=torque) for record, _, torque in pairs)
+        other._logs = [log.beside(torque) for _, log, torque in pairs]
         return other
 
     def stated(self) -> dict[str, float]:
@@ -160,6 +162,13 @@ class _Log:
         )
         self._sprung, self.prediction = rig, self._made(plain, self._names(giving=False))
 
+    def beside(self, torque: Floats) -> "_Log":
+        """The same with another torque (N, n) [N m] injected."""
+        other = copy.copy(self)
+        other.prediction, other._springs = self.prediction.beside([torque]), None
+        other._made = lambda rig, names: self._made(rig, names).beside([torque])
+        return other
+
     def _names(self, *, giving: bool) -> list[str]:
         """Of what is stated, in a loop with springs or without."""
         return [name for name in self._stated if giving or not (self._rigid and name.startswith("drive.elasticity"))]
@@ -214,6 +223,5 @@ def _with_springs(rig: Rig, links: Floats | None) -> Rig:
         gears = Elasticity(stiffness=stiffness, damping=2 * _DAMPING * np.sqrt(stiffness * links))
     if gears is not None and gears.backlash is None:
         gears = dataclasses.replace(gears, backlash=np.zeros(rig.n))
-    lag, even = drive.current_lag or _PROMPT, np.zeros(rig.n)
-    curve = drive.curve or FrictionCurve(offset=even, breakaway=even, speed=even + 1)
+    lag, curve = drive.current_lag or _PROMPT, drive.curve or FrictionCurve(offset=np.zeros(rig.n))
     return dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=gears, current_lag=lag, curve=curve))

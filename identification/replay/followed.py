@@ -1,9 +1,10 @@
 """One record, ready to be followed by a model that is corrected at every sample."""
 
 import copy
+import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -106,6 +107,14 @@ class Followed(Experiment):
         other._tables = self._kernel.with_data(self._tables, self._measured(counts))
         other._weigh(counts)
         return other.innovations(values)
+
+    def beside(self, torque: Floats) -> Self:
+        """The same with another torque (N, n) [N m] injected, if that acts beside the law's."""
+        other = copy.copy(self)
+        other.record = dataclasses.replace(self.record, injected=torque)
+        if self.loop.injected:
+            other._tables = self._kernel.with_injected(self._tables, self.clock.bridged(torque))
+        return other
 
     def innovations(self, values: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run diverges."""

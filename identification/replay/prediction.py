@@ -12,8 +12,10 @@ it sees new cells: at most one.
 Source: L. Ljung, System Identification, Prentice Hall 1999, ch. 7 (prediction-error methods).
 """
 
+import copy
 import functools
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Self
 
 import numpy as np
 
@@ -145,6 +147,12 @@ class Prediction:
             if not np.isfinite(followed.innovations(own)).all():
                 return record_label([each.record for each in self._followed], k)
         return ""
+
+    def beside(self, torques: Sequence[Floats]) -> Self:
+        """The same with another torque (N, n) [N m] injected in each record."""
+        other = copy.copy(self)
+        other._followed = [followed.beside(own) for followed, own in zip(self._followed, torques, strict=True)]
+        return other
 
     def reweigh(self, values: Floats) -> bool:
         """Weight each joint of each record by its RMS innovation, and a prior by the noise.

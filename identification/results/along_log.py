@@ -12,6 +12,7 @@ from identification.equation_error.torque_logs import torque_of
 from identification.replay.optimum import Optimum
 from identification.results.assumed import SHARE, longer, smoothed
 from plant import Arm, Chain, Record
+from plant.compiler.background import shared_out
 from plant.laws.replayed import commanded_torque
 from plant.mechanics.newton_euler import lumped_torque
 from plant.motion.reference import Motion
@@ -67,12 +68,14 @@ def _held(torque: Floats) -> Floats:
 
 def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[str, Floats]:
     """Change of the innovations (M,) with each of these numbers."""
-    size, effects = np.sqrt(np.mean(torque_of(at.model.records[0]) ** 2)), dict[str, Floats]()
-    for name, own in torques.items():
+    size = np.sqrt(np.mean(torque_of(at.model.records[0]) ** 2))
+
+    def effect(own: Sequence[Floats]) -> Floats:
         step = _SMALL * size / np.sqrt(np.mean(np.concatenate(own) ** 2))
         moved = at.model.pushed([step * torque for torque in own]).innovations(at.values)
-        effects[name] = (moved - at.innovations) / step
-    return effects
+        return np.asarray((moved - at.innovations) / step)
+
+    return dict(zip(torques, shared_out(effect, list(torques.values()), at.model.threads), strict=True))
 
 
 def _cycles(motors: Sequence[Floats], left: Sequence[Floats]) -> int:

@@ -57,6 +57,18 @@ def test_compliance_is_the_resonance_of_a_gear(record, model):
     assert np.abs(ours - predicted(record)).max() > 0.05
 
 
+def test_a_torque_along_the_log_is_that_of_a_record_it_was_injected_in(record, model):
+    """Once more beside itself, too, and on elastic gears."""
+    torque = 2.0 * np.sin(np.linspace(0, 20, len(record)))[:, None] * np.array([1.0, -0.5])
+    pushed = model.pushed([torque]).pushed([torque])
+    injected = dataclasses.replace(record, injected=2 * torque)
+    anew = Extended(DYNAMICS, [injected], DYNAMICS.names, ARM.f)
+    for given in ({}, {"compliance_0": 60.0**-2}):
+        ours, before = (each.innovations(values(model, **given)) for each in (pushed, model))
+        np.testing.assert_array_equal(ours, anew.innovations(values(model, **given)))
+        assert np.abs(ours - before).max() > 0.05
+
+
 def test_backlash_lag_and_friction_are_those_of_the_drive(record, model):
     play = dict.fromkeys(("compliance_0", "compliance_1"), 250.0**-2) | {"backlash_0": 5e-4}
     theirs = predicted(record, elasticity=gears(record, 250.0, backlash=(5e-4, 0.0)))
