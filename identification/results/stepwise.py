@@ -22,7 +22,7 @@ _NAMED = 3  # alternatives that are named, at most
 _EXPLAINED = 0.03  # share of what rounding does not explain that a named alternative must
 
 _FAINT, _FINER = 0.02, 16
-"""Share of the sum of squares below which what is named is tested once more; and the steps per sample then."""
+"""Share of the sum of squares below which all is tested once more, in place of what is named; steps per sample then."""
 
 _ROUNDING = 1 / 12  # variance of the rounding of counts [pulses^2]
 
@@ -51,12 +51,12 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | No
     """
     try:
         tested = _Search(problem, fit)
-        detection = tested.detection(delay)
-        steps = problem.options.get("steps_per_sample", 4)
-        if tested.is_faint(detection) and not delay and steps < _FINER:  # may be the model's own steps
+        coarse = not delay and problem.options.get("steps_per_sample", 4) < _FINER
+        detection = tested.detection(delay, coarse=coarse)
+        if tested.faint:  # may be the model's own steps
             fine = dataclasses.replace(problem, options=problem.options | {"steps_per_sample": _FINER})
-            finer = _Search(fine, fit, tested._first)
-            tested, detection = finer, finer.detection(delay)
+            tested = _Search(fine, fit, tested.at)
+            detection = tested.detection(delay)
         doubt = tested.doubt()
         added = doubt.added(problem.tolerances, rounding)
         period = max(record.rig.period for record in problem.records)
@@ -92,6 +92,8 @@ class _Refit(NamedTuple):
 class _Search:
     """The model where it follows the log best, and what has been named so far."""
 
+    faint = False
+
     def __init__(self, problem: Problem, fit: Fit, near: Optimum | None = None) -> None:
         records, keep = as_tested(problem, fit)
         self._unknown, self._keep = len(problem.unknown), keep
@@ -124,7 +126,8 @@ class _Search:
         self.torques = torques_along(self.at)
         self.effects = effects_of(self.at, self._efforts) | effects_along(self.at, self.torques)
 
-    def detection(self, delay: float) -> Detection:
+    def detection(self, delay: float, *, coarse: bool = False) -> Detection:
+        """What contradicts the model; ends where what is first is `faint`: coarse steps might explain as little."""
         first = found = self._signs = signs(self.at, self.effects)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
@@ -140,10 +143,13 @@ class _Search:
                 good += self._significant(sign, again)
                 best = _AS_GOOD * max((each.sign.explained for each in good), default=0.0)
                 good = [each for each in good if each.sign.explained > best]  # the others are let go
-            if not good:
-                named += [sign for sign in those if sign.name == "disagreement"]
+            refit = min(good, key=lambda each: each.sign.freedom, default=None)
+            told = [sign for sign in those if sign.name == "disagreement"] if refit is None else [refit.sign]
+            self.faint = coarse and bool(told) and all(sign.explained < _FAINT * self.at.squares for sign in told)
+            coarse = False
+            if refit is None or self.faint:
+                named += told
                 break
-            refit = min(good, key=lambda each: each.sign.freedom)
             own_rates = fitted(refit.at.model, refit.at.values, refit.step, self.bounds)
             refit = self._compared(refit.sign, own_rates, refit.step)
             self.at, self.step = refit.at, refit.step
@@ -152,10 +158,6 @@ class _Search:
             found = signs(self.at, self.effects)
         values = tuple(self._with_values(sign) for sign in named)
         return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
-
-    def is_faint(self, detection: Detection) -> bool:
-        """Whether all that is named explains so little that the error of the integration might."""
-        return bool(detection.named) and all(sign.explained < _FAINT * self.at.squares for sign in detection.named)
 
     def doubt(self) -> Doubt:
         """What is to be doubted of the values."""
