@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from identification.planning.model_limits import experiment_of, motion_limits
 from identification.planning.multisine import multisines
 from plant import Arm, Chain, Harmonics, Law, Rig
+from plant.mechanics.newton_euler import lumped_torque
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
@@ -28,11 +29,16 @@ from plant.simulation.executors import mapped
 _SAMPLES = 120  # of a period, at which the equation is set up and the limits hold
 _SHARPNESS = 4  # power of the mean that stands for the largest variance
 _MARGIN = 0.01  # share of a limit's width that is kept free: between the samples the motion goes a little further
-_EXACT = 20  # parameters up to which second derivatives are worked out: beyond, they take minutes
+_MANY = 20  # parameters above which one start is the usual
 _LEAST_UNIT = 1e-2  # of the largest parameter: as far as any other one is worth to be known
 _FULL = 100.0  # pulses of error at which a loop without a law takes its largest torque
 _LEAST_PULSES = 100  # by which every motor has to move, at least
 _SLACK = 1e-3  # by how much a limit may be exceeded [SI]
+_SETTLED = {
+    "acceptable_tol": 1e9, "acceptable_constr_viol_tol": 1e-4, "acceptable_compl_inf_tol": 1e-3,
+    "acceptable_obj_change_tol": 1e-3, "acceptable_iter": 6,
+}  # fmt: skip
+"""Where Ipopt ends, too: the limits are kept, and the objective has hardly changed for some iterations."""
 _TORQUE = 0.8  # share of the amplifier's limit that the model's torque and friction may take
 
 
@@ -78,7 +84,7 @@ def design_motion(
         Random motions from which the search begins, of which the best end counts; 3, of many parameters 1.
     seed : int, optional
     iterations : int, optional
-        Of Ipopt, per start; 200, of many parameters 60.
+        Of Ipopt, per start, at most; 200.
     executor : optional
         Where the starts are followed, side by side: a `concurrent.futures.Executor`, a Dask ``Client``, or a function
         that makes one.
@@ -119,10 +125,9 @@ def design_motion(
         raise ValueError(f'{name} is for kind="{other}"; got it for kind="{kind}". Leave one of them out.')
     if kind == "multisine":
         return multisines(model, rig, period, frequencies, _TORQUE, (position, velocity, acceleration))
-    many, harmonics = model.dynamics.p > _EXACT, 5 if harmonics is None else harmonics
-    starts = (1 if many else 3) if starts is None else whole("starts", starts, "Leave it out for the usual.")
-    usual = 60 if many else 200
-    iterations = usual if iterations is None else whole("iterations", iterations, "Leave it out for the usual.")
+    usual, harmonics = 1 if model.dynamics.p > _MANY else 3, 5 if harmonics is None else harmonics
+    starts = usual if starts is None else whole("starts", starts, "Leave it out for the usual.")
+    iterations = 200 if iterations is None else whole("iterations", iterations, "Leave it out for the usual.")
     limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
     of_problem = model, rig, law, period, harmonics
     begins = list(_starts(np.random.default_rng(seed or 0), starts, _rates(period, harmonics), *limits))
@@ -164,7 +169,6 @@ class _Problem:
         rate = _rates(period, harmonics)
         c, s = np.cos(angle), np.sin(angle)
         n, p, self.opti = arm.n, arm.dynamics.p, ca.Opti()
-        self.curvature = "exact" if p <= _EXACT else "limited-memory"
         offset, cosine, sine = self.opti.variable(n), self.opti.variable(n, harmonics), self.opti.variable(n, harmonics)
         self.amplitudes = offset, cosine, sine
         self.q = ca.repmat(offset, 1, _SAMPLES) + cosine @ c.T + sine @ s.T
@@ -197,7 +201,7 @@ class _Problem:
         """Cost and motion of the best end from these starts that keeps the limits."""
         opti, quiet = self.opti, {"print_time": False, "error_on_fail": False}
         settings = {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4}
-        opti.solver("ipopt", quiet, settings | {"hessian_approximation": self.curvature})
+        opti.solver("ipopt", quiet, settings | _SETTLED | {"hessian_approximation": "limited-memory"})
         best: tuple[Any, ...] | None = None
         for start in starts:
             for amplitude, value in zip(self.amplitudes, start, strict=True):
@@ -237,7 +241,8 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
     per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
     scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments, names = [q, qd, qdd], ["q", "qd", "qdd"]
-    tau = dynamics.Y(q, qd, qdd) @ arm.f + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
+    moving, at_rest = lumped_torque(dynamics.chain, dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
+    tau = moving + at_rest + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
     return (
         ca.Function("information", arguments, [ca.vec(scaled.T @ scaled)], names, ["M"]),
         ca.Function("tau", arguments, [tau], names, ["tau"]),
