@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from identification import GeneticSettings, identify
+from identification.results import stepwise
 from plant import (
     PD,
     Chain,
@@ -69,6 +70,27 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
     assert not any(sign.significant for sign in detection.signs)
     assert "no sign of compliance (detectable below" in rigid.summary()
     assert rigid.warnings == []
+
+
+@pytest.mark.parametrize(("faint", "expected"), [(1.0, [4, 16]), (1e-9, [4])])
+def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested_beside_it(
+    faint, expected, monkeypatch
+):
+    """Cogging, taken to be so faint that coarse steps might explain it: all begins anew; it is named all the same."""
+    steps, weighed = [], []
+    begin, weigh = stepwise._Search.__init__, stepwise._Search._weigh
+
+    def begun(self, problem, *given):
+        steps.append(problem.options["steps_per_sample"])
+        begin(self, problem, *given)
+
+    monkeypatch.setattr(stepwise, "_FAINT", faint)
+    monkeypatch.setattr(stepwise._Search, "__init__", begun)
+    monkeypatch.setattr(stepwise._Search, "_weigh", lambda self: (weighed.append(steps[-1]), weigh(self)))
+    ripple = TorqueRipple(amplitude=0.2 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
+    assert "cogging" in quick(log(ripple=ripple)).diagnostics.detection.names
+    assert steps == expected
+    assert (weighed.count(4), 16 in weighed) == ((1, True) if faint == 1 else (2, False))
 
 
 @pytest.mark.slow
