@@ -168,7 +168,7 @@ LABELS = {
     "lag of the loop": r"torques lag",
     "speed error": r"error grows with speed",
     "elastic": r"joints are elastic",
-    "play": r"backlash",
+    "play": r"(has|this) backlash",
     "offset": r"have an offset",
     "friction": r"[Ff]riction is not the rig's|Coulomb friction is",
     "gain": r"times the commanded|cannot have made|gains? .*not the",
