@@ -1,12 +1,14 @@
 """Torques along a log that its model may lack: cogging of the motors, another length, the rate of a law's error.
 
-Each is known along the log but for its size, with which the innovations change in proportion.
+Each is known along the log but for its size, with which the innovations change in proportion. Of wide backlash only
+where it acts is known.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.optimum import Optimum
@@ -20,6 +22,8 @@ from plant.parts.fields import Floats
 
 CYCLES = 24  # of a motor's cogging per turn, at most
 
+_CROSSING = 0.02  # within which the teeth of a gear cross wide backlash, and meet [s]
+
 _SMALL = 0.01  # share of the log's torque (rms) by whose effect that of a torque is taken
 
 
@@ -30,7 +34,7 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
     link i; ``lead[i]`` [s] of the torque of a law without memory.
     """
     model, records, found = at.model, at.model.records, dict[str, list[Floats]]()
-    arm = model.dynamics.arm([at.values[model.unknown.index(name)] for name in model.dynamics.names])
+    arm = _arm(at)
     left = [at.before[rows].reshape(-1, arm.dynamics.n) for rows in model.rows()]
     asked = [commanded_torque(record) for record in records]
     rates = [
@@ -52,6 +56,12 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
     return {name: [_held(torque) for torque in own] for name, own in found.items() if any(map(np.any, own))}
 
 
+def _arm(at: Optimum) -> Arm:
+    """The arm of the values found."""
+    dynamics = at.model.dynamics
+    return dynamics.arm([at.values[at.model.unknown.index(name)] for name in dynamics.names])
+
+
 def efforts(record: Record) -> Floats:
     """Torque [N m] and speed [rad/s] of each motor (2, n), rms over a record; a little where there is none."""
     drive = record.rig.drive
@@ -64,6 +74,30 @@ def efforts(record: Record) -> Floats:
 def _held(torque: Floats) -> Floats:
     """Mean (N, n) from each sample to the next, in which it is held."""
     return (torque + np.vstack([torque[1:], torque[-1:]])) / 2
+
+
+def at_reversals(at: Optimum) -> Iterator[tuple[int, Floats, Floats]]:
+    """Of each joint, its place and what is left (M,) where its load changes sign, and elsewhere; not where it turns."""
+    arm = _arm(at)
+    near: list[list[Floats]] = [[] for _ in range(2 * arm.dynamics.n)]
+    for record, rows in zip(at.model.records, at.model.rows(), strict=True):
+        motion = smoothed(record, record.rig.cell_centre(record.counts))
+        load = _torque(arm.dynamics.chain, arm, motion) - record.rig.drive.reflected_inertia() * motion.qdd
+        left, samples = at.before[rows].reshape(load.shape), max(4, round(_CROSSING / record.rig.period))
+        for i in range(arm.dynamics.n):
+            loaded, turned = (_after_flips(x[:, i], samples) for x in (load, motion.qd))
+            near[2 * i].append(left[loaded & ~turned, i])
+            near[2 * i + 1].append(left[~loaded & ~turned, i])
+    for i in range(arm.dynamics.n):
+        yield i, np.concatenate(near[2 * i]), np.concatenate(near[2 * i + 1])
+
+
+def _after_flips(x: Floats, samples: int) -> NDArray[np.bool_]:
+    """Samples (N,) from a little before to so many after those at which a signal changes sign."""
+    flips, near = np.flatnonzero(np.diff(np.sign(x)) != 0), np.zeros(len(x) + 1)
+    np.add.at(near, np.maximum(flips - samples // 4, 0), 1)
+    np.add.at(near, np.minimum(flips + samples, len(x)), -1)
+    return np.cumsum(near)[:-1] > 0
 
 
 def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[str, Floats]:

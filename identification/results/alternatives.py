@@ -16,7 +16,7 @@ import numpy as np
 
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, Trial, along, backlash, compliance, directions
-from identification.results.along_log import CYCLES
+from identification.results.along_log import CYCLES, at_reversals
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -35,6 +35,9 @@ _LEAD = 0.5  # samples by which a torque leads, at least, where its law has the 
 
 _LENGTH = 0.05  # share of a length by which one differs, at least; less is not told from what rounding does to a loop
 
+_FEW, _FAILS = 30, 3.0
+"""Samples in which a load changes sign, at least, and by how much larger squared innovations are there that tell."""
+
 _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")  # what can be more or less than stated
 
 _OWN, _OWN_OF_LENGTH = 1e-3, 0.25
@@ -51,7 +54,7 @@ class Sign(Shown, Frozen):
     ----------
     name : str
         "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear", "cogging", "length" of links,
-        "lead" of a law's torque, or "disagreement": of the records with each other.
+        "lead" of a law's torque, "reversals" of the load, or "disagreement": of the records with each other.
     chi_square : float
         By how much it would lower the sum of squared innovations, in units of their (inflated) variance.
     freedom : int
@@ -108,7 +111,7 @@ def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
     if "compliance[0]" in at.model.extra:
         found = [_best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in found]
         found.append(_of_backlash(backlash(at)))
-    return found + list(_disagreement(at))
+    return [*found, *_reversals(at), *_disagreement(at)]
 
 
 def effects_of(at: Optimum, efforts: Floats) -> dict[str, Floats]:
@@ -220,6 +223,19 @@ def _of_backlash(trials: Sequence[Trial]) -> Sign:
         name="backlash", chi_square=best.chi_square, freedom=2, threshold=threshold, explained=best.explained,
         values=best.values, visible=visible,
     )  # fmt: skip
+
+
+def _reversals(at: Optimum) -> Iterator[Sign]:
+    """Of the joint where it shows most: whether the model fails where the load changes sign, as in wide backlash."""
+    signs = list[Sign]()
+    for i, near, elsewhere in at_reversals(at):
+        if min(len(near), len(elsewhere)) > _FEW and (unit := (elsewhere**2).mean()):
+            square = (near**2).sum()
+            signs.append(Sign(
+                name="reversals", chi_square=square / unit, freedom=len(near), threshold=_FAILS * len(near),
+                explained=square - unit * len(near), values={f"reversals[{i}]": square / unit / len(near)}, visible={},
+            ))  # fmt: skip
+    yield from sorted(signs, key=lambda sign: -sign.chi_square / sign.freedom)[:1]
 
 
 def _disagreement(at: Optimum) -> Iterator[Sign]:

@@ -52,11 +52,15 @@ _SAID = {
     "chain.",
     "lead": "the stated law lacks the rate of its error: torques lead by {each} ({chance}), which biases f. Check the "
     "law; a PD has such a lead, its derivative per gain.",
+    "reversals": "the model fails where the load of {each} changes sign: squared innovations are {ratio:.2g} times "
+    "those elsewhere. Its gear has backlash, wider than the model of it tells.",
     "disagreement": "the records contradict each other: each alone has other values (chi-square {chi_square:.0f} of "
     "{freedom} degrees of freedom, by chance below {threshold:.0f}). The model lacks something, or the robot has "
     "changed.",
 }
 """What contradicts the model, and what to do."""
+
+UNFITTED = ("reversals", "disagreement")  # what is told, but is no number of a model
 
 _SCALED = 0.08  # by which friction is off in all its numbers, and by which they may differ: then torques are scaled
 
@@ -142,8 +146,8 @@ class Detection(Shown, Frozen):
         if self.reason is not None:
             return f"compliance, backlash, lag, friction: not tested: {self.reason}"
         found = {sign.name: sign for sign in self.signs}
-        others = [sign for sign in self.signs if sign.name not in (*self.names, "disagreement")]
-        explained = set(self.names) - {"disagreement"}  # by what is named: so what was significant beside it is not
+        others = [sign for sign in self.signs if sign.name not in (*self.names, *UNFITTED)]
+        explained = set(self.names) - {*UNFITTED}  # by what is named: so what was significant beside it is not
         unclear = [sign.name for sign in others if sign.significant and not explained]
         clean = [self._visible(sign) for sign in others if sign.name not in unclear]
         parts = [f"no sign of {'; '.join(clean)}"] if clean else []
@@ -170,6 +174,7 @@ class Detection(Shown, Frozen):
                 "value": value,
                 "lag": 1e3 * value,
                 "scaled": self._scaled(sign),
+                "ratio": next(iter(sign.values.values()), 0.0),
             } | {name: getattr(sign, name) for name in ("chi_square", "freedom", "threshold")}
             played = [name for name in sign.values if name.startswith("backlash")] or [""]
             for name in played:
@@ -211,6 +216,8 @@ class Detection(Shown, Frozen):
         if sign.name == "compliance":
             gears = ", ".join(f"{hertz:.0f} Hz at {joint}" for joint, hertz in self.resonances.items())
             return gears or "some resonance"
+        if sign.name == "reversals":
+            return self._joint(next(iter(sign.values)))
         if sign.name in _EACH:
             scale, form = _EACH[sign.name]
             return ", ".join(form.format(scale * value, self._joint(name)) for name, value in sign.values.items())

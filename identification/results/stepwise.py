@@ -9,7 +9,7 @@ from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.along_log import effects_along, efforts, torques_along
 from identification.results.alternatives import Sign, delay_sign, effects_of, signs
-from identification.results.detection import Detection
+from identification.results.detection import UNFITTED, Detection
 from identification.results.model_error import Doubt
 from identification.search.memory import as_tested
 from identification.search.outcome import Fit
@@ -136,15 +136,17 @@ class _Search:
         while len(named) < _NAMED:
             again = _AGAIN if named else 1.0
             those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
-            most = max((sign.explained for sign in those if sign.name != "disagreement"), default=0.0)
-            worth = [sign for sign in those if sign.explained > _WORTH * most or np.isinf(sign.chi_square)]
+            played = any(sign.name == "reversals" for sign in those)  # a length seems to explain that
+            some = [sign for sign in those if sign.name not in (*UNFITTED, *["length"] * played)]
+            most = max((sign.explained for sign in some), default=0.0)
+            worth = [sign for sign in some if sign.explained > _WORTH * most or np.isinf(sign.chi_square)]
             good = list[_Refit]()
             for sign in worth:
                 good += self._significant(sign, again)
                 best = _AS_GOOD * max((each.sign.explained for each in good), default=0.0)
                 good = [each for each in good if each.sign.explained > best]  # the others are let go
             refit = min(good, key=lambda each: each.sign.freedom, default=None)
-            told = [sign for sign in those if sign.name == "disagreement"] if refit is None else [refit.sign]
+            told = [sign for sign in those if sign.name in UNFITTED] if refit is None else [refit.sign]
             self.faint = coarse and bool(told) and all(sign.explained < _FAINT * self.at.squares for sign in told)
             coarse = False
             if refit is None or self.faint:
@@ -176,8 +178,6 @@ class _Search:
 
     def _refitted(self, sign: Sign) -> _Refit | None:
         """The model with an alternative, fitted from its first estimate; None where it does not follow the log."""
-        if sign.name == "disagreement":
-            return None
         if sign.name == "delay":
             return self._shifted(sign)
         if sign.values.keys() <= self.torques.keys():

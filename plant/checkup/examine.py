@@ -172,9 +172,9 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
 
 
 def unexplained(record: Any) -> float:
-    """Share of the motor torques' variance that the motion does not explain, mean over joints; 1 where none can be."""
+    """Share of the logged torques' variance that the motion does not explain, mean over joints; 1 where none can be."""
     signals = Signals(record)
-    if not signals.long_enough or signals.motor_torque is None:
+    if not signals.long_enough or signals.torque is None:
         return 1.0
     return float(np.mean([1.0 if each is None else each.unexplained for each in signals.regressions]))
 

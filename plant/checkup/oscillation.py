@@ -74,8 +74,10 @@ def _oscillation(signals, i):
     third = _PARTS // 3
     does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
     seen = f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}"
-    why = "it is unstable, or nearly, as by lag of the currents or elastic gears (or driven by ripple)"
-    return Finding.of(_NAME, i, own, "Hz", "look", f"{seen}: {why}. Lower its gains.")
+    why = (
+        "it is unstable, or nearly, by gains too high for its friction, lag of the currents, elastic gears or backlash"
+    )
+    return Finding.of(_NAME, i, own, "Hz", "look", f"{seen}: {why} (or driven by ripple). Lower its gains.")
 
 
 def _driven_to_limit(signals, i, size):

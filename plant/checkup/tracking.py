@@ -21,6 +21,8 @@ _SURE = 4.0
 _DRIVEN = 5.0
 """Standard deviations from which on the sign of an inertia is significant."""
 
+_RUBS = "Viscous friction is not the rig's: the error grows with speed, and not with the jerk that late counts add."
+
 _HELD = 2.0
 """Delay [samples] that torque and motion alone cannot tell: torque is held, drives take time, feedback has noise."""
 
@@ -132,11 +134,11 @@ def _delay(signals, i):
     if signals.commanded is not None:
         if (regression := signals.regressions[i]) is None:
             return Finding.unknown(name, i, "the motor hardly moves")
-        error = (signals.reference - signals.counts)[:, i]
-        gain = (error @ signals.commanded[:, i]) / max(error @ error, 1e-300)
-        per_sample = gain * signals.interval / rig.encoder.to_angle(np.ones(signals.n))[i]
-        late, std = (regression.viscous - rig.drive.viscous[i]) / per_sample, regression.viscous_std / per_sample
-        return _judged(i, late, std, "The error grows with speed, beyond stated friction")
+        late, std = (x[i] for x in _beyond_friction(signals))
+        judged = _judged(i, late, std, "The error grows with speed, beyond stated friction")
+        if judged.ok or _adds_jerk(signals):
+            return judged
+        return Finding.of("viscous friction", i, regression.viscous, "N m s/rad of the motor", "look", _RUBS)
     shown = signals.regression(i)
     driven = signals.torque is not None and shown is not None
     driven = driven and shown.inertia[i] > _SURE * shown.inertia_std[i]
@@ -155,6 +157,25 @@ def _delay(signals, i):
         return Finding.unknown(name, i, "no acceleration that torque explains")
     why = "Motion comes after the torque that made it"
     return _judged(i, shown.delay, shown.delay_std, why, look=_HELD, wrong=np.inf)
+
+
+def _beyond_friction(signals):
+    """Delay (n,) of the counts [samples] for which torque beyond stated friction stands, and its std; NaN at rest."""
+    error, per_pulse = signals.reference - signals.counts, signals.rig.encoder.to_angle(np.ones(signals.n))
+    gain = (error * signals.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
+    beyond, std = np.full((2, signals.n), np.nan)
+    for i, each in enumerate(signals.regressions):
+        if each is not None:
+            beyond[i], std[i] = each.viscous - signals.rig.drive.viscous[i], each.viscous_std
+    return beyond / (gain * signals.interval / per_pulse), std / np.abs(gain * signals.interval / per_pulse)
+
+
+def _adds_jerk(signals):
+    """Whether the torque changes with jerk as late counts have it, rather than not, as under more friction."""
+    late, _ = _beyond_friction(signals)
+    rows = [(x, each.delay, each.delay_std) for x, each in zip(late, signals.regressions, strict=True) if each]
+    x, seen, std = np.array(rows).T
+    return bool((x * seen / std**2).sum() > 0.5 * (x**2 / std**2).sum())
 
 
 def _feeds_forward(law: Any, rig: Rig) -> bool:

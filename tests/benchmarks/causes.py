@@ -45,10 +45,11 @@ def ur5e(strong):
 ARMS = {"puma": puma, "ur5e": ur5e}
 
 
-def path_of(random):
-    """A smooth path whose joints pass zero."""
+def path_of(random, upright=0.0):
+    """A smooth path whose joints pass zero; `upright`: or about this angle of the first [rad]."""
     cosine, sine = (random.normal(size=(2, 3)) * 0.35 / np.arange(1, 4) for _ in range(2))
-    return Harmonics(period=random.uniform(2.5, 3.0), offset=random.uniform(-0.2, 0.2, 2), cosine=cosine, sine=sine)
+    period, offset = random.uniform(2.5, 3.0), random.uniform(-0.2, 0.2, 2)
+    return Harmonics(period=period, offset=offset + np.array((upright, 0.0)), cosine=cosine, sine=sine)
 
 
 # -- what is spoiled -------------------------------------------------------------------------------------------------
@@ -148,6 +149,8 @@ class Cause:
     stated: object = None
     two: bool = False
     """Two records, only the second is of this machine."""
+    unloaded: bool = False
+    """About where gravity changes sign, hanging or upright."""
 
 
 LABELS = {
@@ -165,7 +168,7 @@ LABELS = {
     "lag of the loop": r"torques lag",
     "speed error": r"error grows with speed",
     "elastic": r"joints are elastic",
-    "play": r"backlash",
+    "play": r"(has|this) backlash",
     "offset": r"have an offset",
     "friction": r"[Ff]riction is not the rig's|Coulomb friction is",
     "gain": r"times the commanded|cannot have made|gains? .*not the",
@@ -191,7 +194,7 @@ CAUSES = {
     "asymmetric friction": Cause(("offset",), uniform(0.15, 0.5, "offset")),
     "Stribeck": Cause(("friction",), uniform(0.3, 1.0, "stribeck")),
     "elastic": Cause(("elastic",), uniform(15, 60, "hertz")),
-    "play": Cause(("play",), uniform(0.001, 0.006, "play", hertz=300.0)),
+    "play": Cause(("play",), uniform(0.001, 0.006, "play", hertz=300.0), unloaded=True),
     "gear": Cause(("gears, lengths", "rotor", "gain or gear"), stated=_gear),
     "gain": Cause(("gain", "gain or gear", "gain or friction"), stated=_gain),
     "length": Cause(
@@ -214,7 +217,8 @@ def spoiled(name, arm, seed):
     """What a user has of a cause: dynamics and records."""
     cause, random = CAUSES[name], np.random.default_rng([seed, *map(ord, name), *map(ord, arm)])
     truth, chain, rig, law = ARMS[arm](seed % 2)
-    path, odd = path_of(random), cause.machine(random) if cause.machine else {}
+    path = path_of(random, random.choice((-1, 1)) * np.pi / 2 if cause.unloaded else 0.0)
+    odd = cause.machine(random) if cause.machine else {}
     if odd.get("share") == "peak":
         healthy = run(truth, rig, law, path)
         odd["share"] = random.uniform(0.6, 0.85) * np.abs(healthy.torque).max(axis=0)

@@ -68,7 +68,7 @@ def run(arm, rig, law, path, *, rounding=None, delay=0.0, offset=0.0, stribeck=0
     """
     model = engine(arm, rig, **gears)
     data, behind = mujoco.MjData(model), model.nv == 4
-    motors = slice(0, 2)
+    motors, damped = slice(0, 2), model.tendon_damping.copy()
     dt, k = rig.period / STEPS, rig.drive.gear
     count = round(DURATION / rig.period)
     true = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, rounding=rounding or rig.encoder.rounding))
@@ -99,6 +99,8 @@ def run(arm, rig, law, path, *, rounding=None, delay=0.0, offset=0.0, stribeck=0
         if stribeck or drift:
             slow = np.exp(-((qd / 0.1) ** 2))
             model.dof_frictionloss[motors] = dry * (1 + stribeck * slow) * (1 + drift * step / (count * STEPS))
+        if behind and gears.get("play"):  # teeth that do not touch do not damp
+            model.tendon_damping[:] = damped * (np.abs(data.qpos[:2] - data.qpos[2:]) > gears["play"] / 2)
         data.qfrc_applied[motors] = torque + added
         mujoco.mj_step(model, data)
     return Record(

@@ -16,6 +16,7 @@ from plant import (
     Chain,
     Dynamics,
     Elasticity,
+    Encoder,
     Harmonics,
     Link,
     LoggedTorque,
@@ -66,6 +67,7 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
         "gear",
         "cogging",
         "lead",
+        "reversals",
     }
     assert not any(sign.significant for sign in detection.signs)
     assert "no sign of compliance (detectable below" in rigid.summary()
@@ -153,6 +155,24 @@ def test_backlash_is_seen_where_the_load_changes_sign():
     widths = [sign.values for sign in found.diagnostics.detection.named]
     assert all(0.01 < np.rad2deg(value) < 0.1 for each in widths for name, value in each.items() if "backlash" in name)
     assert any("has backlash, about" in text for text in found.warnings)
+
+
+def test_wide_backlash_is_told_by_where_the_load_changes_sign():
+    """Wider than is fitted, fine counts, about hanging; without it, nothing is told there."""
+    cosine, sine = ((0.3, 0.1), (0.1, 0.2)), ((0.1, -0.1), (-0.3, 0.1))
+    path = Harmonics(period=2.5, offset=(np.pi / 2, 0.0), cosine=cosine, sine=sine)
+    rig = dataclasses.replace(RIG, encoder=Encoder(resolution=(8000, 8000), rounding="floor"))
+
+    def found(**drive):
+        true = dataclasses.replace(rig, drive=dataclasses.replace(RIG.drive, **drive))
+        law = puma560.p_law(np.array(LOW) * RIG.encoder.resolution / rig.encoder.resolution)
+        made = simulate(ARM, true, law, path, duration=2.5, steps_per_sample=16)
+        return quick(dataclasses.replace(made, rig=rig, true_q=None, true_qd=None))
+
+    wide = found(elasticity=gears(300, backlash=np.deg2rad((0.3, 0.3))))
+    assert "reversals" in wide.diagnostics.detection.names
+    assert any("where the load of" in text and "has backlash" in text for text in wide.warnings)
+    assert not any(sign.significant for sign in found().diagnostics.detection.signs)
 
 
 def test_friction_that_is_not_the_rigs_comes_with_its_values():

@@ -161,16 +161,27 @@ def test_a_healthy_log_is_left_as_it_is():
     assert checkup.record is log()
 
 
-def test_advice_that_explains_no_more_is_not_given():
-    """Viscous friction above the stated one looks like late counts; shifting them explains no more."""
+@pytest.mark.parametrize("samples", [0.6, 1.2])
+def test_late_counts_are_corrected_without_a_logged_torque(samples):
+    """The law's torque is then that of its counts, and no more explained by them when they are shifted."""
+    row, position = np.arange(len(log())) - samples, log().rig.position_in_pulses(log().true_q)
+    moved = np.column_stack([np.interp(row, np.arange(len(row)), column) for column in position.T])
+    record = dataclasses.replace(log(), torque=None, current=None)
+    checkup = counting(record, np.floor(moved + np.array((0.3, -0.4)))).check()
+    assert ["Corrected so" in f.advice for f in checkup.problems if f.check == "delay"] == [True, True]
+    assert checkup.record.check().ok
+    assert np.abs(checkup.record.counts - log().counts).mean() < 0.5
+
+
+def test_more_friction_is_not_taken_for_late_counts():
+    """Viscous friction above the stated one looks like late counts, but for the jerk that they add."""
     drive = dataclasses.replace(puma560.rig().drive, viscous=(5e-3, 5e-3))
     made = simulate(puma560.arm(), dataclasses.replace(rig("floor"), drive=drive), puma560.p_law((0.1, 0.08)), PATH)
     record: Record = dataclasses.replace(made, rig=rig("floor"), torque=None, current=None)
     checkup = record.check()
-    told = [f for f in checkup.problems if f.check == "delay"]
-    assert told
-    for f in told:
-        assert ("look for another cause" in f.advice) == (checkup.record is record)
+    assert [f.check for f in checkup.problems] == ["viscous friction"] * 2
+    assert [f.value for f in checkup.problems] == pytest.approx((5e-3, 5e-3), rel=0.1)
+    assert checkup.record is record
 
 
 # -- causes are told before what they do ------------------------------------------------------------------------------
