@@ -35,8 +35,7 @@ _LEAD = 0.5  # samples by which a torque leads, at least, where its law has the 
 
 _LENGTH = 0.05  # share of a length by which one differs, at least; less is not told from what rounding does to a loop
 
-_FEW, _FAILS = 30, 3.0
-"""Samples in which a load changes sign, at least, and by how much larger squared innovations are there that tell."""
+_FEW, _FAILS = 30, 3.0  # samples in which a load changes sign, at least, and by how much innovations² are larger there
 
 _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")  # what can be more or less than stated
 
@@ -58,7 +57,7 @@ class Sign(Shown, Frozen):
     chi_square : float
         By how much it would lower the sum of squared innovations, in units of their (inflated) variance.
     freedom : int
-        Degrees of freedom: chi-square, on average, of a log that has nothing of it.
+        Chi-square, on average, of a log that has nothing of it.
     threshold : float
         Chi-square above which it is significant.
     explained : float
@@ -227,15 +226,13 @@ def _of_backlash(trials: Sequence[Trial]) -> Sign:
 
 def _reversals(at: Optimum) -> Iterator[Sign]:
     """Of the joint where it shows most: whether the model fails where the load changes sign, as in wide backlash."""
-    signs = list[Sign]()
-    for i, near, elsewhere in at_reversals(at):
-        if min(len(near), len(elsewhere)) > _FEW and (unit := (elsewhere**2).mean()):
-            square = (near**2).sum()
-            signs.append(Sign(
-                name="reversals", chi_square=square / unit, freedom=len(near), threshold=_FAILS * len(near),
-                explained=square - unit * len(near), values={f"reversals[{i}]": square / unit / len(near)}, visible={},
-            ))  # fmt: skip
-    yield from sorted(signs, key=lambda sign: -sign.chi_square / sign.freedom)[:1]
+    some = [each for each in at_reversals(at) if min(map(len, each[1:])) > _FEW and each[2].any()]
+    there = [((near**2).mean() / (elsewhere**2).mean(), i, near) for i, near, elsewhere in some]
+    for ratio, i, near in sorted(there, key=lambda each: -each[0])[:1]:
+        yield Sign(
+            name="reversals", chi_square=ratio * len(near), freedom=len(near), threshold=_FAILS * len(near),
+            explained=(near**2).sum() * (1 - 1 / ratio), values={f"reversals[{i}]": ratio}, visible={},
+        )  # fmt: skip
 
 
 def _disagreement(at: Optimum) -> Iterator[Sign]:

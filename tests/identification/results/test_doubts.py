@@ -125,14 +125,14 @@ def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, hunts):
 
 
 def test_what_is_named_is_not_blamed_on_the_rest_of_the_rig():
-    """A lag of 16 us puts the loop's runs apart by 1.7 pulses: more than two runs are, and less than twice that."""
+    """A lag of 16 us puts the loop's runs apart by 1.2 to 1.7 pulses: more than two runs are, less than is doubted."""
     arm, rig, path = two_joints_of_a_ur5e()
     late = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=1.6e-5))
     record = simulate(arm, late, P(gain=(0.042, 0.0153)), path, duration=3.0, steps_per_sample=16)
     with pytest.warns(IdentificationWarning):
         found = identify(arm.dynamics, dataclasses.replace(record, rig=rig), method="prediction_error", progress=False)
     told = found.diagnostics
-    assert 1.5 < told.difference < told.limit == 2 * told.expected
+    assert 1.1 * told.expected < told.difference < told.limit
     assert len(found.warnings) == 1
     assert found.warnings[0].startswith("torques lag behind commands by 0.017 ms")
 
