@@ -32,7 +32,6 @@ _LAG, _DELAY, _FRICTION, _SHARE = 1e-5, 0.05, 0.01, 1e-4
 gears, motor gains and gains of the law, relative."""
 
 _LEAD = 0.5  # samples by which a torque leads, at least, where its law has the rate of the error; less is timing
-
 _LENGTH = 0.05  # share of a length by which one differs, at least; less is not told from what rounding does to a loop
 
 _FEW, _FAILS = 30, 3.0  # samples in which a load changes sign, at least, and by how much innovations² are larger there
