@@ -19,6 +19,7 @@ from identification.replay.experiment import with_zeros
 from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
+from identification.results.restated import restated
 from identification.results.summary import doubts, warn_of_doubts
 from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
@@ -208,8 +209,9 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     objective = repeating(problem, objective, fit.resumptions)
     cost = float(objective(fit.values[None])[0])
     if genetic is not None and not np.isfinite(cost):
-        lines = of_statements(problem.records[0].rig, problem.records, problem.dynamics.chain)
-        told = "".join(f" Of the rig: {line}" for line in itertools.islice(lines, 1))
+        chain, record = problem.dynamics.chain, problem.records[0]
+        lines = itertools.chain(restated(chain, record), of_statements(record.rig, problem.records, chain))
+        told = "".join(f" The log says: {line}" for line in itertools.islice(lines, 1))
         raise ValueError(
             f"some candidate must reproduce the experiment; all {outcome.evaluations} diverged or had no sound "
             "inertia. Widen or correct the ranges, and check gains, gears and signs of rig and law, and axes, lengths "

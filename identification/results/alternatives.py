@@ -35,7 +35,6 @@ _LEAD = 0.5  # samples by which a torque leads, at least, where its law has the 
 _LENGTH = 0.05  # share of a length by which one differs, at least; less is not told from what rounding does to a loop
 
 _FEW, _FAILS = 30, 3.0  # samples in which a load changes sign, at least, and by how much innovations² are larger there
-
 _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")  # what can be more or less than stated
 
 _OWN, _OWN_OF_LENGTH = 1e-3, 0.25
@@ -65,6 +64,8 @@ class Sign(Shown, Frozen):
         Estimates, in the units of `Extended`.
     visible : dict
         The least of each that this log would show, in the same units.
+    rivals : tuple of str
+        Alternatives that explain nearly as much.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Sign(Shown, Frozen):
     explained: float
     values: dict[str, float]
     visible: dict[str, float]
+    rivals: tuple[str, ...] = ()
 
     @property
     def significant(self) -> bool:
@@ -95,10 +97,7 @@ class Sign(Shown, Frozen):
 
 
 def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
-    """All alternatives, where the sum of squares is least; of lag and delay nothing where the path is rounded.
-
-    `effects`: from `effects_of`.
-    """
+    """All alternatives (of `effects_of`), where the sum of squares is least; no lag or delay of a rounded path."""
     if any(map(is_rounded, at.model.records)):  # straight lines through counts lag by half a pulse
         effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
     changes = {name: row for name, row in effects.items() if np.isfinite(row).all()}

@@ -179,7 +179,8 @@ class Detection(Shown, Frozen):
             played = [name for name in sign.values if name.startswith("backlash")] or [""]
             for name in played:
                 joint = {"joint": self._joint(name), "degrees": np.rad2deg(sign.values[name])} if name else {}
-                yield _SAID[sign.name].format(**about, **joint)
+                rivals = f" Another cause explains nearly as much: {', '.join(sign.rivals)}." if sign.rivals else ""
+                yield _SAID[sign.name].format(**about, **joint) + rivals
 
     def _scaled(self, sign: Sign) -> str:
         """What else than friction, where all of it is off by one factor: torques are, by a wrong gain."""

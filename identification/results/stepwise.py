@@ -18,7 +18,6 @@ from identification.search.problem import Problem
 from plant.parts.fields import Floats
 
 _NAMED = 3  # alternatives that are named, at most
-
 _EXPLAINED = 0.03  # share of what rounding does not explain that a named alternative must
 
 _FAINT, _FINER = 0.02, 16
@@ -145,7 +144,7 @@ class _Search:
                 good += self._significant(sign, again)
                 best = _AS_GOOD * max((each.sign.explained for each in good), default=0.0)
                 good = [each for each in good if each.sign.explained > best]  # the others are let go
-            refit = min(good, key=lambda each: each.sign.freedom, default=None)
+            refit = min(good, key=lambda each: (each.sign.freedom, -each.sign.explained), default=None)
             told = [sign for sign in those if sign.name in UNFITTED] if refit is None else [refit.sign]
             self.faint = coarse and bool(told) and all(sign.explained < _FAINT * self.at.squares for sign in told)
             coarse = False
@@ -153,7 +152,8 @@ class _Search:
                 named += told
                 break
             own_rates = fitted(refit.at.model, refit.at.values, refit.step, self.bounds)
-            refit = self._compared(refit.sign, own_rates, refit.step)
+            rivals = tuple(each.sign.name for each in good if each.sign.name != refit.sign.name)
+            refit = self._compared(dataclasses.replace(refit.sign, rivals=rivals), own_rates, refit.step)
             self.at, self.step = refit.at, refit.step
             self._weigh()
             named.append(refit.sign)

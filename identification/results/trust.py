@@ -143,8 +143,8 @@ def _of_law(found: Any) -> Iterator[str]:
             shares = ", ".join(f"{share:.0%} at {joint}" for joint, share in zip(joints, apart, strict=True))
             yield (
                 f"the stated {type(record.law).__name__} cannot have made {which}: along it, it gives another torque "
-                f"than was logged, by {shares} (rms). Check the law, its gains and period, the reference, and the "
-                "torque's units and side."
+                f"than was logged, by {shares} (rms). Check the law, its gains and period, gears, the reference, "
+                "and the torque's units and side."
             )
 
 

@@ -161,7 +161,7 @@ LABELS = {
     "law": r"the rate of its error",
     "taken back": r"look for another cause",
     "gain or friction": r"or gains of law or motor are not",
-    "gain or gear": r"check gain, motor gain and gear",
+    "gain or gear": r"check gain, motor gain and gear|its gains and period, gears",
     "rounding": r"wide cell|cell two pulses wide",
     "lost rows": r"lost|repeat(s|ed) the row|packet",
     "late counts": r"counts (are|were) [\d.]+ samples|not logged at the same time|samples late|samples early",

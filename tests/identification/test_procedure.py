@@ -207,7 +207,7 @@ def test_a_rig_that_no_arm_has_is_told_beside_a_search_in_vain():
     record = short()
     drive = dataclasses.replace(record.rig.drive, motor_inertia=(2.0, 2.0))
     heavy = dataclasses.replace(record, rig=dataclasses.replace(record.rig, drive=drive))
-    with pytest.raises(ValueError, match=r"Of the rig: the motor of joint .* motor_inertia is in kg m\^2"):
+    with pytest.raises(ValueError, match=r"The log says: the motor of joint .* motor_inertia is in kg m\^2"):
         quick(heavy)
 
 
