@@ -13,7 +13,7 @@ import pytest
 
 import plant
 from identification import GeneticSettings, Objective, identify, spread
-from plant import puma560, simulate
+from plant import Dynamics, puma560, simulate
 
 NAMES = puma560.dynamics().names
 UNKNOWN = ("drive.viscous[0]", *reversed(NAMES), "law.gain[1]")  # as in test_objective, so that both share a kernel
@@ -200,7 +200,14 @@ def test_no_possible_candidate_is_an_error_and_not_a_result():
     with pytest.raises(ValueError, match=r"all 48 diverged or had no sound inertia\. Widen") as refusal:
         quick(ranges=impossible)
     assert "\n" not in str(refusal.value)
-    assert "Of the rig" not in str(refusal.value)
+    assert "The log says" not in str(refusal.value)
+
+
+def test_a_search_in_vain_says_which_sign_is_wrong():
+    down = Dynamics.from_chain(dataclasses.replace(puma560.dynamics().chain, gravity=(0.0, 0.0, 9.81)))
+    impossible = np.tile((-11.0, -10.0), (down.p, 1))
+    with pytest.raises(ValueError, match=r"had no sound inertia.* The log says: gravity acts the other way\. "):
+        identify(down, measured(), ranges=impossible, settings=TINY, progress=False, method="paper")
 
 
 def test_a_rig_that_no_arm_has_is_told_beside_a_search_in_vain():

@@ -52,6 +52,15 @@ def test_friction_that_is_off_by_one_factor_asks_for_gains_first():
         assert "gains" not in said_of(other)
 
 
+def test_a_cause_that_explains_nearly_as_much_is_told():
+    values = {"offset[0]": 0.02, "offset[1]": 0.0}
+    sign = Sign(name="offset", chi_square=99.0, freedom=2, threshold=23.0, explained=9.0, values=values, visible={})
+    alone, beside = (dataclasses.replace(sign, rivals=rivals) for rivals in ((), ("gear",)))
+    assert "Another cause" not in next(Detection(named=(alone,), joints=("a", "b")).warnings())
+    said = next(Detection(named=(beside,), joints=("a", "b")).warnings())
+    assert said.endswith("Another cause explains nearly as much: gear.")
+
+
 def test_a_place_in_millimetres_is_refused():
     with pytest.raises(ValueError, match=r"before.position of link 3 .* got 425. Divide by 1000 what is in mm"):
         Link(name="3", before=Placement(position=(-425.0, 0.0, 0.0)))
