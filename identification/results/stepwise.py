@@ -19,12 +19,10 @@ from plant.parts.fields import Floats
 
 _NAMED = 3  # alternatives that are named, at most
 _EXPLAINED = 0.03  # share of what rounding does not explain that a named alternative must
-
 _FAINT, _FINER = 0.02, 16
 """Share of the sum of squares below which all is tested once more, in place of what is named; steps per sample then."""
 
 _ROUNDING = 1 / 12  # variance of the rounding of counts [pulses^2]
-
 _AGAIN = 2.0  # by how much the threshold of what is named beside others is higher: what they leave is not all by chance
 
 _WORTH, _AS_GOOD = 0.2, 0.9
@@ -158,6 +156,8 @@ class _Search:
             self._weigh()
             named.append(refit.sign)
             found = signs(self.at, self.effects)
+        if named and named[-1].name == "disagreement" and named[-1].chi_square > named[0].chi_square:
+            named = [named.pop(), *named]  # what else explains a little of it comes after
         values = tuple(self._with_values(sign) for sign in named)
         return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
 

@@ -206,7 +206,7 @@ CAUSES = {
     "degrees": Cause(("scale of counts",), stated=_degrees),
     "mm": Cause(("gears, lengths", "lengths"), stated=lambda g: _links(g, _longer(1000.0))),
     "saturation": Cause(("saturated",), lambda random: {"share": "peak"}),
-    "PD for P": Cause(("gain", "law"), uniform(0.005, 0.02, "derivative")),
+    "PD for P": Cause(("gain", "gain or gear", "law"), uniform(0.005, 0.02, "derivative")),
     "load": Cause(("changes",), uniform(1.0, 3.0, "load"), two=True),
     "cogging": Cause(("cogging",), uniform(0.1, 0.4, "cogging")),
     "friction drifts": Cause(("friction", "changes"), uniform(0.3, 0.8, "drift")),
