@@ -21,7 +21,7 @@ from identification.search.methods import METHODS
 from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.checkup.lost_rows import bridged
-from plant.checkup.oscillation import own_oscillation
+from plant.checkup.oscillation import own_oscillations
 from plant.checkup.signals import LEAST_MOTION
 from plant.parts.arguments import array, choice, instance
 from plant.parts.fields import Floats
@@ -55,8 +55,7 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
     share = (np.abs(drive.current(torque_of(record))) >= drive.current_limit * (1 - 1e-9)).mean(axis=0)
     if (share > _SATURATED).any() and not replays:  # of a replay the torque is known, also at the limit
         motor = int(np.argmax(share))
-        hz = own_oscillation(record)
-        why = "" if hz is None else f": its loop oscillates at {hz:.3g} Hz"
+        why = "".join(f": its loop oscillates at {hz:.3g} Hz" for hz in own_oscillations(record)[:1])
         advice = "Slow the reference down or lower the gains."
         if record.reference is None and not record.reference_pulses.any():
             why = ": no reference came with it, so its law is taken to hold 0"

@@ -11,7 +11,7 @@ from identification.results.restated import restated
 from identification.results.seen import APART, contradicted, motion_of
 from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
-from plant.checkup.oscillation import own_oscillation
+from plant.checkup.oscillation import own_oscillations
 from plant.checkup.rounding import rounding_doubts
 from plant.machine.motor_inertia import shaft_inertias
 from plant.machine.unlikely import unlikely_statements
@@ -178,10 +178,10 @@ def _of_unknowns(found: Any) -> Iterator[str]:
 def _of_loops(found: Any) -> Iterator[str]:
     """Loops that oscillate by themselves, each record once, at the frequency of its first joint that does."""
     for i, record in enumerate(found.records):
-        if i not in found.diagnostics.hunts and (hz := own_oscillation(record)) is not None:
+        if i not in found.diagnostics.hunts and (own := own_oscillations(record)):
             which = f"records[{i}]" if len(found.records) > 1 else "the log"
             yield (
-                f"the loop of {which} oscillates at {hz:.3g} Hz, where the model's may not: it is "
+                f"the loop of {which} oscillates at {own[0]:.3g} Hz, where the model's may not: it is "
                 "unstable, or nearly. Lower the gains and log again, or state its cause (current_lag=, elasticity=)."
             )
 

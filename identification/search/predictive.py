@@ -12,7 +12,7 @@ import numpy as np
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Record, replay
-from plant.checkup.oscillation import own_oscillation
+from plant.checkup.oscillation import own_oscillations
 from plant.parts.fields import Floats
 from plant.simulation.followed_path import is_rounded
 
@@ -31,9 +31,10 @@ FALSE_ALARM = 1e-3
 _LOOKS, _FEW = ((8, 0.1 * FALSE_ALARM), (40, 0.9 * FALSE_ALARM)), 4
 """Runs of the model, and with which probability each look may doubt; and how few say nothing."""
 
-_OWN, _SAME_HZ = 2.0, 0.4
+_OWN, _SAME_HZ, _NEARLY = 2.0, 0.4, 0.7
 """Difference over the rms of measured errors that no healthy log exceeds (two runs that hunt independently differ by
-1.4 of it; runs of a model that differ by more would hide any log); logarithm of frequencies that hunt alike."""
+1.4 of it; runs of a model that differ by more would hide any log); logarithm of frequencies that hunt alike; and how
+much of what is told of a log a run has to show."""
 
 
 class Predicted(NamedTuple):
@@ -54,7 +55,7 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
     distances are taken for normal. Where the first runs leave it open whether the log is one of them, more are made.
     """
     difference = difference_of(cost, records)
-    swings = {i: hz for i, record in enumerate(records) if (hz := own_oscillation(record)) is not None}
+    swings = {i: hz[0] for i, record in enumerate(records) if (hz := own_oscillations(record))}
     if any(problem.replays) or not np.isfinite(difference) or (difference <= asks_from(records) and not swings):
         return Predicted(difference)
     try:
@@ -114,9 +115,8 @@ def _run(problem: Problem, values: Floats, record: Record) -> Record:
 
 
 def _alike(hz: float, run: Record) -> bool:
-    """Whether the loop of a run oscillates, too, at about this frequency [Hz] of a log."""
-    other = own_oscillation(run)
-    return other is not None and abs(np.log(hz / other)) < _SAME_HZ
+    """Whether a joint of a run oscillates, too, or nearly, at about this frequency [Hz] of a log."""
+    return any(abs(np.log(hz / other)) < _SAME_HZ for other in own_oscillations(run, _NEARLY))
 
 
 def asks_from(records: Sequence[Record]) -> float:

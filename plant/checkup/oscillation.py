@@ -4,6 +4,7 @@ A stable loop rings after each reversal of friction, and stays below its trackin
 of its currents or by elastic gears, oscillates ever wider, or until friction or the amplifier limit it.
 """
 
+import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -41,18 +42,20 @@ def spectrum(values: Floats, period: float) -> tuple[Floats, Floats]:
     return np.asarray(np.fft.rfftfreq(len(values), period), dtype=np.float64), np.asarray(power, dtype=np.float64)
 
 
-def oscillation_findings(signals: Signals) -> Iterator[Finding]:
+def oscillation_findings(signals: Signals, share: float = 1.0) -> Iterator[Finding]:
     """Yield the findings about oscillations of the loop, joint by joint."""
     why = "" if signals.long_enough and signals.tracks.all() else "too short, or counts that do not track"
-    yield from unless("no reference" if signals.reference is None else why, (_NAME,), signals.each(_oscillation))
+    why, check = "no reference" if signals.reference is None else why, functools.partial(_oscillation, share=share)
+    yield from unless(why, (_NAME,), signals.each(check))
 
 
-def own_oscillation(record: Any) -> float | None:
-    """Frequency [Hz] at which the loop of a `Record` oscillates, of its first joint that does; or None."""
-    return next((each.value for each in oscillation_findings(Signals(record)) if not each.ok), None)
+def own_oscillations(record: Any, share: float = 1.0) -> list[float]:
+    """Frequencies [Hz] at which joints of the loop of a `Record` oscillate, by more than this share of what is told."""
+    found = oscillation_findings(Signals(record), share)
+    return [each.value for each in found if not each.ok and each.value is not None]
 
 
-def _oscillation(signals, i):
+def _oscillation(signals, i, share):
     error = signals.even((signals.reference - signals.counts)[:, i])
     frequency, of_error = spectrum(error, signals.interval)
     contained = np.cumsum(spectrum(signals.even(signals.reference[:, i]), signals.interval)[1])
@@ -67,7 +70,7 @@ def _oscillation(signals, i):
     parts = np.array([_rms(part) for part in np.array_split(swinging, _PARTS)])
     size, tracking = np.median(parts), _rms(slow)
     clear = around[fast].max() > _PEAK * np.median(around[fast])
-    if not (clear and size > _LEAST * signals.least_count[i] and size > _SWINGS * tracking):
+    if not (clear and size > share * _LEAST * signals.least_count[i] and size > share * _SWINGS * tracking):
         return Finding.of(_NAME, i, size, "pulses")
     if _driven_to_limit(signals, i, size):
         return Finding.unknown(_NAME, i, "the motion takes the amplifier to its limit", value=size, unit="pulses")

@@ -9,6 +9,7 @@ from ctc import ComputedTorque, FeedForward
 from plant import PD, Elasticity, Harmonics, P, TorqueRipple, linearise, puma560, simulate
 from plant.analysis.linearise import modes
 from plant.analysis.sampled_loops import SampledLoops
+from plant.checkup.oscillation import own_oscillations
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
@@ -44,6 +45,17 @@ def test_what_grows_is_told_from_what_goes_on():
     for lag, does in ((1e-4, "grows"), (3e-4, "goes on")):
         record = simulate(ARM, rig(current_lag=lag), puma560.p_law(), PATH, steps_per_sample=16)
         assert all(f"of tracking, and {does}: " in finding.advice for finding in found(record))
+
+
+def test_every_joint_that_oscillates_is_told_and_more_where_less_is_asked():
+    """A run of a model is compared at the joints that a log names, whichever is first in its own list."""
+    record = simulate(ARM, rig(current_lag=1e-4), puma560.p_law(), PATH, steps_per_sample=16)
+    of_joints = [finding.value for finding in found(record) if not finding.ok]
+    assert own_oscillations(record) == of_joints
+    assert len(of_joints) == 2
+    still = dataclasses.replace(record, error_pulses=record.error_pulses * (0.02, 1.0), torque=None, current=None)
+    assert own_oscillations(still) == of_joints[1:]
+    assert len(own_oscillations(still, 1e-3)) == 2
 
 
 def test_a_loop_that_its_gears_make_unstable_swings_at_its_pole():
