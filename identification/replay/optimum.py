@@ -16,8 +16,6 @@ from plant.parts.sums import dot, product, products
 
 _ROUNDS, _SETTLED = 6, 1e-4  # of Gauss-Newton, at most, and the relative decrease below which it ends
 
-_BENT = 0.01  # relative decrease from which on rates are made anew
-
 _LENGTHS = 0.5 ** np.arange(8)  # of a step
 
 _OWN = 1e-3  # a direction of which less than this share is its own is taken for a combination of others
@@ -74,14 +72,14 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: 
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
         raise ValueError("the model with what was found does not follow the log")
-    own, rates, anew = model.prior.own(_OWN), np.empty((0, 0)), near is None
+    own, rates = model.prior.own(_OWN), np.empty((0, 0))
     if near is not None:
         count = len(near.rates)
         step[varied[:count]] = near.step[varied[:count]]
         rates = np.vstack([near.rates, slopes(model, values, step, varied[count:]).T])
         made = directions(rates, own)
-    for _ in range(_ROUNDS):
-        if anew:
+    for left in reversed(range(_ROUNDS)):
+        if near is None:
             rates = np.empty((0, 0))  # not beside the next ones
             rates = slopes(model, values, step, varied).T
             made = directions(rates, own)
@@ -94,11 +92,8 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: 
             if better:
                 values, innovations = better[0]
                 break
-        after, made_here = (innovations**2).sum(), anew
-        settled = not after < (1 - _SETTLED) * before
-        if settled and (made_here or near is not None):
+        if not left or not (innovations**2).sum() < (1 - _SETTLED) * before:
             break
-        anew = near is None and (settled or after < (1 - _BENT) * before)
     return Optimum(
         model=model, values=values, step=step, innovations=innovations, rates=rates, made=made, unknown=unknown
     )

@@ -158,7 +158,7 @@ def test_without_wind_up_a_long_way_is_no_long_overshoot():
         def equations(self, rig, state, setpoint, pulses, torque, dt):
             return super().equations(rig, state, setpoint, pulses, rig.drive.joint_torque(state[-rig.n :]), dt)
 
-    unknown = simulate(ARM, limited(30.0), Deaf(**vars(law)), path, initial=start)
+    unknown = simulate(ARM, limited(30.0), Deaf(**law.__getstate__()), path, initial=start)
     assert -known.true_q.min() < -unknown.true_q.min() / 3
     assert np.abs(known.error_pulses[-1000:]).max() * 1e-3 < 0.5
 
