@@ -32,7 +32,7 @@ _LAG, _DELAY, _FRICTION, _SHARE = 1e-5, 0.05, 0.01, 1e-4
 gears, motor gains and gains of the law, relative."""
 
 _LEAD = 0.5  # samples by which a torque leads, at least, where its law has the rate of the error; less is timing
-_LENGTH = 0.05  # share of a length by which one differs, at least; less is not told from what rounding does to a loop
+_LENGTH, _HALF = 0.05, 0.5  # shares by which a length may differ: less is rounding, of more the change is not linear
 
 _FEW, _FAILS = 30, 3.0  # samples in which a load changes sign, at least, and by how much innovations² are larger there
 _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")  # what can be more or less than stated
@@ -183,7 +183,7 @@ def _linear(at: Optimum, name: str, changes: dict[str, Floats]) -> Iterator[Sign
         if name in _SIGNED or not (size < lowest).any():
             break
         own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > lowest}, before
-    if own and np.abs(size).max() < lowest:
+    if own and not lowest <= np.abs(size).max() <= (_HALF if name == "length" else np.inf):
         own, after = {}, before
     yield _sign(at, name, freedom, after, dict(zip(own, size.tolist(), strict=False)), visible, choices)
 

@@ -183,6 +183,8 @@ def test_wide_backlash_is_told_by_where_the_load_changes_sign():
 
     wide = found(elasticity=gears(300, backlash=np.deg2rad((0.3, 0.3))))
     assert "reversals" in wide.diagnostics.detection.names
+    lengths = next(sign for sign in wide.diagnostics.detection.signs if sign.name == "length")
+    assert lengths.values == {}  # of 134 %, which no length is off by
     assert any("where the load of" in text and "has backlash" in text for text in wide.warnings)
     assert not any(sign.significant for sign in found().diagnostics.detection.signs)
 
