@@ -155,8 +155,16 @@ class ClosedLoop(Layout):
         return self._given("link") if self.rig.encoder.side == "link" else q
 
 
-closed_loop = functools.lru_cache(maxsize=16)(ClosedLoop)
-"""The loop of these parts; of equal ones the same, whose functions are made once."""
+_shared = functools.lru_cache(maxsize=16)(ClosedLoop)
+
+
+def closed_loop(**parts: Any) -> ClosedLoop:
+    """The loop of these parts; of equal ones the same, whose functions are made once."""
+    try:
+        hash(tuple(parts.values()))
+    except TypeError:  # a user's own law, as a dataclass of arrays
+        return ClosedLoop(**parts)
+    return _shared(**parts)
 
 
 def bounded(state: Any) -> Any:

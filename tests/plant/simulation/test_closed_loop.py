@@ -8,7 +8,7 @@ import pytest
 from closed_loops import Filtered, NoTorque, SampledP, direct_rig, joint, stiff
 from random_arms import random_arm
 
-from plant import PD, Arm, P, PointToPoint, Record, puma560
+from plant import PD, Arm, P, PointToPoint, Record, puma560, simulate
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import FAR, ClosedLoop, bounded, closed_loop
 from plant.simulation.followed_path import Logged, Path, path_of, with_path
@@ -356,3 +356,11 @@ def test_counts_of_a_smooth_motion_are_its_path_for_a_law_between_samples(kind):
     assert np.abs(truth - straight).mean() > 0.25  # which the smooth motion mends
     assert np.abs(truth - RIG.counts(known.reference(between).q)).mean() < 0.05
     assert with_path(known) is known
+
+
+def test_a_law_that_is_a_plain_dataclass_of_arrays_is_simulated():
+    """It cannot be hashed, so its loop is not shared."""
+    own = dataclasses.dataclass(frozen=True)(type("Own", (P,), {}))
+    law, same = own(gain=(0.1, 0.08)), puma560.p_law((0.1, 0.08))
+    logs = [simulate(puma560.arm(), puma560.rig(), each, puma560.reference(), duration=0.05) for each in (law, same)]
+    np.testing.assert_array_equal(logs[0].error_pulses, logs[1].error_pulses)
