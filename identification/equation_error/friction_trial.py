@@ -11,15 +11,16 @@ import numpy as np
 
 from identification.equation_error.band_choice import tried
 from identification.equation_error.regressor import System
+from plant import Drive, FrictionCurve
 from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
 
 _ADVICE = dict(zip(KINDS, (
-    "give the drive a FrictionCurve, and add drive.curve.offset[i] to unknown",
-    "state it, Drive(load_friction=...)",
-    "state it, FrictionCurve(breakaway=..., speed=...)",
+    "state it, the drive of fit.friction[0].drive(rig.drive), and add drive.curve.offset[i] to unknown",
+    "state it, the drive of fit.friction[0].drive(rig.drive)",
+    "state it, the drive of fit.friction[0].drive(rig.drive)",
     "trust the fit at the speeds of its logs only",
 ), strict=True))  # fmt: skip
 
@@ -42,6 +43,8 @@ class FrictionTrial(Shown):
     levels : (n,) numpy.ndarray
         Its torque [N m] on the shaft of each joint (of load-dependent friction, per N m of load); NaN where it was not
         tried.
+    usual : (n,) numpy.ndarray
+        Usual speed of each joint, that `share` is a part of [rad/s].
     """
 
     kind: str
@@ -49,6 +52,7 @@ class FrictionTrial(Shown):
     better: float
     errors: float
     levels: Floats
+    usual: Floats
 
     @property
     def clear(self) -> bool:
@@ -62,6 +66,30 @@ class FrictionTrial(Shown):
         unit = "" if self.kind == KINDS[1] else " N m"
         return f"friction is {self._short()}; its levels on the shafts are {levels}{unit}: {_ADVICE[self.kind]}"
 
+    def drive(self, drive: Drive) -> Drive:
+        """A drive that has this friction too: fit again with it, and controllers compensate it (but of load).
+
+        Raises
+        ------
+        ValueError
+            Of viscous friction that saturates, which no part of a drive describes; of a second Stribeck speed.
+        """
+        found = np.nan_to_num(self.levels)
+        if self.kind == KINDS[1]:
+            return dataclasses.replace(drive, load_friction=np.maximum(found, 0.0))
+        curve = drive.curve or FrictionCurve(offset=0 * found)
+        if self.kind == KINDS[0]:
+            curve = dataclasses.replace(curve, offset=curve.offset + found / drive.gear)
+        elif self.kind == KINDS[2] and self.share is not None:
+            if curve.breakaway is not None:
+                raise ValueError("a drive has one Stribeck speed; this one states another. Fit without its breakaway.")
+            gear = np.abs(drive.gear)
+            levels, speed = np.maximum(found, 0.0) / gear, self.share * self.usual * gear
+            curve = dataclasses.replace(curve, breakaway=levels, speed=speed)
+        else:
+            raise ValueError(f"friction must be one that a drive has; got {self.kind} friction. {_ADVICE[self.kind]}.")
+        return dataclasses.replace(drive, curve=curve)
+
     def _short(self) -> str:
         at = "" if self.share is None else f" at {self.share:.0%} of the usual speed"
         return f"{self.kind}{at}: blocks kept aside {self.better:+.0%} better ({self.errors:.1f} standard errors)"
@@ -72,11 +100,12 @@ class FrictionTrial(Shown):
 
 def friction_trials(
     systems: Sequence[System], candidates: Sequence[tuple[str, float | None]], joints: Sequence[int], seconds: Floats,
-    gap: float, weights: Floats,
+    gap: float, weights: Floats, usual: Floats,
 ) -> tuple[FrictionTrial, ...]:  # fmt: skip
     """Trials, best first, of systems whose last columns are those of each candidate, one for each of these joints.
 
-    `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it. `weights` (R, n).
+    `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it. `weights` (R, n). `usual`
+    (n,): speeds that a share is of [rad/s].
     """
     n, more = weights.shape[1], len(joints)
     first = systems[0].regressor.shape[2] - len(candidates) * more
@@ -99,5 +128,6 @@ def friction_trials(
             continue
         error = max(float(kept.std(ddof=1)) / np.sqrt(len(kept)), 1e-300)
         better = float(kept.mean() / np.nanmean(base))
-        trials.append(FrictionTrial(kind=kind, share=share, better=better, errors=kept.mean() / error, levels=levels))
+        said = {"kind": kind, "share": share, "better": better, "errors": kept.mean() / error}
+        trials.append(FrictionTrial(**said, levels=levels, usual=usual))
     return tuple(sorted(trials, key=lambda trial: -trial.better))

@@ -162,8 +162,9 @@ def _freed(
         yield name, (fit[name], float(fit.std[names.index(name)]))
 
 
-_SHARES = (0.02, 0.1, 0.5)
-"""Stribeck speeds, and those at which viscous friction saturates, that are tried, in the usual speed of each joint."""
+_SHARES, _FINER = (0.02, 0.1, 0.5), (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
+"""Stribeck speeds, and those at which viscous friction saturates, that are tried, in the usual speed of each joint; and
+those tried then about a Stribeck speed that predicts better, in that."""
 
 
 def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) -> tuple[FrictionTrial, ...]:
@@ -172,27 +173,34 @@ def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) 
     coupling = rig.drive.coupling
     joints = [j for j in range(dynamics.n) if f"drive.coulomb[{j}]" in fit.names and fit.sigma[j] > 0]
 
-    def load(motion: Motion, qd: Floats) -> Floats:
-        regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
-        return np.abs(coupling.shaft_torque((regressor * fit.f).sum(axis=2))) * np.sign(qd)
+    def shape(motion: Motion, kind: str, share: float) -> Floats:
+        qd = coupling.shaft(motion.qd)
+        if kind == KINDS[0]:
+            return 1 + 0 * qd
+        if kind == KINDS[1]:
+            regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
+            return np.abs(coupling.shaft_torque((regressor * fit.f).sum(axis=2))) * np.sign(qd)
+        if kind == KINDS[2]:
+            curve = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=share * usual)
+            return curve.level(qd) * np.sign(qd)
+        return np.tanh(qd / (share * usual))
 
-    shapes: dict[tuple[str, float | None], Any] = {(KINDS[0], None): lambda _, qd: 1 + 0 * qd, (KINDS[1], None): load}
-    for share in _SHARES:
-        curve = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=share * usual)
-        shapes[KINDS[2], share] = lambda _, qd, curve=curve: curve.level(qd) * np.sign(qd)
-        shapes[KINDS[3], share] = lambda _, qd, v=share * usual: np.tanh(qd / v)
-
-    def column(shape: Any, joint: int) -> Callable[..., Floats]:
+    def column(kind: str, share: float | None, joint: int) -> Callable[..., Floats]:
         own = np.arange(dynamics.n) == joint
-        return lambda *motion: coupling.joint_torque(shape(Motion(*motion), coupling.shaft(motion[1])) * own)
+        return lambda *motion: coupling.joint_torque(shape(Motion(*motion), kind, share or 0.0) * own)
 
-    columns = {f"{kind}, {share}, {j}": column(shape, j) for (kind, share), shape in shapes.items() for j in joints}
+    def trials(*candidates: tuple[str, float | None]) -> tuple[FrictionTrial, ...]:
+        columns = {f"{kind}, {share}, {j}": column(kind, share, j) for kind, share in candidates for j in joints}
+        systems = dataclasses.replace(task, extra={**task.extra, **columns}).systems(*settings, thin=True)[1]
+        weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
+        return friction_trials(systems, candidates, joints, task.seconds, 1 / settings[0], weights, usual)
+
     if not joints:
         return ()
-    more = dataclasses.replace(task, extra={**task.extra, **columns})
-    weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
-    systems = more.systems(*settings, thin=True)[1]
-    return friction_trials(systems, tuple(shapes), joints, task.seconds, 1 / settings[0], weights)
+    found = trials(*((kind, None) for kind in KINDS[:2]), *((kind, share) for share in _SHARES for kind in KINDS[2:]))
+    if found and found[0].kind == KINDS[2] and found[0].clear and (share := found[0].share):
+        found = (*found, *trials(*((KINDS[2], share * finer) for finer in _FINER)))
+    return tuple(sorted(found, key=lambda trial: -trial.better))
 
 
 def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:

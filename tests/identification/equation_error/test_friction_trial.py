@@ -1,5 +1,7 @@
 """Friction that is simulated and not modelled is named by its kind and its level; friction that is modelled, none."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from coupled_arm import PERIOD, arm_of, path_of, rig_of
@@ -22,11 +24,11 @@ KINDS = {  # torque on the shafts beside Coulomb and viscous friction
 }
 
 
-def fit(kind, unknown=FRICTION):
+def fit(kind, unknown=FRICTION, rig=RIG):
     shaft = COULOMB * np.sign(SHAFT) + RIG.drive.joint_viscous() * SHAFT + KINDS[kind]
     noise = 0.5 * np.random.default_rng(0).normal(size=RIGID.shape)
     torque = RIGID + COUPLING.joint_torque(shaft) + noise
-    return fit_torque(ARM.dynamics, MOTION.q, torque, rig=RIG, unknown=(*ARM.dynamics.names, *unknown), band=25.0)
+    return fit_torque(ARM.dynamics, MOTION.q, torque, rig=rig, unknown=(*ARM.dynamics.names, *unknown), band=25.0)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind])
@@ -50,3 +52,30 @@ def test_what_is_modelled_is_not_accused():
     assert found.warnings == []
     assert "blocks kept aside" in " ".join(str(found).split())
     assert fit(None, ()).friction == ()  # no friction is unknown, so none is tried
+
+
+@pytest.mark.parametrize("kind", ["asymmetric", "Stribeck"])
+def test_a_drive_that_takes_what_is_found_leaves_nothing_to_find(kind):
+    before = fit(kind)
+    drive = before.friction[0].drive(RIG.drive)
+    after = fit(kind, rig=dataclasses.replace(RIG, drive=drive))
+    assert after.relative_error < 0.9 * before.relative_error
+    assert not any(trial.clear for trial in after.friction)
+    speed = 0.3 * USUAL
+    made = RIG.drive.friction(COUPLING.joint(speed)) + COUPLING.joint_torque({
+        "asymmetric": 0.25 * COULOMB, "Stribeck": 0.8 * COULOMB * np.exp(-((0.3 / 0.12) ** 2)),
+    }[kind])  # fmt: skip
+    fitted = dataclasses.replace(
+        drive, coulomb=[after[f"drive.coulomb[{i}]"] for i in range(3)],
+        viscous=[after[f"drive.viscous[{i}]"] for i in range(3)],
+    )  # fmt: skip
+    np.testing.assert_allclose(fitted.friction(COUPLING.joint(speed)), made, rtol=0.1)
+
+
+def test_what_no_drive_has_is_refused():
+    assert fit("load-dependent").friction[0].drive(RIG.drive).load_friction.share == pytest.approx(0.08, rel=0.1)
+    with pytest.raises(ValueError, match="must be one that a drive has; got saturating viscous friction"):
+        fit("saturating viscous").friction[0].drive(RIG.drive)
+    stribeck = fit("Stribeck").friction[0]
+    with pytest.raises(ValueError, match="one Stribeck speed"):
+        stribeck.drive(stribeck.drive(RIG.drive))
