@@ -5,7 +5,7 @@ where fewer checks find something and the motion explains no less of the torque.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -150,19 +150,22 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
 
     `examined`: the findings about a record.
     """
-    findings = examined(record)
+    findings, corrected = examined(record), set[int]()
     odd, left, trials = sum(not each.ok for each in findings), unexplained(record), 0
     for k, finding in enumerate(findings):
-        options = [] if finding.ok else list(_corrections(record, finding))[: max(0, _TRIALS - trials)]
+        skipped = finding.ok or k in corrected
+        options = [] if skipped else list(_corrections(record, findings, k))[: max(0, _TRIALS - trials)]
         trials += len(options)
-        for option in options:
+        for of, option in options:
             explains = unexplained(option)
             fewer = sum(not each.ok for each in examined(option)) if explains <= _WORSE * left + _CHANCE else odd
             if fewer >= odd:
                 continue
             said = f"the motion explains {1 - explains:.2%} of the torque, before {1 - left:.2%}"
-            said = f"{finding.advice} Corrected so, {said if left < 1 else 'fewer checks find something'}."
-            findings[k] = dataclasses.replace(finding, advice=said)
+            for i in of:
+                more = f" Corrected so, {said if left < 1 else 'fewer checks find something'}."
+                findings[i] = dataclasses.replace(findings[i], advice=findings[i].advice + more)
+            corrected |= set(of)
             odd, left, record = fewer, explains, option
             break
         else:
@@ -179,24 +182,30 @@ def unexplained(record: Any) -> float:
     return float(np.mean([1.0 if each is None else each.unexplained for each in signals.regressions]))
 
 
-def _corrections(record: Any, finding: Finding) -> Iterator[Any]:
-    """What a finding suggests, as records; none where its law runs at one period alone."""
+def _corrections(record: Any, findings: Sequence[Finding], k: int) -> Iterator[tuple[Sequence[int], Any]]:
+    """What finding k suggests, as records, and which findings each corrects; none where its law runs at one period."""
+    finding = findings[k]
     i, rig, value = finding.joint, record.rig, finding.value or 0.0
     if finding.check == "rounding":
         encoder = dataclasses.replace(rig.encoder, rounding="floor" if rig.encoder.rounding == "fix" else "fix")
-        yield dataclasses.replace(record, rig=dataclasses.replace(rig, encoder=encoder))
-    elif finding.check == "delay":
-        yield _counting(record, i, _read_later(record, i, value))
+        yield (k,), dataclasses.replace(record, rig=dataclasses.replace(rig, encoder=encoder))
+    elif finding.check == "delay":  # of all joints, as a logger makes it, or of this one alone
+        late = [each for each, other in enumerate(findings) if other.check == "delay" and not other.ok]
+        for of in dict.fromkeys((tuple(late), (k,))):
+            moved = record
+            for each in of:
+                moved = _counting(moved, findings[each].joint, _read_later(moved, findings[each]))
+            yield of, moved
     elif finding.check == "period" and (power := 1e3 ** np.round(np.log10(value / 1e3 / rig.period) / 3)) != 1:
-        yield dataclasses.replace(record, t=record.t / power)
+        yield (k,), dataclasses.replace(record, t=record.t / power)
     elif finding.check == "period" and getattr(record.law, "period", None) is None:
-        yield dataclasses.replace(record, rig=dataclasses.replace(rig, period=value / 1e3))
+        yield (k,), dataclasses.replace(record, rig=dataclasses.replace(rig, period=value / 1e3))
     elif finding.check in ("gear sign", "drive sign"):
         turned = np.where(np.arange(record.n) == i, -1.0, 1.0)
         names = ("torque", "current") if finding.check == "drive sign" else ("error_pulses",)
         given = {name: getattr(record, name) for name in names}
-        yield dataclasses.replace(record, **{name: turned * x for name, x in given.items() if x is not None})
-        yield _counting(record, i, -record.counts[:, i])
+        yield (k,), dataclasses.replace(record, **{name: turned * x for name, x in given.items() if x is not None})
+        yield (k,), _counting(record, i, -record.counts[:, i])
 
 
 def _counting(record, i, counts):
@@ -206,8 +215,8 @@ def _counting(record, i, counts):
     return dataclasses.replace(record, error_pulses=error)
 
 
-def _read_later(record, i, samples):
-    """Counts (N,) of joint i that were so many samples late, as its encoder would count them in time."""
+def _read_later(record, finding):
+    """Counts (N,) of the joint of a finding that were so many samples late, as its encoder would count them in time."""
     encoder, rows = record.rig.encoder, np.arange(len(record))
-    centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))[:, i]
-    return encoder.quantised(np.interp(rows + samples, rows, centres))
+    centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))[:, finding.joint]
+    return encoder.quantised(np.interp(rows + finding.value, rows, centres))

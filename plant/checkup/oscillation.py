@@ -6,7 +6,7 @@ of its currents or by elastic gears, oscillates ever wider, or until friction or
 
 import functools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,13 @@ _PEAK, _AVERAGED = 20.0, 9
 
 _GROWN = 1.5
 """Ratio of the last third to the first from which on it grows."""
+
+_DECAYED = 0.5
+"""The same ratio, below which it is what is left of the start: a loop of little damping, but stable."""
+
+_FLARES, _REVERSALS, _AFTER = 1.6, 4, 4
+"""How much wider, by the median over so many reversals of the loads at least, it is in so many of its periods after
+them than before, where a gear has backlash; without it comes to 1.3."""
 
 _LIMITED = 0.01
 """Share of the log in which commands above the limit make it another loop."""
@@ -55,32 +62,72 @@ def own_oscillations(record: Any, share: float = 1.0) -> list[float]:
     return [each.value for each in found if not each.ok and each.value is not None]
 
 
-def _oscillation(signals, i, share):
+class _Swings(NamedTuple):
+    """Error (M,) of a joint [pulses] above the frequencies of its reference, its slow part and that of the torque.
+
+    `own`: frequency of the highest peak above [Hz]. `clear`: whether that stands out.
+    """
+
+    fast: Floats
+    slow: Floats
+    load: Floats
+    own: float
+    clear: bool
+
+
+def _swings(signals, i):
+    """Swings of a joint; None where the reference is as fast as the samples show."""
     error = signals.even((signals.reference - signals.counts)[:, i])
     frequency, of_error = spectrum(error, signals.interval)
     contained = np.cumsum(spectrum(signals.even(signals.reference[:, i]), signals.interval)[1])
     highest = frequency[np.searchsorted(contained, _CONTAINED * contained[-1])]
     fast = frequency > max(_BEYOND * highest, _SLOWEST)
     if fast.sum() < 10 * _AVERAGED:
-        return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
+        return None
     around = np.convolve(of_error, np.ones(_AVERAGED) / _AVERAGED, mode="same")
-    own = frequency[np.argmax(of_error * fast)]
-    transform = np.fft.rfft(error - error.mean())
-    swinging, slow = (np.fft.irfft(transform * kept, len(error)) for kept in (fast, ~fast))
-    parts = np.array([_rms(part) for part in np.array_split(swinging, _PARTS)])
-    size, tracking = np.median(parts), _rms(slow)
+    torque = error if signals.motor_torque is None else signals.even(signals.motor_torque[:, i])
+    parts = (error - error.mean(), fast), (error - error.mean(), ~fast), (torque, ~fast)
+    kept = (np.fft.irfft(np.fft.rfft(values) * some, len(error)) for values, some in parts)
     clear = around[fast].max() > _PEAK * np.median(around[fast])
-    if not (clear and size > share * _LEAST * signals.least_count[i] and size > share * _SWINGS * tracking):
+    return _Swings(*kept, own=frequency[np.argmax(of_error * fast)], clear=bool(clear))
+
+
+def _oscillation(signals, i, share):
+    joint = _swings(signals, i)
+    if joint is None:
+        return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
+    parts = np.array([_rms(part) for part in np.array_split(joint.fast, _PARTS)])
+    size, tracking, third = np.median(parts), _rms(joint.slow), _PARTS // 3
+    wide = size > share * _LEAST * signals.least_count[i] and size > share * _SWINGS * tracking
+    grown = parts[-third:].mean() / max(parts[:third].mean(), 1e-300)
+    flares = _flares(signals) if joint.clear and wide else 1.0
+    if not (joint.clear and wide) or (grown < _DECAYED and flares < _FLARES):
         return Finding.of(_NAME, i, size, "pulses")
     if _driven_to_limit(signals, i, size):
         return Finding.unknown(_NAME, i, "the motion takes the amplifier to its limit", value=size, unit="pulses")
-    third = _PARTS // 3
-    does = "grows" if parts[-third:].mean() > _GROWN * parts[:third].mean() else "goes on"
+    does = "grows" if grown > _GROWN else "goes on"
     seen = f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}"
     why = (
-        "it is unstable, or nearly, by gains too high for its friction, lag of the currents, elastic gears or backlash"
+        ": it is unstable, or nearly, by gains too high for its friction, lag of the currents, elastic gears or "
+        "backlash (or driven by ripple)"
     )
-    return Finding.of(_NAME, i, own, "Hz", "look", f"{seen}: {why} (or driven by ripple). Lower its gains.")
+    if flares >= _FLARES:
+        why = f"; just after the load changes sign it is {flares:.2g} times as wide as before: a gear has backlash"
+    return Finding.of(_NAME, i, joint.own, "Hz", "look", f"{seen}{why}. Lower its gains.")
+
+
+def _flares(signals):
+    """How much wider the loop swings just after the load of a joint changes sign, but not its speed, than before."""
+    ratios = list[float]()
+    for i, joint in enumerate(_swings(signals, i) for i in range(signals.n)):
+        if joint is None:
+            continue
+        around = round(_AFTER / joint.own / signals.interval)
+        turns = np.flatnonzero(np.diff(np.sign(np.gradient(signals.even(signals.reference[:, i])))))
+        for k in np.flatnonzero(np.diff(np.sign(joint.load))):
+            if around < k < len(joint.fast) - around and not (np.abs(turns - k) < around).any():
+                ratios.append(_rms(joint.fast[k : k + around]) / max(_rms(joint.fast[k - around : k]), 1e-300))
+    return float(np.median(ratios)) if len(ratios) >= _REVERSALS else 1.0
 
 
 def _driven_to_limit(signals, i, size):
