@@ -209,9 +209,9 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     objective = repeating(problem, objective, fit.resumptions)
     cost = float(objective(fit.values[None])[0])
     if genetic is not None and not np.isfinite(cost):
-        chain, record = problem.dynamics.chain, problem.records[0]
-        lines = itertools.chain(restated(chain, record), of_statements(record.rig, problem.records, chain))
-        told = "".join(f" The log says: {line}" for line in itertools.islice(lines, 1))
+        dynamics, record = problem.dynamics, problem.records[0]
+        signs, others = restated(dynamics, record), of_statements(record.rig, problem.records, dynamics.chain)
+        told = "".join(f" The log says: {line}" for line in itertools.islice(itertools.chain(signs, others), 1))
         raise ValueError(
             f"some candidate must reproduce the experiment; all {outcome.evaluations} diverged or had no sound "
             "inertia. Widen or correct the ranges, and check gains, gears and signs of rig and law, and axes, lengths "

@@ -91,7 +91,7 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
         *_of_pairs(found),
         *contradicted(found),
     ]
-    return [*(restated(found.arm.dynamics.chain, found.records[0]) if lines else []), *lines]
+    return [*restated(found.arm.dynamics, found.records[0]), *lines]
 
 
 def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator[str]:

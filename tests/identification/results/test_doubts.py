@@ -103,15 +103,18 @@ def two_joints_of_a_ur5e():
     return dynamics.arm(dynamics.f()), rig, path
 
 
-@pytest.mark.parametrize(
-    ("gain", "hunts"), [pytest.param((0.080, 0.0295), (), marks=pytest.mark.slow), ((0.042, 0.0153), (0,))]
+@pytest.mark.filterwarnings("ignore:.*the loop of P is unstable")  # in the linear, where nothing limits it
+@pytest.mark.parametrize(  # without a lag, what its start sets swinging decays over the log
+    ("gain", "lag", "hunts"),
+    [pytest.param((0.080, 0.0295), None, (), marks=pytest.mark.slow), ((0.042, 0.0153), 3e-5, (0,))],
 )
-def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, hunts):
+def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, lag, hunts):
     arm, rig, path = two_joints_of_a_ur5e()
+    rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=lag))
     record = simulate(arm, rig, P(gain=gain), path, duration=3.0, steps_per_sample=16)
     found = identify(arm.dynamics, record, method="prediction_error", progress=False)
     assert found.diagnostics.difference > 0.9
-    assert found.diagnostics.expected > 0.8 * found.diagnostics.difference
+    assert found.diagnostics.expected > (0.7 if lag else 0.8) * found.diagnostics.difference
     assert found.diagnostics.hunts == hunts
     assert found.warnings == []
     said = " ".join(found.summary(full=True).split())

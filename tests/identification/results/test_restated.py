@@ -9,9 +9,10 @@ import pytest
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
 from identification.results.restated import restated
-from plant import Chain, Link, Placement, puma560, simulate
+from plant import Chain, Dynamics, Link, Placement, puma560, simulate
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
+DYNAMICS = Dynamics.from_chain(CHAIN)
 
 
 @cache
@@ -20,13 +21,13 @@ def log():
 
 
 def test_a_right_log_is_not_restated():
-    assert restated(CHAIN, log()) == []
-    assert restated(CHAIN, dataclasses.replace(log(), torque=None, current=None)) == []
+    assert restated(DYNAMICS, log()) == []
+    assert restated(DYNAMICS, dataclasses.replace(log(), torque=None, current=None)) == []
 
 
 def test_gravity_the_other_way_is_named():
     wrong = dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81))
-    (said,) = restated(wrong, log())
+    (said,) = restated(Dynamics.from_chain(wrong), log())
     assert said.startswith("gravity acts the other way. So stated, the equation of motion leaves ")
 
 
@@ -34,7 +35,7 @@ def test_a_joint_that_turns_the_other_way_is_named():
     turned = np.array((1.0, -1.0))
     columns = {name: turned * getattr(log(), name) for name in ("error_pulses", "reference_pulses", "torque")}
     wrong = dataclasses.replace(log(), current=None, reference=None, true_q=None, true_qd=None, **columns)
-    (said,) = restated(CHAIN, wrong)
+    (said,) = restated(DYNAMICS, wrong)
     assert said.startswith("joint 3 (q[1]) turns the other way: its axis, or the signs of all its columns, are wrong.")
 
 

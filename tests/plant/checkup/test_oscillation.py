@@ -1,12 +1,29 @@
 """A loop that oscillates is named with its frequency; one that rings and settles is not."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
+from mujoco_odd import run
 
 from ctc import ComputedTorque, FeedForward
-from plant import PD, Elasticity, Harmonics, P, TorqueRipple, linearise, puma560, simulate
+from plant import (
+    PD,
+    Chain,
+    Drive,
+    Dynamics,
+    Elasticity,
+    Encoder,
+    Harmonics,
+    P,
+    Rig,
+    TorqueRipple,
+    linearise,
+    puma560,
+    read_robot,
+    simulate,
+)
 from plant.analysis.linearise import modes
 from plant.analysis.sampled_loops import SampledLoops
 from plant.checkup.oscillation import own_oscillations
@@ -107,3 +124,30 @@ def test_what_cannot_be_told():
     record = log(0)
     (finding,) = found(dataclasses.replace(record, reference_pulses=None, error_pulses=-record.counts, law=None))
     assert finding.verdict == "cannot tell: no reference"
+
+
+def ur5e(about, period):
+    """Shoulder lift and elbow of a UR5e, their rig and P controller, and a path about an angle of the first."""
+    chain = Chain.from_urdf(read_robot("ur5e").model)
+    chain = Chain.from_urdf(read_robot("ur5e").model, [link.name for link in chain.links[1:3]])
+    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
+                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
+    dynamics = Dynamics.from_chain(chain.with_rotors(drive))
+    one, other = (0.2, 0.1, -0.05), (-0.15, 0.1, 0.1)
+    path = Harmonics(period=period, offset=(about, 0.0), cosine=(one, other), sine=(other, one))
+    return dynamics.arm(dynamics.f()), rig, P(gain=(0.042, 0.0153)), path
+
+
+def test_backlash_is_told_from_where_the_loop_swings():
+    """In MuJoCo about hanging, where the loads change sign."""
+    for finding in found(run(*ur5e(np.pi / 2, 2.7), play=0.003, hertz=300.0)):
+        assert finding.verdict == "look"
+        assert re.search(r"just after the load changes sign it is [2-9][\d.]* times .* a gear has bac", finding.advice)
+
+
+def test_what_the_start_sets_swinging_and_decays_is_no_oscillation():
+    record = simulate(*ur5e(0.0, 6.0), duration=3.0, steps_per_sample=16)
+    swing = record.error_pulses[:, 0] - np.convolve(record.error_pulses[:, 0], np.ones(101) / 101, mode="same")
+    assert swing[100:600].std() > 3 * swing[-600:-100].std()
+    assert all(finding.ok for finding in found(record))
