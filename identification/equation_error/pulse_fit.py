@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from identification.equation_error.band_choice import choose_band
 from identification.equation_error.naming import of_each
 from identification.equation_error.prior import Known
 from identification.equation_error.regressor import Filtering, System, linear, regressor_and_torque
@@ -119,27 +120,35 @@ def _without_gaps(record: Record) -> Record:
 def over_bands(
     dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str], known: Mapping[str, float] | None = None
 ) -> dict[float, TorqueFit]:
-    """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit.
+    """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit; first the band that is chosen.
 
     Too low a band holds too little of the motion; too high a one holds accelerations of the counts' rounding, and of
-    what the torque does not drive: every value comes out too small. In between the equation holds best.
+    what the torque does not drive: every value comes out too small. In between the equation holds best: the widest band
+    that predicts segments of the logs which it has not seen as well as narrower ones do (`band_choice`). Then come the
+    nearest.
     """
-    unknown, fits = linear(dynamics, records[0].rig, unknown), dict[float, TorqueFit]()
+    unknown, known = linear(dynamics, records[0].rig, unknown), Known(known)
     even = of_each(lambda record: record.resampled(record.rig.period), records)
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
-    for band in BANDS[highest > BANDS]:
+    fits, systems = dict[float, TorqueFit](), dict[float, list[System]]()
+    for band in BANDS[highest > BANDS].tolist():
         try:
-            systems = [system_of(dynamics, record, band, unknown, torque=torque)
-                       for record, torque in zip(even, torques, strict=True)]  # fmt: skip
-            fit = fit_systems(dynamics, unknown, Known(known), systems)
+            whole = [system_of(dynamics, record, band, unknown, torque=torque)
+                     for record, torque in zip(even, torques, strict=True)]  # fmt: skip
+            fit = fit_systems(dynamics, unknown, known, whole)
         except ValueError:  # a band without equations, or in which unknowns are not separately identifiable
             continue
         if fit.rows >= ENOUGH * len(fit.names):
-            fits[float(band)] = fit
+            fits[band], systems[band] = fit, without_known(unknown, known, whole)[1]
     if not fits:
         raise ValueError(NO_BAND)
-    return fits
+    seconds = np.array([len(record) * record.rig.period for record in even])
+    try:
+        best, _ = choose_band(list(fits), systems.__getitem__, seconds, None)
+    except ValueError:  # too few equations to leave some out
+        best = min(fits, key=lambda band: fits[band].relative_error)
+    return {band: fits[band] for band in sorted(fits, key=lambda band: abs(np.log(band / best)))}
 
 
 def fit_systems(dynamics: Dynamics, unknown: Sequence[str], known: Known, systems: Iterable[System]) -> TorqueFit:

@@ -30,12 +30,11 @@ _OF_ZERO = 0.02  # step of a spring's number, such as an angle, that is 0 in the
 
 
 def torque_fit(problem: Problem) -> TorqueFit:
-    """The torque equation's fit; of logged torques, in the band where it holds best and gives an arm."""
+    """The torque equation's fit; of logged torques, in the chosen band, or the nearest that gives an arm."""
     if not any(problem.replays):
         return fit_pulses(problem.dynamics, problem.records, problem.unknown, problem.known)
     prediction = problem.prediction()
-    fits = over_bands(problem.dynamics, problem.records, problem.unknown, problem.known).values()
-    for fit in sorted(fits, key=lambda fit: fit.relative_error):
+    for fit in over_bands(problem.dynamics, problem.records, problem.unknown, problem.known).values():
         values, _ = start_of_fit(problem, fit)
         if np.isfinite(prediction.innovations(np.append(values, prediction.nuisances))).all():
             return fit

@@ -32,7 +32,7 @@ def found(method, dynamics, records):
         fit = pendulum.fit(dynamics, records)
         if fit.covariance is None:
             raise ValueError(fit.fit.fallback_reason)
-        return fit.unknown, fit.values, 1.96 * fit.std
+        return fit.fit.unknown, fit.fit.values, 1.96 * fit.fit.std
     friction = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(2))
     fit = fit_torque(dynamics, records, unknown=(*dynamics.names, *friction))
     return fit.names, fit.values, 1.96 * fit.std
