@@ -128,7 +128,7 @@ RESULTS = {
     "Evaluations": lambda: evaluate(arm(), RIG, LAW, {NASTY[0]: PATH, "b": PATH.later(1)}, backend="numba", **SHORT),
     "BetweenRuns": lambda: BetweenRuns(
         values=np.ones((2, 3)), std=np.ones((2, 3)), compared=np.ones(3, bool), agree=np.ones(3, bool),
-        groups={"f": 0.5}, deviation=np.ones(3), freedom=np.ones(3), further=4),
+        groups={"f": 0.5}, deviation=np.ones(3), freedom=np.ones(3), further=4, never=1),
     "Finding": lambda: record().check().findings[0],
     "Fit": lambda: found().fit,
     "FitTrial": lambda: FitTrial(at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True),

@@ -13,7 +13,7 @@ J. Hartung, Improved tests for a random effects meta-regression, Statistics in M
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from identification.equation_error.least_squares import at_least, group_std, run_moves, run_std, wider
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
+from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import norm, product, products
 
@@ -39,7 +40,10 @@ _FLAT = 1e-9  # change of twice the log likelihood over all variances below whic
 
 _MOST, _MANY = 1000, 1e6  # logs that are counted; and degrees of freedom of what is not compared
 
+ONE_LOG = "intervals by blocks of one log: what differs between runs is not in them; a second log would tell"
 
+
+@kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class BetweenRuns(Shown, Frozen):
     """How the values of a fit differ between its logs.
@@ -57,6 +61,8 @@ class BetweenRuns(Shown, Frozen):
         Standard deviation between logs of each value, 0 where it is not compared; and degrees of freedom of that.
     further : int
         Further logs that would halve the intervals of the common fit (of half of its values).
+    never : int
+        Values that are left out of this, since what a rig may state wrongly makes half or more of their intervals.
     """
 
     values: Floats
@@ -67,11 +73,22 @@ class BetweenRuns(Shown, Frozen):
     deviation: Floats
     freedom: Floats
     further: int
+    never: int
 
     @property
     def half_width(self) -> Floats:
         """Of the 95 % intervals (R, k) of what each log says, with what differs between logs."""
         return np.asarray(1.96 * np.sqrt(self.std**2 + (self.deviation * wider(self.freedom)) ** 2))
+
+    def among(self, places: NDArray[np.intp], count: int) -> Self:
+        """The same of so many values, of which these (k,) are at places; of the others nothing is known."""
+        rest = {"values": np.nan, "std": np.nan, "freedom": _MANY}
+        whole = dict[str, Any]()
+        for name in ("values", "std", "compared", "agree", "deviation", "freedom"):
+            own = getattr(self, name)
+            whole[name] = np.full((*own.shape[:-1], count), rest.get(name, 0), own.dtype)
+            whole[name][..., places] = own
+        return dataclasses.replace(self, **whole)
 
     def _short(self) -> str:
         return f"{self.agree.sum()} of {self.compared.sum()} intervals agree between runs"
@@ -80,8 +97,9 @@ class BetweenRuns(Shown, Frozen):
         said = [f"{name} by {share:.1%}" if name in _RELATIVE else f"{name} by {share:.2g} standard deviations of a run"
                 for name, share in self.groups.items()]  # fmt: skip
         yield f"{self._short()}; they differ in {', in '.join(said) or 'nothing that can be compared'}"
-        logs = "log" if self.further == 1 else "logs"
-        yield f"{self.further} further {logs} would halve the intervals, which count what differs between runs"
+        halved = f"{self.further or 'no'} further log{'s' * (self.further != 1)} would halve the intervals"
+        stays = f"; what a rig may state wrongly makes half or more of {self.never} of the {len(self.agree)}"
+        yield f"{halved}, which count what differs between runs{stays * bool(self.never)}"
 
 
 class _Runs(NamedTuple):
@@ -99,19 +117,21 @@ class _Runs(NamedTuple):
 
 def between_runs(
     names: Sequence[str], values: Floats, noise: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp],
-    blocks: NDArray[np.intp],
+    blocks: NDArray[np.intp], common: Floats | float = 0.0,
 ) -> tuple[BetweenRuns, Floats]:  # fmt: skip
     """How two logs or more of a weighted fit differ, and the covariance (k, k) of its values with that.
 
     `values` (k,), `noise` (k, k): of the fit, and covariance by noise alone. `rows` (M, k), `residual` (M,): weighted.
-    `runs`, `blocks` (M,): log, and block of a log, of each row.
+    `runs`, `blocks` (M,): log, and block of a log, of each row, from 0; -1 of what no log says. `common` (k,): variance
+    that no further log reduces.
     """
-    scale, blocks = np.sqrt((rows * rows).sum(axis=0)), np.unique(blocks, return_inverse=True)[1]
+    scale = np.sqrt((rows * rows).sum(axis=0))
     alone, exact = _alone(values, rows, residual, runs, blocks), _EXACT * norm(values * scale) / scale
     count, k = alone.each.shape
     covariance = at_least(noise, run_std(rows, alone.left, blocks))
     moved = count * run_moves(rows, residual, runs)
-    scatter, owner = count * run_moves(rows, alone.left, blocks), runs[np.unique(blocks, return_index=True)[1]]
+    scatter = count * run_moves(rows, alone.left, blocks)
+    owner = np.array([runs[np.argmax(blocks == block)] for block in range(len(scatter))])
     inside = np.stack([(scatter[owner == run] ** 2).sum(axis=0) for run in range(count)])
     inside = np.maximum(np.maximum(inside, count * np.diag(noise)), exact**2)
     alike = (scatter / np.maximum(np.sqrt((scatter**2).sum(axis=0)), 1e-300)).T
@@ -130,9 +150,12 @@ def between_runs(
         variance = restricted(name, moved[:, at] / size, np.sqrt(inside[:, at]) / size, share, about=0.0)
         added[at] = variance * size**2 * (share**2).sum(axis=0) / count**2 * wider(freedom[at]) ** 2
     within = np.diag(covariance)
+    common = np.broadcast_to(common, k)
+    some = np.flatnonzero(common < 0.25 * (within + added + common))
+    further = _further(within[some], added[some], freedom[some], count, common[some]) if some.size else 0
     found = BetweenRuns(
         values=alone.each, std=std, compared=compared, agree=compared & _agree(alone.each, std),
-        groups=groups, deviation=deviation, freedom=freedom, further=_further(within, added, freedom, count),
+        groups=groups, deviation=deviation, freedom=freedom, further=further, never=k - some.size,
     )  # fmt: skip
     return found, at_least(covariance, np.sqrt(within + added))
 
@@ -178,7 +201,7 @@ def _groups(names: Sequence[str], compared: NDArray[np.bool_]) -> dict[str, list
     found = dict[str, list[int]]()
     for i in np.flatnonzero(compared).tolist():
         name = names[i].partition("[")[0]
-        found.setdefault(name if name.startswith("drive.") else "f", []).append(i)
+        found.setdefault(name if name.startswith(("drive.", "law.")) else "f", []).append(i)
     return found
 
 
@@ -215,10 +238,11 @@ def restricted(name: str, each: Floats, std: Floats, share: Floats, about: float
     return 0.0 if criterion(0.0) <= found.fun else float(np.exp(found.x))
 
 
-def _further(within: Floats, between: Floats, freedom: Floats, count: int) -> int:
+def _further(within: Floats, between: Floats, freedom: Floats, count: int, common: Floats | float = 0.0) -> int:
     """Logs beside so many that halve the standard deviations of half of the values, if they are alike."""
     for logs in range(count + 1, count + _MOST):
         narrower = wider(freedom * (logs - 1) / (count - 1)) / wider(freedom)
-        if np.median((within + between * narrower**2) / (within + between)) * count / logs <= 0.25:
+        left = (within + between * narrower**2) * count / logs + common
+        if np.median(left / (within + between + common)) <= 0.25:
             return logs - count
     return _MOST

@@ -134,8 +134,7 @@ def dependent_columns(names: Sequence[str], rows: Floats, *, dependent: float = 
     return found
 
 
-RUNS, SEGMENTS = 3, 10
-"""From how many runs on, and of how many segments of all runs at least, values are compared."""
+SEGMENTS = 10  # of all runs, at least, of which values are compared
 
 _NORMAL = 1.96
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
-from identification.equation_error.between_runs import BetweenRuns, between_runs
+from identification.equation_error.between_runs import ONE_LOG, BetweenRuns, between_runs
 from identification.equation_error.friction_trial import FrictionTrial
 from identification.equation_error.least_squares import SEGMENTS, at_least, group_std, least_squares
 from identification.equation_error.naming import short_names
@@ -24,13 +24,11 @@ from plant import Dynamics
 from plant.parts.arguments import choice
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
-from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
+from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned, inside
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
 _POOR = 0.3  # relative torque error above which something is wrong with the log rather than with the arm
-
-_ONE_LOG = "intervals by blocks of one log: what differs between runs is not in them; a second log would tell"
 
 _DOUBTED, _OTHERWISE = 5.0, 0.2
 """Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
@@ -135,7 +133,7 @@ class TorqueFit(Shown, Frozen):
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
         yield from choices(self)
         yield from (f"friction beside it, {trial}" for trial in self.friction[:1])
-        yield f"{self.between}" if self.between is not None else _ONE_LOG
+        yield from [ONE_LOG] if self.between is None else inside(self.between)
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
     def _short_known(self) -> list[tuple[str, float]]:
@@ -225,6 +223,7 @@ def weighted(
         by_weight = rows * weight[:, None], residual * weight
         blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
         if len(seconds) > 1:
+            blocks = np.unique(blocks, return_inverse=True)[1]
             between, covariance = between_runs(names, values, covariance, *by_weight, places.record, blocks)
         else:
             covariance = at_least(covariance, group_std(*by_weight, blocks))

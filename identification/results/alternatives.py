@@ -82,13 +82,6 @@ class Sign(Shown, Frozen):
         """Whether chi-square is above its threshold."""
         return self.chi_square > self.threshold
 
-    @property
-    def chance(self) -> float:
-        """Probability with which a right model reaches chi-square."""
-        from scipy.special import chdtrc
-
-        return float(chdtrc(self.freedom, max(self.chi_square, 0.0)))
-
     def _short(self) -> str:
         return f"{self.name}, chi-square {self.chi_square:.0f} of {self.freedom}, by chance below {self.threshold:.0f}"
 

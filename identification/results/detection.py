@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.least_squares import at_least
 from identification.results.alternatives import Sign
 from identification.search.outcome import Fit
@@ -87,7 +88,9 @@ class Detection(Shown, Frozen):
     doubt : (k, k) numpy.ndarray or None
         What is added to the covariance of the unknowns for what the model may lack; see `model_error`.
     grouped : (k,) numpy.ndarray or None
-        Their least standard deviations, from how they differ between segments or runs; see `least_squares`.
+        Their least standard deviations, from how they differ between segments, and records; see `least_squares`.
+    between : BetweenRuns or None
+        How they differ between two records or more.
     assumed : dict
         Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its name.
     friction : dict
@@ -101,6 +104,7 @@ class Detection(Shown, Frozen):
     reason: str | None = None
     doubt: Floats | None = None
     grouped: Floats | None = None
+    between: BetweenRuns | None = None
     assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
     friction: dict[str, float] = dataclasses.field(default_factory=dict)
 
@@ -109,7 +113,8 @@ class Detection(Shown, Frozen):
         if fit.covariance is None or fit.resonance is not None or self.doubt is None or self.grouped is None:
             return fit
         covariance = at_least(fit.covariance + self.doubt, self.grouped)
-        return dataclasses.replace(fit, covariance=covariance, noise_covariance=fit.covariance)
+        noise = fit.covariance
+        return dataclasses.replace(fit, covariance=covariance, noise_covariance=noise, between=self.between)
 
     @property
     def names(self) -> tuple[str, ...]:

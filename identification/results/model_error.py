@@ -12,9 +12,11 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from identification.equation_error.least_squares import RUNS, SEGMENTS, group_std, run_std
-from identification.replay.optimum import Optimum
+from identification.equation_error.between_runs import BetweenRuns, between_runs
+from identification.equation_error.least_squares import SEGMENTS, group_std
+from identification.replay.optimum import Optimum, along, directions
 from identification.results.assumed import moved
 from identification.search.problem import Tolerances
 from plant.parts.fields import Floats
@@ -34,8 +36,7 @@ class Doubt:
     `at`, `first`: with what was named, and before. `step` (m,): of the values; zero for one that is not varied. `keep`:
     which of the unknowns its first values are. `unknown`: number of the unknowns. `searched`: number of the innovations
     of the records that were searched, the first. `effects`: change of the innovations (M,) with each of what the rig
-    leaves out, or may have wrong. `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms). `apart`:
-    whether the records contradict each other.
+    leaves out, or may have wrong. `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms).
     """
 
     at: Optimum
@@ -46,7 +47,6 @@ class Doubt:
     searched: int
     effects: Mapping[str, Floats]
     efforts: Floats
-    apart: bool
 
     def assumed(self) -> dict[str, Floats]:
         """Change (k,) of the unknowns if a gear, a motor's gain or a gain of the law is 1 % larger, by its name."""
@@ -93,19 +93,35 @@ class Doubt:
         std = consider(own, residual, prior, self.effects, self.at.unit(self.at.innovations))[2]
         return {name: std[name] for name in names if std.get(name, 0.0) > 0}
 
-    def grouped(self) -> Floats:
-        """Standard deviations (k,) of the unknowns, from how they differ between segments.
+    def grouped(self, names: Sequence[str], noise: Floats, doubt: Floats) -> tuple[Floats, BetweenRuns | None]:
+        """Standard deviations (k,) of the unknowns of these names, from how they differ between segments, and records.
 
-        Runs that contradict each other are what differs, from three on.
+        `noise`, `doubt` (k, k): covariance by noise, and what is added to it whatever is logged. Of two records or more
+        they count all that, and how these differ is told. What else is fitted, of all records, is taken out of rates.
         """
-        at = self.at
-        lengths = [rows.stop - rows.start for rows in at.model.rows() if rows.stop <= self.searched]
-        by_runs = len(lengths) >= RUNS and self.apart
-        each = 1 if by_runs else -(-SEGMENTS // len(lengths))
+        at, rates, residual = self.at, self.at.rates[:, : self.searched], self.at.innovations[: self.searched]
+        logs = sum(rows.stop <= self.searched for rows in at.model.rows())
+        if logs == 1:
+            return self._of_unknowns(group_std(rates.T, residual, self._segments(logs, SEGMENTS))), None
+        varied = np.flatnonzero(self.step)
+        own, made = varied < len(self.keep), directions(rates)
+        places, size, others = np.array(self.keep)[varied[own]], self.step[varied[own], None], directions(rates[~own])
+        move = along(made, rates, residual)
+        bare = np.array([rate - along(others, rates[~own], rate) @ rates[~own] for rate in rates[own]]) / size
+        found, covariance = between_runs(
+            [names[i] for i in places], at.values[varied[own]] - move[own] * size[:, 0], noise[np.ix_(places, places)],
+            -bare.T, residual - move @ rates, self._segments(logs, 1), self._segments(logs, SEGMENTS),
+            np.diag(doubt)[places],
+        )  # fmt: skip
+        whole = np.zeros(self.unknown)
+        whole[places] = np.sqrt(np.diag(covariance) + np.diag(doubt)[places])
+        return whole, found.among(places, self.unknown)
+
+    def _segments(self, logs: int, each: int) -> NDArray[np.intp]:
+        """Segment of each innovation, so many in each of the first records; -1 of a prior, which is never left out."""
+        lengths = [rows.stop - rows.start for rows in self.at.model.rows()[:logs]]
         own = [each * i + np.arange(n) * each // n for i, n in enumerate(lengths)]
-        groups = np.concatenate([np.full(at.model.prior.count, -1), *own])  # a prior is in no group: never left out
-        differ = run_std if by_runs else group_std
-        return self._of_unknowns(differ(at.rates[:, : self.searched].T, at.innovations[: self.searched], groups))
+        return np.concatenate([np.full(self.at.model.prior.count, -1), *own])
 
 
 def priors(tolerances: Tolerances, names: Sequence[str], efforts: Floats) -> dict[str, float]:

@@ -33,8 +33,6 @@ _STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard devia
 
 _LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
 
-_APART = 0.01  # chance with which runs of a right model differ as much as some that are taken to contradict each other
-
 _LATE, _SHIFTS = 1.0, 2
 """Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
 
@@ -44,7 +42,8 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | No
 
     `fit`: where to begin; the model is fitted anew, to the records held out as well. `delay`: of the counts, if it is
     known already that one of this size [samples] is worth a trial. `rounding` (M,): innovations of the records that
-    were searched, as far as rounding makes them; see `Outcome`.
+    were searched, as far as rounding makes them; see `Outcome`. A variance between records that does not follow is an
+    error.
     """
     try:
         tested = _Search(problem, fit)
@@ -58,16 +57,15 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | No
         added = doubt.added(problem.tolerances, rounding)
         period = max(record.rig.period for record in problem.records)
         shown = tuple(_sampled(sign, period) for sign in detection.signs)
-        return dataclasses.replace(
-            detection,
-            signs=shown,
-            doubt=added,
-            grouped=doubt.grouped(),
-            assumed=doubt.assumed(),
-            friction=doubt.friction(problem.tolerances),
+        detection = dataclasses.replace(
+            detection, signs=shown, doubt=added, assumed=doubt.assumed(), friction=doubt.friction(problem.tolerances)
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))
+    if fit.covariance is None or fit.resonance is not None:
+        return detection
+    grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)
+    return dataclasses.replace(detection, grouped=grouped, between=between)
 
 
 def _sampled(sign: Sign, period: float) -> Sign:
@@ -125,7 +123,7 @@ class _Search:
 
     def detection(self, delay: float, *, coarse: bool = False) -> Detection:
         """What contradicts the model; ends where what is first is `faint`: coarse steps might explain as little."""
-        first = found = self._signs = signs(self.at, self.effects)
+        first = found = signs(self.at, self.effects)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
             known = {"delay": delay}  # by another test
@@ -163,10 +161,9 @@ class _Search:
 
     def doubt(self) -> Doubt:
         """What is to be doubted of the values."""
-        apart = any(sign.name == "disagreement" and sign.chance < _APART for sign in self._signs)
         return Doubt(
             at=self.at, first=self._first, step=self.step, keep=self._keep, unknown=self._unknown,
-            searched=self._searched, effects=self.effects, efforts=self._efforts, apart=apart,
+            searched=self._searched, effects=self.effects, efforts=self._efforts,
         )  # fmt: skip
 
     def _significant(self, sign: Sign, again: float) -> list[_Refit]:

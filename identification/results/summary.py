@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from identification.equation_error.between_runs import ONE_LOG
 from identification.results.seen import origins
 from identification.results.trust import warnings_of
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
@@ -66,6 +67,10 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
         yield f"validation, only simulated: {named}"
     yield from [_values(found)] if full else _abreast(found)
     yield from origins(found, full)
+    if found.fit.between is not None:
+        yield from inside(found.fit.between)
+    elif found.covariance is not None:
+        yield ONE_LOG if len(found.records) == 1 else "what differs between runs is not in the intervals"
     yield from inside(found.diagnostics)
     if found.fit.noise_covariance is not None:
         yield f"intervals count noise and {found.search.tolerances}"

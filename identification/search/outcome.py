@@ -6,6 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.law_memory import Resumption
 from identification.equation_error.prior import Prior
 from identification.replay.gauss_newton import Solution
@@ -40,6 +41,8 @@ class Fit(Shown, Frozen):
         autocorrelation, and what the rig may state wrongly: see `Tolerances`.
     noise_covariance : (k, k) numpy.ndarray or None
         What of it noise alone makes, if the rig is exact.
+    between : BetweenRuns or None
+        How two records or more agree, and what their differences add to the covariance.
     rms_innovation : float or None
         Root mean square of the innovations [pulses]: counted positions minus their one-step predictions. Rounding alone
         gives 0.289.
@@ -62,6 +65,7 @@ class Fit(Shown, Frozen):
     candidates: Floats
     covariance: Floats | None = None
     noise_covariance: Floats | None = None
+    between: BetweenRuns | None = None
     rms_innovation: float | None = None
     fallback_reason: str | None = None
     zeros: Floats | None = None

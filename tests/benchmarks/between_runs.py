@@ -1,59 +1,85 @@
 """Intervals of several logs of one machine whose friction drifts, and of runs of a real one: do they hold the truth?
 
     CTC_DATA=... python tests/benchmarks/between_runs.py [--logs 2 4 8] [--drift 0.05 0.1] [--machines 24]
+        [--fits fit_torque identify]
 
 Simulated: the paper's arm, its viscous and Coulomb friction other in each log (normal, of the drift's standard
-deviation, relative), 0.3 N m of noise in the torque, other paths of 8 s. *Covered*: 95 % intervals of the common fit
-that hold the truth. Real: the open-loop runs of a double pendulum, both designs; the intervals of each run, with what
-differs between runs, against the values of each other run: *apart*, the difference within the root of the sum of the
-squared half-widths, and *held*, the other's value within the interval of the one.
+deviation, relative), other paths of 8 s. `fit_torque` has a torque with 0.3 N m of noise; `identify` has counts alone,
+of 4 s, and fits their prediction error. *Covered*: 95 % intervals of the common fit that hold the truth; *noise*: those
+of noise alone. Real: the open-loop runs of a double pendulum, both designs; the
+intervals of each run, with what differs between runs, against the values of each other run: *apart*, the difference
+within the root of the sum of the squared half-widths, and *held*, the other's value within the interval of the one.
 """
 
 import argparse
 import dataclasses
+import itertools
 import os
 import sys
+import warnings
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
-from identification import fit_torque
+from identification import IdentificationWarning, fit_torque, identify
 from plant import Harmonics, puma560, simulate
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
 KINDS = ("viscous", "coulomb")
 FRICTION = tuple(f"drive.{kind}[{i}]" for kind in KINDS for i in range(2))
+UNKNOWN = (*ARM.dynamics.names, *FRICTION)
 TRUTH = np.concatenate([ARM.f, RIG.drive.viscous, RIG.drive.coulomb])
 RUNS = {"C.0": ("00", "01", "02", "03", "04", "05", "06"), "A.0": ("00", "01", "02", "03", "04", "05")}
 
 
-def drifting(seed, drift):
-    """A log of a machine on this day."""
+def drifting(seed, drift, duration=8.0):
+    """A log of a machine on this day, and the random numbers that it leaves."""
     random = np.random.default_rng(seed)
     friction = {kind: getattr(RIG.drive, kind) * (1 + drift * random.normal(size=2)) for kind in KINDS}
     path = Harmonics(period=4.0, offset=(0, 0), cosine=random.normal(0, 0.12, (2, 4)),
                      sine=random.normal(0, 0.12, (2, 4)))  # fmt: skip
     machine = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **friction))
-    record = simulate(ARM, machine, puma560.p_law((0.1, 0.08)), path, duration=8.0)
-    torque = record.torque + 0.3 * random.normal(size=record.torque.shape)
-    return dataclasses.replace(record, torque=torque, rig=RIG, law=None, reference=None)
+    record = simulate(ARM, machine, puma560.p_law((0.1, 0.08)), path, duration=duration)
+    return dataclasses.replace(record, rig=RIG, true_q=None, true_qd=None), random
 
 
-def simulated(logs, drift, machines):
+def by_torque(seeds, drift):
+    """A fit of logged torques."""
+    records = []
+    for record, random in (drifting(seed, drift) for seed in seeds):
+        torque = record.torque + 0.3 * random.normal(size=record.torque.shape)
+        records.append(dataclasses.replace(record, torque=torque, law=None, reference=None))
+    return fit_torque(ARM.dynamics, records, unknown=UNKNOWN, band=5.0, every=10)
+
+
+def by_counts(seeds, drift):
+    """A fit of counts."""
+    records = [dataclasses.replace(drifting(seed, drift, 4.0)[0], torque=None) for seed in seeds]
+    return identify(
+        ARM.dynamics, records, unknown=UNKNOWN, method="prediction_error", held_out=(), progress=False, seed=0
+    ).fit
+
+
+FITS = {"fit_torque": by_torque, "identify": by_counts}
+
+
+def simulated(logs, drift, machines, name):
     """A row of the table: how often intervals hold, how many agree, and how large the drift is found."""
-    held, agree, found, further = [], [], [], []
+    held, bare, agree, found, further = [], [], [], [], []
     for machine in range(machines):
-        records = [drifting((machine, logs, i), drift) for i in range(logs)]
-        fit = fit_torque(ARM.dynamics, records, unknown=(*ARM.dynamics.names, *FRICTION), band=5.0, every=10)
-        held.append(np.abs(fit.values - TRUTH) < 1.96 * fit.std)
+        fit = FITS[name]([(machine, logs, i) for i in range(logs)], drift)
+        off = np.abs(fit.values - TRUTH)
+        held.append(off < 1.96 * fit.std)
+        bare.append(off < 1.96 * np.sqrt(np.diag(fit.noise_covariance)))
         agree.append(fit.between.agree)
         found.append(fit.between.groups["drive.coulomb"])
         further.append(fit.between.further)
     held = np.array(held)
-    print(f"| {logs} | {drift:.0%} | {held.mean():.1%} | {held.mean(axis=0).min():.0%} | {np.mean(agree):.0%} | "
-          f"{np.median(found):.1%} | {np.median(further):.0f} |", flush=True)  # fmt: skip
+    print(f"| {name} | {logs} | {drift:.0%} | {np.mean(bare):.1%} | {held.mean():.1%} | "
+          f"{held.mean(axis=0).min():.0%} | {np.mean(agree):.0%} | {np.median(found):.1%} | "
+          f"{np.median(further):.0f} |", flush=True)  # fmt: skip
 
 
 def real(folder, design):
@@ -78,12 +104,13 @@ def main():
     parser.add_argument("--logs", type=int, nargs="+", default=[2, 4, 8])
     parser.add_argument("--drift", type=float, nargs="+", default=[0.05, 0.1])
     parser.add_argument("--machines", type=int, default=24)
+    parser.add_argument("--fits", nargs="+", choices=FITS, default=[*FITS])
     given = parser.parse_args()
-    print("| logs | drift | covered | least | agree | Coulomb friction found to drift by | logs that would halve |")
-    print("|---|---|---|---|---|---|---|")
-    for drift in given.drift:
-        for logs in given.logs:
-            simulated(logs, drift, given.machines)
+    warnings.simplefilter("ignore", IdentificationWarning)  # records that contradict each other
+    print("| | logs | drift | noise | covered | least | agree | Coulomb drift found | logs that would halve |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name, drift, logs in itertools.product(given.fits, given.drift, given.logs):
+        simulated(logs, drift, given.machines, name)
     if "CTC_DATA" not in os.environ:
         print("no real runs: CTC_DATA is not set")
         return

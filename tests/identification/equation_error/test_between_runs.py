@@ -84,6 +84,28 @@ def test_what_differs_needs_three_times_as_many_logs_to_halve():
     assert _further(np.zeros(3), np.ones(3), np.full(3, 1.0), 2) < 6
 
 
+def test_what_no_further_log_reduces_is_told():
+    rows, residual, runs, blocks, _, mean = one_way(0.0)
+    given = (("a", "b", "c"), mean, np.eye(3) / (RUNS * EACH), rows, residual, runs, blocks)
+    some, every = (between_runs(*given, np.array(common))[0] for common in ([0.0, 0.0, 9.0], [9.0, 9.0, 9.0]))
+    assert (some.never, every.never) == (1, 3)
+    assert some.further == between_runs(*given)[0].further
+    assert "; what a rig may state wrongly makes half or more of 1 of the 3" in " ".join(str(some).split())
+    assert "no further logs would halve the intervals" in " ".join(str(every).split())
+
+
+def test_rows_of_no_log_count_in_the_fit_alone():
+    """A prior as narrow as six logs halves what each of these moves the values by, and what they say alone stays."""
+    rows, residual, runs, blocks, samples, mean = one_way(2.0, values=1)
+    prior = np.full((1, 1), np.sqrt(RUNS * EACH))
+    rows, residual = np.vstack([prior, rows]), np.append(0.0, residual)
+    runs, blocks = np.append(-1, runs), np.append(-1, blocks)
+    found, covariance = between_runs(("a",), mean, np.eye(1) / (2 * RUNS * EACH), rows, residual, runs, blocks)
+    np.testing.assert_allclose(found.values, samples.mean(axis=1))
+    plain = between_runs(("a",), mean, np.eye(1) / (RUNS * EACH), rows[1:], residual[1:], runs[1:], blocks[1:])[1]
+    assert np.sqrt(covariance / plain) == pytest.approx(0.5, rel=0.1)
+
+
 def test_exact_logs_agree_and_one_that_is_not_heard_is_none():
     random = np.random.default_rng(2)
     rows, runs, blocks = random.normal(size=(120, 2)), np.repeat([0, 1], 60), np.repeat(np.arange(20), 6)
