@@ -200,3 +200,11 @@ def at_least(covariance: Floats, std: Floats) -> Floats:
     own = np.sqrt(np.diag(covariance))
     wider = np.where((own > 0) & np.isfinite(std), np.maximum(std, own) / np.where(own > 0, own, 1.0), 1.0)
     return np.asarray(covariance * np.outer(wider, wider))
+
+
+def covariance_of(names: Sequence[str], known: Sequence[str], covariance: Floats) -> Floats:
+    """Covariance (m, m) of numbers by their names, of one (k, k) of those that are known; zero of others."""
+    found, own = np.zeros((len(names),) * 2), [(i, known.index(name)) for i, name in enumerate(names) if name in known]
+    rows, places = np.array(own, int).reshape(-1, 2).T
+    found[np.ix_(rows, rows)] = covariance[np.ix_(places, places)]
+    return found

@@ -169,6 +169,7 @@ def without_known(
             system,
             regressor=system.regressor[:, :, rest],
             torque=system.torque - (system.regressor[:, :, given] * values).sum(axis=2),
+            measured=system.torque,
         )
         for system in systems
     ]

@@ -39,9 +39,9 @@ _AT_ONCE, _TOGETHER = 4096, 2**18
 class System:
     """The torque equation of one log, and where in it each equation comes from.
 
-    `regressor` (N', n, k). `torque` (N', n): measured [N m]. `used` (N', n): which of these equations count. `sample`
-    (N',): their rows in the log. `period`: of the log's rows [s]. `speed` (N', n): of each joint in the band [rad/s], a
-    magnitude.
+    `regressor` (N', n, k). `torque` (N', n): measured [N m], less that of what is known. `measured` (N', n): with that;
+    None where nothing is. `used` (N', n): which of these equations count. `sample` (N',): their rows in the log.
+    `period`: of the log's rows [s]. `speed` (N', n): of each joint in the band [rad/s], a magnitude.
     """
 
     regressor: Floats
@@ -50,6 +50,7 @@ class System:
     sample: NDArray[np.intp]
     period: float
     speed: Floats
+    measured: Floats | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

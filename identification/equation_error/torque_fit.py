@@ -54,7 +54,7 @@ class TorqueFit(Shown, Frozen):
         Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma, or as stated. NaN of a
         joint without equations.
     relative_error : float
-        Length of the residual over length of the torque, all rows that were used.
+        Length of the residual over length of the torque, all rows that were used; what is known is part of the torque.
     rows : int
         Equations that were used.
     condition : float
@@ -218,6 +218,8 @@ def weighted(
         spread = _deviations(residual, places.record * torque.shape[1] + joint, weights.size, freedom)
         scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
         covariance = covariance @ product(scores.T, scores) @ covariance
+    whole = [each.torque if each.measured is None else each.measured for each in systems]
+    length = norm(np.concatenate(whole)[used])
     noise, between = covariance, None
     if seconds is not None:
         by_weight = rows * weight[:, None], residual * weight
@@ -229,7 +231,7 @@ def weighted(
             covariance = at_least(covariance, group_std(*by_weight, blocks))
     return TorqueFit(
         dynamics=dynamics, names=names, values=values, covariance=covariance, noise_covariance=noise, sigma=sigma,
-        between=between, relative_error=float(norm(residual) / norm(target)), rows=len(target), condition=condition,
+        between=between, relative_error=float(norm(residual) / length), rows=len(target), condition=condition,
         **report,
     )  # fmt: skip
 

@@ -20,7 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.law_memory import along_log
+from identification.equation_error.least_squares import covariance_of
 from identification.equation_error.naming import of_each
+from identification.equation_error.torque_fit import TorqueFit
+from identification.equation_error.torque_logs import measured_torque
 from identification.payload.load import Load, birge, warnings_of
 from identification.payload.load_search import LoadSearch, UnknownLoad
 from identification.replay.experiment import as_records
@@ -31,7 +34,7 @@ from identification.search.genetic import GeneticSettings
 from identification.search.memory import with_memory
 from identification.search.outcome import Outcome
 from identification.search.problem import Problem
-from plant import Arm, FrictionCurve, Record, Rig
+from plant import Arm, FrictionCurve, LoggedTorque, Record, Rig
 from plant.checkup.lost_rows import bridged
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
@@ -41,7 +44,7 @@ _HEAVIEST, _LIGHTEST = 1e3, 1e-3  # [kg]; the lightest where the centre is unkno
 
 @known_options
 def find_load(
-    arm: Identification | Arm,
+    arm: Identification | TorqueFit | Arm,
     record: Record | Sequence[Record],
     position: ArrayLike | None = None,
     *,
@@ -55,11 +58,11 @@ def find_load(
 
     Parameters
     ----------
-    arm : Identification or Arm
-        Without the load. Of an identification the covariance of f counts; an arm alone is taken as exact.
+    arm : Identification, TorqueFit or Arm
+        Without the load. Of what was fitted the covariance of f counts; an arm alone is taken as exact.
     record : Record or sequence of Record
         Made with the load. The torque is that of the law, as for `identify`: a law with a memory is run along its log,
-        also where this was cut; or that of the log.
+        also where this was cut; or that of the log, also where no law is known.
     position : (3,) array_like, optional
         Centre of mass in the frame of the link's body [m]. Left out, it is found, along the axes that show.
     link : int or str
@@ -97,11 +100,9 @@ def find_load(
     >>> print(0 < load.mass < 3)
     True
     """
-    exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
+    exact, covariance = _known(arm)
     arm = instance("arm", exact, Arm, "The order is arm, record, position.")
     given, _ = as_records(arm.dynamics, record, None)
-    if uncertain is not None:
-        warn_of_doubts(uncertain, "find_load")
     records = [bridged(_with_offsets(each)) for each in given]
     if position is not None:
         position = array("position", position, (3,), advice="Give x, y and z in the frame of the link's body [m].")
@@ -114,28 +115,36 @@ def find_load(
         raise ValueError(f"mass must {rule}; got {low:g} to {high:g}. Give (low, high) [kg].")
     if friction is not None and real("friction", friction, "Give a share, such as 0.1, or 0.") < 0:
         raise ValueError(f"friction must not be negative; got {friction:g}. Give a share, such as 0.1, or 0.")
-    search = _search(arm, records[0].rig, load, (float(low), float(high)), friction, _covariance(uncertain, arm))
+    search = _search(arm, records[0].rig, load, (float(low), float(high)), friction, covariance)
     options = {"steps_per_sample": steps_per_sample, "sweeps": 3, "threads": None}
     outcome, problem = _followed(arm, records, search, options)
     runs, ratio = _alone(arm, records, search, options)
     return _assessed(arm, search, outcome, problem, runs, ratio, friction)
 
 
-def _covariance(found: Identification | None, arm: Arm) -> Floats:
-    """Of f, in the order of the arm's; none of an exact arm."""
-    if found is None:
-        return np.zeros((len(arm.f),) * 2)
+def _known(found: Identification | TorqueFit | Arm) -> tuple[Arm, Floats]:
+    """An arm, and the covariance of its f; 0 of an exact one."""
+    if isinstance(found, TorqueFit):
+        arm = found.dynamics.arm(found.f)
+        return arm, covariance_of(found.dynamics.names, found.names, found.covariance)
+    if not isinstance(found, Identification):
+        return found, np.zeros((len(found.f) if isinstance(found, Arm) else 0,) * 2)
+    warn_of_doubts(found, "find_load")
     if found.covariance is None:
         raise ValueError(
             f"an identification needs a covariance for the load's; this has none: {found.fit.fallback_reason}. Pass "
             "found.arm to take the arm as exact."
         )
-    return found.fit.covariance_of(arm.dynamics.names)
+    return found.arm, found.fit.covariance_of(found.arm.dynamics.names)
 
 
 def _with_offsets(record: Record) -> Record:
-    """The record with a friction offset in its rig, 0 where it states none."""
+    """The record with a friction offset in its rig, 0 where it states none; without a law it replays its torque."""
     drive = record.rig.drive
+    if record.law is None:  # held from one sample to the next, as LoggedTorque does, it acts half a sample late
+        torque = measured_torque(record)
+        ahead = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
+        record = dataclasses.replace(record, law=LoggedTorque(), torque=ahead)
     if drive.curve is not None:
         return record
     curve = FrictionCurve(offset=np.zeros(record.n))

@@ -8,6 +8,7 @@ import numpy as np
 
 from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.law_memory import Resumption
+from identification.equation_error.least_squares import covariance_of
 from identification.equation_error.prior import Prior
 from identification.replay.gauss_newton import Solution
 from identification.search.gear_resonance import GearResonance
@@ -104,12 +105,9 @@ class Fit(Shown, Frozen):
 
     def covariance_of(self, names: Sequence[str]) -> Floats:
         """Covariance (m, m) of numbers by their names; zero of what was not unknown, or where there is none."""
-        found = np.zeros((len(names),) * 2)
-        if self.covariance is not None:
-            own = [(i, self.unknown.index(name)) for i, name in enumerate(names) if name in self.unknown]
-            rows, places = np.array(own, int).reshape(-1, 2).T
-            found[np.ix_(rows, rows)] = self.covariance[np.ix_(places, places)]
-        return found
+        if self.covariance is None:
+            return np.zeros((len(names),) * 2)
+        return covariance_of(names, self.unknown, self.covariance)
 
     @property
     def _required_covariance(self) -> Floats:

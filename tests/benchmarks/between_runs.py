@@ -1,14 +1,15 @@
 """Intervals of several logs of one machine whose friction drifts, and of runs of a real one: do they hold the truth?
 
     CTC_DATA=... python tests/benchmarks/between_runs.py [--logs 2 4 8] [--drift 0.05 0.1] [--machines 24]
-        [--fits fit_torque identify]
+        [--fits fit_torque identify exact]
 
 Simulated: the paper's arm, its viscous and Coulomb friction other in each log (normal, of the drift's standard
 deviation, relative), other paths of 8 s. `fit_torque` has a torque with 0.3 N m of noise; `identify` has counts alone,
-of 4 s, and fits their prediction error. *Covered*: 95 % intervals of the common fit that hold the truth; *noise*: those
-of noise alone. Real: the open-loop runs of a double pendulum, both designs; the
-intervals of each run, with what differs between runs, against the values of each other run: *apart*, the difference
-within the root of the sum of the squared half-widths, and *held*, the other's value within the interval of the one.
+of 4 s, and fits their prediction error; *exact*: the same with rigs that are taken for exact, as they are here.
+*Covered*: 95 % intervals of the common fit that hold the truth; *noise*: those of noise alone. Real: the open-loop runs
+of a double pendulum, both designs; the intervals of each run, with what differs between runs, against the values of
+each other run: *apart*, the difference within the root of the sum of the squared half-widths, and *held*, the other's
+value within the interval of the one.
 """
 
 import argparse
@@ -17,13 +18,14 @@ import itertools
 import os
 import sys
 import warnings
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
-from identification import IdentificationWarning, fit_torque, identify
+from identification import IdentificationWarning, Tolerances, fit_torque, identify
 from plant import Harmonics, puma560, simulate
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
@@ -54,15 +56,14 @@ def by_torque(seeds, drift):
     return fit_torque(ARM.dynamics, records, unknown=UNKNOWN, band=5.0, every=10)
 
 
-def by_counts(seeds, drift):
+def by_counts(seeds, drift, tolerances=None):
     """A fit of counts."""
     records = [dataclasses.replace(drifting(seed, drift, 4.0)[0], torque=None) for seed in seeds]
-    return identify(
-        ARM.dynamics, records, unknown=UNKNOWN, method="prediction_error", held_out=(), progress=False, seed=0
-    ).fit
+    options = {"method": "prediction_error", "held_out": (), "tolerances": tolerances, "progress": False}
+    return identify(ARM.dynamics, records, unknown=UNKNOWN, **options).fit
 
 
-FITS = {"fit_torque": by_torque, "identify": by_counts}
+FITS = {"fit_torque": by_torque, "identify": by_counts, "exact": partial(by_counts, tolerances=Tolerances.none())}
 
 
 def simulated(logs, drift, machines, name):
