@@ -124,12 +124,12 @@ def find_load(
 
 def _known(found: Identification | TorqueFit | Arm) -> tuple[Arm, Floats]:
     """An arm, and the covariance of its f; 0 of an exact one."""
+    if not isinstance(found, (Identification, TorqueFit)):
+        return found, np.zeros((len(found.f) if isinstance(found, Arm) else 0,) * 2)
+    warn_of_doubts(found, "find_load")
     if isinstance(found, TorqueFit):
         arm = found.dynamics.arm(found.f)
         return arm, covariance_of(found.dynamics.names, found.names, found.covariance)
-    if not isinstance(found, Identification):
-        return found, np.zeros((len(found.f) if isinstance(found, Arm) else 0,) * 2)
-    warn_of_doubts(found, "find_load")
     if found.covariance is None:
         raise ValueError(
             f"an identification needs a covariance for the load's; this has none: {found.fit.fallback_reason}. Pass "

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from identification.equation_error.between_runs import ONE_LOG
+from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import origins
 from identification.results.trust import warnings_of
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
@@ -34,12 +35,12 @@ class IdentificationWarning(UserWarning):
 
 
 def doubts(found: Any) -> list[str]:
-    """The warnings of an `Identification`, without what is so with any log."""
-    return warnings_of(found, always=False)
+    """The warnings of a `TorqueFit`, or of an `Identification` without what is so with any log."""
+    return found.warnings if isinstance(found, TorqueFit) else warnings_of(found, always=False)
 
 
 def warn_of_doubts(found: Any, user: str) -> None:
-    """Warn if an `Identification` is unreliable; `user` is what takes it."""
+    """Warn if what was identified is unreliable; `user` is what takes it."""
     lines = doubts(found)
     if lines:
         what = "1 warning" if len(lines) == 1 else f"{len(lines)} warnings"

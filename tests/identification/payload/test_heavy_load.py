@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from identification import find_load, fit_torque
+from identification import IdentificationWarning, find_load, fit_torque
 from plant import PD, Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, LoggedTorque, Rig, simulate
 
 LINKS = (Link(name="1"), Link(name="2", alpha=-np.pi / 2, a=0.35), Link(name="3", a=1.15))
@@ -60,6 +60,11 @@ def test_the_interval_holds_the_mass_and_counts_what_is_uncertain_of_the_arm():
         assert each.std < 3
     assert found.std > exact.std
     assert found.freedom == DYNAMICS.p - 1
+    doubtful = dataclasses.replace(empty_arm(), relative_error=0.5)
+    with pytest.warns(
+        IdentificationWarning, match=r"(?s)find_load: identified with .*50% of the torque is not explained"
+    ):
+        load(LOADED[0], doubtful)
 
 
 def test_neither_order_nor_an_irrelevant_guess_changes_it():
