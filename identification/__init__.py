@@ -36,6 +36,7 @@ from identification.procedure import identify
 from identification.repeatability import spread
 from identification.replay.objective import Objective
 from identification.replay.timing import without_delay
+from identification.results.gears import find_gears
 from identification.results.identification import Identification
 from identification.results.model_files import write_model
 from identification.results.oscillation import oscillation
@@ -51,7 +52,7 @@ known_options(GeneticSettings)
 
 __all__ = [
     "GeneticSettings", "Identification", "IdentificationWarning", "LinkSize", "Objective", "RecordError",
-    "Tolerances", "design_motion", "find_load", "fit_torque", "frequency_response", "identify",
+    "Tolerances", "design_motion", "find_gears", "find_load", "fit_torque", "frequency_response", "identify",
     "minimize_genetic", "motor_test", "nearest_physical", "oscillation", "pulse_budget", "ranges", "spread",
     "to_urscript", "without_delay", "write_model",
 ]  # fmt: skip

@@ -5,8 +5,8 @@ compliance times that torque. So the motion of the links follows from counts of 
 torque equation stays linear in f; a fit with other compliances takes milliseconds. All have a smooth least residual
 where predicted positions have several.
 
-With the links counted too (`fit_deflection`), f follows whatever the gears are, and stiffness from a regression of the
-deflection on the torque of each link, beside an offset: the two sensors have zeros of their own.
+With the links counted too (`fit_deflection`), f follows whatever the gears are, and stiffness from their deflection
+(`two_encoders`).
 
 Source: M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of Dynamic Systems, Measurement, and
 Control 109 (1987) (equations of motion).
@@ -18,16 +18,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from identification.equation_error.filters import by_differences, derivatives, low_pass
-from identification.equation_error.least_squares import least_squares
 from identification.equation_error.prior import Known
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
 from identification.equation_error.regressor import System, compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
+from identification.equation_error.two_encoders import Deflections, fit_wound
 from plant import Dynamics, Record
 from plant.motion.reference import Motion
 from plant.parts.fields import Floats
-from plant.parts.sums import dot, product
 
 _BAND = 1.4  # pass band, in frequencies of the strongest oscillation
 
@@ -47,64 +46,14 @@ class GearFit:
     std: Floats | None = None
 
 
-class _Seen:
-    """A record with both sensors, in a pass band."""
-
-    def __init__(self, record: Record) -> None:
-        rig = self.rig = record.rig
-        self.record, self.band = record, _BAND * mode_in(record)
-        cutoff = CUTOFF * self.band
-        self.motors = derivatives(rig.cell_centre(record.counts), rig.period, cutoff)
-        self.links = derivatives(rig.cell_centre(record.link_counts), rig.period, cutoff)
-
-    def system(self, dynamics: Dynamics, unknown: Sequence[str]) -> System:
-        """The torque equation along the measured motions."""
-        regressor, given = regressor_along(dynamics, self.rig, unknown, self.links, self.motors)
-        return self._compared([torque_of(self.record) - given, *np.moveaxis(regressor, 2, 0)], True)
-
-    def wound(self, dynamics: Dynamics, f: Floats) -> System:
-        """Deflections on the shafts, against the torque on the links, its rate and one."""
-        coupling, period = self.rig.drive.coupling, self.rig.period
-        Y, _ = regressor_along(dynamics, self.rig, dynamics.names, self.links, self.links)
-        beside = self.rig.drive.rotor_torque(self.links.qdd) + self.rig.spring_torque(self.links.q)
-        torque = (Y * f).sum(axis=2) - beside
-        torque = low_pass(coupling.shaft_torque(torque), period, CUTOFF * self.band)
-        deflection = coupling.shaft(self.motors.q - self.links.q)
-        rate = np.gradient(torque, period, axis=0)
-        return self._compared([deflection, torque, rate, np.ones_like(torque)], False)
-
-    def _compared(self, signals: list[Floats], moving: bool) -> System:
-        filtering = filtering_of(self.rig, self.band)
-        filtering = filtering if moving else filtering._replace(slowest=np.zeros(self.rig.n))
-        return compared(signals, self.motors.qd, self.rig.period, filtering, self.record.valid)
-
-
 def fit_deflection(dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known) -> GearFit:
-    """Compliance of gears from records with `link_counts`; arguments as for `equation_error`."""
-    names, seen = linear(dynamics, records[0].rig, unknown), [_Seen(record) for record in records]
-    torque = fit_systems(dynamics, names, known, [each.system(dynamics, names) for each in seen])
+    """Compliance of gears from records with `link_counts` of all; arguments as for `equation_error`."""
+    names = linear(dynamics, records[0].rig, unknown)
+    seen = [Deflections.of(record, _BAND * mode_in(record)) for record in records]
+    torque = fit_systems(dynamics, names, known, [each.balance(dynamics, names) for each in seen])
     values = dict(known) | dict(zip(torque.names, torque.values, strict=True))
-    f = np.array([values[name] for name in dynamics.names])
-    systems = [each.wound(dynamics, f) for each in seen]
-    found = np.array([_fitted(systems, joint) for joint in range(dynamics.n)])
-    return GearFit(compliance=found[:, 0], std=_SYSTEMATIC * found[:, 1], torque=torque)
-
-
-def _fitted(systems: Sequence[System], joint: int) -> tuple[float, float]:
-    """Compliance of one gear, and its standard deviation from the scatter of the equations."""
-    rows, target = [], []
-    for k, system in enumerate(systems):
-        columns, deflection, some = system.regressor, system.torque, system.used[:, joint]
-        own = np.zeros((some.sum(), len(systems)))
-        own[:, k] = columns[some, joint, 2]  # each record has an offset of its own
-        rows.append(np.column_stack([columns[some, joint, :2], own]))
-        target.append(deflection[some, joint])
-    matrix, measured = np.vstack(rows), np.concatenate(target)
-    names = ["compliance", "its rate", *(f"offset of record {k}" for k in range(len(systems)))]
-    values, covariance, _ = least_squares(names, matrix, measured)
-    left = measured - product(matrix, values)
-    std = np.sqrt(np.diag(covariance) * dot(left, left) / max(1, len(left) - len(values)))
-    return float(values[0]), float(std[0])
+    wound = fit_wound(dynamics, seen, np.array([values[name] for name in dynamics.names]))[0]
+    return GearFit(compliance=wound.values[0], std=_SYSTEMATIC * wound.half[0] / 1.96, torque=torque)
 
 
 _BANDS = (0.5, 0.7, 1.0, 1.4)  # pass bands that are tested, in frequencies of the strongest oscillation

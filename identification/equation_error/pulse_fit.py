@@ -151,10 +151,16 @@ def over_bands(
     return {band: fits[band] for band in sorted(fits, key=lambda band: abs(np.log(band / best)))}
 
 
-def fit_systems(dynamics: Dynamics, unknown: Sequence[str], known: Known, systems: Iterable[System]) -> TorqueFit:
-    """Weighted fit of what is not known to systems of equations in all the unknowns, and to the prior."""
+def fit_systems(
+    dynamics: Dynamics, unknown: Sequence[str], known: Known, systems: Iterable[System], seconds: Floats | None = None
+) -> TorqueFit:
+    """Weighted fit of what is not known to systems of equations in all the unknowns, and to the prior.
+
+    `seconds`: as for `weighted`.
+    """
     names, less = without_known(unknown, known, systems)
-    return weighted(dynamics, names, less, prior=None if known.prior is None else known.prior.rows(names, known))
+    prior = None if known.prior is None else known.prior.rows(names, known)
+    return weighted(dynamics, names, less, seconds=seconds, prior=prior)
 
 
 def without_known(

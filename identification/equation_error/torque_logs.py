@@ -135,6 +135,13 @@ def _of_arrays(dynamics: Dynamics, label: str, q: ArrayLike, torque: ArrayLike, 
     return TorqueLog(label=label, q=q, torque=torque, rig=rig)
 
 
+def evened(record: Record) -> Record:
+    """The record at even times."""
+    even = record.t[0] + record.rig.period * np.arange(len(record))
+    uneven = np.abs(record.t - even).max() > _UNEVEN * record.rig.period
+    return record.resampled(record.rig.period) if uneven else record
+
+
 def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog]:
     logs = []
     for k, (record, about) in enumerate(each_named(records)):
@@ -143,9 +150,7 @@ def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog
             record = bridged(record)
             if record.torque is None and record.current is None:
                 record = dataclasses.replace(record, torque=torque_of(record), law=None)
-            even = record.t[0] + record.rig.period * np.arange(len(record))
-            if np.abs(record.t - even).max() > _UNEVEN * record.rig.period:
-                record = record.resampled(record.rig.period)
+            record = evened(record)
             torque = logged_torque(record)
         label, q = record_label(records, k), record.rig.cell_centre(record.counts)
         logs.append(TorqueLog(label=label, q=q, torque=torque, rig=record.rig, valid=record.valid, counted=True))

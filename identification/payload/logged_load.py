@@ -28,7 +28,7 @@ from identification.payload.load import Load, birge, warnings_of
 from identification.payload.load_search import LoadSearch, UnknownLoad
 from identification.replay.experiment import as_records
 from identification.replay.objective import Objective
-from identification.results.identification import Identification
+from identification.results.identification import Identification, covariance_of_f
 from identification.results.summary import warn_of_doubts
 from identification.search.genetic import GeneticSettings
 from identification.search.memory import with_memory
@@ -130,12 +130,7 @@ def _known(found: Identification | TorqueFit | Arm) -> tuple[Arm, Floats]:
     if isinstance(found, TorqueFit):
         arm = found.dynamics.arm(found.f)
         return arm, covariance_of(found.dynamics.names, found.names, found.covariance)
-    if found.covariance is None:
-        raise ValueError(
-            f"an identification needs a covariance for the load's; this has none: {found.fit.fallback_reason}. Pass "
-            "found.arm to take the arm as exact."
-        )
-    return found.arm, found.fit.covariance_of(found.arm.dynamics.names)
+    return found.arm, covariance_of_f(found, found.arm)
 
 
 def _with_offsets(record: Record) -> Record:

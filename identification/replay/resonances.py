@@ -81,7 +81,7 @@ class Resonances:
 
     `rig`: with elasticity; what is not unknown of it is as here. `pose` (n,): at which the resonances are meant [rad].
     `kept`: unknowns that stay as they are, in values. `measured` (2, n): compliances on the shafts and their standard
-    deviations [rad/(N m)], where link sensors gave them.
+    deviations [rad/(N m)], where link sensors gave them; NaN of joints without one.
 
     Attributes: `stiffness`, `damping`: joint -> place of its coordinate. `noise`: by which what is known beside the
     innovations is weighed, so that all are of one variance; see `settle`.
@@ -101,7 +101,8 @@ class Resonances:
             for field in (STIFFNESS, DAMPING)
         )
         self.noise, self.dependent = _ROUNDING, prediction.dependent
-        self._measured = None if measured is None else np.asarray(measured, dtype=float)
+        told = np.full((dynamics.n, 2), np.nan) if measured is None else np.transpose(measured)
+        self._measured = {place: told[i].tolist() for i, place in self.stiffness.items() if np.isfinite(told[i]).all()}
 
     # -- coordinates ---------------------------------------------------------------------------------------------
     def resonances(self, coordinates: Floats) -> tuple[Floats, Floats]:
@@ -171,7 +172,7 @@ class Resonances:
     @property
     def _more(self) -> int:
         """What is known beside the innovations."""
-        return len(self.damping) + (0 if self._measured is None else len(self.stiffness))
+        return len(self.damping) + len(self._measured)
 
     def innovations(self, coordinates: Floats) -> Floats:
         """Innovations, and after them how far damping ratios are from what is expected, compliances from measured."""
@@ -179,9 +180,7 @@ class Resonances:
         if not np.isfinite(values).all():
             return np.full(len(self.weights), np.inf)
         known = [(coordinates[place] - _USUAL) / _SPREAD for place in self.damping.values()]
-        if self._measured is not None:
-            compliance, std = self._measured
-            known += [(1 / values[place] - compliance[i]) / std[i] for i, place in self.stiffness.items()]
+        known += [(1 / values[place] - compliance) / std for place, (compliance, std) in self._measured.items()]
         return np.append(self.prediction.innovations(values), self.noise * np.array(known))
 
     def lost(self, coordinates: Floats) -> str:

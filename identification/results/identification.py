@@ -201,3 +201,15 @@ class Identification(Shown, Saved, Frozen):
         doubtful = f", {count} warning{'s' * (count > 1)}" if count else ""
         went = f"{self.search.method}, {self.objective:.0f} pulses^2, {self.evaluations} evaluations"
         return f"{len(self.fit.values)} values, {went}{', a fallback' * bool(fallback)}{doubtful}"
+
+
+def covariance_of_f(found: Identification | None, arm: Arm) -> Floats:
+    """Of f, in the order of the arm's; zero of an exact arm, which is not found."""
+    if found is None:
+        return np.zeros((len(arm.f),) * 2)
+    if found.covariance is None:
+        raise ValueError(
+            f"an identification needs a covariance here; this has none: {found.fit.fallback_reason}. Pass "
+            "found.arm to take the arm as exact."
+        )
+    return found.fit.covariance_of(arm.dynamics.names)

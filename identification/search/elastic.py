@@ -113,10 +113,10 @@ def pose_of(problem: Problem) -> Floats:
     return np.asarray(start_of(problem.records[0], path_of(problem.records[0]))[0], dtype=float)
 
 
-def gear_fits(problem: Problem) -> list[GearFit]:
+def gear_fits(problem: Problem, seen: GearFit | None = None) -> list[GearFit]:
     """Fits of the torque equation: with rigid gears first, then with the best of a grid of resonances in each band.
 
-    Gears that are known stay as they are.
+    Gears that are known, or `seen` by two sensors, stay as they are.
     """
     dynamics, records, rig = problem.dynamics, problem.records, problem.records[0].rig
     slope, rotors = link_inertia(dynamics, rig, pose_of(problem))
@@ -134,6 +134,8 @@ def gear_fits(problem: Problem) -> list[GearFit]:
         name = f"{STIFFNESS}[{i}]"
         if name not in problem.unknown or name in problem.known:
             grid[:, i] = 1 / problem.known.get(name, stiffness)
+        elif seen is not None and np.isfinite(seen.compliance[i]):
+            grid[:, i] = max(seen.compliance[i], _RIGID)
     return [first, *fit_gears(dynamics, records, problem.unknown, problem.known, grid)]
 
 
@@ -145,7 +147,8 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
         prediction, problem.dynamics, problem.records[0].rig, pose_of(problem), problem.known,
         None if seen is None or seen.std is None else (seen.compliance, seen.std),
     )  # fmt: skip
-    starts = _starts(problem, view, gear_fits(problem) if seen is None else [seen])
+    whole = seen is not None and np.isfinite(seen.compliance).all()
+    starts = _starts(problem, view, [seen] if seen is not None and whole else gear_fits(problem, seen))
     stages = {"equation error": view.values(starts[0].coordinates)[: len(problem.unknown)]}
     start, solution = _followed(view, starts)
     solution = reweighed(view, solution, start.steps, start.bounds)

@@ -34,7 +34,9 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         require_limit(field, value, rig.drive.current_limit, unit, others, rig.joint_labels)
         return {"current": value}
     if field == "link_position":  # another sensor, of a resolution of its own
-        return {"link_counts": rig.position_in_pulses(value * factors(unit))}
+        absent = np.isnan(value)  # a motor that turns several joints is known by all of them
+        pulses = rig.position_in_pulses(np.where(absent, 0.0, value * factors(unit)))
+        return {"link_counts": np.where(rig.position_in_pulses(absent.astype(float)) != 0, np.nan, pulses)}
     name = "reference_pulses" if field in REFERENCE else "error_pulses" if field == "error_pulses" else "counts"
     if unit == "pulses":
         asked = field == "reference_position"  # between two pulses, too

@@ -17,6 +17,7 @@ from plant.parts.user_warning import warn
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _ASKED = ("reference_position", "reference_motor_position")
 _NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}  # one number of a column
+_PARTIAL = ("link_position",)  # of some joints: None in place of the name of the column of others
 _KNOWN = (*UNITS, "valid", *_NOTED)
 
 
@@ -33,7 +34,8 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -
     if len(commanded) > 1:
         raise ValueError(f"columns may hold one reference; got {', '.join(commanded)}. Leave out the others.")
     require_units(columns, {} if units is None else instance("units", units, dict, 'Give units={"t": "s", ...}.'))
-    names = [name for value in columns.values() for name in _names(value)]
+    listed = [(field, name) for field, value in columns.items() for name in _names(value)]
+    names = [name for field, name in listed if name is not None or field not in _PARTIAL]
     if not all(isinstance(name, str) for name in names):
         raise ValueError(f"columns must be mapped by their names; got {names!r:.80}. {advice}")
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
@@ -99,9 +101,9 @@ def _names(value):
 def _block(table, field, value, n):
     """The columns of one field, (N, n); (N,) where there is one for all joints."""
     single = field in ("t", "valid", *_NOTED)
-    parts = []
+    parts, length = [], max((len(table[name]) for name in _names(value) if name is not None), default=0)
     for name in _names(value):
-        part = np.asarray(table[name])
+        part = np.full(length, np.nan) if name is None else np.asarray(table[name])
         if part.dtype.kind not in "biuf" or part.ndim not in (1, 2):
             raise ValueError(f"column {name!r} must be real numbers, (N,) or (N, n); got {part.dtype} {part.shape}.")
         parts.append(part[:, None] if part.ndim == 1 else part)
@@ -141,6 +143,8 @@ def _held(values, labels):
         if field == "valid":
             continue
         known = ~np.isnan(value)
+        if field in _PARTIAL:
+            known |= ~known.any(axis=0)
         if not known.any(axis=0).all():
             raise ValueError(f"{field!r} must hold numbers; {labels[np.argmin(known.any(axis=0))]} has none. Check.")
         row = np.maximum.accumulate(np.where(known, np.arange(len(value))[:, None], -1), axis=0)

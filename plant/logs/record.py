@@ -61,7 +61,8 @@ class Record(FromFiles, Frozen):
     valid : (N,) array_like, optional
         Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all have 1.
     link_counts : (N, n) array_like, optional
-        What encoders on the links count, behind elastic gears, in pulses of the motors' shafts.
+        What encoders on the links count, behind elastic gears, in pulses of the motors' shafts; NaN throughout in the
+        column of a joint that has none.
     true_q, true_qd : (N, n) array_like, optional
         True joint motion; only a simulation knows it, and identification never reads it.
     name : str
@@ -131,7 +132,11 @@ class Record(FromFiles, Frozen):
         for name in COLUMNS:
             value = getattr(self, name)
             if value is not None:
-                values[name] = array(name, value, shape, advice="Give one row per sample, one column per joint.")
+                some = name == "link_counts"
+                advice = "Give one row per sample, one column per joint."
+                values[name] = array(name, value, shape, advice=advice, finite=not some)
+                if some:
+                    _require_sensors(self.rig, values[name])
         if self.error_pulses is None:
             raise ValueError(f"error_pulses must have shape {shape}; got None. Without a reference, give -counts.")
         if self.reference_pulses is None:
@@ -226,6 +231,22 @@ class Record(FromFiles, Frozen):
             A period more than 20 times longer or shorter than the nominal interval: it is in another unit.
         """
         return type(self)(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))
+
+
+def _require_sensors(rig: Rig, counts: Floats) -> None:
+    """Refuse columns of link encoders that hold gaps, none at all, or others than the rig has."""
+    numbers, stated = np.isfinite(counts), rig.encoder.side
+    there = np.asarray(numbers.any(axis=0))
+    advice = "A joint without a second encoder is NaN throughout."
+    if (numbers != there).any():
+        index = tuple(np.argwhere(numbers != there)[0].tolist())
+        raise ValueError(f"link_counts must be finite; got {counts[index]} at index {index}. {advice}")
+    if not there.any():
+        raise ValueError(f"link_counts must be of a joint at least; got NaN alone. Leave them out. {advice}")
+    wrong = np.flatnonzero(there != rig.encoder.on_links(rig.n))
+    if len(wrong) and stated not in ("motor", "link"):
+        label, got = rig.joint_labels[wrong[0]], "has a column" if there[wrong[0]] else "is NaN"
+        raise ValueError(f"link_counts must be of joints with side 'both'; {label} {got}, its rig says {stated!r}.")
 
 
 def _noted(notes: Any) -> dict[str, str | float]:

@@ -145,10 +145,10 @@ class FromFiles:
         columns : dict
             Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
             angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
-            ``torque``, ``current``, ``injected``, ``link_position`` (a second sensor's) and one of
-            ``reference_pulses``, ``reference_position``, ``reference_motor_position``. Positions that are smooth and
-            not rounded become the record's reference. The mean of ``temperature`` [°C], and the first of ``time`` (Unix
-            seconds), become notes.
+            ``torque``, ``current``, ``injected``, ``link_position`` (a second sensor's; None of a joint without one)
+            and one of ``reference_pulses``, ``reference_position``, ``reference_motor_position``. Positions that are
+            smooth and not rounded become the record's reference. The mean of ``temperature`` [°C], and the first of
+            ``time`` (Unix seconds), become notes.
         units : dict
             Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of positions, of joints
             that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torques,

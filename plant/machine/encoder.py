@@ -4,6 +4,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from plant.parts.arguments import choice, signs
 from plant.parts.fields import ArrayOrSymbols, Vector
@@ -93,9 +94,10 @@ class Encoder(Part):
         By default zero is where a pulse begins; ``Phase(shift=(0.3, 0.6))`` [pulses] places it elsewhere.
     quadrature : QuadratureError, optional
         None by default: every pulse is as wide as the next.
-    side : {"motor", "link", "both"}
+    side : {"motor", "link", "both"} or (n,) tuple of "motor" and "both"
         Whether it turns with the motor, or behind an elastic gear with the link; its pulses are those of the motor's
-        shaft in any case. With both, the law reads the motor's, and a record holds the link's beside them.
+        shaft in any case. With both, the law reads the motor's, and a record holds the link's beside them. A tuple
+        where some joints alone have both.
 
     See Also
     --------
@@ -115,16 +117,24 @@ class Encoder(Part):
     smooth: bool = structure(bool, default=False)
     rounding: str = structure(str, default="floor")
     phase: Phase | None = structure(Phase, default=None)
-    side: str = structure(str, default="motor")
+    side: str | tuple[str, ...] = structure(default="motor")
     quadrature: QuadratureError | None = structure(QuadratureError, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("resolution",), advice="Give pulses per motor turn.")
         choice("rounding", self.rounding, ("floor", "fix", "round"))
-        choice("side", self.side, ("motor", "link", "both"))
+        if isinstance(self.side, (tuple, list)):
+            object.__setattr__(self, "side", tuple(choice("side of a joint", x, ("motor", "both")) for x in self.side))
+            self.require_joints(len(self.side))
+        else:
+            choice("side", self.side, ("motor", "link", "both"))
         if np.ndim(self.resolution):
             self.require_joints(len(self.resolution))
+
+    def on_links(self, n: int) -> NDArray[np.bool_]:
+        """Which of n motors (n,) have a second encoder, behind their gears."""
+        return np.broadcast_to(np.array(self.side) == "both", n)
 
     def position_in_pulses(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in pulses, before rounding."""

@@ -190,7 +190,8 @@ def replay(
 def _columns(rig: Rig, log: Floats) -> dict[str, Any]:
     """Columns of a record, of the rows of a run: errors, torques, counts of the links beside motors, the true state."""
     error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
-    counts = rig.true_counts(q) if rig.encoder.side == "both" else None
+    both = rig.encoder.on_links(rig.n)
+    counts = np.where(both, rig.true_counts(q), np.nan) if both.any() else None
     measured = {"error_pulses": error, "torque": torque, "current": rig.drive.current(torque), "link_counts": counts}
     return measured | {"true_q": q, "true_qd": qd}
 

@@ -229,5 +229,5 @@ def test_what_is_uncertain_of_the_arm_is_uncertain_of_the_load():
     assert found.std < exact.std / 3
     assert abs(z(found)) < 3
     bare = dataclasses.replace(known, fit=dataclasses.replace(known.fit, covariance=None, fallback_reason="no fit"))
-    with pytest.raises(ValueError, match="needs a covariance for the load's; this has none: no fit"):
+    with pytest.raises(ValueError, match="needs a covariance here; this has none: no fit"):
         find_load(bare, record, PLACE)

@@ -1,0 +1,215 @@
+"""`find_gears`: stiffness and damping of gears with an encoder on either side, f known, uncertain or unknown."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from identification.equation_error.between_runs import BetweenRuns
+from identification.equation_error.naming import each_named, record_label
+from identification.equation_error.prior import Known, Prior
+from identification.equation_error.pulse_fit import fit_systems, path_in
+from identification.equation_error.torque_logs import evened
+from identification.equation_error.two_encoders import Deflections, Wound, fit_wound
+from identification.results.identification import Identification, covariance_of_f
+from plant import Arm, Dynamics, Elasticity, Record
+from plant.checkup.lost_rows import bridged
+from plant.parts.arguments import instance, known_options, real
+from plant.parts.fields import Floats
+from plant.parts.frozen import Frozen
+from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.tables import Table
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Gears(Shown, Frozen):
+    """Gears between two encoders, with 95 % intervals; NaN of joints that lack one.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        What to call each joint.
+    stiffness, low, high : (n,) numpy.ndarray
+        [N m/rad], as of `Elasticity`. Without an upper end, low is a bound: the gear is stiffer.
+    damping, damping_low, damping_high : (n,) numpy.ndarray
+        [N m s/rad]; NaN where stiffness has a bound alone.
+    runs : tuple of Gears
+        What each record alone says; the uncertainty of f, which all share, is in each.
+    between : BetweenRuns or None
+        How two records or more agree, and what their differences add; values are compliance and damping / stiffness^2.
+    stated : Elasticity or None
+        Of the first record's rig.
+    """
+
+    joints: tuple[str, ...]
+    stiffness: Floats
+    low: Floats
+    high: Floats
+    damping: Floats
+    damping_low: Floats
+    damping_high: Floats
+    stated: Elasticity | None
+    runs: tuple[Self, ...] = ()
+    between: BetweenRuns | None = None
+
+    @classmethod
+    def of(cls, wound: Wound, joints: tuple[str, ...], stated: Elasticity | None, **options: Any) -> Self:
+        """Of compliances and their intervals."""
+        (c, slope), (half, slope_half) = wound
+        with np.errstate(divide="ignore", invalid="ignore"):
+            told = np.where(c > half, c, np.nan)
+            damping = slope / told**2
+            wide = np.hypot(slope_half / told**2, 2 * damping * half / told)
+            ends = [np.where(x > 0, 1 / x, np.where(np.isnan(x), x, np.inf)) for x in (c, c + half, c - half)]
+        stiffness, low, high = ends
+        return cls(
+            joints=joints, stiffness=stiffness, low=low, high=high, damping=damping, damping_low=damping - wide,
+            damping_high=damping + wide, stated=stated, **options,
+        )  # fmt: skip
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """All gears: those found, and the rig's for the others; damping at least 0."""
+        known = np.isfinite(self.stiffness) & np.isfinite(self.damping)
+        if self.stated is None and not known.all():
+            label = self.joints[int(np.argmin(known))]
+            raise ValueError(
+                f"every gear must be known; that of {label} is not. State it in the Elasticity of the rig."
+            )
+        beside = self.stated or Elasticity(stiffness=self.stiffness, damping=np.maximum(self.damping, 0))
+        stiffness = np.where(known, self.stiffness, beside.stiffness)
+        damping = np.where(known, np.maximum(self.damping, 0), beside.damping)
+        return dataclasses.replace(beside, stiffness=stiffness, damping=damping)
+
+    def _short(self) -> str:
+        return f"stiffness of {np.isfinite(self.low).sum()} of {len(self.joints)} gears"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(f"{self._short()}, with 95 % intervals")
+        rows = []
+        for i in np.flatnonzero(~np.isnan(self.low)).tolist():
+            k, low, high = f"{self.stiffness[i]:.4g}", f"{self.low[i]:.4g}", f"{self.high[i]:.4g}"
+            between = f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]"
+            bound = np.isinf(self.high[i])
+            d = ("", "") if bound else (f"{self.damping[i]:.3g}", between)
+            rows.append((self.joints[i], *(("", f"stiffer than {low}") if bound else (k, f"[{low}, {high}]")), *d))
+        yield Table(("", "[N m/rad]", "interval", "damping [N m s/rad]", "interval"), rows, words=(2, 4))
+        if self.between is not None:
+            yield f"{self.between}"
+
+
+@known_options
+def find_gears(
+    arm: Arm | Dynamics | Identification, records: Record | Sequence[Record], *, prior: Any = None,
+    unknown: Iterable[str] | None = None, band: float | None = None,
+) -> Gears:  # fmt: skip
+    """Find stiffness and damping of the gears that have an encoder on either side: all, or those of some joints.
+
+    Their deflection is compared with the torque of their links, which follows from f and the motion of the links; no
+    motor torque is read, unless f is unknown. Links without an encoder are taken to turn with their motors.
+
+    Parameters
+    ----------
+    arm : Arm, Identification or Dynamics
+        An arm is known exactly; an identification, with its covariance; of dynamics f is unknown, and is found from the
+        torques of the motors, or it has a `prior`.
+    records : Record or sequence of Record
+        With `link_counts`, of the same joints each; NaN in the columns of others.
+    prior : float, or tuple of bodies or f and a float, optional
+        What a data sheet says of f, as for `identify`: the relative standard deviation of the chain's own bodies (of
+        each number of f, if an `Arm` is given), such as 0.05; or ``(bodies, 0.05)``, or ``(f, 0.05)``.
+    unknown : sequence of str, optional
+        Where f is unknown: all its names, and friction to find beside it; by default f.
+    band : float, optional
+        In which deflections and torques are compared [Hz]; by default as far as the motion stands out of its rounding.
+
+    Returns
+    -------
+    Gears
+
+    Raises
+    ------
+    ValueError
+        Bad input; records without link encoders; deflections against the torque; a gear that no torque winds up.
+
+    See Also
+    --------
+    plant.Encoder, plant.Elasticity, identification.identify
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> from identification import find_gears
+    >>> from plant import Elasticity, puma560, simulate
+    >>> arm, rig = puma560.literature_arm(1.5), puma560.rig()
+    >>> gears = Elasticity.from_resonance(arm, 25, 0.02, drive=rig.drive)
+    >>> rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=gears),
+    ...                           encoder=dataclasses.replace(rig.encoder, side=("both", "motor")))
+    >>> found = find_gears(arm, simulate(arm, rig, puma560.p_law((0.1, 0.08)), puma560.reference()))
+    >>> print(abs(found.stiffness[0] / gears.stiffness[0] - 1) < 0.1, found.stiffness[1])
+    True nan
+    """
+    exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
+    dynamics = (
+        exact if isinstance(exact, Dynamics) else instance("arm", exact, Arm, "The order is arm, records.").dynamics
+    )
+    seen = _seen(dynamics, records, band)
+    rig, labels = seen[0].record.rig, tuple(dynamics.chain.joint_labels)
+    if unknown is not None and (prior is not None or not isinstance(exact, Dynamics)):
+        raise ValueError("unknown must be left out where f is known; got both. Give dynamics alone to find f too.")
+    if prior is not None:
+        if uncertain is not None:
+            raise ValueError(
+                "prior must be left out beside an identification, which has its own. Pass found.arm, or no prior."
+            )
+        known = Prior.of(dynamics, rig, (exact, prior) if isinstance(exact, Arm) and np.ndim(prior) == 0 else prior)
+        f, covariance = known.mean, known.covariance
+    elif isinstance(exact, Dynamics):
+        f, covariance = _from_torques(dynamics, seen, tuple(dynamics.names if unknown is None else unknown))
+    else:
+        f, covariance = exact.f, covariance_of_f(uncertain, exact)
+    whole, runs, fit = fit_wound(dynamics, seen, f, covariance)
+    against = np.flatnonzero(whole.values[0] + whole.half[0] < 0)
+    if len(against):
+        raise ValueError(
+            f"a gear must give way to its torque; that of {labels[against[0]]} turns against it. Check signs of its "
+            "two encoders, their order, and gravity."
+        )
+    stated = rig.drive.elasticity
+    each = tuple(Gears.of(run, labels, stated) for run in runs)
+    return Gears.of(whole, labels, stated, runs=each, between=fit.between)
+
+
+def _seen(dynamics: Dynamics, records: Record | Sequence[Record], band: float | None) -> list[Deflections]:
+    """What sensors on both sides show, of records that have them at the same joints."""
+    every = (records,) if isinstance(records, Record) else tuple(records)
+    if not every:
+        raise ValueError("records must hold one at least; got none. Pass those with link_counts.")
+    if band is not None:
+        real("band", band, "Give Hz.", positive=True)
+    seen = list[Deflections]()
+    for k, (record, about) in enumerate(each_named(every)):
+        with about:
+            instance("a record", record, Record, "Pass those with link_counts.").rig.require_fit(dynamics.chain)
+            if record.link_counts is None:
+                raise ValueError(
+                    "the record must hold link_counts; it has none. Map link_position, or simulate with "
+                    'Encoder(side="both").'
+                )
+            even = evened(bridged(record))
+            seen.append(Deflections.of(even, path_in(even) if band is None else band))
+            if (other := np.flatnonzero(seen[k].seen != seen[0].seen)).size:
+                label, first = dynamics.chain.joint_labels[other[0]], record_label(every, 0)
+                raise ValueError(
+                    f"link_counts must be of the joints that {first} has; {label} differs. Take them apart."
+                )
+    return seen
+
+
+def _from_torques(dynamics: Dynamics, seen: Sequence[Deflections], names: tuple[str, ...]) -> tuple[Floats, Floats]:
+    """f, and its covariance (p, p), from the torques of the motors along the motion of links and motors."""
+    seconds = np.array([len(each.record) * each.record.rig.period for each in seen])
+    fit = fit_systems(dynamics, names, Known(), [each.balance(dynamics, names) for each in seen], seconds)
+    own = [fit.names.index(name) for name in dynamics.names]
+    return fit.f, fit.covariance[np.ix_(own, own)]
