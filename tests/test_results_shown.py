@@ -27,11 +27,13 @@ from identification import fit_torque, identify, oscillation, pulse_budget
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.friction_trial import FrictionTrial
+from identification.equation_error.two_encoders import Wound
 from identification.payload.load import Load
 from identification.payload.posterior import PayloadEstimate
 from identification.planning.motor import MotorFit
 from identification.planning.response import FrequencyResponse
 from identification.repeatability import Spread
+from identification.results.gears import Gears
 from identification.results.model_files import WrittenModel
 from identification.results.physical import Physical
 from identification.search.gear_resonance import GearResonance
@@ -91,6 +93,12 @@ def gears():
     return GearResonance(joints=NASTY, searched=np.array([True, True]), played=NASTY[:1], **ends, **numbers)
 
 
+def seen():
+    wound = Wound(np.array([[1e-6, 1e-8], [2e-9, 1e-9]]), np.array([[1e-7, 2e-8], [1e-9, 1e-9]]))
+    one = Gears.of(wound, NASTY, None)
+    return dataclasses.replace(one, runs=(one, one), between=RESULTS["BetweenRuns"]())
+
+
 def load(**options):
     place = {"com": np.array([0.1, 0, np.nan]), "com_std": np.array([0.01, 0, np.inf])}
     numbers = {"names": ("mass", "drive.coulomb[0]"), "values": np.array([2.0, 0.1]), "covariance": np.eye(2) * 1e-4}
@@ -134,6 +142,7 @@ RESULTS = {
     "FitTrial": lambda: FitTrial(at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True),
     "FrictionTrial": lambda: FrictionTrial(kind="asymmetric", share=None, better=0.4, errors=9.0, levels=np.ones(2)),
     "GearResonance": gears,
+    "Gears": seen,
     "Identification": found,
     "Judgement": lambda: Judgement(
         robot=NASTY[0], time=0.0, level=0.01, looked=(Change(NASTY[1], NASTY[1], "N m", 1.0, 1.2, 0.01, 1e-9, 0.0),),

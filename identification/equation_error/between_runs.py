@@ -3,8 +3,8 @@
 Friction warms up, a cable lies elsewhere: each run has values of its own, about those of the machine. Of each group of
 parameters (f, viscous and Coulomb friction, offsets) the variance between runs is that of a one-way model of random
 effects, by restricted maximum likelihood over the parameters of the group, whose scatter within a run is known from
-noise and blocks. Friction differs relative to its size, the rest in standard deviations of one run. Of the common fit
-it is what each run moves the values by: what a run hardly tells, it hardly moves.
+noise and blocks. Friction and gears differ relative to their size, the rest in standard deviations of one run. Of the
+common fit it is what each run moves the values by: what a run hardly tells, it hardly moves.
 
 Sources: H. D. Patterson, R. Thompson, Recovery of inter-block information when block sizes are unequal, Biometrika 58,
 1971; W. G. Cochran, The combination of estimates from different experiments, Biometrics 10, 1954 (agreement); G. Knapp,
@@ -27,7 +27,7 @@ from plant.parts.sums import norm, product, products
 
 _SHOWN = 1e-10  # share of the largest direction from which on a run shows one, and of it that a value may lack
 
-_RELATIVE = ("drive.viscous", "drive.coulomb")
+_RELATIVE = ("drive.viscous", "drive.coulomb", "drive.elasticity.compliance")
 
 _AGREE = 0.05  # chance that the intervals of a parameter are called apart, where only noise makes runs differ
 
@@ -55,8 +55,8 @@ class BetweenRuns(Shown, Frozen):
     compared, agree : (k,) numpy.ndarray of bool
         Whether two logs or more tell a value, and whether their intervals agree (Cochran's test at 95 %).
     groups : dict of str to float
-        Standard deviation between logs of each group: of friction as a share of its value, of others in standard
-        deviations of one log.
+        Standard deviation between logs of each group: of friction and gears as a share of the value, of others in
+        standard deviations of one log.
     deviation, freedom : (k,) numpy.ndarray
         Standard deviation between logs of each value, 0 where it is not compared; and degrees of freedom of that.
     further : int

@@ -117,7 +117,7 @@ def fit_wound(
         half[: len(seen)] = np.hypot(half[: len(seen)], _NORMAL * _TORQUES * values[: len(seen)])
         if covariance is not None:
             moves = _moved_by_f(some, seen, values[: len(seen)])
-            half = np.hypot(half, _NORMAL * np.sqrt(((moves @ covariance) * moves).sum(axis=1)))
+            half = np.hypot(half, _NORMAL * np.sqrt(np.maximum(((moves @ covariance) * moves).sum(axis=1), 0)))
         whole = np.full((2, 2, n), np.nan)
         whole[:, :, seen] = values.reshape(2, -1), half.reshape(2, -1)
         found.append(Wound(*whole))

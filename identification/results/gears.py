@@ -21,6 +21,8 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
+_ORDER = "Pass an arm, an identification or dynamics first, then records."
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Gears(Shown, Frozen):
@@ -87,16 +89,20 @@ class Gears(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"{self._short()}, with 95 % intervals")
-        rows = []
-        for i in np.flatnonzero(~np.isnan(self.low)).tolist():
-            k, low, high = f"{self.stiffness[i]:.4g}", f"{self.low[i]:.4g}", f"{self.high[i]:.4g}"
-            between = f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]"
-            bound = np.isinf(self.high[i])
-            d = ("", "") if bound else (f"{self.damping[i]:.3g}", between)
-            rows.append((self.joints[i], *(("", f"stiffer than {low}") if bound else (k, f"[{low}, {high}]")), *d))
+        rows, seen = [], np.flatnonzero(~np.isnan(self.low)).tolist()
+        for i in seen:
+            damping = f"{self.damping[i]:.3g}", f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]"
+            damping = ("", "") if np.isinf(self.high[i]) else damping
+            rows.append((self.joints[i], f"{self.stiffness[i]:.4g}", self._interval(i), *damping))
         yield Table(("", "[N m/rad]", "interval", "damping [N m s/rad]", "interval"), rows, words=(2, 4))
         if self.between is not None:
-            yield f"{self.between}"
+            yield f"{self.between.agree.sum()} of {self.between.compared.sum()} intervals agree between runs:"
+            alone = [(self.joints[i], *(run._interval(i) for run in self.runs)) for i in seen]
+            yield Table(("", *(f"run {k}" for k in range(len(self.runs)))), alone)
+
+    def _interval(self, i: int) -> str:
+        low, high = self.low[i], self.high[i]
+        return f"stiffer than {low:.4g}" if np.isinf(high) else f"[{low:.4g}, {high:.4g}]"
 
 
 @known_options
@@ -151,9 +157,7 @@ def find_gears(
     True nan
     """
     exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
-    dynamics = (
-        exact if isinstance(exact, Dynamics) else instance("arm", exact, Arm, "The order is arm, records.").dynamics
-    )
+    dynamics = exact if isinstance(exact, Dynamics) else instance("arm", exact, Arm, _ORDER).dynamics
     seen = _seen(dynamics, records, band)
     rig, labels = seen[0].record.rig, tuple(dynamics.chain.joint_labels)
     if unknown is not None and (prior is not None or not isinstance(exact, Dynamics)):

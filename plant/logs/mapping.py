@@ -101,7 +101,10 @@ def _names(value):
 def _block(table, field, value, n):
     """The columns of one field, (N, n); (N,) where there is one for all joints."""
     single = field in ("t", "valid", *_NOTED)
-    parts, length = [], max((len(table[name]) for name in _names(value) if name is not None), default=0)
+    length = next((len(table[name]) for name in _names(value) if name is not None), None)
+    if length is None:
+        raise ValueError(f"{field!r} must name a column at least; got {value!r:.80}. Leave it out.")
+    parts = []
     for name in _names(value):
         part = np.full(length, np.nan) if name is None else np.asarray(table[name])
         if part.dtype.kind not in "biuf" or part.ndim not in (1, 2):

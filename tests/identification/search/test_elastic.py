@@ -135,6 +135,15 @@ def test_a_second_sensor_shows_stiffness_directly():
     assert (resonance.high < 1.2 * resonance.low).all()
 
 
+def test_a_second_sensor_on_one_link_narrows_the_interval_of_its_gear():
+    rig = on(Elasticity(stiffness=(1e5, 1e5), damping=(10, 10)), ("both", "motor"))
+    record = dataclasses.replace(log((100, 80), ("both", "motor")), rig=rig)
+    resonance = identify(ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False).fit.resonance
+    np.testing.assert_allclose(resonance.hz, [100, 80], rtol=0.1)
+    assert holds(resonance, [100, 80]).all()
+    assert resonance.high[0] < 1.2 * resonance.low[0]
+
+
 def test_rigid_identification_has_no_resonance_to_tell():
     record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, duration=0.5)
     result = identify(ARM.dynamics, record, method="prediction_error", progress=False)

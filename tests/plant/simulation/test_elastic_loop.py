@@ -226,6 +226,38 @@ def test_with_encoders_on_both_sides_the_law_reads_the_motor_s_and_the_record_ho
     np.testing.assert_allclose(made.resampled(2 * rig.period).link_counts, made.link_counts[::2], atol=1e-6)
 
 
+def test_one_joint_alone_may_have_two_encoders(tmp_path):
+    """The column of the other is NaN throughout, in files too; what rig and columns say must agree."""
+    arm, rig, path = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
+    rig = with_gears(rig, Elasticity.from_resonance(arm, 40, 0.02, drive=rig.drive))
+    both, one = (dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, side=side))
+                 for side in ("both", ["both", "motor"]))  # fmt: skip
+    whole, made = (simulate(arm, each, puma560.p_law(), path, duration=0.3) for each in (both, one))
+    np.testing.assert_array_equal(made.error_pulses, whole.error_pulses)
+    np.testing.assert_array_equal(made.link_counts, whole.link_counts * (1, np.nan))
+    made.to_csv(tmp_path / "one.csv")
+    again = Record.from_csv(tmp_path / "one.csv")
+    np.testing.assert_array_equal(again.link_counts, made.link_counts)
+    assert again.rig == made.rig == dataclasses.replace(made.rig)
+    np.testing.assert_array_equal(made.resampled(2 * rig.period).link_counts[:, 1], np.nan)
+    for counts, text in (
+        (whole.link_counts, r"joint q\[1\] has a column, its rig says \('both', 'motor'\)"),
+        (made.link_counts[:, ::-1], r"joint q\[0\] is NaN, its rig says"),
+        (np.where(np.arange(len(made))[:, None] == 7, np.nan, made.link_counts), r"got nan at index \(7, 0\)"),
+        (np.full_like(made.link_counts, np.nan), "must be of a joint at least"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            dataclasses.replace(made, link_counts=counts)
+    for side, text in (
+        (("both", "link"), "side of a joint must be one of 'motor', 'both'"),
+        ("gear", "side must be one"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            dataclasses.replace(rig.encoder, side=side)
+    with pytest.raises(ValueError, match="must have 3 joints"):
+        dataclasses.replace(rig.encoder, side=("both", "motor", "motor"))
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
