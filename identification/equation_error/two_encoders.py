@@ -102,12 +102,12 @@ def fit_wound(
     seen, n = np.flatnonzero(records[0].seen), dynamics.n
     names = tuple(f"drive.elasticity.{term}[{j}]" for term in ("compliance", "damping") for j in seen)
     seconds = np.array([len(each.record) * each.record.rig.period for each in records])
-    for _ in range(2):  # the first time links have the mean position of their motors
+    compliance = np.zeros(n)
+    for again in (False, True):  # the first time links have the mean position of their motors
+        records = [each.behind(dynamics, f, compliance) for each in records] if again else records
         systems = [each.wound(dynamics, f) for each in records]
         fit = weighted(dynamics, names, [_beside_offset(system, seen) for system in systems], seconds=seconds)
-        compliance = np.zeros(n)
         compliance[seen] = fit.values[: len(seen)]
-        records = [each.behind(dynamics, f, compliance) for each in records]
     alone, spread = [(fit.values, _NORMAL * fit.std)], [systems]
     if fit.between is not None:
         alone += zip(fit.between.values, fit.between.half_width, strict=True)
