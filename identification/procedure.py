@@ -70,7 +70,8 @@ def identify(
     records : Record or sequence of Record
         From `plant.simulate` or one of `Record`'s readers. Of a log under a law without memory only pulses are read; of
         other laws the logged torques or currents, or, where there are none, what the law gives from reference and
-        counts. `LoggedTorque` and `LoggedCurrent` repeat theirs.
+        counts. `LoggedTorque` and `LoggedCurrent` repeat theirs. Values are fitted to all samples; of a record of more
+        than 50,000 the genetic algorithm and the tests of the rig take 20 parts of 2,500, spread over it.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     method : {"seeded", "paper", "equation_error", "output_error", "prediction_error"}
@@ -219,7 +220,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         )
     arm, rig, law = problem.parts(fit.values)
     diagnostics = problem.checkpoint.stage(
-        "diagnostics", lambda: Diagnostics.of(problem, fit, objective, cost, outcome.rounding)
+        "diagnostics", lambda: Diagnostics.of(problem, fit, objective, cost, outcome)
     )
     fit = diagnostics.detection.whole(fit)
     if fit.resonance is not None and diagnostics.detection.played:

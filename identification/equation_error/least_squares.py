@@ -138,7 +138,18 @@ SEGMENTS = 10  # of all runs, at least, of which values are compared
 
 _NORMAL = 1.96
 
+_AT_ONCE = 1 << 19  # rows that are scaled at once
+
 _OWN = 1e-9  # share of a direction below which one run alone determines it: of that nothing is known
+
+
+def in_groups(lengths: Sequence[int], before: int, least: int) -> NDArray[np.intp]:
+    """Groups (M,) of rows: each of these lengths is as many segments as make at least so many, of all.
+
+    Rows `before` them, a prior's, are in none, -1: never left out.
+    """
+    each = -(-least // len(lengths))
+    return np.concatenate([np.full(before, -1), *(each * i + np.arange(n) * each // n for i, n in enumerate(lengths))])
 
 
 def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Floats:
@@ -151,7 +162,9 @@ def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Float
     """
     count, k = int(groups.max()) + 1, rows.shape[1]
     scale = np.sqrt((rows * rows).sum(axis=0))
-    whole, moves = products(rows / scale), np.empty((count, k))
+    whole, moves = np.zeros((k, k)), np.empty((count, k))
+    for start in range(0, len(rows), _AT_ONCE):
+        whole += products(rows[start : start + _AT_ONCE] / scale)
     for i in range(count):
         own = rows[groups == i] / scale
         try:

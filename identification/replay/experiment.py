@@ -184,19 +184,22 @@ class Rounding(Experiment):
         groups = [self._own + np.array(shifts[i : i + LOGGED]) for i in range(0, len(shifts), LOGGED)]
         state = self.loop.initial_state(start[0], start[1], own)
         made = shared_out(functools.partial(self._group, state, own), groups, threads)
-        return [np.asarray((self._reference - errors)[self.clock.rows]) for group in made for errors in group]
+        return [counts for group in made for counts in group]
 
     def _group(self, start: Floats, numbers: Floats, phases: Floats) -> list[Floats]:
-        """Errors (M, n) [pulses] of encoders with these phases (W, n), side by side."""
+        """Counts (N, n) by encoders with these phases (W, n), side by side."""
         lanes = np.vstack([phases, phases[-1:].repeat(LOGGED - len(phases), axis=0)]).T.copy()
-        state, parts = start[:, None].repeat(LOGGED, axis=1), list[Floats]()
+        state, rows, done = start[:, None].repeat(LOGGED, axis=1), self.clock.rows, 0
+        found = np.empty((len(phases), len(rows), self.loop.n))
         for tables in self._kernel.blocks(self.loop, **self.driven, samples=_AT_ONCE):
             state, errors = self._kernel.run(tables, len(tables[1]), state, lanes, numbers[list(self._kernel.uniform)])
-            parts.append(errors)
-        found = np.concatenate(parts)
+            own = slice(*np.searchsorted(rows, (done, done + len(errors))).tolist())
+            for j, counts in enumerate(found):
+                counts[own] = (self._reference[done : done + len(errors)] - errors[:, :, j])[rows[own] - done]
+            done += len(errors)
         if not ((state[-1] > 0) & bounded(state[: 2 * self.loop.n])).all() or not np.isfinite(found).all():
             raise ValueError("the model must stay on the log's path; simulated with what was found, it diverges.")
-        return [found[:, :, j] for j in range(len(phases))]
+        return list(found)
 
 
 class _Rounded:

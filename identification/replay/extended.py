@@ -46,7 +46,8 @@ class Extended:
     """Innovations of a model that follows records, with what its rig leaves out.
 
     `unknown`: all of f, and numbers of rig and law. `f` (p,): known roughly: it says what the links weigh whose gears
-    give. `prior`: of f. `**options`: sub-steps and sweeps, as for `Prediction`.
+    give. `prior`: of f. `runs`: how many of the records, one after another, are parts of each run of the robot; by
+    default each is one. `**options`: sub-steps and sweeps, as for `Prediction`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, observer gains, then `extra`. `extra`:
     what the rig may leave out, or have wrong, zero where it is right: ``compliance[i]``, one over the square of the
@@ -60,14 +61,16 @@ class Extended:
 
     def __init__(
         self, dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], f: Floats, *,
-        prior: Prior | None = None, threads: int | None = None, **options: Any,
+        prior: Prior | None = None, runs: Sequence[int] | None = None, threads: int | None = None, **options: Any,
     ) -> None:  # fmt: skip
         n, links = dynamics.n, _link_inertia(dynamics, records[0], f)
         records = [dataclasses.replace(record, injected=_beside(record)) for record in records]  # one kernel for all
         self.dynamics, self.records, self.threads = dynamics, tuple(records), int(threads or cores())
         own = {**options, "threads": self.threads, "moving": prior is not None}
         self._logs = [_Log(dynamics, record, tuple(unknown), links, own) for record in records]
-        self._again = lambda others: Extended(dynamics, others, unknown, f, prior=prior, threads=threads, **options)
+        kept = {"prior": prior, "runs": runs, "threads": threads, **options}
+        self._again = lambda others: Extended(dynamics, others, unknown, f, **kept)
+        self._runs = [1] * len(records) if runs is None else runs
         first = self._logs[0].prediction
         self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
         names = (*(() if links is None else _GIVING), *_FRICTION, "offset", "gear", "motor_gain")
@@ -122,6 +125,12 @@ class Extended:
         """Where the innovations of each record are."""
         ends = np.cumsum([self.prior.count, *(len(log.prediction.weights) for log in self._logs)]).tolist()
         return [slice(*pair) for pair in itertools.pairwise(ends)]
+
+    def runs(self) -> list[slice]:
+        """Where the innovations of each run are."""
+        rows = self.rows()
+        ends = [0, *np.cumsum(self._runs).tolist()]
+        return [slice(rows[first].start, rows[last - 1].stop) for first, last in itertools.pairwise(ends)]
 
 
 def _beside(record: Record) -> Floats:

@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -130,7 +129,7 @@ class Followed(Experiment):
         empty = LOGGED - len(states)
         state, lane = (np.array(rows + rows[-1:] * empty).T.copy() for rows in (states, lanes))
         uniform = self.numbers[list(self._kernel.uniform)]
-        rows, found = self.clock.rows, [np.empty((len(self.clock.rows), n)) for _ in some]
+        rows, found = self.clock.rows, np.empty((len(some), len(self.clock.rows), n))
         sound = np.ones(LOGGED, bool)
         for part, tables in self._kernel.parts(self._tables, len(self.clock)):
             state, errors = self._kernel.run(tables, part.stop - part.start, state, lane, uniform)
@@ -140,9 +139,8 @@ class Followed(Experiment):
             for j, weighted in enumerate(found):
                 np.multiply(seen[:, :, j], self.weight[own], out=weighted[own])
         sound &= (state[-1] > 0) & bounded(state[: 2 * n])
-        for weighted in itertools.compress(found, ~sound):
-            weighted[:] = np.inf
-        return [weighted.ravel() for weighted in found]
+        found[~sound[: len(some)]] = np.inf
+        return list(found.reshape(len(some), -1))
 
 
 def _steady(moved: Floats) -> Floats:

@@ -82,7 +82,7 @@ def gauss_newton(
             costs = [np.inf if not np.isfinite(r).all() else dot(r, r) for r in results]
             best = int(np.argmin(costs))
             if costs[best] < cost:
-                values, residual = tried[i + best], results[best]
+                values, residual = tried[i + best], results[best].copy()  # the others are let go
                 break
         moved = dot(residual, residual) < cost
         if not left or not dot(residual, residual) < (1 - tolerance) * cost:
@@ -169,8 +169,9 @@ def slopes(
                     lost.append(i)
                     continue
                 np.multiply(np.subtract(up, down, out=found[i]), 0.5, out=found[i])
-                if residual is not None and _jumps(up, residual, down):
+                if residual is not None and _jumps(up, residual, down, found[i]):
                     jumping.append(i)
+            del results, up, down  # not beside the next ones
         waiting = [*lost, *jumping]
         if not waiting:
             return found.T
@@ -180,10 +181,14 @@ def slopes(
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
 
 
-def _jumps(up: Floats, residual: Floats, down: Floats) -> bool:
-    """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia."""
-    bent = norm(up - 2 * residual + down)
-    return bool(bent > max(norm(up - down) / 2, _JUMP * norm(residual)))
+def _jumps(up: Floats, residual: Floats, down: Floats, slope: Floats) -> bool:
+    """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia.
+
+    Takes `up` as work space. `slope` is half of what is between both.
+    """
+    up -= 2 * residual
+    up += down
+    return norm(up) > max(norm(slope), _JUMP * norm(residual))
 
 
 def noise(prediction: Any, residual: Floats) -> float:

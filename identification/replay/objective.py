@@ -112,7 +112,11 @@ class _Scored(Experiment):
     def __init__(self, dynamics: Dynamics, record: Record, unknown: tuple[str, ...], settings: dict[str, Any]) -> None:
         super().__init__(dynamics, record, unknown, score=squared_error(dynamics.n), **settings)
         self._kernel = self.kernel(self.places)
-        self._tables = self._kernel.along(self.loop, **self.driven, data=self.data(record.error_pulses))
+
+    @functools.cached_property
+    def _tables(self) -> tuple[Any, ...]:
+        """What a run reads: large, and made when the first one is asked for."""
+        return self._kernel.along(self.loop, **self.driven, data=self.data(self.record.error_pulses))
 
     def costs(self, population: Floats, threads: int) -> Floats:
         """Costs (P,), inf for what cannot be."""

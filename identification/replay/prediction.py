@@ -13,7 +13,6 @@ Source: L. Ljung, System Identification, Prentice Hall 1999, ch. 7 (prediction-e
 """
 
 import copy
-import functools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Self
 
@@ -179,6 +178,11 @@ class Prediction:
         return len(self._followed), self._followed[0].loop.n
 
     @property
+    def lengths(self) -> list[int]:
+        """How many innovations each record has."""
+        return [followed.weight.size for followed in self._followed]
+
+    @property
     def rounds(self) -> bool:
         """Whether the arm of any record felt the rounding of its counts, which the model leaves out."""
         return any(followed.rounds for followed in self._followed)
@@ -195,7 +199,14 @@ class Prediction:
             of_record.append([np.zeros(followed.weight.size) for _ in shifts])
             if followed.rounds:
                 logs = followed.rounded(own, list(moved), self.threads)
-                of_record[-1] = shared_out(functools.partial(followed.innovations_of, own), logs, self.threads)
+
+                def run(counts: Floats, followed: Followed = followed, own: Floats = own) -> Floats:
+                    counts[:] = followed.innovations_of(own, counts).reshape(
+                        counts.shape
+                    )  # a long log's not beside them
+                    return counts.ravel()
+
+                of_record[-1] = shared_out(run, logs, self.threads)
         known = np.zeros(len(self._expected))
         return [
             joined([np.zeros(self.prior.count), *rows, known], self.scales) for rows in zip(*of_record, strict=True)

@@ -62,11 +62,11 @@ def _arm(at: Optimum) -> Arm:
     return dynamics.arm([at.values[at.model.unknown.index(name)] for name in dynamics.names])
 
 
-def efforts(record: Record) -> Floats:
-    """Torque [N m] and speed [rad/s] of each motor (2, n), rms over a record; a little where there is none."""
-    drive = record.rig.drive
-    torque = np.array([drive.motor_torque(row) for row in torque_of(record)])
-    speed = record.rig.encoder.to_angle(np.diff(record.counts, axis=0)) / record.rig.period
+def efforts(parts: Sequence[Record]) -> Floats:
+    """Torque [N m] and speed [rad/s] of each motor (2, n), rms over parts of a record; a little where there is none."""
+    rig = parts[0].rig
+    torque = np.array([rig.drive.motor_torque(row) for part in parts for row in torque_of(part)])
+    speed = rig.encoder.to_angle(np.concatenate([np.diff(part.counts, axis=0) for part in parts])) / rig.period
     rms = np.array([np.sqrt((torque**2).mean(axis=0)), np.sqrt((speed**2).mean(axis=0))])
     return np.maximum(rms, 1e-9 + 0.01 * rms.max(axis=1, keepdims=True))
 

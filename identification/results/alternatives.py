@@ -228,7 +228,7 @@ def _reversals(at: Optimum) -> Iterator[Sign]:
 
 def _disagreement(at: Optimum) -> Iterator[Sign]:
     """Whether each record alone would have other values of the unknowns."""
-    records = at.model.rows()
+    records = at.model.runs()
     if len(records) < 2:
         return
     apart: list[Floats] = []

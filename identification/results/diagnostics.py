@@ -15,7 +15,7 @@ from identification.results.detection import Detection
 from identification.results.stepwise import detect
 from identification.search.memory import repeating
 from identification.search.methods import prediction_error
-from identification.search.outcome import Fit
+from identification.search.outcome import Fit, Outcome
 from identification.search.predictive import ROUGH, Predicted, doubtful, predicted
 from identification.search.problem import Problem
 from plant.parts.checkpoint import Checkpoint
@@ -94,18 +94,20 @@ class Diagnostics(Shown, Frozen):
         yield str(self.detection)
 
     @classmethod
-    def of(cls, problem: Problem, fit: Fit, objective: Objective, cost: float, rounding: Floats | None) -> Diagnostics:
+    def of(cls, problem: Problem, fit: Fit, objective: Objective, cost: float, outcome: Outcome) -> Diagnostics:
         """Of a fit to a problem; its objective is that of the records with their zeros in place, its value the cost."""
         delay, delay_std = np.nan, np.inf
         kept = None if problem.held_out is None else repeating(problem, problem.held_out)
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
         every, closest = (objective,) if kept is None else (objective, kept), np.nan
-        detection = detect(problem, fit, delay if is_late(delay, delay_std) else 0.0, rounding)
-        told, *aside = runs = _runs(problem, fit, every)
+        late = delay if is_late(delay, delay_std) else 0.0
+        detection = detect(problem, fit, outcome, late)
+        costs = [cost, *_costs(fit, every[1:])]
+        told, *aside = runs = _runs(problem, fit, every, costs)
         doubted = any(map(doubtful, runs, (each.records for each in every))) and not any(problem.replays)
         if doubted and problem.method not in ROUGH and (whole := detection.whole(fit)) is not fit:
-            told, *aside = runs = [*map(_wider, runs, _runs(problem, whole, every))]
+            told, *aside = runs = [*map(_wider, runs, _runs(problem, whole, every, costs))]
             doubted = any(map(doubtful, runs, (each.records for each in every)))
         if doubted and problem.method in ROUGH:
             told, closest = _by_prediction(problem, every, told)
@@ -123,9 +125,14 @@ class Diagnostics(Shown, Frozen):
         )
 
 
-def _runs(problem: Problem, fit: Fit, every: Sequence[Objective]) -> list[Predicted]:
-    """What runs with the values of a fit show, for the records of each objective."""
-    return [predicted(problem, fit, each.records, float(each(fit.values[None])[0])) for each in every]
+def _costs(fit: Fit, every: Sequence[Objective]) -> list[float]:
+    return [float(each(fit.values[None])[0]) for each in every]
+
+
+def _runs(problem: Problem, fit: Fit, every: Sequence[Objective], costs: Sequence[float]) -> list[Predicted]:
+    """What runs with the values of a fit show, for the records of each objective, of these values."""
+    pairs = zip(every, costs, strict=True)
+    return [predicted(problem, fit, each.records, cost) for each, cost in pairs]
 
 
 def _wider(own: Predicted, whole: Predicted) -> Predicted:
@@ -137,7 +144,7 @@ def _by_prediction(problem: Problem, every: Sequence[Objective], own: Predicted)
     """The hunting of the prediction error's fit, and its difference, if that explains all records; else what was."""
     try:
         fit = prediction_error(dataclasses.replace(problem, checkpoint=Checkpoint(None, ""))).fit
-        others = _runs(problem, fit, every)
+        others = _runs(problem, fit, every, _costs(fit, every))
     except ValueError:  # no arm follows the log
         return own, np.nan
     if fit.fallback_reason is not None or any(map(doubtful, others, (each.records for each in every))):

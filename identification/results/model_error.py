@@ -12,10 +12,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.between_runs import BetweenRuns, between_runs
-from identification.equation_error.least_squares import SEGMENTS, group_std
+from identification.equation_error.least_squares import SEGMENTS, group_std, in_groups
 from identification.replay.optimum import Optimum, along, directions
 from identification.results.assumed import moved
 from identification.search.problem import Tolerances
@@ -36,7 +35,8 @@ class Doubt:
     `at`, `first`: with what was named, and before. `step` (m,): of the values; zero for one that is not varied. `keep`:
     which of the unknowns its first values are. `unknown`: number of the unknowns. `searched`: number of the innovations
     of the records that were searched, the first. `effects`: change of the innovations (M,) with each of what the rig
-    leaves out, or may have wrong. `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms).
+    leaves out, or may have wrong. `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms). `share`: of the
+    samples that were fitted, how many these are: those that stand for a long log.
     """
 
     at: Optimum
@@ -47,6 +47,7 @@ class Doubt:
     searched: int
     effects: Mapping[str, Floats]
     efforts: Floats
+    share: float = 1.0
 
     def assumed(self) -> dict[str, Floats]:
         """Change (k,) of the unknowns if a gear, a motor's gain or a gain of the law is 1 % larger, by its name."""
@@ -54,6 +55,11 @@ class Doubt:
         changes = moved(self.at.rates[:, : self.searched], self.effects, names).items()
         called = {name: name if name.startswith("law.") else f"drive.{name}" for name in names}
         return {called[name]: 0.01 * self._of_unknowns(change) for name, change in changes}
+
+    @property
+    def _unit(self) -> float:
+        """Variance of the innovations; less where each stands for many."""
+        return self.at.unit(self.at.innovations) * self.share
 
     def _of_unknowns(self, steps: Floats) -> Floats:
         """What is known of the varied numbers, in their steps, of all unknowns (k,); 0 of those that are not varied."""
@@ -75,7 +81,7 @@ class Doubt:
                 effects[name], named[name] = at.rates[i] / self.step[varied[i]], np.inf
         own = [i for i, place in enumerate(varied) if at.model.unknown[place] not in at.model.extra]
         prior = {**priors(tolerances, list(effects), self.efforts), **named}
-        change, more, _ = consider(at.rates[own], residual, prior, effects, at.unit(at.innovations))
+        change, more, _ = consider(at.rates[own], residual, prior, effects, self._unit)
         bias, total = at.values[:known] - self.first.values[:known], np.zeros((known, known))
         some = np.array([i for i, j in enumerate(own) if varied[j] < known], dtype=int)
         places = varied[own][some]
@@ -90,7 +96,7 @@ class Doubt:
         own, residual = self.at.rates, self.at.innovations[: self.searched]
         names = [name for name in self.effects if name.partition("[")[0] in _BY_KIND]
         prior = priors(tolerances, list(self.effects), self.efforts) | dict.fromkeys(names, np.inf)
-        std = consider(own, residual, prior, self.effects, self.at.unit(self.at.innovations))[2]
+        std = consider(own, residual, prior, self.effects, self._unit)[2]
         return {name: std[name] for name in names if std.get(name, 0.0) > 0}
 
     def grouped(self, names: Sequence[str], noise: Floats, doubt: Floats) -> tuple[Floats, BetweenRuns | None]:
@@ -100,9 +106,11 @@ class Doubt:
         they count all that, and how these differ is told. What else is fitted, of all records, is taken out of rates.
         """
         at, rates, residual = self.at, self.at.rates[:, : self.searched], self.at.innovations[: self.searched]
-        logs = sum(rows.stop <= self.searched for rows in at.model.rows())
+        lengths = [rows.stop - rows.start for rows in at.model.runs() if rows.stop <= self.searched]
+        logs, before = len(lengths), at.model.prior.count
+        segments = in_groups(lengths, before, SEGMENTS * logs)
         if logs == 1:
-            return self._of_unknowns(group_std(rates.T, residual, self._segments(logs, SEGMENTS))), None
+            return self._of_unknowns(group_std(rates.T, residual, segments)), None
         varied = np.flatnonzero(self.step)
         own, made = varied < len(self.keep), directions(rates)
         places, size, others = np.array(self.keep)[varied[own]], self.step[varied[own], None], directions(rates[~own])
@@ -110,18 +118,11 @@ class Doubt:
         bare = np.array([rate - along(others, rates[~own], rate) @ rates[~own] for rate in rates[own]]) / size
         found, covariance = between_runs(
             [names[i] for i in places], at.values[varied[own]] - move[own] * size[:, 0], noise[np.ix_(places, places)],
-            -bare.T, residual - move @ rates, self._segments(logs, 1), self._segments(logs, SEGMENTS),
-            np.diag(doubt)[places],
+            -bare.T, residual - move @ rates, in_groups(lengths, before, 1), segments, np.diag(doubt)[places],
         )  # fmt: skip
         whole = np.zeros(self.unknown)
         whole[places] = np.sqrt(np.diag(covariance) + np.diag(doubt)[places])
         return whole, found.among(places, self.unknown)
-
-    def _segments(self, logs: int, each: int) -> NDArray[np.intp]:
-        """Segment of each innovation, so many in each of the first records; -1 of a prior, which is never left out."""
-        lengths = [rows.stop - rows.start for rows in self.at.model.rows()[:logs]]
-        own = [each * i + np.arange(n) * each // n for i, n in enumerate(lengths)]
-        return np.concatenate([np.full(self.at.model.prior.count, -1), *own])
 
 
 def priors(tolerances: Tolerances, names: Sequence[str], efforts: Floats) -> dict[str, float]:

@@ -11,8 +11,9 @@ from identification.results.along_log import effects_along, efforts, torques_alo
 from identification.results.alternatives import Sign, delay_sign, effects_of, signs
 from identification.results.detection import UNFITTED, Detection
 from identification.results.model_error import Doubt
+from identification.search.long_logs import in_parts, rows_of_parts
 from identification.search.memory import as_tested
-from identification.search.outcome import Fit
+from identification.search.outcome import Fit, Outcome
 from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem
 from plant.parts.fields import Floats
@@ -37,13 +38,12 @@ _LATE, _SHIFTS = 1.0, 2
 """Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
 
 
-def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | None = None) -> Detection:
+def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> Detection:
     """Test a fit to a problem.
 
-    `fit`: where to begin; the model is fitted anew, to the records held out as well. `delay`: of the counts, if it is
-    known already that one of this size [samples] is worth a trial. `rounding` (M,): innovations of the records that
-    were searched, as far as rounding makes them; see `Outcome`. A variance between records that does not follow is an
-    error.
+    `fit`: of this outcome, where to begin; the model is fitted anew, to those held out, too, and to parts of long ones.
+    `delay`: of the counts, if it is known already that one of this size [samples] is worth a trial. A variance between
+    records that does not follow is an error.
     """
     try:
         tested = _Search(problem, fit)
@@ -54,17 +54,20 @@ def detect(problem: Problem, fit: Fit, delay: float = 0.0, rounding: Floats | No
             tested = _Search(fine, fit, tested.at)
             detection = tested.detection(delay)
         doubt = tested.doubt()
+        rounding = rows_of_parts(outcome.rounding, tested.searched, tested.at.model.prior.count)
         added = doubt.added(problem.tolerances, rounding)
         period = max(record.rig.period for record in problem.records)
-        shown = tuple(_sampled(sign, period) for sign in detection.signs)
         detection = dataclasses.replace(
-            detection, signs=shown, doubt=added, assumed=doubt.assumed(), friction=doubt.friction(problem.tolerances)
-        )
+            detection, signs=tuple(_sampled(sign, period) for sign in detection.signs), assumed=doubt.assumed(),
+            doubt=added, friction=doubt.friction(problem.tolerances),
+        )  # fmt: skip
     except (ValueError, np.linalg.LinAlgError) as error:
         return Detection(reason=str(error))
     if fit.covariance is None or fit.resonance is not None:
         return detection
     grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)
+    if between is None and outcome.grouped is not None:
+        grouped = outcome.grouped
     return dataclasses.replace(detection, grouped=grouped, between=between)
 
 
@@ -98,9 +101,12 @@ class _Search:
             values, step = start_of_fit(problem, torque_fit(problem))
         given = dict(zip(problem.unknown, values, strict=True))
         f = np.array([given[name] for name in problem.dynamics.names])
+        parts = [in_parts(record) for record in records]
+        tested = [part for own in parts for part in own]
         model = Extended(
-            problem.dynamics, records, [problem.unknown[i] for i in keep], f, prior=problem.prior, **problem.options
-        )
+            problem.dynamics, tested, [problem.unknown[i] for i in keep], f, prior=problem.prior,
+            runs=[len(own) for own in parts], **problem.options,
+        )  # fmt: skip
         gains, extra = model.gains if fit.gains is None else fit.gains, np.zeros(len(model.extra))
         self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
         limits = np.column_stack([model.least, np.full(len(extra), np.inf)])
@@ -110,8 +116,9 @@ class _Search:
         if model.prior.settle(first.unit(first.innovations)):
             first = fitted(model, first.values, self.step, self.bounds)
         self.at = self._first = first
-        self._searched = model.rows()[len(problem.records) - 1].stop
-        self._efforts, self.joints = efforts(records[0]), tuple(problem.dynamics.chain.joint_labels)
+        self._searched = model.runs()[len(problem.records) - 1].stop
+        self.searched, self._share = records[: len(problem.records)], sum(map(len, tested)) / sum(map(len, records))
+        self._efforts, self.joints = efforts(parts[0]), tuple(problem.dynamics.chain.joint_labels)
         self._weigh()
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
         self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
@@ -163,7 +170,7 @@ class _Search:
         """What is to be doubted of the values."""
         return Doubt(
             at=self.at, first=self._first, step=self.step, keep=self._keep, unknown=self._unknown,
-            searched=self._searched, effects=self.effects, efforts=self._efforts,
+            searched=self._searched, effects=self.effects, efforts=self._efforts, share=self._share,
         )  # fmt: skip
 
     def _significant(self, sign: Sign, again: float) -> list[_Refit]:

@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 
 from identification.equation_error.between_runs import ONE_LOG
+from identification.equation_error.law_memory import along_log
 from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import origins
 from identification.results.trust import warnings_of
+from identification.search.long_logs import LONG, PARTS, is_long
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import WIDTH, Table
 from plant.parts.user_warning import warn
@@ -63,6 +65,11 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
     clear = "Nothing in the log contradicts what was stated."
     yield Verdict(f"Unreliable: {count}, below." if doubtful else clear, not doubtful)
     yield f"{found.search.method}, {len(found.records)} record(s): {found.message}"
+    if any(is_long(along_log(record)) for record in (*found.records, *found.held_out)):
+        yield (
+            f"values are fitted to all samples; of a record longer than {LONG:,} the rig is tested, and the genetic "
+            f"algorithm run, on {PARTS} parts of {LONG // PARTS:,}, spread over it"
+        )
     if found.held_out:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
         yield f"validation, only simulated: {named}"

@@ -10,9 +10,11 @@ from collections.abc import Callable
 import numpy as np
 
 from identification.equation_error.torque_fit import TorqueFit
+from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticResult, GeneticSettings, minimize_genetic
+from identification.search.long_logs import in_parts, is_long
 from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
@@ -107,9 +109,10 @@ def seeded(problem: Problem) -> Outcome:
     if problem.prior is not None:  # not far outside it: few such numbers are an arm
         places = problem.prior.places(problem.unknown)
         room[places] = np.minimum(room[places], np.sqrt(np.diag(problem.prior.covariance)))
-    result = _genetic(problem, np.clip([values - room, values + room], *problem.bounds.T).T)
+    part = _in_parts(problem)
+    result = _genetic(part, np.clip([values - room, values + room], *problem.bounds.T).T)
     if not np.isfinite(result.cost) and problem.everywhere is not None:  # the log was too poor for a box
-        result = _genetic(problem, problem.everywhere)
+        result = _genetic(part, problem.everywhere)
     stages = {"equation error": values, "genetic": result.x}
     if not np.isfinite(result.cost):
         fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
@@ -120,7 +123,8 @@ def seeded(problem: Problem) -> Outcome:
     outcome = dataclasses.replace(outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations)
     if fit.fallback_reason is None and np.isfinite(costs.min()):
         best = _with_best(outcome, near, costs)
-        if not _only_genetic(problem, best.fit, float(costs.min()), result.cost):
+        cost = result.cost if part is problem else float(problem.costs(result.x[None])[0])
+        if not _only_genetic(problem, best.fit, float(costs.min()), cost):
             return best
     delayed = delay_of(problem.dynamics, problem.records, problem.unknown, fit.values, **problem.options)
     if fit.fallback_reason is None and is_late(*delayed):
@@ -131,6 +135,16 @@ def seeded(problem: Problem) -> Outcome:
     message = "The genetic algorithm's best, in a box around the equation error."
     fit = Fit(unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason)
     return dataclasses.replace(outcome, fit=fit, message=message)
+
+
+def _in_parts(problem: Problem) -> Problem:
+    """The problem with an objective (4) of parts of its long records; itself where none is long."""
+    records = problem.objective.records
+    if not any(map(is_long, records)):
+        return problem
+    parts = [part for record in records for part in in_parts(record)]
+    objective = Objective(problem.dynamics, parts, problem.unknown, **problem.options)
+    return dataclasses.replace(problem, objective=objective)
 
 
 def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:

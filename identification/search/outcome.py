@@ -132,7 +132,8 @@ class Outcome(Frozen):
     `message`: why the search ended. `evaluations`: simulated experiments. `rounding` (M,) or None: innovations of the
     records, weighted, as far as the rounding of counts makes them alike in every log; in the order of `Prediction`.
     None where it makes none, or was not simulated. `stages`: what each stage before the last found: name -> (k,)
-    values.
+    values. `grouped` (k,) or None: standard deviations from how values differ between segments, where what is tested is
+    but a part of a long log.
     """
 
     fit: Fit
@@ -140,6 +141,7 @@ class Outcome(Frozen):
     evaluations: int = 0
     genetic: GeneticResult | None = None
     rounding: Floats | None = None
+    grouped: Floats | None = None
     stages: dict[str, Floats] = dataclasses.field(default_factory=dict)
 
 

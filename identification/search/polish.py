@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.least_squares import least_squares
+from identification.equation_error.least_squares import SEGMENTS, group_std, in_groups, least_squares
 from identification.equation_error.naming import first_problem
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
@@ -13,6 +13,7 @@ from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.gauss_newton import Solution, gauss_newton, noise, reweighed
 from identification.replay.prediction import Prediction
+from identification.search.long_logs import is_long
 from identification.search.outcome import Outcome, fit_of
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import least_inertia_margin
@@ -88,7 +89,17 @@ def polished(
     found = None if simulated else solution.values[k : k + 2 * problem.dynamics.n]
     own = {"values": values, "fallback_reason": reason, "resumptions": resumptions, "gains": found}
     outcome = outcome_of(problem, prediction, solution, solution.values, stages, **own)
-    return dataclasses.replace(outcome, rounding=rounding)
+    grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
+    return dataclasses.replace(outcome, rounding=rounding, grouped=grouped)
+
+
+def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats:
+    """Standard deviations (k,) of the first so many unknowns, from how they differ between segments."""
+    lengths, found = prediction.lengths, np.zeros(len(solution.values))
+    rows, count = slice(prediction.prior.count + sum(lengths)), prediction.prior.count
+    residual = (solution.residual / prediction.scales)[rows]
+    found[solution.varied] = group_std(solution.slopes[rows], residual, in_groups(lengths, count, SEGMENTS))
+    return found[:unknown]
 
 
 def outcome_of(
@@ -116,7 +127,7 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
         logs = prediction.of_rounded(values, shifts)
     except ValueError:  # what follows the counts does not reproduce the log by itself
         return solution, None
-    if not np.isfinite(logs).all():
+    if not all(np.isfinite(log).all() for log in logs):
         return solution, None
     names = [prediction.unknown[i] for i in solution.varied]
     inverse = least_squares(names, solution.slopes, logs[0], dependent=prediction.dependent)[1]
@@ -132,7 +143,7 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
     scale = (1 + 1 / _ROUNDED) * (1 + share * (ratio - 1) / 2)
     covariance = scale * solution.covariance
     unbiased = dataclasses.replace(solution, values=np.clip(values, *bounds.T), covariance=covariance)
-    return unbiased, np.mean(logs, axis=0) * prediction.scales
+    return unbiased, sum(logs) / len(logs) * prediction.scales
 
 
 def by_stages(prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice | None) -> Solution:

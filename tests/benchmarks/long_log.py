@@ -5,9 +5,9 @@
 The arm is the paper's on trajectory (6) again and again, under P control with its reference known, or under a PID whose
 log begins in the middle of a motion and holds counts alone: no torque, no reference. Each log is identified in a
 process of its own, with kernels built; `--other` does the same with another tree of this project, in turn. Memory is
-the most that the process has held, less what it holds after the packages are imported; the log itself, at 100 bytes a
-sample, and what its simulation needs are in it. Time is that of the processor, which other work disturbs less, and of
-the clock.
+the most that the process holds while it identifies, less what it holds after the packages are imported; the log, at
+100 bytes a sample, is in it, its simulation is not. Time is that of the processor, which other work disturbs less, and
+of the clock.
 """
 
 import argparse
@@ -47,10 +47,11 @@ def identified(law, samples):
     identify(arm.dynamics, short, progress=False)
     before = held()
     arm, log = logged(law, samples)
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     started = time.process_time(), time.perf_counter()
     found = identify(arm.dynamics, log, seed=1, progress=False)
     took = time.process_time() - started[0], time.perf_counter() - started[1]
-    peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    peak = 1024 * int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) - before
     return *took, peak, abs((found.f - arm.f) / found.fit.std).max()
 
 
