@@ -69,7 +69,7 @@ class Extended:
         own = {**options, "threads": self.threads, "moving": prior is not None}
         self._logs = [_Log(dynamics, record, tuple(unknown), links, own) for record in records]
         kept = {"prior": prior, "runs": runs, "threads": threads, **options}
-        self._again = lambda others: Extended(dynamics, others, unknown, f, **kept)
+        self._again = lambda of, others: Extended(of, others, unknown, f, **kept)
         self._runs = [1] * len(records) if runs is None else runs
         first = self._logs[0].prediction
         self.gains, self.gain_steps, self.gain_bounds = first.nuisances, first.nuisance_steps, first.nuisance_bounds
@@ -99,7 +99,14 @@ class Extended:
 
     def late(self, samples: float) -> "Extended":
         """The same model, following records whose counts are so many samples later."""
-        other = self._again([without_delay(record, -samples) for record in self.records])
+        return self._other(self.dynamics, [without_delay(record, -samples) for record in self.records])
+
+    def of(self, dynamics: Dynamics) -> "Extended":
+        """The same model of another arm, whose f have the same names."""
+        return self._other(dynamics, self.records)
+
+    def _other(self, dynamics: Dynamics, records: Sequence[Record]) -> "Extended":
+        other = self._again(dynamics, records)
         other.scales, other.prior = self.scales, self.prior
         return other
 

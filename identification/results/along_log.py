@@ -1,4 +1,4 @@
-"""Torques along a log that its model may lack: cogging of the motors, another length, the rate of a law's error.
+"""Torques along a log that its model may lack: cogging of the motors, the rate of a law's error.
 
 Each is known along the log but for its size, with which the innovations change in proportion. Of wide backlash only
 where it acts is known.
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.optimum import Optimum
-from identification.results.assumed import SHARE, longer, smoothed
-from plant import Arm, Chain, Record
+from identification.results.assumed import smoothed
+from plant import Arm, Record
 from plant.compiler.background import shared_out
 from plant.laws.replayed import commanded_torque
 from plant.mechanics.newton_euler import lumped_torque
@@ -30,8 +30,8 @@ _SMALL = 0.01  # share of the log's torque (rms) by whose effect that of a torqu
 def torques_along(at: Optimum) -> dict[str, list[Floats]]:
     """Torques (N, n) [N m] of each record, by the names of numbers that are zero in the model, per unit of them.
 
-    ``cogging.6cos[i]`` [N m of the motor], of the number of cycles that shows most; ``length.a[i]``, relative, before
-    link i; ``lead[i]`` [s] of the torque of a law without memory.
+    ``cogging.6cos[i]`` [N m of the motor], of the number of cycles that shows most; ``lead[i]`` [s] of the torque of a
+    law without memory.
     """
     model, records, found = at.model, at.model.records, dict[str, list[Floats]]()
     arm = _arm(at)
@@ -47,12 +47,6 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
             pairs = zip(angles, (record.rig.drive.joint_torque(own) for record in records), strict=True)
             found[f"cogging.{cycles}{name}[{i}]"] = [np.outer(wave(cycles * angle), unit) for angle, unit in pairs]
         found[f"lead[{i}]"] = [rate * own for rate in rates]
-    motions = [smoothed(record, record.rig.cell_centre(record.counts)) for record in records]
-    as_it_is = [_torque(arm.dynamics.chain, arm, motion) for motion in motions]
-    for name, chain in longer(arm.dynamics.chain).items():
-        link, _, length = name.removeprefix("links[").partition("].")
-        other = [_torque(chain, arm, motion) for motion in motions]
-        found[f"length.{length}[{link}]"] = [(a - b) / SHARE for a, b in zip(as_it_is, other, strict=True)]
     return {name: [_held(torque) for torque in own] for name, own in found.items() if any(map(np.any, own))}
 
 
@@ -82,7 +76,7 @@ def at_reversals(at: Optimum) -> Iterator[tuple[int, Floats, Floats]]:
     near: list[list[Floats]] = [[] for _ in range(2 * arm.dynamics.n)]
     for record, rows in zip(at.model.records, at.model.rows(), strict=True):
         motion = smoothed(record, record.rig.cell_centre(record.counts))
-        load = _torque(arm.dynamics.chain, arm, motion) - record.rig.drive.reflected_inertia() * motion.qdd
+        load = _torque(arm, motion) - record.rig.drive.reflected_inertia() * motion.qdd
         left, samples = at.before[rows].reshape(load.shape), max(4, round(_CROSSING / record.rig.period))
         for i in range(arm.dynamics.n):
             loaded, turned = (_after_flips(x[:, i], samples) for x in (load, motion.qd))
@@ -123,9 +117,9 @@ def _cycles(motors: Sequence[Floats], left: Sequence[Floats]) -> int:
     return int(power.argmax()) + 1
 
 
-def _torque(chain: Chain, arm: Arm, motion: Motion) -> Floats:
-    """Torque (N, n) of an arm on a motion, with another chain."""
-    q, qd, qdd = (ca.SX.sym(name, chain.n) for name in ("q", "qd", "qdd"))
-    moving, at_rest = lumped_torque(chain, arm.dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
+def _torque(arm: Arm, motion: Motion) -> Floats:
+    """Torque (N, n) of an arm on a motion."""
+    q, qd, qdd = (ca.SX.sym(name, arm.dynamics.n) for name in ("q", "qd", "qdd"))
+    moving, at_rest = lumped_torque(arm.dynamics.chain, arm.dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
     torque = ca.Function("torque", [q, qd, qdd], [ca.densify(moving + at_rest)])
     return np.asarray(torque.map(len(motion.q))(*(each.T for each in motion)).full().T)

@@ -32,14 +32,11 @@ _LAG, _DELAY, _FRICTION, _SHARE = 1e-5, 0.05, 0.01, 1e-4
 gears, motor gains and gains of the law, relative."""
 
 _LEAD = 0.5  # samples by which a torque leads, at least, where its law has the rate of the error; less is timing
-_LENGTH, _HALF = 0.05, 0.5  # shares by which a length may differ: less is rounding, of more the change is not linear
 
 _FEW, _FAILS = 30, 3.0  # samples in which a load changes sign, at least, and by how much innovations² are larger there
 _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")  # what can be more or less than stated
 
-_OWN, _OWN_OF_LENGTH = 1e-3, 0.25
-"""An effect of which less than this share is its own cannot be told from those of the unknowns. That of a length is
-known along a smoothed motion only: of one that f takes over altogether, 0.16 are left."""
+_OWN = 1e-3  # an effect of which less than this share is its own cannot be told from those of the unknowns
 
 
 @kept
@@ -50,8 +47,8 @@ class Sign(Shown, Frozen):
     Attributes
     ----------
     name : str
-        "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear", "cogging", "length" of links,
-        "lead" of a law's torque, "reversals" of the load, or "disagreement": of the records with each other.
+        "compliance", "backlash", "lag", "delay", "friction", "offset" of torques, "gear", "cogging", "length" of a
+        link, "lead" of a law's torque, "reversals" of the load, or "disagreement": of the records with each other.
     chi_square : float
         By how much it would lower the sum of squared innovations, in units of their (inflated) variance.
     freedom : int
@@ -95,9 +92,9 @@ def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
         effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
     changes = {name: row for name, row in effects.items() if np.isfinite(row).all()}
     found: list[Sign] = []
-    for name in ("compliance", "lag", "friction", "offset", "gear", "delay", "cogging", "length", "lead"):
+    for name in ("compliance", "lag", "friction", "offset", "gear", "delay", "cogging", "lead"):
         own = {each: row for each, row in changes.items() if family(each) == name}
-        found += _linear(at, name, own)
+        found += linear(at, name, own)
     if "compliance[0]" in at.model.extra:
         found = [_best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in found]
         found.append(_of_backlash(backlash(at)))
@@ -124,7 +121,7 @@ def delay_sign(at: Optimum) -> Sign | None:
     """The sign of counts that are read late; None where that cannot be told from the unknowns."""
     later = at.model.late(_DELAY).innovations(at.values)
     change = (at.innovations - later) / _DELAY
-    return next(_linear(at, "delay", {"delay": change}), None) if np.isfinite(change).all() else None
+    return next(linear(at, "delay", {"delay": change}), None) if np.isfinite(change).all() else None
 
 
 def _steps(model: Extended, efforts: Floats) -> dict[str, float]:
@@ -156,17 +153,19 @@ def _threshold(freedom: int, choices: float = 1.0) -> float:
     return float(chdtri(freedom, _BY_CHANCE / choices))
 
 
-def _linear(at: Optimum, name: str, changes: dict[str, Floats]) -> Iterator[Sign]:
-    """The sign of what acts linearly; of compliance, lag and lead, only what is positive; none of what is too small."""
+def linear(at: Optimum, name: str, changes: dict[str, Floats], choices: float = 1.0) -> Iterator[Sign]:
+    """The sign of what acts linearly, the best of so many choices; of compliance, lag and lead, only what is positive.
+
+    None of what is too small.
+    """
     own = {each: at.left(change) for each, change in changes.items()}
-    share = _OWN_OF_LENGTH if name == "length" else _OWN
-    own = {each: row for each, row in own.items() if (row**2).sum() > share**2 * (changes[each] ** 2).sum()}
+    own = {each: row for each, row in own.items() if (row**2).sum() > _OWN**2 * (changes[each] ** 2).sum()}
     if not own:
         return
     before, freedom = at.before, len(own)
-    choices = CYCLES ** (freedom / 2) if name == "cogging" else 1.0
+    choices = CYCLES ** (freedom / 2) if name == "cogging" else choices
     least = _threshold(freedom, choices) * at.unit(before)
-    lowest = {"lead": _LEAD * at.model.records[0].rig.period, "length": _LENGTH}.get(name, 0.0)
+    lowest = _LEAD * at.model.records[0].rig.period if name == "lead" else 0.0
     visible = {each: max(lowest, float(np.sqrt(least / (row**2).sum()))) for each, row in own.items()}
     after, size = before, np.empty(0)
     while own:
@@ -176,8 +175,6 @@ def _linear(at: Optimum, name: str, changes: dict[str, Floats]) -> Iterator[Sign
         if name in _SIGNED or not (size < lowest).any():
             break
         own, after = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > lowest}, before
-    if own and not lowest <= np.abs(size).max() <= (_HALF if name == "length" else np.inf):
-        own, after = {}, before
     yield _sign(at, name, freedom, after, dict(zip(own, size.tolist(), strict=False)), visible, choices)
 
 

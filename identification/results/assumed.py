@@ -7,15 +7,13 @@ first order are what they move. Lengths of the links change the torque along the
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.filters import derivatives
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
 from identification.equation_error.regressor import linear, regressor_along
-from plant import Arm, Chain, Record
-from plant.mechanics.newton_euler import lumped_torque
+from plant import Arm, Dynamics, Record
 from plant.motion.reference import Motion
 from plant.parts.arguments import real
 from plant.parts.fields import Floats
@@ -40,8 +38,8 @@ def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[s
     columns, _ = regressor_along(dynamics, rig, names, motion)
     torque, moves = columns[:, :, :p] @ arm.f, {}
     scale = 1 / np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9 * np.abs(torque).max())
-    for name, chain in longer(dynamics.chain).items():
-        columns[:, :, :p] = _regressor(chain, arm, motion)
+    for name, other in longer(dynamics).items():
+        columns[:, :, :p] = regressor_along(other, rig, names, motion)[0][:, :, :p]
         rows, missing = columns * scale[:, None], (torque - columns[:, :, :p] @ arm.f) * scale
         change = np.linalg.lstsq(rows.reshape(-1, len(names)), missing.ravel(), rcond=None)[0]
         moves[name] = np.array([change[names.index(each)] if each in names else 0.0 for each in unknown])
@@ -54,27 +52,24 @@ def smoothed(record: Record, values: Floats) -> Motion:
     return derivatives(values, record.rig.period, CUTOFF * band)
 
 
-def longer(chain: Chain) -> dict[str, Chain]:
-    """The chain with one length more each, by `SHARE`."""
-    found, by, replace = {}, 1 + SHARE, dataclasses.replace
+class _Longer(Dynamics):
+    """Of a chain with other lengths. Its f stand for the same standard parameters, and span its torques as well."""
+
+    def _prove(self) -> None:
+        """The lumping is that of the lengths as they were."""
+
+
+def longer(dynamics: Dynamics, share: float = SHARE) -> dict[str, Dynamics]:
+    """The arm with one length more each, by a share of it."""
+    found, by, replace, chain = dict[str, Dynamics](), 1 + share, dataclasses.replace, dynamics.chain
     for i, link in enumerate(chain.links):
         place = replace(link.before, position=tuple(by * x for x in link.before.position))
         ways = replace(link, a=by * link.a), replace(link, d=by * link.d), replace(link, before=place)
         for length, other in zip(("a", "d", "before"), ways, strict=True):
             if other != link:
                 links = (*chain.links[:i], other, *chain.links[i + 1 :])
-                found[f"links[{i}].{length}"] = replace(chain, links=links)
+                found[f"links[{i}].{length}"] = _Longer(chain=replace(chain, links=links), lumping=dynamics.lumping)
     return found
-
-
-def _regressor(chain: Chain, arm: Arm, motion: Sequence[Floats]) -> Floats:
-    """Regressor of f (N, n, p) of another chain."""
-    n, p, count = chain.n, arm.dynamics.p, len(motion[0])
-    q, qd, qdd, f = (ca.SX.sym(name, size) for name, size in (("q", n), ("qd", n), ("qdd", n), ("f", p)))
-    moving, at_rest = lumped_torque(chain, arm.dynamics.lumping, q, qd, qdd, f)
-    regressor = ca.Function("Y", [q, qd, qdd], [ca.densify(ca.jacobian(moving + at_rest, f))])
-    block = regressor.map(count)(*(each.T for each in motion))
-    return np.asarray(block.full().reshape(n, count, p).transpose(1, 0, 2))
 
 
 _LITTLE = 0.05  # move of a value by 1 % of an assumed number, in its standard deviations, that is not mentioned

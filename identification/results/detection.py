@@ -213,7 +213,7 @@ class Detection(Shown, Frozen):
         return f"{kind} (detectable from {seen} {unit})"
 
     def _joint(self, name: str) -> str:
-        return self.joints[int(name.partition("[")[2][:-1])]
+        return self.joints[int(name.partition("[")[2].partition("]")[0])]
 
     def _each(self, sign: Sign) -> str:
         """What a sign found, joint by joint."""

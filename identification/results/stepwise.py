@@ -8,8 +8,9 @@ import numpy as np
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.along_log import effects_along, efforts, torques_along
-from identification.results.alternatives import Sign, delay_sign, effects_of, signs
+from identification.results.alternatives import Sign, delay_sign, effects_of
 from identification.results.detection import UNFITTED, Detection
+from identification.results.lengths import tested, with_length
 from identification.results.model_error import Doubt
 from identification.search.long_logs import in_parts, rows_of_parts
 from identification.search.memory import as_tested
@@ -46,15 +47,15 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
     records that does not follow is an error.
     """
     try:
-        tested = _Search(problem, fit)
+        search = _Search(problem, fit)
         coarse = not delay and problem.options.get("steps_per_sample", 4) < _FINER
-        detection = tested.detection(delay, coarse=coarse)
-        if tested.faint:  # may be the model's own steps
+        detection = search.detection(delay, coarse=coarse)
+        if search.faint:  # may be the model's own steps
             fine = dataclasses.replace(problem, options=problem.options | {"steps_per_sample": _FINER})
-            tested = _Search(fine, fit, tested.at)
-            detection = tested.detection(delay)
-        doubt = tested.doubt()
-        rounding = rows_of_parts(outcome.rounding, tested.searched, tested.at.model.prior.count)
+            search = _Search(fine, fit, search.at)
+            detection = search.detection(delay)
+        doubt = search.doubt()
+        rounding = rows_of_parts(outcome.rounding, search.searched, search.at.model.prior.count)
         added = doubt.added(problem.tolerances, rounding)
         period = max(record.rig.period for record in problem.records)
         detection = dataclasses.replace(
@@ -102,9 +103,9 @@ class _Search:
         given = dict(zip(problem.unknown, values, strict=True))
         f = np.array([given[name] for name in problem.dynamics.names])
         parts = [in_parts(record) for record in records]
-        tested = [part for own in parts for part in own]
+        pieces = [part for own in parts for part in own]
         model = Extended(
-            problem.dynamics, tested, [problem.unknown[i] for i in keep], f, prior=problem.prior,
+            problem.dynamics, pieces, [problem.unknown[i] for i in keep], f, prior=problem.prior,
             runs=[len(own) for own in parts], **problem.options,
         )  # fmt: skip
         gains, extra = model.gains if fit.gains is None else fit.gains, np.zeros(len(model.extra))
@@ -117,7 +118,7 @@ class _Search:
             first = fitted(model, first.values, self.step, self.bounds)
         self.at = self._first = first
         self._searched = model.runs()[len(problem.records) - 1].stop
-        self.searched, self._share = records[: len(problem.records)], sum(map(len, tested)) / sum(map(len, records))
+        self.searched, self._share = records[: len(problem.records)], sum(map(len, pieces)) / sum(map(len, records))
         self._efforts, self.joints = efforts(parts[0]), tuple(problem.dynamics.chain.joint_labels)
         self._weigh()
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
@@ -130,7 +131,7 @@ class _Search:
 
     def detection(self, delay: float, *, coarse: bool = False) -> Detection:
         """What contradicts the model; ends where what is first is `faint`: coarse steps might explain as little."""
-        first = found = signs(self.at, self.effects)
+        first = found = tested(self.at, self.effects)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
             known = {"delay": delay}  # by another test
@@ -138,8 +139,7 @@ class _Search:
         while len(named) < _NAMED:
             again = _AGAIN if named else 1.0
             those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
-            played = any(sign.name == "reversals" for sign in those)  # a length seems to explain that
-            some = [sign for sign in those if sign.name not in (*UNFITTED, *["length"] * played)]
+            some = [sign for sign in those if sign.name not in UNFITTED]
             most = max((sign.explained for sign in some), default=0.0)
             worth = [sign for sign in some if sign.explained > _WORTH * most or np.isinf(sign.chi_square)]
             good = list[_Refit]()
@@ -160,7 +160,7 @@ class _Search:
             self.at, self.step = refit.at, refit.step
             self._weigh()
             named.append(refit.sign)
-            found = signs(self.at, self.effects)
+            found = tested(self.at, self.effects)
         if named and named[-1].name == "disagreement" and named[-1].chi_square > named[0].chi_square:
             named = [named.pop(), *named]  # what else explains a little of it comes after
         values = tuple(self._with_values(sign) for sign in named)
@@ -184,7 +184,7 @@ class _Search:
         """The model with an alternative, fitted from its first estimate; None where it does not follow the log."""
         if sign.name == "delay":
             return self._shifted(sign)
-        if sign.values.keys() <= self.torques.keys():
+        if sign.name == "length" or sign.values.keys() <= self.torques.keys():
             return self._pushed(sign)
         model, some = self.at.model, list(sign.values)
         every = [name for name in model.extra if sign.name == "compliance" and name.startswith("compliance")]
@@ -221,9 +221,11 @@ class _Search:
         return self._compared(dataclasses.replace(sign, values={"delay": delay}), at, self.step)
 
     def _pushed(self, sign: Sign) -> _Refit | None:
-        """The model beside the torques of a sign."""
-        own = [[value * torque for torque in self.torques[name]] for name, value in sign.values.items()]
+        """The model beside the torques of a sign, or of a chain of its length."""
         try:
+            if sign.name == "length":
+                return self._compared(*with_length(self.at, sign, self.step, self.bounds), self.step)
+            own = [[value * torque for torque in self.torques[name]] for name, value in sign.values.items()]
             pushed = self.at.model.pushed([sum(of_record) for of_record in zip(*own, strict=True)])
             return self._compared(sign, fitted(pushed, self.at.values, self.step, self.bounds, self.at), self.step)
         except ValueError:

@@ -1,0 +1,57 @@
+"""Whether the arm has a length other than its chain: by the loop of a chain that has it.
+
+Nearly all that a length changes f takes over, and what is left is less than the error of a torque along a smoothed
+motion. Each length is a loop of its own, so that they are tried where something else contradicts the model.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from identification.replay.optimum import Optimum, fitted
+from identification.results.alternatives import Sign, linear, signs
+from identification.results.assumed import SHARE, longer
+from plant.compiler.background import shared_out
+from plant.parts.fields import Floats
+
+_LEAST, _MOST = 0.05, 0.5  # by which a length may differ: less is rounding, from more nothing is estimated
+
+
+def tested(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
+    """All signs (of `effects_of`), where the sum of squares is least; a length's where another is half significant."""
+    found = signs(at, effects)
+    return [*found, *_lengths(at)] if any(2 * sign.chi_square > sign.threshold for sign in found) else found
+
+
+def _lengths(at: Optimum) -> Iterator[Sign]:
+    """The sign of the one length that explains most."""
+    names = [name for name in longer(at.model.dynamics) if not name.startswith("links[0]")]  # of the base, none acts
+    effects = dict(zip(names, shared_out(lambda name: _effect(at, name), names, at.model.threads), strict=True))
+    effects = {name: effect for name, effect in effects.items() if np.isfinite(effect).all()}
+    every = [sign for name, effect in effects.items() for sign in linear(at, "length", {name: effect}, len(effects))]
+    some = [sign for sign in every if _LEAST <= abs(*sign.values.values()) <= _MOST]
+    yield from sorted(some, key=lambda sign: -sign.chi_square)[:1]
+
+
+def _effect(at: Optimum, name: str) -> Floats:
+    """Change of the innovations (M,) with a length, relative."""
+    other = at.model.of(longer(at.model.dynamics)[name]).innovations(at.values)
+    return np.asarray((other - at.innovations) / SHARE)
+
+
+def with_length(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[Sign, Optimum]:
+    """The model of a chain with that length, fitted.
+
+    `step`, `bounds`: as for `fitted`. The length is estimated anew in it, since it does not act linearly.
+    """
+    ((name, share),) = sign.values.items()
+
+    def tried(share: float, values: Floats) -> tuple[Sign, Optimum]:
+        model = at.model.of(longer(at.model.dynamics, share)[name])
+        return dataclasses.replace(sign, values={name: share}), fitted(model, values, step, bounds)
+
+    first = tried(share, at.values)
+    more = sum(each.values[name] for each in linear(first[1], "length", {name: _effect(first[1], name)}))
+    second = tried((1 + share) * (1 + more) - 1, first[1].values)
+    return min(first, second, key=lambda each: each[1].squares)
