@@ -237,3 +237,11 @@ def _disagreement(at: Optimum) -> Iterator[Sign]:
     made = directions(rows)
     after = before - np.einsum("i,im->m", along(made, rows, before), rows)
     yield _sign(at, "disagreement", len(made), after, {}, {})
+
+
+def sampled(sign: Sign, period: float) -> Sign:
+    """A sign whose resonances are none that samples every `period` [s] could show."""
+    if sign.name != "compliance":
+        return sign
+    least = (2 * period) ** 2
+    return dataclasses.replace(sign, visible={name: max(value, least) for name, value in sign.visible.items()})

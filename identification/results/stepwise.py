@@ -8,7 +8,7 @@ import numpy as np
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted
 from identification.results.along_log import effects_along, efforts, torques_along
-from identification.results.alternatives import Sign, delay_sign, effects_of
+from identification.results.alternatives import Sign, delay_sign, effects_of, sampled
 from identification.results.detection import UNFITTED, Detection
 from identification.results.lengths import tested, with_length
 from identification.results.model_error import Doubt
@@ -55,11 +55,11 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
             search = _Search(fine, fit, search.at)
             detection = search.detection(delay)
         doubt = search.doubt()
-        rounding = rows_of_parts(outcome.rounding, search.searched, search.at.model.prior.count)
+        rounding = rows_of_parts(outcome.rounding, search.of_search, search.at.model.prior.count)
         added = doubt.added(problem.tolerances, rounding)
         period = max(record.rig.period for record in problem.records)
         detection = dataclasses.replace(
-            detection, signs=tuple(_sampled(sign, period) for sign in detection.signs), assumed=doubt.assumed(),
+            detection, signs=tuple(sampled(sign, period) for sign in detection.signs), assumed=doubt.assumed(),
             doubt=added, friction=doubt.friction(problem.tolerances),
         )  # fmt: skip
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -70,14 +70,6 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
     if between is None and outcome.grouped is not None:
         grouped = outcome.grouped
     return dataclasses.replace(detection, grouped=grouped, between=between)
-
-
-def _sampled(sign: Sign, period: float) -> Sign:
-    """A sign whose resonances are none that samples every `period` [s] could show."""
-    if sign.name != "compliance":
-        return sign
-    least = (2 * period) ** 2
-    return dataclasses.replace(sign, visible={name: max(value, least) for name, value in sign.visible.items()})
 
 
 class _Refit(NamedTuple):
@@ -118,7 +110,7 @@ class _Search:
             first = fitted(model, first.values, self.step, self.bounds)
         self.at = self._first = first
         self._searched = model.runs()[len(problem.records) - 1].stop
-        self.searched, self._share = records[: len(problem.records)], sum(map(len, pieces)) / sum(map(len, records))
+        self.of_search, self._share = records[: len(problem.records)], sum(map(len, pieces)) / sum(map(len, records))
         self._efforts, self.joints = efforts(parts[0]), tuple(problem.dynamics.chain.joint_labels)
         self._weigh()
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
