@@ -9,7 +9,7 @@ from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import origins
-from identification.results.trust import warnings_of
+from identification.results.trust import MANY, pairs_of, warnings_of
 from identification.search.long_logs import LONG, PARTS, is_long
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import WIDTH, Table
@@ -75,6 +75,9 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
         yield f"validation, only simulated: {named}"
     yield from [_values(found)] if full else _abreast(found)
     yield from origins(found, full)
+    if 0 < len(pairs := pairs_of(found)) <= MANY:
+        told = ", nor ".join(f"{one} from {other}" for one, other in pairs)
+        yield f"the log hardly tells {told}; the covariance counts it, and design_motion or prior= tells more"
     if found.fit.between is not None:
         yield from inside(found.fit.between)
     elif found.covariance is not None:

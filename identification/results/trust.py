@@ -64,8 +64,9 @@ _AT_END = 0.002  # share of a range within which a value lies at its end
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
 _WORSE = 1.5  # how much worse a record held out is repeated that asks for an explanation
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
-_INSEPARABLE, _VAGUE, _MANY = 0.995, 0.05, 3
-"""Correlation, and relative deviation, from which on a pair is not separately identifiable; and how many are named."""
+_INSEPARABLE, _VAGUE, MANY = 0.995, 0.05, 3
+"""Correlation, and relative deviation, from which on a pair is not separately identifiable; and up to how many
+are told without a warning."""
 
 _ANOTHER = 0.05  # share of the logged torque by which that of the stated law may differ
 _ZERO = 0.49  # zero of a counter [rad] beyond which it is at the end of its range
@@ -231,20 +232,19 @@ def _ranges(found: Any) -> str:
     return " and ".join(f"{s:.3g} m" if link.prismatic else f"{np.rad2deg(s):.0f} degrees" for s, link in pairs)
 
 
-def _of_pairs(found: Any) -> Iterator[str]:
+def pairs_of(found: Any) -> list[tuple[str, str]]:
+    """Names of those pairs of values that the log hardly tells apart; each alone is vague then."""
     if found.covariance is None:
-        return
+        return []
     names, vague = found.short_names, found.fit.std > _VAGUE * np.abs(found.fit.values)
     alike = (np.abs(found.fit.correlation) > _INSEPARABLE) & (vague[:, None] | vague)
     if (noise := found.fit.noise_covariance) is not None:  # what the rig may lack moves many alike
         alike &= np.abs(dataclasses.replace(found.fit, covariance=noise).correlation) > _INSEPARABLE
-    pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
-    if len(pairs) > _MANY:
-        those = sorted({name for pair in pairs for name in pair}, key=names.index)
-        yield (
-            f"{', '.join(those)} are not separately identifiable ({len(pairs)} pairs): the log excites "
-            "them too little, or the model is not its robot's."
-        )
-        return
-    for one, other in pairs:
-        yield f"{one} and {other} are not separately identifiable; fix one of them."
+    return [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
+
+
+def _of_pairs(found: Any) -> Iterator[str]:
+    if len(pairs := pairs_of(found)) > MANY:
+        those = ", ".join(sorted({name for pair in pairs for name in pair}, key=found.short_names.index))
+        why = "the log excites them too little, or the model is not its robot's"
+        yield f"{those} are not separately identifiable ({len(pairs)} pairs): {why}."
