@@ -201,9 +201,7 @@ class Prediction:
                 logs = followed.rounded(own, list(moved), self.threads)
 
                 def run(counts: Floats, followed: Followed = followed, own: Floats = own) -> Floats:
-                    counts[:] = followed.innovations_of(own, counts).reshape(
-                        counts.shape
-                    )  # a long log's not beside them
+                    counts[:] = followed.innovations_of(own, counts).reshape(counts.shape)  # not beside a long log's
                     return counts.ravel()
 
                 of_record[-1] = shared_out(run, logs, self.threads)
