@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from identification import identify
-from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, P, Rig, puma560, read_robot
+from plant import Chain, Dynamics, Harmonics, Link, P, puma560
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracles"))
 from mujoco_odd import run
+from packaged_arms import elbow_of_a_ur5e
 
 
 def puma(strong):
@@ -32,12 +33,8 @@ def puma(strong):
 
 def ur5e(strong):
     """The same of shoulder lift and elbow of the UR5e: gears, encoders and friction as the tests have them."""
-    file = read_robot("ur5e").model
-    chain = Chain.from_urdf(file, [link.name for link in Chain.from_urdf(file).links[1:3]])
-    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
-                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
-    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096), rounding="fix"), period=1e-3)
-    chain = chain.with_rotors(drive)
+    chain, rig = elbow_of_a_ur5e("fix")
+    chain = chain.with_rotors(rig.drive)
     dynamics = Dynamics.from_chain(chain)
     return dynamics.arm(dynamics.f()), chain, rig, P(gain=(0.080, 0.0295) if strong else (0.042, 0.0153))
 

@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 
-from plant import Body, Chain, Link, read_robot
+from plant import Body, Chain, Drive, Encoder, Link, Rig, read_robot
 
 _robot = functools.cache(read_robot)
 
@@ -25,6 +25,15 @@ def tx40():
 
 def tx40_rig():
     return _robot("tx40").rig
+
+
+def elbow_of_a_ur5e(rounding="floor"):
+    """Shoulder lift and elbow of the UR5e, without rotors; and a rig of gears of 100 and encoders of 4,096 counts."""
+    model = _robot("ur5e").model
+    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
+                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
+    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096), rounding=rounding), period=1e-3)
+    return Chain.from_urdf(model, [link.name for link in Chain.from_urdf(model).links[1:3]]), rig
 
 
 def planar(n, *, length=0.4, mass=2.0, rotor=0.05):

@@ -8,11 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from packaged_arms import elbow_of_a_ur5e
 
 from ctc import ComputedTorque, ComputedTorquePID, Uncertainty, certify, tune
 from identification import Identification, IdentificationWarning, identify
 from identification.search.predictive import _exceeded, _run
-from plant import Chain, Drive, Dynamics, Encoder, Harmonics, P, Rig, puma560, read_robot, simulate
+from plant import Dynamics, Harmonics, P, puma560, simulate
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
 
@@ -92,14 +93,10 @@ def test_a_right_log_is_quiet():
 
 def two_joints_of_a_ur5e():
     """Shoulder lift and elbow, gears of 100 and encoders of 4,096 counts: the P loop hunts by a count or two."""
-    file = read_robot("ur5e").model
-    chain = Chain.from_urdf(file, [link.name for link in Chain.from_urdf(file).links[1:3]])
+    chain, rig = elbow_of_a_ur5e("fix")
     one, other = (0.2, 0.1, -0.05), (-0.15, 0.1, 0.1)
     path = Harmonics(period=6.0, offset=(0.0, 0.0), cosine=(one, other), sine=(other, one))
-    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
-                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
-    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096), rounding="fix"), period=1e-3)
-    dynamics = Dynamics.from_chain(chain.with_rotors(drive))
+    dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
     return dynamics.arm(dynamics.f()), rig, path
 
 

@@ -8,13 +8,13 @@ import re
 
 import numpy as np
 import pytest
+from packaged_arms import elbow_of_a_ur5e
 
 from identification import GeneticSettings, identify
 from identification.results import stepwise
 from plant import (
     PD,
     Chain,
-    Drive,
     Dynamics,
     Elasticity,
     Encoder,
@@ -22,7 +22,6 @@ from plant import (
     Link,
     LoggedTorque,
     P,
-    Rig,
     TorqueRipple,
     puma560,
     read_robot,
@@ -282,19 +281,16 @@ def test_a_length_that_is_wrong_is_named(factor):
 
 def test_a_length_of_which_f_takes_over_nine_tenths_is_named_and_no_gear():
     """Upper arm of the UR5e: of a torque along a smoothed motion next to nothing is left."""
-    model = read_robot("ur5e").model
-    true = Chain.from_urdf(model, [link.name for link in Chain.from_urdf(model).links[1:3]])
-    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
-                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
-    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
-    dynamics = Dynamics.from_chain(true.with_rotors(drive))
+    true, rig = elbow_of_a_ur5e()
+    dynamics = Dynamics.from_chain(true.with_rotors(rig.drive))
     path = Harmonics(period=2.7, offset=(0.1, -0.1), cosine=((0.3, 0.1), (0.2, -0.15)), sine=((-0.2, 0.1), (0.3, 0.1)))
     record = simulate(dynamics.arm(dynamics.f()), rig, P(gain=(0.08, 0.0295)), path, steps_per_sample=16)
     record = dataclasses.replace(record, true_q=None, true_qd=None, torque=None, current=None)
     link = true.links[1]
     place = dataclasses.replace(link.before, position=tuple(1.25 * x for x in link.before.position))
     stated = dataclasses.replace(true, links=(true.links[0], dataclasses.replace(link, before=place)))
-    found = identify(Dynamics.from_chain(stated.with_rotors(drive)), record, method="prediction_error", progress=False)
+    wrong = Dynamics.from_chain(stated.with_rotors(rig.drive))
+    found = identify(wrong, record, method="prediction_error", progress=False)
     assert found.diagnostics.detection.names == ("length",)
     assert found.diagnostics.detection.named[0].values == {"links[1].before": pytest.approx(-0.2, abs=0.04)}
 

@@ -6,22 +6,18 @@ import re
 import numpy as np
 import pytest
 from mujoco_odd import run
+from packaged_arms import elbow_of_a_ur5e
 
 from ctc import ComputedTorque, FeedForward
 from plant import (
     PD,
-    Chain,
-    Drive,
     Dynamics,
     Elasticity,
-    Encoder,
     Harmonics,
     P,
-    Rig,
     TorqueRipple,
     linearise,
     puma560,
-    read_robot,
     simulate,
 )
 from plant.analysis.linearise import modes
@@ -128,12 +124,8 @@ def test_what_cannot_be_told():
 
 def ur5e(about, period):
     """Shoulder lift and elbow of a UR5e, their rig and P controller, and a path about an angle of the first."""
-    chain = Chain.from_urdf(read_robot("ur5e").model)
-    chain = Chain.from_urdf(read_robot("ur5e").model, [link.name for link in chain.links[1:3]])
-    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 2e-5), viscous=(5e-4, 2e-4), coulomb=(0.04, 0.015),
-                  motor_gain=(1, 1), current_limit=(4, 2))  # fmt: skip
-    rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
-    dynamics = Dynamics.from_chain(chain.with_rotors(drive))
+    chain, rig = elbow_of_a_ur5e()
+    dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
     one, other = (0.2, 0.1, -0.05), (-0.15, 0.1, 0.1)
     path = Harmonics(period=period, offset=(about, 0.0), cosine=(one, other), sine=(other, one))
     return dynamics.arm(dynamics.f()), rig, P(gain=(0.042, 0.0153)), path
