@@ -111,7 +111,7 @@ def _oscillation(signals, i, share):
         ": it is unstable, or nearly, by gains too high for its friction, lag of the currents, elastic gears or "
         "backlash (or driven by ripple)"
     )
-    if flares >= _FLARES:
+    if flares >= _FLARES and grown <= _GROWN:  # what grows is wider after anything
         why = f"; just after the load changes sign it is {flares:.2g} times as wide as before: a gear has backlash"
     return Finding.of(_NAME, i, joint.own, "Hz", "look", f"{seen}{why}. Lower its gains.")
 
