@@ -159,18 +159,19 @@ def test_a_second_sensor_may_be_on_some_links_alone():
     """None, or a column without numbers, of the others; a motor that turns several joints needs all of them."""
     angle = np.linspace(0.1, 0.3, 7)
     table = {"counts": np.zeros((7, 2), int), "link": angle, "empty": np.full(7, np.nan)}
-    units = {"link_position": "rad"}
+    units = {"link_position": "rad", "torque": "N m"}
     for names in ([None, "link"], ["empty", "link"]):
-        columns = {"counts": "counts", "link_position": names}
-        record = Record.from_table(table, rig=RIG, columns=columns, units=units, reference=puma560.reference())
+        columns, own = {"counts": "counts", "link_position": names}, {"link_position": "rad"}
+        record = Record.from_table(table, rig=RIG, columns=columns, units=own, reference=puma560.reference())
         expected = RIG.position_in_pulses(np.column_stack([angle, angle]))
         np.testing.assert_allclose(record.link_counts, expected * (np.nan, 1), rtol=1e-12)
         assert record.valid.all()
     coupled = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=Coupling(matrix=((1, 0), (1, 1)))))
-    more = {"units": units, "reference": puma560.reference()}
 
     def mapped(rig, names, field="link_position"):
-        return Record.from_table(table, rig=rig, columns={"counts": "counts", field: names}, **more)
+        own = {name: unit for name, unit in units.items() if name in ("counts", field)}
+        columns = {"counts": "counts", field: names}
+        return Record.from_table(table, rig=rig, columns=columns, units=own, reference=puma560.reference())
 
     assert np.isfinite(mapped(coupled, ["link", None]).link_counts).all(axis=0).tolist() == [True, False]
     with pytest.raises(ValueError, match="link_counts must be of a joint at least"):
