@@ -91,6 +91,7 @@ def prepare(
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
     of_all, unknown = as_records(dynamics, records, unknown)
+    naming.of_each(lambda record: record.rig.require_fit(dynamics.chain), of_all)
     unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all, dynamics.chain.joint_labels)]))
     searched, kept = _set_aside(dynamics, of_all, held_out, method)
     known = _known(dynamics, searched, prior)

@@ -64,7 +64,7 @@ class FrictionTrial(Shown):
         """What to do where it is clear, with what was found, in a line."""
         levels = ", ".join("-" if np.isnan(level) else f"{level:.2g}" for level in self.levels)
         unit = "" if self.kind == KINDS[1] else " N m"
-        return f"friction is {self._short()}; its levels on the shafts are {levels}{unit}: {_ADVICE[self.kind]}"
+        return f"friction is {self._short()}; its levels on the joints' shafts are {levels}{unit}: {_ADVICE[self.kind]}"
 
     def drive(self, drive: Drive) -> Drive:
         """A drive that has this friction too: fit again with it, and controllers compensate it (but of load).

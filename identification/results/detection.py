@@ -45,7 +45,7 @@ _SAID = {
     "friction": "friction is not the rig's{scaled} ({chance}): {each}. Add these numbers to unknown (drive.viscous[0] "
     "and so on).",
     "offset": "torques have an offset that the rig lacks, {each}, motor side ({chance}), which biases f. Give the "
-    "drive a FrictionCurve, and add drive.curve.offset[0] and so on to unknown.",
+    "drive a FrictionCurve(offset=0 of each joint), and add drive.curve.offset[0] and so on to unknown.",
     "gear": "gears (or lengths, or counts per turn) are not the rig's: {each} ({chance}), which biases f. Check them, "
     "or add drive.gear[0] and so on to unknown.",
     "cogging": "motors cog: {each}, motor side ({chance}). Give the drive a TorqueRipple of that.",
@@ -57,7 +57,7 @@ _SAID = {
     "those elsewhere. Its gear has backlash, wider than the model of it tells.",
     "disagreement": "the records contradict each other: each alone has other values (chi-square {chi_square:.0f} of "
     "{freedom} degrees of freedom, by chance below {threshold:.0f}). The model lacks something, or the robot has "
-    "changed.",
+    "changed (friction; a load, which find_load weighs). Identify each alone, and compare.",
 }
 """What contradicts the model, and what to do."""
 

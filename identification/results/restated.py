@@ -11,9 +11,9 @@ from plant import Dynamics, Record
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
-_CLOSER, _ROWS = 0.67, 400
-"""Share of what a chain leaves that another has to stay below, to be named: right ones stay below it by 0.75 of the
-best other at most, wrong ones leave 1.7 times as much at least; and rows of a log that are compared."""
+_CLOSER, _ROWS = 0.8, 400
+"""Share of what a chain leaves that another has to stay below, to be named: of wrong ones it is 0.74 at most, of right
+ones 1.33 at least; and rows of a log that are compared."""
 
 
 @functools.lru_cache(maxsize=4)

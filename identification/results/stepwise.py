@@ -35,6 +35,8 @@ _STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard devia
 
 _LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
 
+_APART = 2.0  # by how much more the values of each record alone explain than anything else, where only that is told
+
 _LATE, _SHIFTS = 1.0, 2
 """Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
 
@@ -66,9 +68,8 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         return Detection(reason=str(error))
     if fit.covariance is None or fit.resonance is not None:
         return detection
-    grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)
-    if between is None and outcome.grouped is not None:
-        grouped = outcome.grouped
+    grouped, between = doubt.grouped(problem.unknown, fit.covariance, added, "disagreement" in detection.names)
+    grouped = outcome.grouped if between is None and outcome.grouped is not None else grouped
     return dataclasses.replace(detection, grouped=grouped, between=between)
 
 
@@ -133,6 +134,10 @@ class _Search:
             those = [sign for sign in found if sign.chi_square > again * sign.threshold and _may_follow(sign, named)]
             some = [sign for sign in those if sign.name not in UNFITTED]
             most = max((sign.explained for sign in some), default=0.0)
+            apart = [sign for sign in those if sign.name == "disagreement" and sign.explained > _APART * most]
+            if apart and not named:  # of what no one model has, causes would be fitted that nothing has
+                named = apart
+                break
             worth = [sign for sign in some if sign.explained > _WORTH * most or np.isinf(sign.chi_square)]
             good = list[_Refit]()
             for sign in worth:
@@ -232,11 +237,8 @@ class _Search:
 
     def _with_values(self, sign: Sign) -> Sign:
         """A sign with the values of the last fit."""
-        model = self.at.model
-        values = {
-            name: float(self.at.values[model.place(name)]) if name in model.extra else value
-            for name, value in sign.values.items()
-        }
+        model, at = self.at.model, self.at.values
+        values = {name: float(at[model.place(name)]) if name in model.extra else x for name, x in sign.values.items()}
         return dataclasses.replace(sign, values=values)
 
 

@@ -163,10 +163,10 @@ def _of_timing(found: Any) -> Iterator[str]:
     delay, std, detection = found.diagnostics.delay, found.diagnostics.delay_std, found.diagnostics.detection
     explained = detection.names and "delay" not in detection.names  # by what looks like a delay
     if is_late(delay, std) and not explained:
-        yield (
-            f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}, which biases f. "
-            f"Identify without_delay(record, {delay:.3g}) and compare."
-        )
+        advice = f"Identify without_delay(record, {delay:.3g}) and compare"
+        if abs(delay) > 1:
+            advice = "Ask record.check(); friction or gains other than stated look so, too"
+        yield f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}, which biases f. {advice}."
 
 
 def _of_unknowns(found: Any) -> Iterator[str]:
