@@ -38,7 +38,8 @@ _TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that 
 _ALIKE = 1e-12  # variance between runs over that of their noise, at most, of runs that are the same
 _FLAT = 1e-9  # change of twice the log likelihood over all variances below which it says nothing of them
 
-_MOST, _MANY = 1000, 1e6  # logs that are counted; and degrees of freedom of what is not compared
+_MOST, _MANY, _TOLD = 1000, 1e6, 5e-4
+"""Logs that are counted; degrees of freedom of what is not compared; and share, or deviations, that is told."""
 
 ONE_LOG = "intervals by blocks of one log: what differs between runs is not in them; a second log would tell"
 
@@ -95,11 +96,12 @@ class BetweenRuns(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         said = [f"{name} by {share:.1%}" if name in _RELATIVE else f"{name} by {share:.2g} standard deviations of a run"
-                for name, share in self.groups.items()]  # fmt: skip
-        yield f"{self._short()}; they differ in {', in '.join(said) or 'nothing that can be compared'}"
-        halved = f"{self.further or 'no'} further log{'s' * (self.further != 1)} would halve the intervals"
-        stays = f"; what a rig may state wrongly makes half or more of {self.never} of the {len(self.agree)}"
-        yield f"{halved}, which count what differs between runs{stays * bool(self.never)}"
+                for name, share in self.groups.items() if share > _TOLD]  # fmt: skip
+        yield f"{self._short()}; they differ in {', in '.join(said) or 'nothing beside noise'}"
+        fixed = f"what a rig may state wrongly makes half or more of {self.never} of the {len(self.agree)}"
+        logs = f"{self.further} further log{'s' * (self.further != 1)}"
+        logs = "no number of further logs" if self.never == len(self.agree) else logs
+        yield f"{logs} would halve the intervals; what differs between runs is in them{f'; {fixed}' * bool(self.never)}"
 
 
 class _Runs(NamedTuple):

@@ -30,6 +30,7 @@ from plant.parts.tables import Table
 
 _POOR = 0.3  # relative torque error above which something is wrong with the log rather than with the arm
 
+_APART = 4.0  # standard deviations of a log by which f, which is the arm's, may differ between logs
 _DOUBTED, _OTHERWISE = 5.0, 0.2
 """Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
 is doubted."""
@@ -132,7 +133,9 @@ class TorqueFit(Shown, Frozen):
         yield Table((), rows + [(name, f"{value:.5g}", "known") for name, value in self._short_known()], words=(2,))
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
         yield from choices(self)
-        yield from (f"friction beside it, {trial}" for trial in self.friction[:1])
+        yield from (
+            f"of other friction, the nearest to help is {trial}" for trial in self.friction[:1] if not trial.clear
+        )
         yield from [ONE_LOG] if self.between is None else inside(self.between)
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
@@ -153,6 +156,9 @@ class TorqueFit(Shown, Frozen):
                 "and the order of the joints"
             )
         found += [trial.advice for trial in self.friction[:1] if trial.clear]
+        if self.between is not None and (apart := self.between.groups.get("f", 0.0)) > _APART:
+            why = "a load, which find_load weighs, or another robot; fit each alone, and compare"
+            found.append(f"the logs differ in f by {apart:.2g} standard deviations of one: {why}")
         for (label, value), name in zip(self._short_known(), self.known, strict=True):
             asked, std = self.freed.get(name, (value, 0.0))
             if abs(asked - value) > max(_DOUBTED * std, _OTHERWISE * max(abs(asked), abs(value))):

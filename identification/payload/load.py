@@ -139,6 +139,6 @@ class Load(Shown, Frozen):
         ], words=(2,))  # fmt: skip
         yield from (f"record {k} alone: {mass:.4g} +- {own:.2g} kg" for k, (mass, own) in enumerate(self.runs))
         tested = f"chi-square {self.chi_square:.1f} of {self.freedom}" if self.freedom else "not tested"
-        yield f"another arm, not a load: {tested}"
+        yield f"test of another arm in place of a load: {tested}"
         yield f"RMS innovation {self.rms_innovation:.3f} pulses (rounding alone gives 0.289)"
         yield Warned(self.warnings)

@@ -50,7 +50,7 @@ def test_friction_that_drifts_widens_the_intervals_that_then_hold_it(tmp_path):
         np.testing.assert_allclose(values[friction], own.values[friction], rtol=0.02)
     assert all(own.between is None for own in alone)
     said = " ".join(found.summary().split())
-    assert f"{between.agree.sum()} of 13 intervals agree between runs; they differ in f by" in said
+    assert f"{between.agree.sum()} of 13 intervals agree between runs; they differ in" in said
     assert "would halve the intervals" in said
     found.save(tmp_path / "found.json")
     assert Identification.load(tmp_path / "found.json").fit.between == between
