@@ -15,7 +15,9 @@ Biometrika 81 (1994) (segments left out, with a gap on both sides).
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
@@ -165,11 +167,20 @@ def choose_band(
 ) -> tuple[float, tuple[FitTrial, ...]]:
     """The widest pass band of some, none of the narrower ones contradicting.
 
-    Octaves first, until one is too wide, then the bands before it.
+    Octaves first, until one is too wide, then the bands before it. Of several logs none wider than most of them choose
+    alone: friction that differs between them hides what a wide band does.
 
     `bands`: increasing, half an octave apart [Hz]. `equations`: band -> the logs' systems, cautious in speed. `seconds`
     (R,): length of each log. `weights` (R, n) or None: of logs and joints, if stated.
     """
+    if (logs := len(seconds)) > 1:
+        equations, alone = functools.cache(equations), [bands[-1]] * logs
+        for i in range(logs):
+            log, own = slice(i, i + 1), None if weights is None else weights[i : i + 1]
+            of_log = functools.partial(lambda log, band: equations(band)[log], log)
+            with contextlib.suppress(ValueError):  # too short to choose
+                alone[i] = choose_band(bands, of_log, seconds[log], own)[0]
+        bands = [band for band in bands if band <= np.median(alone)]
     choice = _Choice("Hz", operator.lt, seconds, weights)
     for octave in bands[::2]:
         if choice.worse(octave, equations(octave), 1 / octave) > _FAR:

@@ -157,7 +157,7 @@ class TorqueFit(Shown, Frozen):
             )
         found += [trial.advice for trial in self.friction[:1] if trial.clear]
         if self.between is not None and (apart := self.between.groups.get("f", 0.0)) > _APART:
-            why = "a load, which find_load weighs, or another robot; fit each alone, and compare"
+            why = "the model lacks something, or a load (find_load), or another robot; fit each alone"
             found.append(f"the logs differ in f by {apart:.2g} standard deviations of one: {why}")
         for (label, value), name in zip(self._short_known(), self.known, strict=True):
             asked, std = self.freed.get(name, (value, 0.0))
