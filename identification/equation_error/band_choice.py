@@ -41,8 +41,6 @@ nothing more inclusive is tried."""
 
 _SMALL = 0.1  # the same, relative, that does not count however regular it is
 
-_SPEED = "of the usual speed"
-
 _ENOUGH, _LEAST = 10, 4  # equations per unknown, and segments, below which a band says too little to judge others
 
 
@@ -167,17 +165,19 @@ def choose_band(
 ) -> tuple[float, tuple[FitTrial, ...]]:
     """The widest pass band of some, none of the narrower ones contradicting.
 
-    Octaves first, until one is too wide, then the bands before it. Of several logs none wider than most of them choose
-    alone: friction that differs between them hides what a wide band does.
-
-    `bands`: increasing, half an octave apart [Hz]. `equations`: band -> the logs' systems, cautious in speed. `seconds`
-    (R,): length of each log. `weights` (R, n) or None: of logs and joints, if stated.
+    Octaves first, until one is too wide, then the bands before it. Of several logs none wider than most choose alone:
+    friction that differs between them hides what a wide band does. `bands`: increasing, half an octave apart [Hz].
+    `equations`: band -> the logs' systems, cautious in speed. `seconds` (R,): length of each log. `weights` (R, n) or
+    None: of logs and joints, if stated.
     """
-    if (logs := len(seconds)) > 1:
-        equations, alone = functools.cache(equations), [bands[-1]] * logs
-        for i in range(logs):
+    if len(seconds) > 1:
+        equations, alone = functools.cache(equations), [bands[-1]] * len(seconds)
+        for i in range(len(seconds)):
             log, own = slice(i, i + 1), None if weights is None else weights[i : i + 1]
-            of_log = functools.partial(lambda log, band: equations(band)[log], log)
+
+            def of_log(band: float, log: slice = log) -> Sequence[System]:
+                return equations(band)[log]
+
             with contextlib.suppress(ValueError):  # too short to choose
                 alone[i] = choose_band(bands, of_log, seconds[log], own)[0]
         bands = [band for band in bands if band <= np.median(alone)]
@@ -202,7 +202,7 @@ def choose_speed(
     gap: float, weights: Floats | None,
 ) -> tuple[float, tuple[FitTrial, ...]]:  # fmt: skip
     """The least share of the usual speeds, the higher ones not contradicting; arguments as for `choose_band`."""
-    choice = _Choice(_SPEED, operator.gt, seconds, weights)
+    choice = _Choice("of the usual speed", operator.gt, seconds, weights)
     for share in shares:
         if choice.worse(share, equations(share), gap) > _FAR:
             break
