@@ -20,6 +20,9 @@ from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
+from plant.parts.user_warning import warn
+
+_POOR = 0.2  # share of the logged torques that an arm and its friction may leave
 
 _ORDER = "Pass an arm, an identification or dynamics first, then records."
 
@@ -173,6 +176,7 @@ def find_gears(
         f, covariance = _from_torques(dynamics, seen, tuple(dynamics.names if unknown is None else unknown))
     else:
         f, covariance = exact.f, covariance_of_f(uncertain, exact)
+    _require_torques(dynamics, seen, f)
     whole, runs, fit = fit_wound(dynamics, seen, f, covariance)
     against = np.flatnonzero(whole.values[0] + whole.half[0] < 0)
     if len(against):
@@ -209,6 +213,25 @@ def _seen(dynamics: Dynamics, records: Record | Sequence[Record], band: float | 
                     f"link_counts must be of the joints that {first} has; {label} differs. Take them apart."
                 )
     return seen
+
+
+def _require_torques(dynamics: Dynamics, seen: Sequence[Deflections], f: Floats) -> None:
+    """Warn of an f that does not give the torques that were logged; friction is found beside it."""
+    logged = [each for each in seen if each.record.torque is not None or each.record.current is not None]
+    if not logged:
+        return
+    friction = [f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(dynamics.n)]
+    known = Known(dict(zip(dynamics.names, f.tolist(), strict=True)))
+    try:
+        systems = [each.balance(dynamics, (*dynamics.names, *friction)) for each in logged]
+        off = fit_systems(dynamics, (*dynamics.names, *friction), known, systems).relative_error
+    except ValueError:  # too few equations
+        return
+    if off > _POOR:
+        warn(
+            f"find_gears: f and friction leave {off:.0%} of the logged torques, and stiffness is off by as much. Pass "
+            "the arm of these logs, or dynamics alone, which finds it."
+        )
 
 
 def _from_torques(dynamics: Dynamics, seen: Sequence[Deflections], names: tuple[str, ...]) -> tuple[Floats, Floats]:

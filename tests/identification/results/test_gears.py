@@ -115,6 +115,13 @@ def test_bad_input_is_refused_in_one_line(arm, records, options, text):
     assert "\n" not in str(caught.value)
 
 
+def test_an_arm_that_does_not_give_the_logged_torques_is_told():
+    heavier = ARM.dynamics.arm(1.6 * ARM.f)
+    with pytest.warns(UserWarning, match=r"f and friction leave [3-7]\d% of the logged torques"):
+        found = find_gears(heavier, logs())
+    assert (found.stiffness[SEEN] > 1.3 * STIFFNESS[SEEN]).all()
+
+
 def test_an_identification_brings_its_covariance():
     arm, rig = puma560.literature_arm(1.5), puma560.rig()
     gears = Elasticity.from_resonance(arm, 25, 0.02, drive=rig.drive)
