@@ -9,7 +9,7 @@ import numpy as np
 from identification.equation_error.between_runs import BetweenRuns
 from identification.equation_error.naming import each_named, record_label
 from identification.equation_error.prior import Known, Prior
-from identification.equation_error.pulse_fit import fit_systems, path_in
+from identification.equation_error.pulse_fit import fit_systems, pass_band, path_in
 from identification.equation_error.torque_logs import evened
 from identification.equation_error.two_encoders import Deflections, Wound, fit_wound
 from identification.results.identification import Identification, covariance_of_f
@@ -173,7 +173,7 @@ def find_gears(
         known = Prior.of(dynamics, rig, (exact, prior) if isinstance(exact, Arm) and np.ndim(prior) == 0 else prior)
         f, covariance = known.mean, known.covariance
     elif isinstance(exact, Dynamics):
-        f, covariance = _from_torques(dynamics, seen, tuple(dynamics.names if unknown is None else unknown))
+        f, covariance = _from_torques(dynamics, seen, band, tuple(dynamics.names if unknown is None else unknown))
     else:
         f, covariance = exact.f, covariance_of_f(uncertain, exact)
     _require_torques(dynamics, seen, f)
@@ -234,8 +234,12 @@ def _require_torques(dynamics: Dynamics, seen: Sequence[Deflections], f: Floats)
         )
 
 
-def _from_torques(dynamics: Dynamics, seen: Sequence[Deflections], names: tuple[str, ...]) -> tuple[Floats, Floats]:
+def _from_torques(
+    dynamics: Dynamics, seen: Sequence[Deflections], band: float | None, names: tuple[str, ...]
+) -> tuple[Floats, Floats]:
     """f, and its covariance (p, p), from the torques of the motors along the motion of links and motors."""
+    if band is None:
+        seen = [Deflections.of(each.record, pass_band(each.record)) for each in seen]
     seconds = np.array([len(each.record) * each.record.rig.period for each in seen])
     fit = fit_systems(dynamics, names, Known(), [each.balance(dynamics, names) for each in seen], seconds)
     own = [fit.names.index(name) for name in dynamics.names]

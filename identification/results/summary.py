@@ -81,7 +81,8 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
     if found.fit.between is not None:
         yield from inside(found.fit.between)
     elif found.covariance is not None:
-        yield ONE_LOG if len(found.records) == 1 else "what differs between runs is not in the intervals"
+        one = f"{ONE_LOG}{' (held_out=() takes the one that is held out)' * bool(found.held_out)}"
+        yield one if len(found.records) == 1 else "what differs between runs is not in the intervals"
     yield from inside(found.diagnostics)
     if found.fit.noise_covariance is not None:
         yield f"intervals count noise and {found.search.tolerances}"

@@ -45,7 +45,11 @@ def _sign(signals, i):
     name, unit, slope = "gear sign", "of the reference", signals.tracking_slope[i]
     if not np.isfinite(slope):
         return Finding.unknown(name, i, "the reference does not move")
-    advice = f"The counts move {slope:.3g} times as far as the reference: check resolution, gear and units of both."
+    alike = [
+        unit for unit, factor in (("degrees", np.pi / 180), ("turns", 2 * np.pi)) if abs(slope / factor - 1) < 0.05
+    ]
+    advice = f"The counts move {slope:.3g} times as far as the reference: check resolution, gear and units of both"
+    advice += f" (as if the reference were in {alike[0]}, and read in rad)." if alike else "."
     if slope < -TRACKING:
         advice = f"The counts run against the reference{_turned(signals, i)}."
     if abs(slope - 1) <= TRACKING:
