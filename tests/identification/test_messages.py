@@ -8,7 +8,7 @@ import pytest
 
 from identification import Objective, RecordError, identify
 from identification.equation_error.naming import each_named
-from plant import Chain, Dynamics, Link, LoggedTorque, Record, puma560, simulate
+from plant import Chain, Dynamics, Link, LoggedTorque, PointToPoint, Record, puma560, read_robot, simulate
 
 RIG, DYNAMICS = puma560.rig(), puma560.dynamics()
 COLUMNS = {"t": "time", "counts": ("c_shoulder", "c_elbow"), "torque": ("u_shoulder", "u_elbow")}
@@ -48,6 +48,14 @@ def test_a_record_without_a_law_is_named_also_among_those_that_are_held_out(reco
     ):  # fmt: skip
         with pytest.raises(ValueError, match=rf"^{place} \(run_02.csv\): the record must name the law"):
             identify(DYNAMICS, records, held_out=held_out, progress=False)
+
+
+def test_a_record_of_another_arm_is_named(record):
+    robot = read_robot("ur5e")
+    other = simulate(robot.dynamics.arm(robot.dynamics.f()), robot.rig, robot.law, PointToPoint(
+        start=np.zeros(6), goal=np.full(6, 0.1), duration=0.5), duration=0.5)  # fmt: skip
+    with pytest.raises(ValueError, match=r"^records\[1\]: rig must have 2 joints like the arm; got 6"):
+        identify(DYNAMICS, [record, other], progress=False)
 
 
 def test_a_turned_column_is_named_where_no_arm_explains_the_torque(record):

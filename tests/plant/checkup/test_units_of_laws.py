@@ -79,3 +79,14 @@ def test_swapped_angles_are_named_through_gears_that_differ(record, turned):
         assert f"follow the reference of joint q[{other}]" in found.advice
     right = dataclasses.replace(swapped, error_pulses=asked - rig.counts(record.rig.to_angle(record.counts)))
     assert not said(right, "swapped joints")
+
+
+def test_a_reference_in_degrees_that_was_read_in_radians_is_named(record):
+    reference = np.rint(record.reference_pulses * 180 / np.pi)
+    wrong = dataclasses.replace(
+        record, reference=None, reference_pulses=reference, error_pulses=reference - record.counts, torque=None,
+        current=None, law=None,
+    )  # fmt: skip
+    lines = said(wrong, "gear sign")
+    assert len(lines) == 2
+    assert all("as if the reference were in degrees, and read in rad" in line for line in lines)
