@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from plant.checkup.finding import Finding
-from plant.checkup.lost_rows import LostRows
+from plant.checkup.lost_rows import MOST, LostRows
 from plant.checkup.signals import Signals
 
 _GAP, _CROWD = 1.5, 0.5
@@ -92,6 +92,8 @@ def _stamps(signals):
 def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
     """Yield the findings about rows that are no measurement, by cause."""
     N, fits = len(signals.record), "Fits bridge them without weight"
+    if lost.any.mean() > MOST:
+        fits = f"They are {lost.any.mean():.0%} of all, too many for any fit; log every sample, and anew"
     causes = {
         "lost packets": (lost.packets, "Rows, or their reference, repeat the one before although the arm moves"),
         "stuck samples": (lost.stuck, "Counts of a joint repeat although it moves, and catch up"),

@@ -130,6 +130,9 @@ def test_a_log_of_repeated_rows_alone_is_refused_in_one_line():
     row = np.arange(len(log())) // 3 * 3
     with pytest.raises(ValueError, match=r"most rows must be measurements; .* Log every sample once"):
         bridged(rows(log(), row))
+    said = [each.advice for each in rows(log(), row).check().problems if each.check == "lost packets"]
+    assert all("too many for any fit; log every sample, and anew" in line for line in said)
+    assert len(said) == 1
 
 
 def test_lost_packets_hardly_change_the_objective():
