@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.least_squares import at_least, group_std, run_moves, run_std, wider
+from identification.equation_error.least_squares import NORMAL, at_least, group_std, run_moves, run_std, wider
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -79,7 +79,7 @@ class BetweenRuns(Shown, Frozen):
     @property
     def half_width(self) -> Floats:
         """Of the 95 % intervals (R, k) of what each log says, with what differs between logs."""
-        return np.asarray(1.96 * np.sqrt(self.std**2 + (self.deviation * wider(self.freedom)) ** 2))
+        return np.asarray(NORMAL * np.sqrt(self.std**2 + (self.deviation * wider(self.freedom)) ** 2))
 
     def among(self, places: NDArray[np.intp], count: int) -> Self:
         """The same of so many values, of which these (k,) are at places; of the others nothing is known."""

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from identification.equation_error.filters import by_differences, derivatives, low_pass
+from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.prior import Known
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
 from identification.equation_error.regressor import System, compared, linear, regressor_along
@@ -53,7 +54,7 @@ def fit_deflection(dynamics: Dynamics, records: Sequence[Record], unknown: Seque
     torque = fit_systems(dynamics, names, known, [each.balance(dynamics, names) for each in seen])
     values = dict(known) | dict(zip(torque.names, torque.values, strict=True))
     wound = fit_wound(dynamics, seen, np.array([values[name] for name in dynamics.names]))[0]
-    return GearFit(compliance=wound.values[0], std=_SYSTEMATIC * wound.half[0] / 1.96, torque=torque)
+    return GearFit(compliance=wound.values[0], std=_SYSTEMATIC * wound.half[0] / NORMAL, torque=torque)
 
 
 _BANDS = (0.5, 0.7, 1.0, 1.4)  # pass bands that are tested, in frequencies of the strongest oscillation

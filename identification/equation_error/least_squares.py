@@ -136,7 +136,8 @@ def dependent_columns(names: Sequence[str], rows: Floats, *, dependent: float = 
 
 SEGMENTS = 10  # of all runs, at least, of which values are compared
 
-_NORMAL = 1.96
+NORMAL = 1.96
+"""Standard deviations on either side of a normal value that hold 95 %."""
 
 _AT_ONCE = 1 << 19  # rows that are scaled at once
 
@@ -205,7 +206,7 @@ def wider(freedom: ArrayLike) -> Floats:
     """Student's quantile of 95 % for these degrees of freedom, in that of the normal distribution."""
     from scipy.special import stdtrit
 
-    return np.asarray(stdtrit(freedom, 0.975) / _NORMAL)
+    return np.asarray(stdtrit(freedom, 0.975) / NORMAL)
 
 
 def at_least(covariance: Floats, std: Floats) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.filters import by_differences, derivatives, low_pass
+from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of
 from identification.equation_error.regressor import System, compared, regressor_along
 from identification.equation_error.torque_fit import TorqueFit, weighted
@@ -24,8 +25,6 @@ from plant import Dynamics, Record
 from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 from plant.parts.sums import product, products
-
-_NORMAL = 1.96
 
 _TORQUES = 2e-3
 """Relative standard deviation of torques beside that of f: gears that no rig states, lengths, direction of gravity."""
@@ -108,16 +107,16 @@ def fit_wound(
         systems = [each.wound(dynamics, f) for each in records]
         fit = weighted(dynamics, names, [_beside_offset(system, seen) for system in systems], seconds=seconds)
         compliance[seen] = fit.values[: len(seen)]
-    alone, spread = [(fit.values, _NORMAL * fit.std)], [systems]
+    alone, spread = [(fit.values, NORMAL * fit.std)], [systems]
     if fit.between is not None:
         alone += zip(fit.between.values, fit.between.half_width, strict=True)
         spread += [[system] for system in systems]
     found = []
     for (values, half), some in zip(alone, spread, strict=True):
-        half[: len(seen)] = np.hypot(half[: len(seen)], _NORMAL * _TORQUES * values[: len(seen)])
+        half[: len(seen)] = np.hypot(half[: len(seen)], NORMAL * _TORQUES * values[: len(seen)])
         if covariance is not None:
             moves = _moved_by_f(some, seen, values[: len(seen)])
-            half = np.hypot(half, _NORMAL * np.sqrt(np.maximum(((moves @ covariance) * moves).sum(axis=1), 0)))
+            half = np.hypot(half, NORMAL * np.sqrt(np.maximum(((moves @ covariance) * moves).sum(axis=1), 0)))
         whole = np.full((2, 2, n), np.nan)
         whole[:, :, seen] = values.reshape(2, -1), half.reshape(2, -1)
         found.append(Wound(*whole))

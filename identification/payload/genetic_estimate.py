@@ -14,6 +14,7 @@ import functools
 import casadi as ca
 import numpy as np
 
+from identification.equation_error.least_squares import NORMAL
 from identification.payload.kernel_estimate import Smoothing, Window
 from identification.payload.posterior import LoadShape, PayloadEstimate, judged
 from identification.search.genetic import GeneticSettings, minimize_genetic
@@ -87,7 +88,7 @@ class GeneticEstimator:
         parameters = self.parameters(best[None])[0]
         place = parameters[1:4] / best[0] if best[0] > 0 else self.shape.places[len(self.shape.places) // 2]
         return PayloadEstimate(
-            mass=float(best[0]), std=std, interval=np.clip(best[0] + 1.96 * std * np.array([-1, 1]), low, high),
+            mass=float(best[0]), std=std, interval=np.clip(best[0] + NORMAL * std * np.array([-1, 1]), low, high),
             parameters=parameters, position=place, sufficient=sufficient, explained=misfit < _MISFIT, misfit=misfit,
             message=message,
         )  # fmt: skip

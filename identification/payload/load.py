@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from identification.equation_error.least_squares import NORMAL
 from identification.payload.load_search import LoadSearch
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
@@ -68,9 +69,6 @@ def warnings_of(
         yield f"the records alone differ more than their deviations: {masses} kg; the deviation counts that."
 
 
-_QUANTILE = 1.96  # of the normal distribution, for 95 %
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Load(Shown, Frozen):
     """A load on the last link, or another one. Print it.
@@ -119,7 +117,7 @@ class Load(Shown, Frozen):
     @property
     def interval(self) -> Floats:
         """That holds the mass with 95 % (2,) [kg]."""
-        return self.mass + _QUANTILE * self.std * np.array([-1.0, 1.0])
+        return self.mass + NORMAL * self.std * np.array([-1.0, 1.0])
 
     def _short(self) -> str:
         count = len(self.warnings)

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification.equation_error.least_squares import NORMAL
 from plant import Arm, Body
 from plant.mechanics.lumping import LOAD, STANDARD
 from plant.parts.arguments import array, real
@@ -202,7 +203,7 @@ def posterior(
     interval = _interval(odds, centre, sigma, inside, ends)
     if max(over) > _OUTSIDE:  # the range is not believed any more
         std = float(np.hypot(sigma[likely], centre[likely] - mass))
-        sides = np.append(interval, centre[likely] + 1.96 * sigma[likely] * np.array([-1, 1]))
+        sides = np.append(interval, centre[likely] + NORMAL * sigma[likely] * np.array([-1, 1]))
         interval = np.array([sides.min(), sides.max()])
     return PayloadEstimate(
         mass=mass, std=std, interval=interval, parameters=parameters,

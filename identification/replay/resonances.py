@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification.equation_error.least_squares import NORMAL
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Elasticity, Record, Rig
@@ -26,7 +27,7 @@ STIFFNESS, DAMPING = "drive.elasticity.stiffness", "drive.elasticity.damping"
 _EXPECTED = (0.005, 0.05)  # damping ratios between which 95 % of all gears are expected
 
 _USUAL = float(np.log(_EXPECTED).mean())
-_SPREAD = float(np.diff(np.log(_EXPECTED))[0]) / 2 / 1.96
+_SPREAD = float(np.diff(np.log(_EXPECTED))[0]) / 2 / NORMAL
 
 _BETWEEN, _RATIOS = (4.0, 1000.0), (1e-3, 0.5)
 """Resonances [Hz] and damping ratios between which a search stays; the last resonance is as good as rigid."""

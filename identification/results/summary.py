@@ -7,6 +7,7 @@ import numpy as np
 
 from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.law_memory import along_log
+from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import origins
 from identification.results.trust import MANY, pairs_of, warnings_of
@@ -165,7 +166,7 @@ def _values(found: Any) -> Table:
             rows.append((names[i], values[i], said, "", "", ""))
             continue
         most = int(np.argmax(np.abs(others[i])))
-        interval = f"[{value - 1.96 * std:.5g}, {value + 1.96 * std:.5g}]"
+        interval = f"[{value - NORMAL * std:.5g}, {value + NORMAL * std:.5g}]"
         together = f"{names[most]} ({others[i, most]:+.2f})"
         rows.append((names[i], values[i], f"{std:.2g}", f"{bounds[i]:.2g}", interval, together))
     head: tuple[str, ...] = ("", "value", "std", "Cramér-Rao bound", "95 % interval", "largest correlation")

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from identification.equation_error.gear_fit import GearFit, fit_deflection, fit_gears
+from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.pulse_fit import NO_BAND
 from identification.replay.gauss_newton import Solution, gauss_newton, reweighed, slopes
 from identification.replay.profile_likelihood import Profile
@@ -27,8 +28,6 @@ from plant.simulation.followed_path import path_of, start_of
 
 _TWO_SIDED, _ONE_SIDED, _LIKE_RIGID = 3.84, 2.71, 3.84
 """Twice the rise of the log-likelihood at the ends of an interval, at a bound, and up to which a gear may be rigid."""
-
-_NORMAL = 1.96
 
 
 class Intervals:
@@ -61,9 +60,9 @@ class Intervals:
         unit, best, (low, high) = self._unit, self._solution.values[place], self._start.bounds[place]
         std = self._std(place)
         if best <= low or profile.rise(low, _LIKE_RIGID * unit) < _LIKE_RIGID * unit:
-            return (low, profile.end(_NORMAL * std, _ONE_SIDED * unit, high)), True
+            return (low, profile.end(NORMAL * std, _ONE_SIDED * unit, high)), True
         level = _TWO_SIDED * unit
-        return (profile.end(_NORMAL * std, level, low), profile.end(_NORMAL * std, level, high)), False
+        return (profile.end(NORMAL * std, level, low), profile.end(NORMAL * std, level, high)), False
 
     def _std(self, place: int) -> float:
         return float(np.sqrt(INFLATION * self._solution.covariance[place, place]))
@@ -85,7 +84,7 @@ class Intervals:
             high[searched], low[searched] = 1 / (2 * np.pi * np.sqrt(self._periods[searched].T))
         high[self._rigid] = hz[self._rigid] = np.inf
         for i, place in view.damping.items():
-            ratio_low[i], ratio_high[i] = ratio[i] * np.exp(_NORMAL * self._std(place) * np.array([-1, 1]))
+            ratio_low[i], ratio_high[i] = ratio[i] * np.exp(NORMAL * self._std(place) * np.array([-1, 1]))
         return GearResonance(
             joints=tuple(joints), pose=pose, hz=hz, low=low, high=high, damping_ratio=ratio, damping_low=ratio_low,
             damping_high=ratio_high, searched=searched,
