@@ -133,6 +133,8 @@ def mujoco_log(name, chain, rig, law, path, duration):
             joint.set("type", "continuous" if joint.get("type") == "revolute" else joint.get("type"))
         else:
             joint.set("type", "fixed")
+    # Virtual bodies between joints have no mass.
+    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", boundmass="1e-6", boundinertia="1e-10")
     model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
     place = [model.joint(key).qposadr[0] for key in moving]
     speed = [model.joint(key).dofadr[0] for key in moving]
