@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from identification.equation_error.excitation import unexcited
 from plant import Record, Reference
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -116,6 +117,15 @@ def told(found: Any) -> Told | None:
     return Told(found.arm.dynamics.short_names, axes, np.sqrt(np.clip(squares, 0.0, 1.0)), off)
 
 
+def of_prior(found: Any) -> list[str]:
+    """Which parameters of f the log leaves to the prior, each by itself; none where nothing of that is known."""
+    if told(found) is None:
+        return []
+    prior = found.fit.prior
+    shares = np.sqrt(np.diag(found.fit.covariance_of(prior.names)) / np.diag(prior.covariance))
+    return [name for name, share in zip(found.arm.dynamics.short_names, shares, strict=True) if share > _TOLD]
+
+
 def origins(found: Any, full: bool) -> Iterator[Piece]:
     """Which combinations of f come from the log, and which from the prior, best told first; full: all of these."""
     if (told_of := told(found)) is None:
@@ -123,9 +133,12 @@ def origins(found: Any, full: bool) -> Iterator[Piece]:
     std = np.sqrt(np.diag(found.fit.prior.covariance))
     those = np.flatnonzero(told_of.shares >= _TOLD)
     count, spread = len(std), 100 * found.fit.prior.spread
+    if idle := unexcited(found.arm.dynamics, found.records):
+        yield f"the log does not excite all: {', '.join(idle)}"
     yield (
-        f"of {count} combinations of f, {count - len(those)} come from the log, {len(those)} from the prior "
-        f"({spread:.3g} %), of whose standard deviation the log leaves more than {_TOLD:.0%}"
+        f"from the prior ({spread:.3g} %), of whose standard deviation the log leaves more than {100 * _TOLD:.0f} %: "
+        f"{', '.join(of_prior(found)) or 'no parameter alone'}; of {count} independent combinations of f "
+        f"{count - len(those)} come from the log, {len(those)} from the prior"
     )
     rows = dict[str, tuple[str, str]]()  # combinations that print alike count once
     for i in those if full else those[::-1]:

@@ -9,7 +9,7 @@ from identification.equation_error.between_runs import ONE_LOG
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.torque_fit import TorqueFit
-from identification.results.seen import origins
+from identification.results.seen import of_prior, origins
 from identification.results.trust import MANY, pairs_of, warnings_of
 from identification.search.long_logs import LONG, PARTS, is_long
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
@@ -111,9 +111,14 @@ def _abreast(found: Any) -> Iterator[Table]:
     """Values and standard deviations, those of f and then the others, in as many columns as a line holds."""
     std = [0.0] * len(found.fit.values) if found.covariance is None else found.fit.std
     rows = list(zip(found.fit.unknown, found.short_names, found.fit.values, std, strict=True))
+    prior = of_prior(found)
     for of_f in (True, False):
         cells = [
-            (short, f"{value:.4g}", f"+- {own:.2g}" if own > 0 else "known" * (found.covariance is not None))
+            (
+                short,
+                f"{value:.4g}",
+                f"+- {own:.2g}{' prior' * (short in prior)}" if own > 0 else "known" * (std is found.fit.std),
+            )
             for name, short, value, own in rows
             if (name in found.arm.dynamics.names) == of_f
         ]
@@ -159,6 +164,7 @@ def _values(found: Any) -> Table:
         bounds = found.bound() if alone else np.full(len(values), np.nan)
     except ValueError:  # no reference, or numbers that are not separately identifiable
         bounds = np.full(len(values), np.nan)
+    prior = of_prior(found)
     others, rows = found.fit.correlation - np.eye(len(values)), list[tuple[str, ...]]()
     for i, (value, std) in enumerate(zip(found.fit.values, found.fit.std, strict=True)):
         if not std > 0:
@@ -168,7 +174,9 @@ def _values(found: Any) -> Table:
         most = int(np.argmax(np.abs(others[i])))
         interval = f"[{value - NORMAL * std:.5g}, {value + NORMAL * std:.5g}]"
         together = f"{names[most]} ({others[i, most]:+.2f})"
-        rows.append((names[i], values[i], f"{std:.2g}", f"{bounds[i]:.2g}", interval, together))
+        rows.append(
+            (names[i], values[i], f"{std:.2g}{' prior' * (names[i] in prior)}", f"{bounds[i]:.2g}", interval, together)
+        )
     head: tuple[str, ...] = ("", "value", "std", "Cramér-Rao bound", "95 % interval", "largest correlation")
     if not np.isfinite(bounds).all():
         head, rows = head[:3] + head[4:], [row[:3] + row[4:] for row in rows]

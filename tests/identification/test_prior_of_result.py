@@ -1,6 +1,7 @@
 """Joints that hardly move, or move in step, identified with a prior: f is whole, and right where the log tells it."""
 
 import dataclasses
+import re
 import warnings
 
 import numpy as np
@@ -118,12 +119,19 @@ def test_what_came_from_where(still):
     count = int((those.shares >= 0.5).sum())
     assert 0 < count < len(those.shares)
     text = found.summary()
-    assert f"{len(those.shares) - count} come from the log, {count} from the prior (30 %)" in " ".join(text.split())
+    text = " ".join(text.split())
+    assert f"{len(those.shares) - count} come from the log, {count} from the prior" in text
+    assert "the log does not excite all: joint elbow (q[2]) moves by" in text
     assert f"least told first, 3 of {count} (f in its standard deviations)" in str(list(origins(found, full=False))[-1])
     assert "Cramér-Rao bound" not in found.summary(full=True)  # it would be of the log alone
     left = found.fit.std / np.sqrt(np.diag(found.fit.prior.covariance))
     (rotor,) = [i for i, name in enumerate(found.arm.dynamics.names) if name == "J_elbow"]
     assert left[rotor] > 0.8
+    (told_by_itself,) = re.findall(r"more than 50 %: ([^;]*);", text)
+    assert told_by_itself.split(", ") == [
+        name for name, share in zip(found.short_names, left, strict=True) if share > 0.5
+    ]
+    assert re.search(rf"{found.short_names[rotor]} +\S+ +\S+ prior", found.summary())
     assert not [line for line in found.warnings if "prior" in line]
 
 
