@@ -67,7 +67,6 @@ class Resumed(Law):
         return np.append(np.zeros(len(self.law.initial_state(n))), 1.0)
 
     def block(self, rig: Rig) -> Block:
-        """This law as a symbolic step for a rig."""
         count = len(self.law.initial_state(rig.n))
         if len(self.state) != count:
             given = f"state of {type(self.law).__name__} must have {count} numbers; got {len(self.state)}"
@@ -75,7 +74,6 @@ class Resumed(Law):
         return super().block(rig)
 
     def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
-        """One step of the law."""
         memory, first = state[:-1], state[-1]
         asked, following = self.law.equations(rig, memory + first * self.state, setpoint, pulses, torque, dt)
         return asked, ca.vertcat(following, 0)

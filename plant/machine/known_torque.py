@@ -123,7 +123,6 @@ class JointSpring(KnownTorque):
         signs(self, not_negative=("stiffness",), advice="A spring that pushes away from its rest is a Counterbalance.")
 
     def torque(self, q: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] on the joints at q (n, 1) [rad]."""
         torque = -self.stiffness * (q - self.angle)
         return torque if self.preload is None else torque + self.preload
 
@@ -193,7 +192,6 @@ class Counterbalance(KnownTorque):
             )
 
     def torque(self, q: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] on the joints at q (n, 1) [rad]."""
         a, b, phi = self.base_arm, self.link_arm, q - self.angle
         length = ca.sqrt(ca.fmax(a * a + b * b - 2 * (a * b) * ca.cos(phi), _SHORTEST))
         force = self.stiffness * (length - self.free_length)
@@ -228,5 +226,4 @@ class CosineTorque(KnownTorque):
     phase: Vector = number(("n",))
 
     def torque(self, q: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] on the joints at q (n, 1) [rad]."""
         return self.amplitude * ca.cos(q - self.phase)

@@ -132,7 +132,6 @@ class Timed(Reference):
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
         return len(self.points[0])
 
     @property
@@ -177,7 +176,6 @@ class Scaled(Timed):
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
         return self.path.n
 
     @known_options
@@ -202,7 +200,6 @@ class Scaled(Timed):
         return law, *(law.derivative(k) for k in range(1, 5))
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Motion at times (N,), by the chain rule."""
         place, (speed, acceleration, *_) = self._places(t)
         q, along, bend = self.path.motion(place)
         return q, along * speed, bend * speed**2 + along * acceleration
@@ -234,7 +231,6 @@ class Derived(Reference):
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
         return self.reference.n
 
     @property
@@ -256,9 +252,7 @@ class Later(Derived):
         return self if self.reference.links is self.reference else self.reference.links.later(self.time)
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Motion at times (N,)."""
         return self.reference.motion(t + self.time)
 
     def higher(self, t: Floats) -> tuple[Floats, Floats]:
-        """Jerk and snap at times (N,)."""
         return self.reference.higher(t + self.time)

@@ -22,12 +22,10 @@ class _Smooth(Reference):
         """Derivatives of q of these orders, 0 for q itself, each (N, n), at times t (N,)."""
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Motion at times (N,)."""
         q, qd, qdd = self._derivatives(t, range(3))
         return q, qd, qdd
 
     def higher(self, t: Floats) -> tuple[Floats, Floats]:
-        """Jerk and snap at times (N,)."""
         jerk, snap = self._derivatives(t, (3, 4))
         return jerk, snap
 
@@ -74,7 +72,6 @@ class Harmonics(_Smooth):
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
         return len(self.offset)
 
     @property
@@ -125,7 +122,6 @@ class PointToPoint(_Smooth):
 
     @property
     def n(self) -> int:  # type: ignore[override]  # declared, and read only
-        """Number of joints."""
         return len(self.start)
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:

@@ -80,7 +80,6 @@ class Table(Timed):
         return cls(times=table[:, 0], points=table[:, 1:])
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Motion at times (N,)."""
         times, points = np.asarray(self.times), np.asarray(self.points)
         row = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
         slope = np.diff(points, axis=0)[row] / np.diff(times)[row][:, None]
