@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PICTURE = Path(__file__).with_name("images") / "house.png"
 HOUSES = {"plant": "#dfeaf0", "identification": "#f5e3dd", "ctc": "#e6eddc"}
 TO_PLAIN = {ord("\n"): " ", ord("`"): None}
-HIDDEN = ("version", "siblings", "__main__")
+HIDDEN = ("version", "__main__")
 
 
 def floors():

@@ -23,15 +23,16 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 All that is public is exported here; `docs/architecture.md` shows the house in one picture.
 """
 
+from importlib.util import find_spec
+from pathlib import Path
+
 from plant.analysis.control_systems import to_control
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import cascade_gains, p_gains
 from plant.fmu.export import to_fmu
-from plant.laws.cascade import Cascade
 from plant.laws.law import Law, Setpoint, StatelessLaw
-from plant.laws.pid import PD, PID, P
-from plant.laws.replayed import LoggedCurrent, LoggedTorque
-from plant.laws.resumed import Resumed
+from plant.laws.pid import PD, PID, Cascade, P
+from plant.laws.replayed import LoggedCurrent, LoggedTorque, Resumed
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records
@@ -39,9 +40,8 @@ from plant.machine.drive import Drive
 from plant.machine.drive_effects import FrictionDrift, TorqueRipple
 from plant.machine.elasticity import Elasticity
 from plant.machine.encoder import Encoder, Phase, QuadratureError
-from plant.machine.friction import FrictionCurve
+from plant.machine.friction import FrictionCurve, Presliding
 from plant.machine.known_torque import CosineTorque, Counterbalance, JointSpring, KnownTorque
-from plant.machine.presliding import Presliding
 from plant.machine.rig import Jitter, Rig, Transport
 from plant.mechanics.arm import Arm
 from plant.mechanics.body import Body
@@ -65,14 +65,21 @@ from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
 from plant.robots import puma560
 from plant.ros2.export import to_ros2_control
-from plant.siblings import check_siblings
 from plant.simulation.followed_path import write_replay
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import replay, simulate
 from plant.simulation.stepped_arm import SteppedArm
 from plant.version import __version__ as __version__
 
-check_siblings()
+_home = Path(__file__).resolve().parent.parent
+for _name in ("identification", "ctc"):  # other distributions called `plant` and `ctc` exist
+    _spec = find_spec(_name)
+    _found = Path(_spec.origin).resolve().parent.parent if _spec and _spec.origin else None
+    if _found != _home:
+        raise ImportError(
+            f"package {_name!r} must be beside {_home / 'plant'}; it would be imported from "
+            f"{_found / _name if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
+        )
 
 __all__ = [
     "PD", "PID", "Arm", "Body", "Cascade", "Chain", "CosineTorque", "Counterbalance", "Coupling",

@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.sampled_loops import SampledLoops
-from plant.laws.cascade import Cascade
 from plant.laws.law import Law
-from plant.laws.pid import PD, P
+from plant.laws.pid import PD, Cascade, P
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Motion, Reference

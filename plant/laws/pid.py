@@ -1,11 +1,11 @@
-"""P, PD and PID control on the tracking error in pulses."""
+"""P, PD and PID control on the tracking error in pulses; the cascade of industrial drives."""
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from plant.laws.law import Law, Setpoint, StatelessLaw, Step
-from plant.laws.terms import filtered_difference, integrated, no_reading
+from plant.laws.terms import difference, filtered_difference, integrated, no_reading
 from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
 from plant.parts.fields import Vector
@@ -147,3 +147,81 @@ class PID(PD):
 
         motor, memory = self.motor_torque(error, memory, dt)
         return rig.drive.joint_torque(motor + integral), ca.vertcat(memory, integral, motor + integral)
+
+
+@part
+class Cascade(Law):
+    """Cascade control: P on the position, PI on the speed; motor torque = speed (w - pulses') + integral of the same.
+
+    The commanded speed is w = position e, with e the tracking error in pulses; pulses' is the filtered difference of
+    the counts, or their difference over some samples. Nothing is fed forward, so in steady motion the error is the
+    reference's speed over `position`.
+
+    Parameters
+    ----------
+    position : (n,) array_like
+        Commanded speed per tracking error, both in pulses [1/s].
+    speed : (n,) array_like
+        Motor torque per pulse per second [N m s], above zero.
+    integral : (n,) array_like
+        Motor torque per pulse [N m]: gain of the integral of the speed error.
+    filter : float, optional
+        Pole of the first-order low-pass in front of the backward difference [rad/s].
+    difference : int, optional
+        Samples over which the difference is taken, in place of the filter; such a cascade has a period.
+    period : float, optional
+        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+
+    See Also
+    --------
+    plant.PID, plant.P
+
+    Examples
+    --------
+    >>> from plant import Cascade, puma560, simulate
+    >>> law = Cascade(position=(20, 20), speed=(0.01, 0.005), integral=(0.1, 0.05), filter=600.0)
+    >>> record = simulate(puma560.arm(), puma560.rig(), law, puma560.reference(), duration=0.3)
+    >>> record.error_pulses.shape
+    (429, 2)
+    """
+
+    position: Vector = number(("n",))
+    speed: Vector = number(("n",))
+    integral: Vector = number(("n",))
+    filter: float = number((), default=None)
+    difference: int = structure(default=0)
+    period: float | None = structure(default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        signs(self, positive=("speed",), not_negative=("position", "integral"))
+        optional_period(self)
+        if isinstance(self.difference, bool) or not isinstance(self.difference, int) or self.difference < 0:
+            raise ValueError(f"difference must be a number of samples; got {self.difference!r}. Give 1 or more.")
+        if (self.filter is None) == (not self.difference):
+            raise ValueError(
+                f"one of filter and difference must be given; got {self.filter} and {self.difference}. Give the pole "
+                "[rad/s], or the samples that the drive takes its speed from."
+            )
+        if self.difference and self.period is None:
+            raise ValueError("difference needs a sampled cascade; got period=None. Give the period [s], or a filter.")
+        if self.filter is not None:
+            signs(self, positive=("filter",))
+
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """No reading yet, nothing integrated, nothing commanded."""
+        return np.concatenate([no_reading(n, self.difference or 1), np.zeros(2 * n)])
+
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+        """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
+        n = rig.n
+        memory, integral, asked = state[: -2 * n], state[-2 * n : -n], state[-n:]
+        missing = rig.drive.motor_torque(torque) - asked
+        if self.difference:
+            rate, memory = difference(pulses, memory, self.difference, dt)
+        else:
+            rate, memory = filtered_difference(pulses, memory, self.filter, dt)
+        slow = self.position * (setpoint.pulses - pulses) - rate
+        integral = integrated(integral, self.integral * slow, missing, self.integral / self.speed, dt)
+        motor = self.speed * slow + integral
+        return rig.drive.joint_torque(motor), ca.vertcat(memory, integral, motor)

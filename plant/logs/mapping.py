@@ -6,9 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant.logs.conversion import REFERENCE, converted, converted_angle, path_through
 from plant.logs.logfile import require_columns
-from plant.logs.units import TIME, UNITS, Unit, require_period, require_units
+from plant.logs.units import (
+    REFERENCE,
+    TIME,
+    UNITS,
+    Unit,
+    converted,
+    converted_angle,
+    path_through,
+    require_period,
+    require_units,
+)
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real

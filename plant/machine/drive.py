@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 
 from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction, TorqueRipple, rounded, torque_steps
 from plant.machine.elasticity import Elasticity, Resonance
-from plant.machine.friction import FrictionCurve
-from plant.machine.presliding import Presliding
+from plant.machine.friction import FrictionCurve, Presliding
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.urdf_file import read_urdf
 from plant.parts.arguments import instance, per_joint, real, signs

@@ -5,9 +5,18 @@ that is too large, the largest one against the motion. There is no branch, no re
 the joints (projected Gauss-Seidel) start from the impulse of the last step, so that an arm at rest stays held by the
 friction that held it. Source: paper Fig. 4 (static friction); the law is Coulomb's, with equal static
 and sliding level.
+
+Presliding friction is that of bristles that bend before they slide. Sources: Dahl (1968); Canudas de Wit et al. (1995),
+LuGre. Their deflection r, in units of the presliding distance d, follows dr/dt = (v - abs(v) r) / d with the speed v;
+friction is level r + damping d dr/dt. So it rises with the path as 1 - exp(-path / d), from a stiffness of level / d,
+and is Coulomb's in the limit of no distance. (LuGre's bristles have one stiffness at every level; these have one
+distance. Where the level is constant the two are the same.) In a sub-step they bend with the speed at its start for the
+first half, and with that at its end for the second; the speed at the end is the one that their friction leaves, in
+closed form for each joint, in sweeps as above. That is stable for any distance. The step itself damps the bristles like
+a damping of stiffness h / 2, so only what a stated damping has beyond that is added.
 """
 
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
@@ -86,3 +95,108 @@ def smooth_impulse(inverse: Inverse, stopping: ca.SX, bound: ca.SX) -> ca.SX:
     """Friction impulse of a differentiable law: -bound tanh(qd / REGULARISATION)."""
     qd = -inverse.diagonal * stopping
     return -bound * ca.tanh(qd / REGULARISATION)
+
+
+_TINY = 1e-300
+"""Keeps zero over zero zero."""
+
+
+@part
+class Presliding(Part):
+    """Presliding of the friction of all motors (Dahl, LuGre). Motor side.
+
+    Parameters
+    ----------
+    distance : (n,) array_like
+        Of the motor [rad]: Coulomb level over the stiffness of the bristles. After this way from rest friction is at
+        63 % of its level. Zero is Coulomb friction. ``encoder.to_angle(pulses)`` is that of so many pulses.
+    damping : (n,) array_like, optional
+        Micro-damping, torque per speed of the bristles [N m s/rad]; none by default.
+
+    Raises
+    ------
+    ValueError
+        Negative numbers.
+
+    See Also
+    --------
+    plant.FrictionCurve, plant.Drive
+
+    Examples
+    --------
+    >>> from plant import Presliding
+    >>> Presliding(distance=(0.002, 0.002))
+    Presliding(distance=array([0.002, 0.002]), damping=None)
+    """
+
+    distance: Vector = number(("n",))
+    damping: Any = number(("n",), default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        advice = "Give the motor's way in rad, and its damping in N m s/rad."
+        signs(self, not_negative=("distance", "damping"), advice=advice)
+
+
+class Bristles(NamedTuple):
+    """Bristles of all shafts: deflection (-1 to 1, over the distance), distance [rad], damping [N m s/rad]."""
+
+    deflection: ca.SX
+    distance: ca.SX
+    damping: ca.SX | None
+
+    def damped(self, bound: ca.SX) -> ca.SX:
+        """Impulse per change of deflection in a step with this largest impulse of friction [N m s]."""
+        return bound if self.damping is None else ca.fmax(bound, 2 * self.distance * self.damping)
+
+    def bent(self, speed: ca.SX, time: ca.SX) -> Self:
+        """The bristles a short time later, at this speed."""
+        path = time * ca.fabs(speed)
+        change = (time * speed - path * self.deflection) / ca.fmax(self.distance + path, _TINY)
+        return self._replace(deflection=self.deflection + change)
+
+
+def bristle_impulse(
+    inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bristles: Bristles, bound: ca.SX, h: ca.SX, sweeps: int
+) -> tuple[ca.SX, ca.SX]:
+    """Friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end; as `friction_impulse`.
+
+    The bristles are those of the middle of the step, of length h [s]. Of a joint alone, with x its momentum at the end,
+    m what it would be if the friction of the middle stayed, and D the momentum with which it goes the distance in half
+    a step: x^2 + (D - m + damped (1 - r)) x - D m = 0.
+    """
+    n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.vertsplit(ca.fabs(bound))
+    deflection = ca.vertsplit(bristles.deflection)
+    distance = ca.vertsplit(2 / h * inverse.alone * bristles.distance)
+    damped = ca.vertsplit(bristles.damped(ca.vertcat(*bound)))
+    following = list(deflection)
+    for _ in range(sweeps):
+        for i in range(n):
+            wanted = sum((inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i])
+            free = -(wanted + bound[i] * deflection[i])
+            forwards, m = ca.sign(free), ca.fabs(free)
+            room = 1 - forwards * deflection[i]
+            half = (distance[i] - m + damped[i] * room) / 2
+            larger = ca.fabs(half) + ca.sqrt(half * half + distance[i] * m)
+            momentum = ca.if_else(half > 0, distance[i] * m / ca.fmax(larger, _TINY), larger)
+            impulses[i] = wanted + forwards * momentum
+            bending = forwards * momentum * room / ca.fmax(distance[i] + momentum, _TINY)
+            following[i] = deflection[i] + bending
+    return ca.vertcat(*impulses), ca.vertcat(*following)
+
+
+def smooth_bristle_impulse(
+    inverse: Inverse, stopping: ca.SX, bristles: Bristles, bound: ca.SX, h: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Friction impulse and deflection (n, 1) of a differentiable step, the bristles those of its start.
+
+    Every joint by itself, linear in the change of its speed, and bent at the speed of the end all along: of first
+    order, with a limit for h to 0, and at rest where Coulomb friction is, also if the bristles are stiff for the step.
+    """
+    kept = bound * bristles.deflection
+    speed = -inverse.diagonal * (stopping + kept)
+    path = h * ca.fabs(speed)
+    added = bound if bristles.damping is None else bound + bristles.distance * bristles.damping
+    room = bristles.distance + path + h * inverse.diagonal * added
+    bending = (h * speed - path * bristles.deflection) / room
+    return -(kept + added * bending), bristles.deflection + bending

@@ -8,13 +8,15 @@ from numpy.typing import NDArray
 
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
-from plant.machine.friction_step import DRY_FRICTION
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import per_joint, real, signs
 from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
+
+DRY_FRICTION = "drive.coulomb", "drive.curve.breakaway", "drive.load_friction", "drive.presliding.damping"
+"""How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear analysis."""
 
 _LARGE = 2**20
 """Above all streams by far, so that those of two streams are as good as independent."""

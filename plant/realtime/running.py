@@ -15,8 +15,7 @@ from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards, limited
 from plant.realtime.pieces import row
-from plant.realtime.run_log import RunLog
-from plant.realtime.status import ARGUMENTS, Status, clock, numbers, refuse, whole_counts
+from plant.realtime.status import ARGUMENTS, RunLog, Status, clock, numbers, refuse, whole_counts
 
 _FLOAT, _COUNTS = np.dtype(float), (np.dtype(np.int64), np.dtype(float))
 

@@ -19,9 +19,8 @@ import casadi as ca
 import numpy as np
 
 from plant.machine.drive_effects import lagging
-from plant.machine.friction_step import FrictionStep
 from plant.simulation.layout import Layout
-from plant.simulation.sub_step import elastic, rigid
+from plant.simulation.sub_step import FrictionStep, elastic, rigid
 
 FAR = 1e6
 """Norm of all positions [rad] and velocities [rad/s] above which the loop has diverged."""

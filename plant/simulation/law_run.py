@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.laws.resumed import AlongLog
+from plant.laws.replayed import AlongLog
 from plant.logs.record import Record
 from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats

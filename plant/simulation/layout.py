@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 from plant.laws.law import Block, Law
-from plant.machine.friction_step import DRY_FRICTION
-from plant.machine.rig import Rig, punctual_rig, smooth_rig
+from plant.machine.rig import DRY_FRICTION, Rig, punctual_rig, smooth_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import whole
 from plant.parts.fields import Floats, Vector

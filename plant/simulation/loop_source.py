@@ -14,8 +14,7 @@ from typing import Any
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
 from plant.compiler.intrinsics import head, intrinsic
-from plant.compiler.splitting import cut
-from plant.compiler.translate import Names, translate
+from plant.compiler.translate import Names, cut, translate
 from plant.simulation.closed_loop import ClosedLoop
 
 VECTOR = 8
