@@ -1,13 +1,5 @@
 """Arm, rig and law as python-control systems, connected by the names of their signals.
 
-======================== ======================== ============= ======================
-system                   inputs                   outputs       time
-======================== ======================== ============= ======================
-``to_control(law, rig)`` q_r, qd_r, qdd_r, pulses asked         its period; or any
-``to_control(arm, rig)`` asked                    q, qd, tau    continuous, or sampled
-``to_control(rig)``      q                        pulses        any
-======================== ======================== ============= ======================
-
 Every signal has one component per joint, ``q[0]``, ``q[1]``, ...; all are joint side but the pulses, SI. The drives are
 with the arm, where their friction and their limit act; python-control follows a signal through each system once only.
 

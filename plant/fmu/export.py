@@ -21,7 +21,7 @@ from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import choice, instance, known_options
-from plant.realtime.c_text import braced, require_counts
+from plant.realtime.c_text import braced, require_counts, rig_of
 from plant.realtime.running import Running
 from plant.simulation.stepped_arm import stepped_loop
 from plant.version import __version__
@@ -111,11 +111,7 @@ def _template(name: str) -> str:
 def _law(model: Law | Running, rig: Rig | None) -> _Model:
     if not isinstance(model, Running):
         instance("model", model, Law, "Give a law, what law.start(...) gave, or an arm.")
-        rig = getattr(model, "rig", None) if rig is None else rig
-        if rig is None:
-            kind = type(model).__name__
-            raise ValueError(f"rig must be given, since {kind} holds none. Call to_fmu(law, path, rig).")
-        instance("rig", rig, Rig, "Pass found.rig.")
+        rig = rig_of(model, rig, "to_fmu(law, path, rig)")
         model = model.start(rig, np.zeros(rig.n))
     elif rig is not None:
         raise ValueError("rig must be left out for a controller that law.start(...) gave; got one. It has its own.")

@@ -149,9 +149,10 @@ class Law(Part, abc.ABC):
         pulses : (n,) array_like
             Encoder counts now.
         guards : Guards or None
-            What is monitored, and how the arm is stopped; None for nothing.
+            What is monitored, and how the arm is stopped; None for nothing: a call that cannot be answered is refused.
         torque_limit : (n,) array_like, optional
-            Lower than the amplifier's [N m], joint side.
+            Lower than the amplifier's [N m], magnitude, joint side (of coupled joints: on the shaft). The law knows it,
+            as it knows that one.
         without : sequence of str
             Of "gravity", "friction", "inertia" what firmware adds: left out of the torque that `step` returns, as it is
             at the measured angle with the reference's speed and acceleration. Law, limits and guards know the whole.

@@ -50,15 +50,8 @@ def _opened(path: str | Path) -> Any:
 class McapFile:
     """A file that messages are appended to; a context manager, which closes it.
 
-    Parameters
-    ----------
-    path : str or Path
-    joints : sequence of str
-        Names of the joints, in each message of numbers; ``joint_1`` and so on where there are none.
-    n : int
-        Number of joints.
-    topics : mapping
-        Topic -> type of its messages, and their fields with the length of each one's array; text has none.
+    Each message of numbers has the names of the n `joints`, ``joint_1`` and so on where there are none. `topics`: topic
+    -> type of its messages, and their fields with the length of each one's array; text has none.
     """
 
     def __init__(self, path: str | Path, joints: Sequence[str], n: int, topics: Topics) -> None:

@@ -33,15 +33,9 @@ def _joined(text: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Rows of cells under their titles.
+    """Rows of cells under their titles `head`, none for rows that need none.
 
-    Parameters
-    ----------
-    head : sequence of str
-        Titles; none for rows that need none.
-    rows : sequence of sequences of str
-    words : sequence of int
-        Columns whose cells are words, not numbers; the first always is.
+    `words` are columns whose cells are words, not numbers; the first always is.
     """
 
     head: Sequence[str]
@@ -49,16 +43,7 @@ class Table:
     words: Sequence[int] = ()
 
     def lines(self, width: int = WIDTH) -> list[str]:
-        """Text of it, no wider than `width` where a column and its row's name fit.
-
-        Examples
-        --------
-        >>> for line in Table(("", "mass [kg]"), [("link 2", "17.4"), ("link 3", "4.8")]).lines():
-        ...     print(line)
-                mass [kg]
-        link 2       17.4
-        link 3        4.8
-        """
+        """Text of it, no wider than `width` where a column and its row's name fit."""
         columns = list(zip(*([self.head] if self.head else []), *self.rows, strict=True))
         widths = self._widths(columns, width)
         if widths is not None:

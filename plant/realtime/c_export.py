@@ -7,8 +7,9 @@ alone, allocates nothing and has no global state.
 
 import dataclasses
 import inspect
+import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +19,10 @@ from plant.compiler.c_statements import helpers, literal, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance
+from plant.parts.kinds import meanings
 from plant.realtime.c_running import write_running
 from plant.realtime.c_target import HOST
-from plant.realtime.c_text import (
-    SIDES,
-    Output,
-    braced,
-    constant,
-    constants,
-    declared,
-    each,
-    identifier,
-    left_to_firmware,
-    paragraph,
-    require_counts,
-    require_name,
-    write_files,
-)
+from plant.realtime.c_text import Output, braced, constant, paragraph, require_exportable, rig_of, sides, write_files
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import model_part
 
@@ -48,17 +36,13 @@ _SECTIONS = {
 def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None, name: str,
             without: Sequence[str] = (), **output: Any) -> None:  # fmt: skip
     """Write the files of `Law.to_c`."""
-    rig = getattr(law, "rig", None) if rig is None else rig
-    if rig is None:
-        raise ValueError(f"rig must be given, since {type(law).__name__} holds none. Call to_c(folder, rig).")
-    instance("rig", rig, Rig, "Pass found.rig.")
+    rig = rig_of(law, rig, "to_c(folder, rig)")
     if guards is not None:
         instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
         if law.period is not None:
             write_running(law, rig, guards, folder, name, without, **output)
             return
-    require_counts(rig)
-    require_name(name)
+    require_exportable(rig, name)
     values = _values(law, rig, Output.of(law, rig, **output), without)
     write_files(folder, name, "law", HOST.values | values)
 
@@ -138,4 +122,38 @@ def _about(law, rig, block, without):
     if not law.has_memory(rig.n):
         called = "A law without memory, for fast hardware: as often as possible, at least once per period."
     said = f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}"
-    return "\n *\n".join(map(paragraph, (said, f"{called} {left_to_firmware(without)}{SIDES}")))
+    return "\n *\n".join(map(paragraph, (said, f"{called} {sides(without)}")))
+
+
+def declared(name: str, kind: str, values: Collection[str]) -> str:
+    """Declaration of an array of expressions, of kind double or int32_t."""
+    values = [f"(int32_t)({value})" for value in values] if kind == "int32_t" else values
+    return f"const {kind} {name}[{len(values)}] = {{\n" + "".join(f"    {value},\n" for value in values) + "};"
+
+
+def each(count: int, statement: str) -> str:
+    """A statement for every i below a count."""
+    return f"    for (int i = 0; i < {count}; i++)\n        {statement}\n" if count else ""
+
+
+def identifier(name: str) -> str:
+    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``, ``springs[1].at`` is ``springs_1_at``."""
+    return re.sub(r"\[(\d+)\]\.", r"_\1_", name).replace(".", "_")
+
+
+def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
+    """Declarations of the numbers whose expressions are in `used`, in the order of `Law.block`."""
+    text = []
+    for name, owner, field, value in (*law._leaves("law."), *rig._leaves()):
+        name = identifier(name)
+        if name in used or any(each.startswith(f"{name}[") for each in used):
+            text.append(constant(name, value, _said(owner, field.name)))
+    return "\n".join(text)
+
+
+def _said(owner: Any, field: str) -> str:
+    """Description of a field from the docstring of a part, or of a base class; of f with its parameters' names."""
+    cls: type = type(owner)
+    said = meanings(cls).get(field) or f"{field} of {cls.__name__}"
+    names = getattr(getattr(owner, "dynamics", None), "names", None)
+    return f"{said} {', '.join(names)}" if names and field == "f" else said

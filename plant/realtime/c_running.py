@@ -21,17 +21,7 @@ from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
 from plant.realtime.c_target import HOST, Target
-from plant.realtime.c_text import (
-    SIDES,
-    Output,
-    braced,
-    comment,
-    left_to_firmware,
-    paragraph,
-    require_counts,
-    require_name,
-    write_files,
-)  # fmt: skip
+from plant.realtime.c_text import Output, braced, comment, paragraph, require_exportable, sides, write_files
 from plant.realtime.compiled_step import initial_memory
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import RAMP, numbers_of, pieces_of
@@ -99,8 +89,7 @@ def write_running(
     target: str | None = None, precision: str = "double", **output: Any,
 ) -> None:  # fmt: skip
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
-    require_counts(rig)
-    require_name(name)
+    require_exportable(rig, name)
     given = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, given.largest)
     write_files(folder, name, "running", values_of(law, rig, guards, name, given, without, place), place)
@@ -115,7 +104,7 @@ def values_of(
     memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block, without)
     body = "\n".join([*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)])
     limits = "guards and stop" if guards is not None else "stop, without guards"
-    about = f"{type(law).__name__}, with the {limits} of the running controller. {left_to_firmware(without)}{SIDES}"
+    about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
     causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
     return given.values | place.values | {
         "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),

@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 
 from plant.compiler.c_statements import literal
 from plant.machine.rig import Rig
-from plant.parts.arguments import array, choice, real
-from plant.parts.kinds import meanings
+from plant.parts.arguments import array, choice, instance, real
 from plant.realtime.c_target import HOST, Target
 from plant.version import __version__
 
 _TEMPLATES = Path(__file__).with_name("c")
 RUNNING = {".h": _TEMPLATES / "running.h", ".c": _TEMPLATES / "running.c"}
 _FLAGS = "-std=c99 -O2 -Wall -Wextra -pedantic -ffp-contract=off"
-SIDES = """Counts are those of the motors' encoders, with their sign; reference and torque are joint side, SI units.
-Compile without -ffast-math, which would leave NaN unseen."""
 
 
 def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any], target: Target = HOST) -> None:
@@ -54,8 +51,9 @@ def write_templates(
 _TAKEN = ("main", "board")  # files of other contents
 
 
-def require_name(name: Any) -> None:
-    """Refuse what C could not have as a name."""
+def require_exportable(rig: Rig, name: Any) -> None:
+    """Refuse an encoder that does not count, and what C could not have as a name."""
+    require_counts(rig)
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name) or name in _TAKEN:
         rule = "be a small letter and up to 39 small letters, digits or _, and not main or board"
         raise ValueError(f"name must {rule}; got {name!r:.60}. It names the files and the functions.")
@@ -138,9 +136,20 @@ class Output(NamedTuple):
         return ca.fmin(ca.fmax(nearest, -self.largest), self.largest)
 
 
-def left_to_firmware(without: Collection[str]) -> str:
-    """Sentence on the parts of the model that the output leaves out."""
-    return f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
+def sides(without: Collection[str]) -> str:
+    """Sentences on the parts of the model that the output leaves out, on sides, and on how to compile."""
+    left = f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
+    return f"""{left}Counts are those of the motors' encoders, with their sign; reference and torque are joint side,
+SI units. Compile without -ffast-math, which would leave NaN unseen."""
+
+
+def rig_of(law: Any, given: Any, call: str) -> Rig:
+    """The rig that a law drives: the given one, or its own."""
+    rig = getattr(law, "rig", None) if given is None else given
+    if rig is None:
+        raise ValueError(f"rig must be given, since {type(law).__name__} holds none. Call {call}.")
+    made: Rig = instance("rig", rig, Rig, "Pass found.rig.")
+    return made
 
 
 def require_counts(rig: Rig) -> None:
@@ -150,22 +159,6 @@ def require_counts(rig: Rig) -> None:
 
 
 # -- text ----------------------------------------------------------------------------------------------------------
-def declared(name: str, kind: str, values: Collection[str]) -> str:
-    """Declaration of an array of expressions, of kind double or int32_t."""
-    values = [f"(int32_t)({value})" for value in values] if kind == "int32_t" else values
-    return f"const {kind} {name}[{len(values)}] = {{\n" + "".join(f"    {value},\n" for value in values) + "};"
-
-
-def each(count: int, statement: str) -> str:
-    """A statement for every i below a count."""
-    return f"    for (int i = 0; i < {count}; i++)\n        {statement}\n" if count else ""
-
-
-def identifier(name: str) -> str:
-    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``, ``springs[1].at`` is ``springs_1_at``."""
-    return re.sub(r"\[(\d+)\]\.", r"_\1_", name).replace(".", "_")
-
-
 def comment(text: str, width: int = 116) -> str:
     """A C comment of one or more lines, without what could end it or is not ASCII."""
     text = re.sub(r"[^\w\s()\[\]{}+\-^.,:;=*<>'/|%]", " ", text, flags=re.ASCII)
@@ -191,21 +184,3 @@ def constant(name: str, values: Any, said: str) -> str:
     if np.ndim(values):
         return f"{comment(said)}\nstatic const double {name}[{len(values)}] = {braced(values)};\n"
     return f"{comment(said)}\nstatic const double {name} = {literal(values)};\n"
-
-
-def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
-    """Declarations of the numbers whose expressions are in `used`, in the order of `Law.block`."""
-    text = []
-    for name, owner, field, value in (*law._leaves("law."), *rig._leaves()):
-        name = identifier(name)
-        if name in used or any(each.startswith(f"{name}[") for each in used):
-            text.append(constant(name, value, _said(owner, field.name)))
-    return "\n".join(text)
-
-
-def _said(owner: Any, field: str) -> str:
-    """Description of a field from the docstring of a part, or of a base class; of f with its parameters' names."""
-    cls: type = type(owner)
-    said = meanings(cls).get(field) or f"{field} of {cls.__name__}"
-    names = getattr(getattr(owner, "dynamics", None), "names", None)
-    return f"{said} {', '.join(names)}" if names and field == "f" else said

@@ -95,10 +95,6 @@ class Guards:
         Such as ``chain.limits`` of a model file: its positions and speeds, where `position` and `speed` are not given.
         Its efforts are for ``law.start(torque_limit=chain.limits.effort)``.
 
-    Raises
-    ------
-    ValueError
-
     See Also
     --------
     plant.FirstMotion, plant.Law

@@ -21,21 +21,7 @@ _FLOAT, _COUNTS = np.dtype(float), (np.dtype(np.int64), np.dtype(float))
 
 
 class Running:
-    """A controller at work, sample by sample, with guards and safe stop; made by `Law.start`.
-
-    Parameters
-    ----------
-    law : Law
-    rig : Rig
-    pulses : (n,) array_like
-        Encoder counts now.
-    guards : Guards, optional
-        None for none: then a call that cannot be answered is refused, and nothing else is monitored.
-    torque_limit : (n,) array_like, optional
-        Largest torque [N m], magnitude, joint side (of coupled joints: on the shaft), where the amplifier can give
-        more. Like the amplifier's limit it is known to the law, whose observer takes the limited torque.
-    without : sequence of str
-        Parts of the model that the firmware adds; as `Law.start`.
+    """A controller at work, with guards and safe stop; made by `Law.start`, which says what it is given.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance, known_options
 from plant.realtime.c_running import values_of
-from plant.realtime.c_text import RUNNING, Output, paragraph, require_counts, require_name, write_templates
+from plant.realtime.c_text import RUNNING, Output, paragraph, require_exportable, rig_of, write_templates
 from plant.realtime.guards import Guards, limited
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -82,19 +82,14 @@ def to_ros2_control(
     True
     """
     instance("law", law, Law, "Pass a control law, such as ComputedTorque(found), with guards= and without=.")
-    rig = getattr(law, "rig", None) if rig is None else rig
-    kind = type(law).__name__
-    if rig is None:
-        raise ValueError(f"rig must be given, since {kind} holds none. Call to_ros2_control(law, folder, rig).")
-    instance("rig", rig, Rig, "Pass found.rig.")
+    rig, kind = rig_of(law, rig, "to_ros2_control(law, folder, rig)"), type(law).__name__
     instance("guards", guards, Guards, "Give Guards(...).").warn_of_units(rig)
     if law.replays:
         raise ValueError(f"a law at work must be a controller; {kind} repeats a log. Use another.")
     if law.period is None:
         raise ValueError(f"law must have a period, to run in update; {kind} has none. Use to_c for fast hardware.")
     rig = limited(rig, torque_limit)
-    require_counts(rig)
-    require_name(name)
+    require_exportable(rig, name)
     if "__" in name or name.endswith("_"):
         raise ValueError(f"name must have single underscores, and none at its end, in ROS; got {name!r}. Rename it.")
     hertz = 1 / (law.period or rig.period)
