@@ -20,14 +20,11 @@ from plant.simulation.cautions import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
 
 _ROUNDS, _MET = 12, 1.1
-_FASTEST = 0.5
-"""Largest angular frequency of a mode times sub-step [rad] that the simulator and a control card resolve."""
+_FASTEST = 0.5  # largest angular frequency of a mode times sub-step [rad] that the simulator and a control card resolve
 
-_UNDAMPED = 1e-4
-"""Ratio of a mode that only the finite step of the derivative damps."""
+_UNDAMPED = 1e-4  # ratio of a mode that only the finite step of the derivative damps
 
-_DAMPING = 0.7
-"""Ratio that the derivative gives a joint on its own."""
+_DAMPING = 0.7  # ratio that the derivative gives a joint on its own
 
 _INNER, _RESET, _FILTER = 4.0, 4.0, 4.0
 """Speed loop over position loop; speed loop over its integral; the filter's pole over the loop that it is for."""

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_WAIT = 0.2
-"""Time [s] after which the main thread looks for signals where a lock does not (Windows)."""
+_WAIT = 0.2  # time [s] after which the main thread looks for signals where a lock does not (Windows)
 
 
 def in_background(function: Callable[[], T], *, others: int = 0) -> list[T]:

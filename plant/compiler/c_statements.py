@@ -12,8 +12,7 @@ import casadi as ca
 from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
 from plant.compiler.translate import single_assignment
 
-_SUM, _PRODUCT, _SIGNED, _WHOLE = 1, 2, 3, 4
-"""How strongly an expression holds together; 0 is a choice."""
+_SUM, _PRODUCT, _SIGNED, _WHOLE = 1, 2, 3, 4  # how strongly an expression holds together; 0 is a choice
 
 _SPELLING = {
     "ASSIGN": ("{}", 0, (0,)),
@@ -45,11 +44,9 @@ _SPELLING = {
 The others are functions of its library, of the same name, and `_HELPERS`.
 """
 
-_AGAIN = ("SQ", "LIMIT", "SINCOS")
-"""Operations that write their last argument twice."""
+_AGAIN = ("SQ", "LIMIT", "SINCOS")  # operations that write their last argument twice
 
-_LONG = 64
-"""Characters from which on an expression gets a variable of its own."""
+_LONG = 64  # characters from which on an expression gets a variable of its own
 
 _HELPERS = {
     "sign": """/* -1, 0 or 1 */

@@ -97,8 +97,7 @@ def smooth_impulse(inverse: Inverse, stopping: ca.SX, bound: ca.SX) -> ca.SX:
     return -bound * ca.tanh(qd / REGULARISATION)
 
 
-_TINY = 1e-300
-"""Keeps zero over zero zero."""
+_TINY = 1e-300  # keeps zero over zero zero
 
 
 @part

@@ -127,8 +127,7 @@ class JointSpring(KnownTorque):
         return torque if self.preload is None else torque + self.preload
 
 
-_SHORTEST = 1e-18
-"""Square of a length [m^2] below which a spring has no direction: of joints that have none, all is 0."""
+_SHORTEST = 1e-18  # square of a length [m^2] below which a spring has no direction: of joints that have none, all is 0
 
 
 @part

@@ -22,14 +22,11 @@ from plant.parts.fields import Floats
 LEAST_MOTOR_INERTIA = 0.5
 """Jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
 
-_GRID = 360
-"""Poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range."""
+_GRID = 360  # poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range
 
-_SCATTERED = 4096
-"""Poses (a Sobol sequence) when D depends on several joints."""
+_SCATTERED = 4096  # poses (a Sobol sequence) when D depends on several joints
 
-_BATCH = 16384
-"""Poses of candidates in one batch: they stay in the processor's cache."""
+_BATCH = 16384  # poses of candidates in one batch: they stay in the processor's cache
 
 
 def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:

@@ -10,11 +10,9 @@ from plant.parts.fields import Floats
 SLOWEST = 0.1
 """Sampling period [s] that no controller of an arm has."""
 
-_TURNS = 3.0
-"""Turns that no revolute joint of an arm makes from end to end."""
+_TURNS = 3.0  # turns that no revolute joint of an arm makes from end to end
 
-_SLUGGISH = 30.0
-"""Acceleration [rad/s^2] that any motor of an arm gives its rotor alone."""
+_SLUGGISH = 30.0  # acceleration [rad/s^2] that any motor of an arm gives its rotor alone
 
 
 def unlikely_statements(rig: Rig, q: Floats, qd: Floats, prismatic: Sequence[bool]) -> Iterator[str]:

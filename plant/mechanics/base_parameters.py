@@ -49,11 +49,9 @@ def independent_columns(regressor: Floats, order: Iterable[int], tolerance: floa
 
 
 _PREFERENCE = ("J", "Izz", "mx", "my", "Ixx", "Ixy", "Ixz", "Iyz", "Iyy", "mz", "m")
-_STATES = 40
-"""Random states, each with n equations: several times as many as there are parameters."""
+_STATES = 40  # random states, each with n equations: several times as many as there are parameters
 
-_TOLERANCE = 1e-8
-"""A column (of length 1) with a smaller component outside the span of those before it depends on them."""
+_TOLERANCE = 1e-8  # a column (of length 1) with a smaller component outside the span of those before it depends on them
 
 
 def base_lumping(chain: Chain, *, rotors: bool = True) -> Lumping:

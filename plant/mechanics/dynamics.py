@@ -25,11 +25,9 @@ from plant.parts.checked_function import CheckedFunction
 from plant.parts.fields import ArrayOrSymbols, Floats, Nested
 from plant.parts.part import Part, part, structure
 
-_FEW = 3
-"""Joints up to which sums over f and over products of speeds are shorter than what the recursion gives."""
+_FEW = 3  # joints up to which sums over f and over products of speeds are shorter than what the recursion gives
 
-_SHORT = 6
-"""Letters up to which a name of f is short."""
+_SHORT = 6  # letters up to which a name of f is short
 
 
 @part

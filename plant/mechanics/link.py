@@ -8,8 +8,7 @@ from plant.parts.arguments import signs
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part, structure
 
-_LONGEST = 50.0
-"""Length [m] of no link of an arm."""
+_LONGEST = 50.0  # length [m] of no link of an arm
 
 
 @part

@@ -18,11 +18,9 @@ from plant.parts.files import read_bounded
 Edit = tuple[int, int, bytes]
 """From this byte to that one, and what stands there instead."""
 
-_LARGEST = 5 << 20
-"""Bytes; the largest real files have a few hundred thousand."""
+_LARGEST = 5 << 20  # bytes; the largest real files have a few hundred thousand
 
-_DEEPEST = 200
-"""Elements within each other; a chain of 40 bodies has 40."""
+_DEEPEST = 200  # elements within each other; a chain of 40 bodies has 40
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 

@@ -14,11 +14,9 @@ _DENSITY, _TIMES = 1500.0, 1.2
 _SLACK, _OUTSIDE = 0.05, 15.0
 """Share by which a link may be larger than its shape in the file, and what a body says that needs more."""
 
-_FAR = 1.0
-"""The same share, for a proof: shapes for collisions leave parts out."""
+_FAR = 1.0  # the same share, for a proof: shapes for collisions leave parts out
 
-_FAITHFUL = 3
-"""Links that have to fit their shapes before shapes are taken for what links are."""
+_FAITHFUL = 3  # links that have to fit their shapes before shapes are taken for what links are
 
 _LIGHTEST, HEAVIEST = 1.0, 23000.0
 """Density [kg/m^3] of nothing that links are made of: above that of osmium."""
@@ -26,11 +24,9 @@ _LIGHTEST, HEAVIEST = 1.0, 23000.0
 _SAME, _UNIFORM, _COINCIDENCE = 1e-4, 2e-3, 15.0
 """Relative differences at which a link is its partner mirrored, or its shape uniformly filled, and what that says."""
 
-_APART = 20.0
-"""What a whole difference from the link on the other side says."""
+_APART = 20.0  # what a whole difference from the link on the other side says
 
-_CAP = 40.0
-"""Most that one piece of evidence may say."""
+_CAP = 40.0  # most that one piece of evidence may say
 
 
 @dataclasses.dataclass

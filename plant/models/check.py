@@ -29,8 +29,7 @@ _MARGIN = 6.0
 _COUNTS = 0.006
 """Relative difference of a link from its repair below which nothing is said: CAD models of two sides differ as much."""
 
-_RARE = 4.0
-"""A mistake is e^4 times rarer than none."""
+_RARE = 4.0  # a mistake is e^4 times rarer than none
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

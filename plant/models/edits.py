@@ -15,8 +15,7 @@ from plant.mechanics.xml_file import ORIENTATIONS, Edit, Element
 from plant.models.agreement import CheckedLink, mirrored, uniform
 from plant.models.hypotheses import Stated
 
-_LIKELY = 3.0
-"""Of two repairs of what no body can have, the likelier by e^3 is taken."""
+_LIKELY = 3.0  # of two repairs of what no body can have, the likelier by e^3 is taken
 
 
 def only(trials: list[tuple[float, str, Stated]], best: Stated) -> bool:

@@ -20,12 +20,10 @@ from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.part import Part
 
-_LARGEST = 5_000_000
-"""Bytes of a robot file."""
+_LARGEST = 5_000_000  # bytes of a robot file
 
 _KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "uncertainty", "columns", "units")
-_UNCERTAINTY = "ctc.Uncertainty"
-"""What [uncertainty] holds; a package above this one defines it."""
+_UNCERTAINTY = "ctc.Uncertainty"  # what [uncertainty] holds; a package above this one defines it
 
 FOLDER = Path(__file__).parent / "robots"
 """Robot files of the package."""

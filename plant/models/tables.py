@@ -135,8 +135,7 @@ def _same(value: Any, default: Any) -> bool:
 
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-_WIDE = 110
-"""Characters above which the entries of a list get lines of their own."""
+_WIDE = 110  # characters above which the entries of a list get lines of their own
 
 
 def toml_lines(

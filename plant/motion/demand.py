@@ -18,14 +18,11 @@ from plant.mechanics.arm import Arm
 from plant.parts.arguments import instance, real
 from plant.parts.fields import ArrayOrSymbols, Floats
 
-_POINTS = 4000
-"""At which a motion is evaluated, at least; otherwise once per sampling period."""
+_POINTS = 4000  # at which a motion is evaluated, at least; otherwise once per sampling period
 
-_TINY = 1e-9
-"""Speed along the path at which only Coulomb friction acts."""
+_TINY = 1e-9  # speed along the path at which only Coulomb friction acts
 
-_FASTEST = 2.0**30
-"""A motion that may be so many times as fast meets no limit."""
+_FASTEST = 2.0**30  # a motion that may be so many times as fast meets no limit
 
 
 @dataclasses.dataclass(frozen=True)

@@ -30,20 +30,15 @@ _SHARE, _ROOM = 0.8, 0.9
 _POSES, _HALF, _NEAR = 1024, 0.5, 0.25
 """Poses of which the first is taken whose holding torques are such a share of their largest, as near as that."""
 
-_ASIDE = 0.4
-"""Share of the way between two limits by which a pose may be off their middle."""
+_ASIDE = 0.4  # share of the way between two limits by which a pose may be off their middle
 
-_LOADED = 0.1
-"""Share of the largest holding torque of any joint above which gravity loads a joint."""
+_LOADED = 0.1  # share of the largest holding torque of any joint above which gravity loads a joint
 
-_SHORTEST = 0.1
-"""Part of a motion that is left at least where the drives cannot hold the arm along all of it."""
+_SHORTEST = 0.1  # part of a motion that is left at least where the drives cannot hold the arm along all of it
 
-_LEAST = 1e-9
-"""Speed limit [rad/s] of a joint that has zero."""
+_LEAST = 1e-9  # speed limit [rad/s] of a joint that has zero
 
-_METRES = 0.2
-"""Travel of a prismatic joint [m] where others turn by 1 rad."""
+_METRES = 0.2  # travel of a prismatic joint [m] where others turn by 1 rad
 
 
 @known_options

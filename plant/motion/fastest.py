@@ -34,17 +34,13 @@ _INSIDE, _AT_ENDS = 4, 24
 """Points per interval of the spline at which the torque is limited and the time integrated; and in the first and the
 last, where b is steep: along a motion that ends without acceleration it grows like 1 / s."""
 
-_NODES = 4
-"""Points of the time law per interval of the spline."""
+_NODES = 4  # points of the time law per interval of the spline
 
-_REST = 1e-6
-"""A motion below this share of its peak speed is at rest."""
+_REST = 1e-6  # a motion below this share of its peak speed is at rest
 
-_AT_LIMIT = 1e-9
-"""Distance [rad or m] by which rounding may carry a path over a limit."""
+_AT_LIMIT = 1e-9  # distance [rad or m] by which rounding may carry a path over a limit
 
-_LEAST, _MOST = 1e-8, 1e8
-"""Bounds of b, in units of that of the uniform motion: a rest on the path then takes no time."""
+_LEAST, _MOST = 1e-8, 1e8  # bounds of b, in units of that of the uniform motion: a rest on the path then takes no time
 
 
 @known_options

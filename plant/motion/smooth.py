@@ -10,8 +10,7 @@ from plant.parts.arguments import real
 from plant.parts.fields import Floats, Nested
 from plant.parts.part import part, structure
 
-_FREE = 6
-"""Points of a quintic spline whose ends are free."""
+_FREE = 6  # points of a quintic spline whose ends are free
 
 
 class _Smooth(Reference):

@@ -13,8 +13,7 @@ from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats, Nested
 from plant.parts.part import part, structure
 
-_NUMBERED = re.compile(r"(\D*)(\d+)\D*")
-"""A name and its number."""
+_NUMBERED = re.compile(r"(\D*)(\d+)\D*")  # a name and its number
 
 _OTHER = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
 """Units that times and angles of a table do not have."""

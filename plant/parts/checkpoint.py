@@ -28,11 +28,9 @@ from plant.parts.user_warning import warn
 
 T = TypeVar("T")
 
-_SHARE = 20
-"""Time between two writes, at least, in that which the last one took: the file grows with the work."""
+_SHARE = 20  # time between two writes, at least, in that which the last one took: the file grows with the work
 
-_LEAST = 0.2
-"""The same in seconds."""
+_LEAST = 0.2  # the same in seconds
 
 
 class Checkpoint:

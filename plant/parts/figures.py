@@ -28,8 +28,7 @@ LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
 )
 """How a log and its model are drawn: the model lies on the log, which is wider."""
 
-_NUMBERS = ("Log", "Scalar")
-"""How the names of the formatters begin that write numbers at ticks."""
+_NUMBERS = ("Log", "Scalar")  # how the names of the formatters begin that write numbers at ticks
 
 
 def colour_of(place: int) -> str:

@@ -10,8 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-_OLD = 60.0
-"""Age [s] beyond which a file beside its place is what a killed process left."""
+_OLD = 60.0  # age [s] beyond which a file beside its place is what a killed process left
 
 
 def path_of(name: str, given: Any) -> Path:

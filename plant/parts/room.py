@@ -3,8 +3,7 @@
 import os
 from pathlib import Path
 
-_SHARE = 0.9
-"""Of the free memory that one piece of work may want."""
+_SHARE = 0.9  # of the free memory that one piece of work may want
 
 
 def free_memory() -> float:

@@ -11,8 +11,7 @@ from plant.parts.tables import Table, wrapped
 
 _INDENT = "    "
 
-_LONGEST = 100
-"""Letters of a `repr` at most."""
+_LONGEST = 100  # letters of a `repr` at most
 
 _STYLE = """
 .onepulse table { border-collapse: collapse; border: 0; margin: .5em 0; font-variant-numeric: tabular-nums; }

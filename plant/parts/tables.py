@@ -12,8 +12,7 @@ WIDTH = 80
 """Letters of a line at most."""
 
 _GAP = "  "
-_TALLEST = 4
-"""Lines of a title at most; before there are more, columns go below each other."""
+_TALLEST = 4  # lines of a title at most; before there are more, columns go below each other
 
 _NARROW, _LABEL = 16, 44
 """Letters at which a column of words is not narrowed further, and those of the first column at most."""

@@ -10,8 +10,7 @@ from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance, known_options, real
 from plant.realtime.guards import Guards
 
-_SHOWS = 4
-"""Counts that are a motion, and no flicker at the edge of a cell."""
+_SHOWS = 4  # counts that are a motion, and no flicker at the edge of a cell
 
 _RAMP, _SETTLE, _STILL = 0.8, 0.5, 0.05
 """Time from no torque to the largest, longest time to come to rest, and time without a count at rest [s]."""

@@ -17,14 +17,11 @@ _BAND = 2.2
 """Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the
 other, and a tenth more than the rig states."""
 
-_FLOOR = 0.1
-"""Share of the limit by which the torque of a joint at rest may change, whatever its friction."""
+_FLOOR = 0.1  # share of the limit by which the torque of a joint at rest may change, whatever its friction
 
-_ARM = 5.0
-"""Turns, from end to end or per second, that no joint of an arm makes."""
+_ARM = 5.0  # turns, from end to end or per second, that no joint of an arm makes
 
-_TURNS = 5.0
-"""Speed [turns of the motor per second] that is no rise in a hold."""
+_TURNS = 5.0  # speed [turns of the motor per second] that is no rise in a hold
 
 STOPS = ("hold", "gravity", "zero")
 

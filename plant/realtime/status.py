@@ -126,8 +126,7 @@ def wording(cause: float, joint: str, amount: float) -> str:
     }[int(cause)]
 
 
-_FAR = 1e17
-"""Difference [ns] from the time of the day at which the clock of the calls is not believed: three years."""
+_FAR = 1e17  # difference [ns] from the time of the day at which the clock of the calls is not believed: three years
 
 
 class RunLog(McapFile):

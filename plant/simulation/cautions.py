@@ -14,8 +14,7 @@ from plant.parts.labels import joint_label
 from plant.parts.user_warning import warn
 from plant.simulation.jacobians import jacobians
 
-_MANY = 100
-"""Steps per sample above which none are advised."""
+_MANY = 100  # steps per sample above which none are advised
 
 
 def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int) -> None:
@@ -39,8 +38,7 @@ def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int)
     )
 
 
-_COUNTS = 0.1
-"""Share of a joint's inertia above which its rotor matters."""
+_COUNTS = 0.1  # share of a joint's inertia above which its rotor matters
 
 
 def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
@@ -65,8 +63,7 @@ def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
         )
 
 
-_ZERO = 1e-6
-"""Growth of a pole, relative to its size, that may be rounding."""
+_ZERO = 1e-6  # growth of a pole, relative to its size, that may be rounding
 
 
 def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: Floats) -> None:

@@ -8,14 +8,11 @@ from numpy.typing import NDArray
 
 from plant.parts.fields import Floats
 
-_EVEN = 0.01
-"""Jitter [periods] up to which time stamps count as even."""
+_EVEN = 0.01  # jitter [periods] up to which time stamps count as even
 
-_OTHER = 0.1
-"""Largest relative difference of a log's median interval from its rig's period."""
+_OTHER = 0.1  # largest relative difference of a log's median interval from its rig's period
 
-_LONGEST = 1.5
-"""Periods above which a gap is bridged by samples without measurement."""
+_LONGEST = 1.5  # periods above which a gap is bridged by samples without measurement
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ from plant.version import __version__
 
 T = TypeVar("T")
 
-_UNKNOWN = 256
-"""Calls given at once to an executor that does not say how many workers it has."""
+_UNKNOWN = 256  # calls given at once to an executor that does not say how many workers it has
 
 _ADVICE = "Give a concurrent.futures.Executor, a Dask Client, or a function that makes one."
 _KILLS = "its worker was killed, or ran out of memory"

@@ -14,8 +14,7 @@ from plant.parts.arguments import array
 from plant.parts.fields import Floats
 from plant.simulation.closed_loop import ClosedLoop
 
-_STEP = 1e-7
-"""Of the derivative [s]: d(following)/d(joint) = 1 + A step + O(step^2)."""
+_STEP = 1e-7  # of the derivative [s]: d(following)/d(joint) = 1 + A step + O(step^2)
 
 
 def jacobians(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> tuple[Floats, Floats, Floats, list[str]]:

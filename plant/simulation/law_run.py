@@ -19,8 +19,7 @@ from plant.parts.frozen import Frozen
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged, path_of
 
-_FAST = 4
-"""Steps per sample of a law without a period."""
+_FAST = 4  # steps per sample of a law without a period
 
 _AT_ONCE = 1000  # steps of a law in one call
 

@@ -15,8 +15,7 @@ from plant.parts.arguments import whole
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part
 
-_SETTLED = 20
-"""Rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over weight."""
+_SETTLED = 20  # rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over weight
 
 
 @part

@@ -24,8 +24,7 @@ LOGGED = 8
 """The same where each is logged."""
 
 
-_AT_ONCE = 1 << 14
-"""Samples of a logged run of many at once: their errors stay in the processor's cache."""
+_AT_ONCE = 1 << 14  # samples of a logged run of many at once: their errors stay in the processor's cache
 
 
 class _Compiled:

@@ -102,8 +102,7 @@ class Runs(Frozen):
 _Block = tuple[NDArray[np.float64], NDArray[np.int64]]
 _SENT = 8  # blocks that an executor is given at once
 
-_BUILT: dict[str, Any] = {}
-"""Populations that a worker has built, by a name that is new for each; at most four."""
+_BUILT: dict[str, Any] = {}  # populations that a worker has built, by a name that is new for each; at most four
 
 
 class Population:

@@ -16,8 +16,7 @@ from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
 
-_ROWS = 1 << 17
-"""That are made at once: what a path needs meanwhile is several times a table."""
+_ROWS = 1 << 17  # that are made at once: what a path needs meanwhile is several times a table
 
 
 def time_tables(

@@ -7,8 +7,7 @@ from typing import Any
 from .columns import RefusalError
 from .messages import columns_of
 
-_STORE = "ROS2_HUMBLE"
-"""Definitions of the standard messages, for bags that do not hold those of their own."""
+_STORE = "ROS2_HUMBLE"  # definitions of the standard messages, for bags that do not hold those of their own
 
 
 def read(
