@@ -5,9 +5,13 @@ where casadi rounds.
 """
 
 import re
+import textwrap
 from collections import Counter
+from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
 from plant.compiler.translate import single_assignment
@@ -122,3 +126,30 @@ def statements(
             lines[kind].append(f"const double {name} = {text[index]};")
             text[index], strength[index] = name, _WHOLE
     return lines, [text[index] for index in outputs], used
+
+
+def comment(text: str, width: int = 116) -> str:
+    """A C comment of one or more lines, without what could end it or is not ASCII."""
+    text = re.sub(r"[^\w\s()\[\]{}+\-^.,:;=*<>'/|%]", " ", text, flags=re.ASCII)
+    text = " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())
+    return "/* " + "\n * ".join(textwrap.wrap(text, width)) + " */"
+
+
+def paragraph(text: str) -> str:
+    """Lines of a comment that has begun."""
+    return f" * {comment(text)[3:-3]}"
+
+
+def braced(values: NDArray[np.float64]) -> str:
+    """Values of an array, on as many lines as they need."""
+    inner = "{" + ", ".join(literal(value) for value in values) + "}"
+    if len(inner) < 70:
+        return inner
+    return "{\n" + textwrap.fill(inner[1:-1], 112, initial_indent="    ", subsequent_indent="    ") + ",\n}"
+
+
+def constant(name: str, values: Any, said: str) -> str:
+    """Declaration of a constant, or of an array of constants, under a comment."""
+    if np.ndim(values):
+        return f"{comment(said)}\nstatic const double {name}[{len(values)}] = {braced(values)};\n"
+    return f"{comment(said)}\nstatic const double {name} = {literal(values)};\n"

@@ -8,10 +8,9 @@ import textwrap
 import casadi as ca
 import numpy as np
 
-from plant.compiler.c_statements import helpers, statements
+from plant.compiler.c_statements import braced, comment, helpers, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.mechanics.arm import Arm
-from plant.realtime.c_text import braced, comment
 from plant.simulation.closed_loop import ClosedLoop, bounded
 
 

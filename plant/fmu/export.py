@@ -15,13 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant.compiler.c_statements import braced
 from plant.fmu.arm_source import arm_values
 from plant.fmu.variables import Variable, arm_variables, described, law_variables
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import choice, instance, known_options
-from plant.realtime.c_text import braced, require_counts, rig_of
+from plant.realtime.c_text import require_counts, rig_of
 from plant.realtime.running import Running
 from plant.simulation.stepped_arm import stepped_loop
 from plant.version import __version__

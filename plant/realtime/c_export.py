@@ -15,14 +15,13 @@ from typing import Any
 
 import casadi as ca
 
-from plant.compiler.c_statements import helpers, literal, statements
+from plant.compiler.c_statements import braced, constant, helpers, literal, paragraph, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance
 from plant.parts.kinds import meanings
 from plant.realtime.c_running import write_running
-from plant.realtime.c_target import HOST
-from plant.realtime.c_text import Output, braced, constant, paragraph, require_exportable, rig_of, sides, write_files
+from plant.realtime.c_text import HOST, Output, require_exportable, rig_of, sides, write_files
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import model_part
 

@@ -14,14 +14,13 @@ from typing import Any
 
 import casadi as ca
 
-from plant.compiler.c_statements import helpers, literal, statements
+from plant.compiler.c_statements import braced, comment, helpers, literal, paragraph, statements
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
-from plant.realtime.c_target import HOST, Target
-from plant.realtime.c_text import Output, braced, comment, paragraph, require_exportable, sides, write_files
+from plant.realtime.c_text import HOST, Output, Target, require_exportable, sides, write_files
 from plant.realtime.compiled_step import initial_memory
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import RAMP, numbers_of, pieces_of

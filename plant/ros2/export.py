@@ -12,13 +12,13 @@ from xml.sax.saxutils import escape
 import casadi as ca
 from numpy.typing import ArrayLike
 
-from plant.compiler.c_statements import helpers, statements
+from plant.compiler.c_statements import helpers, paragraph, statements
 from plant.compiler.instructions import STATE, TIME, UNIFORM
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance, known_options
 from plant.realtime.c_running import values_of
-from plant.realtime.c_text import RUNNING, Output, paragraph, require_exportable, rig_of, write_templates
+from plant.realtime.c_text import RUNNING, Output, require_exportable, rig_of, write_templates
 from plant.realtime.guards import Guards, limited
 
 _TEMPLATES = Path(__file__).with_name("templates")
