@@ -32,7 +32,8 @@ from plant.analysis.p_gains import cascade_gains, p_gains
 from plant.fmu.export import to_fmu
 from plant.laws.law import Law, Setpoint, StatelessLaw
 from plant.laws.pid import PD, PID, Cascade, P
-from plant.laws.replayed import LoggedCurrent, LoggedTorque, Resumed
+from plant.laws.replayed import LoggedCurrent, LoggedTorque
+from plant.laws.resumed import Resumed
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records

@@ -18,7 +18,7 @@ from identification.replay.objective import Objective
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
-from plant.laws.replayed import AlongLog
+from plant.laws.resumed import AlongLog
 
 _BY_CHANCE = 5.0  # standard deviations by which a sum of squares may fall by chance, where more is unknown
 

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from plant.laws.replayed import AlongLog
+from plant.laws.resumed import AlongLog
 from plant.logs.record import Record
 from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats
@@ -19,7 +19,8 @@ from plant.parts.frozen import Frozen
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged, path_of
 
-_FAST = 4  # steps per sample of a law without a period
+_FAST = 4
+"""Steps per sample of a law without a period."""
 
 _AT_ONCE = 1000  # steps of a law in one call
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from plant.parts.fields import Floats
 
-_QUINTIC = 5  # degree of the splines through commanded counts: accelerations are smooth
+_QUINTIC = 5
+"""Degree of the splines through commanded counts: accelerations are smooth."""
 
 _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
 """Ratio of the numbers of knots that are tested, and samples that each has at least."""

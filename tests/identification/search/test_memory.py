@@ -9,7 +9,7 @@ import pytest
 from ctc import ComputedTorque
 from identification import identify
 from plant import PD, PID, Cascade, Resumed, puma560, simulate
-from plant.laws.replayed import AlongLog
+from plant.laws.resumed import AlongLog
 from plant.simulation.law_run import run_law
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

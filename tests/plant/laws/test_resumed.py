@@ -7,7 +7,7 @@ import pytest
 
 from ctc import ComputedTorque, FeedForward
 from plant import PD, PID, Cascade, Resumed, puma560, replay, simulate
-from plant.laws.replayed import AlongLog
+from plant.laws.resumed import AlongLog
 from plant.laws.terms import difference
 from plant.simulation.law_run import run_law
 

@@ -45,7 +45,7 @@ from plant import (
     puma560,
     simulate,
 )
-from plant.laws.replayed import AlongLog
+from plant.laws.resumed import AlongLog
 from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction
 from plant.parts.kinds import PARTS
 from plant.parts.part import Part, number, part, structure

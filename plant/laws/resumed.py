@@ -1,0 +1,116 @@
+"""Laws that go on where they were: from a state in the middle of a motion, on the arm or along the counts of a log."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.laws.law import Block, Law, Setpoint, Step
+from plant.machine.rig import Rig
+from plant.parts.fields import Vector
+from plant.parts.part import Part, number, part, structure
+
+
+@part
+class Resumed(Law):
+    """A law that goes on from a state, where it would start anew: its first step finds the memory as it was.
+
+    Its numbers have the names of the law's own, and then ``state[j]``.
+
+    Parameters
+    ----------
+    law : Law
+        A controller.
+    state : (s,) array_like
+        Its memory before the first step, as `Law.initial_state` has it at a start.
+
+    See Also
+    --------
+    plant.Law
+
+    Examples
+    --------
+    >>> from plant import PD, Resumed
+    >>> law = Resumed(law=PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600.0), state=(1.0, 0.5, 0, 0))
+    >>> law.initial_state(2)
+    array([0., 0., 0., 1.])
+    """
+
+    law: Law = structure(Law)
+    state: Vector = number(("s",))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.law.replays or isinstance(self.law, Resumed):
+            raise ValueError(f"law must be a controller; got {type(self.law).__name__}. Give that which made the log.")
+
+    @property
+    def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
+        """That of the law [s], or None."""
+        return self.law.period
+
+    def _leaves(self, prefix: str = "") -> Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]:
+        yield from self.law._leaves(prefix)
+        yield f"{prefix}state", self, self.__dataclass_fields__["state"], self.state
+
+    def along(self, rig: Rig) -> AlongLog:
+        """The same law, from the same state, reading the counts of a log that was made with a rig."""
+        return AlongLog(law=self.law, state=self.state, whole=not rig.encoder.smooth)
+
+    def initial_state(self, n: int) -> NDArray[np.float64]:
+        """Nothing yet, and a flag that the first step is to come."""
+        return np.append(np.zeros(len(self.law.initial_state(n))), 1.0)
+
+    def block(self, rig: Rig) -> Block:
+        """This law as a symbolic step for a rig."""
+        count = len(self.law.initial_state(rig.n))
+        if len(self.state) != count:
+            given = f"state of {type(self.law).__name__} must have {count} numbers; got {len(self.state)}"
+            raise ValueError(f"{given}. Give what its initial_state({rig.n}) has, as it was.")
+        return super().block(rig)
+
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+        """One step of the law."""
+        memory, first = state[:-1], state[-1]
+        asked, following = self.law.equations(rig, memory + first * self.state, setpoint, pulses, torque, dt)
+        return asked, ca.vertcat(following, 0)
+
+
+@part
+class AlongLog(Resumed):
+    """A law that reads the counts of its record in place of the arm's: its torque is that of the log; as `Resumed`.
+
+    ``whole``: counts are whole numbers that the law reads as they are. Fast hardware, without a period, is given
+    straight lines between the middles of their cells.
+    """
+
+    whole: bool = structure(bool, default=True)
+    replays = "counts"
+
+    def replayed(self, record: Any) -> NDArray[np.float64]:
+        """Counts (N, n) that the law reads, on straight lines across samples that are not valid."""
+        counts, known, encoder = record.counts, record.valid > 0, record.rig.encoder
+        if not self.rounds:
+            counts = encoder.position_in_pulses(encoder.cell_centre(counts))
+        if not known.any():
+            raise ValueError("the record must have valid samples; it has none. Check the column valid.")
+        return np.column_stack([np.interp(record.t, record.t[known], column[known]) for column in counts.T])
+
+    @property
+    def rounds(self) -> bool:
+        """Whether the law reads whole counts, and a rounded reference."""
+        return self.whole and self.period is not None
+
+    def block(self, rig: Rig) -> Block:
+        """This law as a symbolic step; the rig's encoder counts as the law's did, also where the rig is smooth."""
+        encoder = dataclasses.replace(rig.encoder, smooth=not self.rounds)
+        return super().block(dataclasses.replace(rig, encoder=encoder))
+
+    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+        """One step of the law, at the counts of the log."""
+        return super().equations(rig, state, setpoint._replace(logged=None), setpoint.logged, torque, dt)
