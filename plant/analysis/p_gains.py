@@ -26,8 +26,8 @@ _UNDAMPED = 1e-4  # ratio of a mode that only the finite step of the derivative 
 
 _DAMPING = 0.7  # ratio that the derivative gives a joint on its own
 
+# Speed loop over position loop; speed loop over its integral; the filter's pole over the loop that it is for.
 _INNER, _RESET, _FILTER = 4.0, 4.0, 4.0
-"""Speed loop over position loop; speed loop over its integral; the filter's pole over the loop that it is for."""
 
 
 def p_gains(

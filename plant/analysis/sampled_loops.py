@@ -18,11 +18,10 @@ from plant.simulation.closed_loop import ClosedLoop
 
 _SUB_STEPS = 16
 
+# What the states of a moving arm begin with; they come before all others but friction and torque.
 _MOVING = "q[", "qd[", "link", "driven"
-"""What the states of a moving arm begin with; they come before all others but friction and torque."""
 
-KEPT = 1e-9
-"""By how much rounding may put the eigenvalue 1 of a constant state, such as parameters at rest, outside 1."""
+KEPT = 1e-9  # by how much rounding may put the eigenvalue 1 of a constant state, such as parameters at rest, outside 1
 
 Matrix = NDArray[np.float64]
 

@@ -175,9 +175,10 @@ def _inverse(x: Any, d: Any) -> tuple[Any, Any, Any]:
     return 1 / x, -1 / x**2, np.where(least > 0, 2 / least**3, np.inf)
 
 
+# Operation -> factor of the one number it is of, or of the second that is added.
 _LINEAR = {"ASSIGN": 1.0, "ADD": 1.0, "SUB": -1.0, "NEG": -1.0, "TWICE": 2.0}
-"""Operation -> factor of the one number it is of, or of the second that is added."""
 
+# Operation -> value, slope, and largest second derivative within a deviation.
 _SMOOTH: dict[str, Callable[[Any, Any], tuple[Any, Any, Any]]] = {
     "SQ": lambda x, d: (x**2, 2 * x, 2.0),
     "INV": _inverse,
@@ -187,13 +188,12 @@ _SMOOTH: dict[str, Callable[[Any, Any], tuple[Any, Any, Any]]] = {
     "EXP": lambda x, d: (np.exp(x), np.exp(x), np.exp(x + d)),
     "TANH": lambda x, d: (np.tanh(x), 1 - np.tanh(x) ** 2, 0.77),
 }
-"""Operation -> value, slope, and largest second derivative within a deviation."""
 
 _JUMPS: dict[str, Callable[[Any], Any]] = {"SIGN": np.sign, "NOT": lambda x: np.equal(x, 0)}
+# Operations on numbers without a range.
 _NUMBERS: dict[str, Callable[..., Any]] = {
     "ADD": np.add, "SUB": np.subtract, "MUL": np.multiply, "DIV": np.divide, "FLOOR": np.floor, "FABS": np.abs,
     "COPYSIGN": np.copysign, "FMIN": np.fmin, "FMAX": np.fmax, "LT": np.less, "LE": np.less_equal, "EQ": np.equal,
     "NE": np.not_equal, "AND": np.logical_and, "OR": np.logical_or,
     "IF_ELSE_ZERO": lambda c, x: np.where(c != 0, x, 0.0),
 }  # fmt: skip
-"""Operations on numbers without a range."""

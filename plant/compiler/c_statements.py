@@ -18,6 +18,9 @@ from plant.compiler.translate import single_assignment
 
 _SUM, _PRODUCT, _SIGNED, _WHOLE = 1, 2, 3, 4  # how strongly an expression holds together; 0 is a choice
 
+# How C writes an operation, how strongly that holds together, and how strongly what it needs has to.
+#
+# The others are functions of its library, of the same name, and `_HELPERS`.
 _SPELLING = {
     "ASSIGN": ("{}", 0, (0,)),
     "ADD": ("{} + {}", _SUM, (_SUM, _PRODUCT)),
@@ -43,10 +46,6 @@ _SPELLING = {
     "FMAX": ("larger({}, {})", _WHOLE, (0, 0)),
     "LIMIT": ("smaller(larger({0}, -{1}), {1})", _WHOLE, (0, _WHOLE)),
 }
-"""How C writes an operation, how strongly that holds together, and how strongly what it needs has to.
-
-The others are functions of its library, of the same name, and `_HELPERS`.
-"""
 
 _AGAIN = ("SQ", "LIMIT", "SINCOS")  # operations that write their last argument twice
 

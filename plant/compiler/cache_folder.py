@@ -8,11 +8,9 @@ import tempfile
 import warnings
 from pathlib import Path
 
-CACHE_VARIABLE = "ONEPULSE_CACHE"
-"""Environment variable that names another folder for compiled kernels."""
+CACHE_VARIABLE = "ONEPULSE_CACHE"  # environment variable that names another folder for compiled kernels
 
-MOST = 2 << 30
-"""Bytes of all kernels in the folder; beyond, those that were not used for the longest time go."""
+MOST = 2 << 30  # bytes of all kernels in the folder; beyond, those that were not used for the longest time go
 
 _REFUSED: set[Path] = set()  # folders of which the user has been told
 _KERNEL = re.compile(r"kernel_([0-9a-f]{24})[._]")

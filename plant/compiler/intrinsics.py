@@ -90,6 +90,7 @@ def map_source(function: ca.Function, outer: int) -> tuple[str, int]:
     return head() + text + _MAP, len(program.results)
 
 
+# What the text of intrinsics and of the loops around them needs of numba.
 MODULES = """
 import numba
 import numpy as np
@@ -98,7 +99,6 @@ from numba.extending import intrinsic
 
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
 """
-"""What the text of intrinsics and of the loops around them needs of numba."""
 
 _WIDEST = """
 @intrinsic

@@ -35,11 +35,10 @@ if sys.platform != "win32":
     import fcntl
 
 
+# Environment variable: set to 1 before numba compiles anything, it takes the processor for one without AVX-512.
+#
+# Kernels then take the other path of `plant.compiler.llvm`; numba's cache tells them apart by the processor's features.
 AVX512_VARIABLE = "ONEPULSE_NO_AVX512"
-"""Environment variable: set to 1 before numba compiles anything, it takes the processor for one without AVX-512.
-
-Kernels then take the other path of `plant.compiler.llvm`; numba's cache tells them apart by the processor's features.
-"""
 
 if os.environ.get(AVX512_VARIABLE) == "1":
     _config: Any = numba.config

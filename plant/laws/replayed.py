@@ -62,8 +62,7 @@ class LoggedCurrent(StatelessLaw):
         return rig.drive.joint_torque(rig.drive.motor_gain, setpoint.logged), state
 
 
-_AT_ONCE = 1 << 14
-"""Samples that are worked out at once."""
+_AT_ONCE = 1 << 14  # samples that are worked out at once
 
 
 def commanded_torque(record: Any) -> NDArray[np.float64] | None:

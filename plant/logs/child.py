@@ -18,9 +18,9 @@ from typing import Any
 
 REFUSED = 3
 
+# What the package `formats` is called here: its folder is not on the path, and neither is this one, which holds files
+# whose names other libraries import.
 _FORMATS = "onepulse_formats"
-"""What the package `formats` is called here: its folder is not on the path, and neither is this one, which holds files
-whose names other libraries import."""
 
 
 def main(order: dict[str, Any]) -> int:

@@ -25,11 +25,11 @@ from plant.logs.formats.columns import choice_of, require_real, require_size
 _SECONDS = 4.5  # with what comes before and after, a failure takes less than 5
 _MESSAGES = 60  # of files that hold messages, which are decoded one by one
 _MEMORY = 2 << 30  # address space of the child, libraries and the copy that it sends included
+# Optional; the kinds are named like the extras of this project.
 _LIBRARIES = {
     "hdf5": ("h5py",), "parquet": ("pyarrow",), "lerobot": ("pyarrow",), "mcap": ("mcap", "mcap_ros2"),
     "rosbag2": ("rosbags",),
 }  # fmt: skip
-"""Optional; the kinds are named like the extras of this project."""
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PATH": os.devnull}
 _DIRECTORY = 4 << 20  # bytes
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

@@ -25,8 +25,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
 _LEFT_OUT: Any = None
-NUMBERS = ("temperature",)
-"""Notes that are numbers."""
+NUMBERS = ("temperature",)  # notes that are numbers
 
 
 @kept

@@ -15,12 +15,12 @@ from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats
 from plant.parts.plain import from_plain
 
+# Field of a record with a number per joint -> what its columns are called, and their unit.
 COLUMNS = {
     "reference_pulses": ("reference", "pulses"), "error_pulses": ("error", "pulses"), "torque": ("torque", "N m"),
     "current": ("current", "A"), "injected": ("injected", "N m"), "link_counts": ("link", "pulses"),
     "true_q": ("true_q", "rad"), "true_qd": ("true_qd", "rad/s"),
 }  # fmt: skip
-"""Field of a record with a number per joint -> what its columns are called, and their unit."""
 
 
 def write(record: Any, path: str | Path) -> None:

@@ -16,13 +16,13 @@ from plant.motion.reference import Reference
 from plant.parts.arguments import instance, known_options
 from plant.parts.mcap_file import McapFile, joint_topics
 
+# What a signal of a record is made of, by the fields of a mapping.
 SOURCES = {
     "counts": ("position", "motor_position", "error_pulses"),
     "error": ("error_pulses", "position", "motor_position", "counts"),
     "reference": ("reference_pulses", "reference_position", "reference_motor_position"),
     "torque": ("current",),
 }
-"""What a signal of a record is made of, by the fields of a mapping."""
 
 
 class FromFiles:

@@ -17,8 +17,8 @@ from plant.parts.arguments import choice
 from plant.parts.fields import Floats
 from plant.parts.user_warning import warn
 
+# Of a field: one unit, or one per joint where some joints turn and others slide.
 Unit: TypeAlias = str | tuple[str, ...]
-"""Of a field: one unit, or one per joint where some joints turn and others slide."""
 
 TIME = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of them in a second: a quotient of whole numbers is rounded once
 ANGLE = {"rad": 1.0, "deg": np.pi / 180}  # radians of each

@@ -55,8 +55,8 @@ class TorqueRipple(Part):
         return self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))
 
 
+# Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are above.
 _LONGEST = 0.02
-"""Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are above."""
 
 
 @part

@@ -16,8 +16,7 @@ from plant.parts.labels import joint_label
 from plant.parts.part import Part, number, part
 from plant.parts.user_warning import warn
 
-DAMPING_RATIO = 0.01
-"""Of gears of which none is stated, against their locked motors; measured ones have 0.01 to 0.03."""
+DAMPING_RATIO = 0.01  # of gears of which none is stated, against their locked motors; measured ones have 0.01 to 0.03
 
 _CRITICAL = 1.0
 
@@ -144,8 +143,8 @@ def gears(hz: Any, damping_ratio: Any, inertia: Any) -> tuple[Any, Any]:
     return inertia * omega**2, 2 * damping_ratio * inertia * omega
 
 
+# (omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it too slow.
 FOLLOWED = 2
-"""(omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it too slow."""
 
 
 class Spring(NamedTuple):

@@ -26,8 +26,8 @@ from plant.parts.arguments import signs
 from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.part import Part, number, part
 
+# Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the Coulomb level.
 REGULARISATION = 1e-3
-"""Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the Coulomb level."""
 
 
 @part

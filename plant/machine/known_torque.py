@@ -13,8 +13,8 @@ from plant.parts.arguments import signs
 from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.part import Part, number, part
 
+# What casadi and numpy raise where a torque cannot be worked out.
 _REFUSED = (TypeError, ValueError, RuntimeError, IndexError, AttributeError, NotImplementedError)
-"""What casadi and numpy raise where a torque cannot be worked out."""
 
 
 class KnownTorque(Part, abc.ABC):

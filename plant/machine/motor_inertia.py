@@ -19,8 +19,7 @@ from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import pivots
 from plant.parts.fields import Floats
 
-LEAST_MOTOR_INERTIA = 0.5
-"""Jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2."""
+LEAST_MOTOR_INERTIA = 0.5  # jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2.
 
 _GRID = 360  # poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range
 

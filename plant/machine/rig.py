@@ -15,8 +15,8 @@ from plant.parts.fields import ArrayOrSymbols
 from plant.parts.labels import joint_labels
 from plant.parts.part import Part, number, part, structure
 
+# How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear analysis.
 DRY_FRICTION = "drive.coulomb", "drive.curve.breakaway", "drive.load_friction", "drive.presliding.damping"
-"""How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear analysis."""
 
 _LARGE = 2**20  # above all streams by far, so that those of two streams are as good as independent
 

@@ -7,8 +7,7 @@ import numpy as np
 from plant.machine.rig import Rig
 from plant.parts.fields import Floats
 
-SLOWEST = 0.1
-"""Sampling period [s] that no controller of an arm has."""
+SLOWEST = 0.1  # sampling period [s] that no controller of an arm has
 
 _TURNS = 3.0  # turns that no revolute joint of an arm makes from end to end
 

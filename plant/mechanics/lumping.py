@@ -24,12 +24,11 @@ if TYPE_CHECKING:
     from plant.mechanics.link import Link
 
 
+# Names of one link's standard parameters: mass [kg], first moments [kg m], inertia about the frame's *origin*
+# [kg m^2], and the rotor inertia reflected to the joint, J [kg m^2].
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
-"""Names of one link's standard parameters: mass [kg], first moments [kg m], inertia about the frame's *origin*
-[kg m^2], and the rotor inertia reflected to the joint, J [kg m^2]."""
 
-LOAD = STANDARD[:-1]
-"""Those of a load, a body fixed to a link."""
+LOAD = STANDARD[:-1]  # those of a load, a body fixed to a link
 
 _PHYSICAL = ("m", "x", "y", "z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
 

@@ -13,8 +13,7 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed, rotation_of
 from plant.parts.arguments import choice
 
-FULL = (0, 3, 5, 1, 2, 4)
-"""Places in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz."""
+FULL = (0, 3, 5, 1, 2, 4)  # places in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz
 
 _TOP = (
     "actuator", "asset", "compiler", "contact", "custom", "default", "include", "keyframe", "option", "sensor", "size",

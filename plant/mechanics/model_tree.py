@@ -18,8 +18,7 @@ from plant.parts.arguments import choice, several
 from plant.parts.fields import Floats
 from plant.parts.labels import joint_labels
 
-HERE = Placement()
-"""Of all that state no origin."""
+HERE = Placement()  # of all that state no origin
 
 MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> whether it slides
 

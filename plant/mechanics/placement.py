@@ -87,8 +87,7 @@ class Placement(Part):
         return cls(rotation=rotation, position=position)
 
 
-RIGHT = 1e-3
-"""Angle [rad] up to which a model file's angle is taken for the right one that it rounds."""
+RIGHT = 1e-3  # angle [rad] up to which a model file's angle is taken for the right one that it rounds
 
 
 def righted(pose: Placement) -> tuple[Placement, float]:

@@ -11,8 +11,7 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
 
-INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-"""Attributes of <inertia>, in the order of `Body.inertia`."""
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # attributes of <inertia>, in the order of `Body.inertia`
 
 
 def read_urdf(path: str | Path) -> ModelFile:

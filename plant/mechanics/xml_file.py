@@ -15,8 +15,7 @@ from plant.mechanics.placement import turn
 from plant.parts.fields import Floats
 from plant.parts.files import read_bounded
 
-Edit = tuple[int, int, bytes]
-"""From this byte to that one, and what stands there instead."""
+Edit = tuple[int, int, bytes]  # from this byte to that one, and what stands there instead
 
 _LARGEST = 5 << 20  # bytes; the largest real files have a few hundred thousand
 

@@ -8,21 +8,20 @@ import numpy as np
 from plant.models.hypotheses import Shape, Stated
 from plant.parts.fields import Floats
 
+# Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm.
 _DENSITY, _TIMES = 1500.0, 1.2
-"""Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm."""
 
+# Share by which a link may be larger than its shape in the file, and what a body says that needs more.
 _SLACK, _OUTSIDE = 0.05, 15.0
-"""Share by which a link may be larger than its shape in the file, and what a body says that needs more."""
 
 _FAR = 1.0  # the same share, for a proof: shapes for collisions leave parts out
 
 _FAITHFUL = 3  # links that have to fit their shapes before shapes are taken for what links are
 
-_LIGHTEST, HEAVIEST = 1.0, 23000.0
-"""Density [kg/m^3] of nothing that links are made of: above that of osmium."""
+_LIGHTEST, HEAVIEST = 1.0, 23000.0  # density [kg/m^3] of nothing that links are made of: above that of osmium
 
+# Relative differences at which a link is its partner mirrored, or its shape uniformly filled, and what that says.
 _SAME, _UNIFORM, _COINCIDENCE = 1e-4, 2e-3, 15.0
-"""Relative differences at which a link is its partner mirrored, or its shape uniformly filled, and what that says."""
 
 _APART = 20.0  # what a whole difference from the link on the other side says
 

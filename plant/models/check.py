@@ -26,8 +26,8 @@ from plant.parts.files import require_new, write_whole
 from plant.parts.shown import Piece, Shown, Verdict
 
 _MARGIN = 6.0
+# Relative difference of a link from its repair below which nothing is said: CAD models of two sides differ as much.
 _COUNTS = 0.006
-"""Relative difference of a link from its repair below which nothing is said: CAD models of two sides differ as much."""
 
 _RARE = 4.0  # a mistake is e^4 times rarer than none
 

@@ -53,8 +53,7 @@ _UNITS = (  # what was written in another unit -> mass, length, inertia of the f
     ("centimetres for metres (centre of mass)", 1.0, 1e-2, 1.0),
     ("kg cm^2 for kg m^2 (inertia)", 1.0, 1.0, 1e-4),
 )
-SLIP = "a decimal point of a moment of inertia in the wrong place"
-"""One of several."""
+SLIP = "a decimal point of a moment of inertia in the wrong place"  # one of several
 
 _PRODUCTS = ((0, 1), (0, 2), (1, 2))
 
@@ -103,8 +102,8 @@ def _with(given: Stated, products: Floats) -> Stated:
 
 
 _SIDES = (("left", "right"), ("l", "r"), ("fl", "fr"), ("hl", "hr"), ("rl", "rr"), ("lf", "rf"), ("lh", "rh"))
+# Reflections of a link on the other side; the last is none, for frames that are mirrored themselves.
 _PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1)))
-"""Reflections of a link on the other side; the last is none, for frames that are mirrored themselves."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,8 +17,7 @@ from plant.models.arm_table import model_beside
 from plant.models.tables import check_keys, meaning_of, toml_lines
 from plant.parts.part import Part
 
-MISSING, _STATED = "?", "urdf"
-"""What stands for a value: nobody has said it yet; the URDF file states it, on the joint."""
+MISSING, _STATED = "?", "urdf"  # what stands for a value: nobody has said it yet; the URDF file states it, on the joint
 
 _OF_URDF = ("viscous", "coulomb", "current_limit")
 _PARTS: dict[str, type] = {"rig": Rig, "drive": Drive, "encoder": Encoder, "law": P}

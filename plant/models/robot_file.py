@@ -25,8 +25,7 @@ _LARGEST = 5_000_000  # bytes of a robot file
 _KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "uncertainty", "columns", "units")
 _UNCERTAINTY = "ctc.Uncertainty"  # what [uncertainty] holds; a package above this one defines it
 
-FOLDER = Path(__file__).parent / "robots"
-"""Robot files of the package."""
+FOLDER = Path(__file__).parent / "robots"  # robot files of the package
 
 
 @known_options

@@ -27,13 +27,13 @@ def unit_of(cls: type, field: str) -> str:
     return match[1] if match else ""
 
 
+# Class -> field -> the kind of part that it holds where the file names none, beside those that are declared.
 _KINDS = {
     "Drive": {
         "elasticity": "plant.Elasticity", "current_lag": "plant.CurrentLag", "load_friction": "plant.LoadFriction",
     },
     "Chain": {"links": "plant.Link", "bodies": "plant.Body"},
 }  # fmt: skip
-"""Class -> field -> the kind of part that it holds where the file names none, beside those that are declared."""
 
 
 def _kinds(cls: type[Part]) -> dict[str, str]:

@@ -24,11 +24,11 @@ from plant.parts.arguments import instance, known_options, near
 
 T = TypeVar("T")
 
+# Share of torque and speed limits that a motion takes at most, and of the way to the limit of a joint's position.
 _SHARE, _ROOM = 0.8, 0.9
-"""Share of torque and speed limits that a motion takes at most, and of the way to the limit of a joint's position."""
 
+# Poses of which the first is taken whose holding torques are such a share of their largest, as near as that.
 _POSES, _HALF, _NEAR = 1024, 0.5, 0.25
-"""Poses of which the first is taken whose holding torques are such a share of their largest, as near as that."""
 
 _ASIDE = 0.4  # share of the way between two limits by which a pose may be off their middle
 

@@ -30,9 +30,9 @@ from plant.motion.table import Table
 from plant.parts.arguments import array, instance, known_options, whole
 from plant.parts.fields import Floats
 
+# Points per interval of the spline at which the torque is limited and the time integrated; and in the first and the
+# last, where b is steep: along a motion that ends without acceleration it grows like 1 / s.
 _INSIDE, _AT_ENDS = 4, 24
-"""Points per interval of the spline at which the torque is limited and the time integrated; and in the first and the
-last, where b is steep: along a motion that ends without acceleration it grows like 1 / s."""
 
 _NODES = 4  # points of the time law per interval of the spline
 

@@ -15,8 +15,8 @@ from plant.parts.part import part, structure
 
 _NUMBERED = re.compile(r"(\D*)(\d+)\D*")  # a name and its number
 
+# Units that times and angles of a table do not have.
 _OTHER = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
-"""Units that times and angles of a table do not have."""
 
 
 @part

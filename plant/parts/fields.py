@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 
+# A numpy array, or a casadi expression of that shape; what comes out is of the kind that went in.
 ArrayOrSymbols: TypeAlias = Any
-"""A numpy array, or a casadi expression of that shape; what comes out is of the kind that went in."""
 
 if TYPE_CHECKING:
     T = TypeVar("T")

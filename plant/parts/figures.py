@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+# Of joints, or of laws, in turn.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#4d4d4d")
-"""Of joints, or of laws, in turn."""
 
+# Of what is shaded behind curves.
 BAND = "#e9e4d4"
-"""Of what is shaded behind curves."""
 
+# How a log and its model are drawn: the model lies on the log, which is wider.
 LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("measured", {"color": "#b3bcc0", "linewidth": 2.6}),
     ("simulated", {"color": COLOURS[1], "linewidth": 0.8}),
 )
-"""How a log and its model are drawn: the model lies on the log, which is wider."""
 
 _NUMBERS = ("Log", "Scalar")  # how the names of the formatters begin that write numbers at ticks
 

@@ -17,8 +17,7 @@ C = TypeVar("C", bound=type)
 
 PACKAGES = ("plant", "identification", "ctc")
 
-PARTS: dict[str, type] = {}
-"""Kind -> class of every `part`."""
+PARTS: dict[str, type] = {}  # kind -> class of every `part`
 
 _RESULTS: dict[str, type] = {}
 

@@ -22,11 +22,9 @@ from plant.parts.kinds import class_of, kind_of
 from plant.parts.plain import from_plain, to_plain
 from plant.version import __version__
 
-FORMAT = 1
-"""Of the files that this version writes, and the only one that it reads."""
+FORMAT = 1  # of the files that this version writes, and the only one that it reads
 
-MOST = 1 << 30
-"""Bytes of a file that is read."""
+MOST = 1 << 30  # bytes of a file that is read
 
 _KEYS = ("onepulse", "format", "kind", "provenance", "content")
 

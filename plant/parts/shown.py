@@ -13,6 +13,7 @@ _INDENT = "    "
 
 _LONGEST = 100  # letters of a `repr` at most
 
+# Colours of text and ground are the page's own, light or dark.
 _STYLE = """
 .onepulse table { border-collapse: collapse; border: 0; margin: .5em 0; font-variant-numeric: tabular-nums; }
 .onepulse th, .onepulse td { padding: .2em .9em .2em 0; border: 0; border-bottom: 1px solid rgba(128, 128, 128, .4);
@@ -27,7 +28,6 @@ _STYLE = """
 .onepulse p, .onepulse ul { margin: .3em 0; max-width: 60em; }
 .onepulse pre { overflow-x: auto; }
 """
-"""Colours of text and ground are the page's own, light or dark."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,8 +53,7 @@ class Aside:
     lines: Sequence[str]
 
 
-Piece = str | Table | Verdict | Warned | Aside
-"""Of what a result shows; a str is a sentence."""
+Piece = str | Table | Verdict | Warned | Aside  # of what a result shows; a str is a sentence
 
 
 class Shown:

@@ -8,14 +8,13 @@ import itertools
 import textwrap
 from collections.abc import Iterable, Sequence
 
-WIDTH = 80
-"""Letters of a line at most."""
+WIDTH = 80  # letters of a line at most
 
 _GAP = "  "
 _TALLEST = 4  # lines of a title at most; before there are more, columns go below each other
 
+# Letters at which a column of words is not narrowed further, and those of the first column at most.
 _NARROW, _LABEL = 16, 44
-"""Letters at which a column of words is not narrowed further, and those of the first column at most."""
 
 
 def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:

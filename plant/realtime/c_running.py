@@ -26,8 +26,7 @@ from plant.realtime.guards import Guards
 from plant.realtime.pieces import RAMP, numbers_of, pieces_of
 from plant.realtime.status import wording
 
-PREFIX = "running_"
-"""Of every function's name: C's library has a read, and a finite."""
+PREFIX = "running_"  # of every function's name: C's library has a read, and a finite
 
 HELPERS = """\
 /* As Python's min and max: of two that do not compare, the first. */

@@ -94,9 +94,9 @@ def compensates_gravity(law: Any, guards: Guards | None) -> bool:
     return known and (guards is None or guards.stop != "zero")
 
 
+# What `plant.realtime.safety` calls of a law and a rig, in the order in which it numbers them.
 _PIECES = ("ahead", "moving", "measured", "counted", "standing", "slowing", "law", "monitored", "shifted", "ramp",
            "needed", "bounds", "planned", "limited", "left_out")  # fmt: skip
-"""What `plant.realtime.safety` calls of a law and a rig, in the order in which it numbers them."""
 
 
 @functools.cache

@@ -12,11 +12,11 @@ from plant.realtime.guards import Guards
 
 _SHOWS = 4  # counts that are a motion, and no flicker at the edge of a cell
 
+# Time from no torque to the largest, longest time to come to rest, and time without a count at rest [s].
 _RAMP, _SETTLE, _STILL = 0.8, 0.5, 0.05
-"""Time from no torque to the largest, longest time to come to rest, and time without a count at rest [s]."""
 
+# Of the change of torque that leaves a joint at rest, which goes from one direction of friction to the other.
 _SHARE = 0.8
-"""Of the change of torque that leaves a joint at rest, which goes from one direction of friction to the other."""
 
 
 @known_options

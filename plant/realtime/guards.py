@@ -10,12 +10,11 @@ from plant.mechanics.link import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.user_warning import warn
 
-WINDOW = 0.1
-"""Length of the window in which time at the limit is counted [s]."""
+WINDOW = 0.1  # length of the window in which time at the limit is counted [s]
 
+# Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the
+# other, and a tenth more than the rig states.
 _BAND = 2.2
-"""Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the
-other, and a tenth more than the rig states."""
 
 _FLOOR = 0.1  # share of the limit by which the torque of a joint at rest may change, whatever its friction
 

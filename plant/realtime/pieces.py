@@ -21,28 +21,23 @@ from plant.machine.rig import Rig
 from plant.realtime import memory as layout
 from plant.realtime.guards import WINDOW
 
-SMOOTHING = 0.25
-"""Smoothing factor of the measured speed: quantisation is much of a change of counts."""
+SMOOTHING = 0.25  # smoothing factor of the measured speed: quantisation is much of a change of counts
 
+# Share of the duration of a stop in which the torque ramps to its end: short, since it may begin at the limit.
 RAMP = 0.1
-"""Share of the duration of a stop in which the torque ramps to its end: short, since it may begin at the limit."""
 
-SLOTS = 6
-"""Slots of the window of saturation, with the one that is being filled."""
+SLOTS = 6  # slots of the window of saturation, with the one that is being filled
 
+# Time for which a law without a period must stay at its limit before it counts [s]: one pulse may take it there.
 HELD = 0.5e-3
-"""Time for which a law without a period must stay at its limit before it counts [s]: one pulse may take it there."""
 
 _ROUNDING = 1e-9
 
-SLOT = (1 - _ROUNDING) * WINDOW / (SLOTS - 1)
-"""Age at which the newest slot is full [s]."""
+SLOT = (1 - _ROUNDING) * WINDOW / (SLOTS - 1)  # age at which the newest slot is full [s]
 
-MEMORY = 0.01
-"""Time constant of the mean that chatter swings about [s]: 100 rad/s, above what a path asks for."""
+MEMORY = 0.01  # time constant of the mean that chatter swings about [s]: 100 rad/s, above what a path asks for
 
-AVERAGED = 0.05
-"""Time constant over which the swing is averaged [s]."""
+AVERAGED = 0.05  # time constant over which the swing is averaged [s]
 
 
 def row(index: int, n: int) -> range:

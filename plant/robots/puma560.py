@@ -21,23 +21,22 @@ from plant.mechanics.link import Link
 from plant.mechanics.lumping import Lumping
 from plant.motion.smooth import Harmonics
 
-LINK_LENGTH = 0.4318
-"""Distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters."""
+LINK_LENGTH = 0.4318  # distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters
 
+# f1..f9 that the paper identified (4.2) [kg m^2: f1-f4, f7; kg m: f5, f6, f8, f9].
 PUBLISHED = np.array([1.68, 1.39, -0.29, -1.4, -0.08, -1.94, 6.67, 0.06, 10.2])
-"""f1..f9 that the paper identified (4.2) [kg m^2: f1-f4, f7; kg m: f5, f6, f8, f9]."""
 PUBLISHED.setflags(write=False)
 
+# Variation of f1..f9 over the paper's series of identifications (4.2), as a fraction.
 PUBLISHED_ALTERATION = np.array([0.10, 0.21, 0.80, 0.30, 0.16, 0.14, 0.11, 0.40, 0.03])
-"""Variation of f1..f9 over the paper's series of identifications (4.2), as a fraction."""
 PUBLISHED_ALTERATION.setflags(write=False)
 
+# Ranges of f1..f9 printed in 3.6. Those of f2 and f7 do not follow from the inputs (`identification.planning.ranges`
+# derives [0, 1.27] and [1.25, 18.76]); the published f3 and f4 lie outside theirs.
 PRINTED_RANGES = (
     (0.28, 4.07), (0.0, 2.33), (-0.2, 0.2), (-1.25, 0.0), (-0.4, 0.4), (-2.5, 0.0), (2.23, 17.95), (-1.75, 1.75),
     (-2.7, 11.25),
 )  # fmt: skip
-"""Ranges of f1..f9 printed in 3.6. Those of f2 and f7 do not follow from the inputs (`identification.planning.ranges`
-derives [0, 1.27] and [1.25, 18.76]); the published f3 and f4 lie outside theirs."""
 
 
 def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:

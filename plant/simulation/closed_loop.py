@@ -22,8 +22,7 @@ from plant.machine.drive_effects import lagging
 from plant.simulation.layout import Layout
 from plant.simulation.sub_step import FrictionStep, elastic, rigid
 
-FAR = 1e6
-"""Norm of all positions [rad] and velocities [rad/s] above which the loop has diverged."""
+FAR = 1e6  # norm of all positions [rad] and velocities [rad/s] above which the loop has diverged
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

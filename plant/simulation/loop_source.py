@@ -17,17 +17,16 @@ from plant.compiler.intrinsics import head, intrinsic
 from plant.compiler.translate import Names, cut, translate
 from plant.simulation.closed_loop import ClosedLoop
 
-VECTOR = 8
-"""Individuals in one vector: the longest register that there is, or two or four shorter ones."""
+VECTOR = 8  # individuals in one vector: the longest register that there is, or two or four shorter ones
 
 
+# Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap.
 PIECE, LONG_PIECE = 40, 1000
-"""Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap."""
 
 
+# Instructions from which on a step has by itself so many that do not wait for each other, as of three joints and more,
+# that loops over short pieces only cost memory; and those in one loop then, for the compiler's sake.
 ENOUGH, LONGEST = 500, 2000
-"""Instructions from which on a step has by itself so many that do not wait for each other, as of three joints and more,
-that loops over short pieces only cost memory; and those in one loop then, for the compiler's sake."""
 
 
 def loop_source(
@@ -166,12 +165,12 @@ def _made(lines: Sequence[Any]) -> list[str]:
     return [name for line in lines for name in line.names]
 
 
+# Of each block of the loop: its table, the row of it, and its log.
 _BLOCKS = {
     "law": ("law_time", "i // PER_LAW", None),
     "sample": ("sample_time", "i // PER_SAMPLE", "sample_log"),
     "step": ("step_time", "i", "step_log"),
 }
-"""Of each block of the loop: its table, the row of it, and its log."""
 
 
 _LOOP = """

@@ -24,11 +24,11 @@ from plant.simulation.closed_loop import closed_loop
 from plant.simulation.followed_path import Path, path_of, start_of
 from plant.simulation.logged_run import logged_run
 
+# (N, n) [N m], joint side, one row per sample; or a function that gives them at the times (N,) of the samples.
 Injected: TypeAlias = Callable[[NDArray[Any]], ArrayLike] | ArrayLike
-"""(N, n) [N m], joint side, one row per sample; or a function that gives them at the times (N,) of the samples."""
 
+# Columns that hold the whole torque of the motors: of a law that repeats one, nothing is added.
 _OF_MOTORS = "torque", "current"
-"""Columns that hold the whole torque of the motors: of a law that repeats one, nothing is added."""
 
 
 @known_options

@@ -16,8 +16,8 @@ _NAMES = ("name", "names", "joint_names")
 _WIDEST = 256  # elements of an array that may be joints; more are pictures or clouds of points
 _DEEPEST = 6
 _OWN = ("stamp", "log_time")
+# Of a message: its stamp and when it was logged [ns], its numbers, and the names of the elements of arrays.
 _Row = tuple[int, int, dict[str, Any], dict[str, Any]]
-"""Of a message: its stamp and when it was logged [ns], its numbers, and the names of the elements of arrays."""
 
 
 def columns_of(
