@@ -63,14 +63,9 @@ class Program:
 
 
 def translate(
-    function: ca.Function,
-    inputs: list[list[tuple[str, int]]],
-    names: Names,
-    rows: Callable[[], int],
-    *,
-    relaxed: bool = False,
-    wanted: int | None = None,
-) -> Program:
+    function: ca.Function, inputs: list[list[tuple[str, int]]], names: Names, rows: Callable[[], int], *,
+    relaxed: bool = False, wanted: int | None = None,
+) -> Program:  # fmt: skip
     """Translate an SX Function; refused if it is not of SX, or holds an operation that has no translation.
 
     `inputs`: for each input, for each component, the expression that reads it, and its kind; `rows` gives a fresh row

@@ -128,14 +128,9 @@ class Chain(Part):
 
     @classmethod
     def from_urdf(
-        cls,
-        path: str | Path,
-        joints: Sequence[str] | None = None,
-        *,
-        base: str | None = None,
-        tip: str | None = None,
+        cls, path: str | Path, joints: Sequence[str] | None = None, *, base: str | None = None, tip: str | None = None,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-    ) -> Chain:
+    ) -> Chain:  # fmt: skip
         """A chain, with bodies, from a URDF file.
 
         Parameters

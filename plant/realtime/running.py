@@ -108,15 +108,9 @@ class Running:
         self._set(whole_counts(pulses, self.rig))
 
     def step(
-        self,
-        pulses: ArrayLike | None = None,
-        q_r: ArrayLike | None = None,
-        qd_r: ArrayLike | None = None,
-        qdd_r: ArrayLike | None = None,
-        *,
-        now: float | None = None,
-        **unknown: Any,
-    ) -> NDArray[np.float64]:
+        self, pulses: ArrayLike | None = None, q_r: ArrayLike | None = None, qd_r: ArrayLike | None = None,
+        qdd_r: ArrayLike | None = None, *, now: float | None = None, **unknown: Any,
+    ) -> NDArray[np.float64]:  # fmt: skip
         """Torque to be applied until the next call; to be called once per period.
 
         Parameters

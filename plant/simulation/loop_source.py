@@ -129,13 +129,9 @@ class _Emitter:
 
 
 def _programs(
-    loop: ClosedLoop,
-    lanes: Sequence[int],
-    uniform: Sequence[int],
-    uneven: bool,
-    fresh: Callable[[], int],
+    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], uneven: bool, fresh: Callable[[], int],
     wanted: Mapping[str, int | None],
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """The translated law (if it has a period), log and sub-step; of each only what so many first outputs need."""
     names = Names()
     where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}

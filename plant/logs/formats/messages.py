@@ -21,13 +21,9 @@ _Row = tuple[int, int, dict[str, Any], dict[str, Any]]
 
 
 def columns_of(
-    every: Iterable[str],
-    messages: Callable[[list[str]], Iterable[tuple[str, int, Any]]],
-    names: Collection[str] | None,
-    prefix: str,
-    most: int,
-    clock: str | None,
-) -> tuple[list[str], dict[str, Any]]:
+    every: Iterable[str], messages: Callable[[list[str]], Iterable[tuple[str, int, Any]]],
+    names: Collection[str] | None, prefix: str, most: int, clock: str | None,
+) -> tuple[list[str], dict[str, Any]]:  # fmt: skip
     """Names of all columns of a file of messages, and the wanted ones.
 
     `every` topic of the file may stand there twice; `messages` gives, for the topics that hold something wanted, topic,
