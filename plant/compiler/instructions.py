@@ -1,15 +1,8 @@
 """The instructions of a function, and shorter ones for what casadi writes at length.
 
-Every input component is declared as one of four kinds, and an instruction belongs to the latest kind that it needs:
-
-========== ========================================================= ==========================
-kind       what it is                                                runs
-========== ========================================================= ==========================
-uniform    a number, the same for all individuals                    once
-lane       a number that differs between individuals                 once per individual
-time       known beforehand, changes with time (the reference)       once per step
-state      the rest                                                  once per step and individual
-========== ========================================================= ==========================
+Every input component is declared as *uniform* (a number, the same for all individuals: it runs once), *lane* (a number
+that differs between them: once per individual), *time* (known beforehand, changes with time, as the reference: once per
+step), or *state* (the rest: once per step and individual). An instruction belongs to the latest kind that it needs.
 
 What is rewritten, in one pass:
 

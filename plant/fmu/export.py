@@ -16,8 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant.compiler.c_statements import braced
-from plant.fmu.arm_source import arm_values
-from plant.fmu.variables import Variable, arm_variables, described, law_variables
+from plant.fmu.model import Variable, arm_values, arm_variables, described, law_variables
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm

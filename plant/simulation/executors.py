@@ -14,6 +14,7 @@ from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
 from plant.compiler.background import cores
+from plant.parts.arguments import several
 from plant.version import __version__
 
 T = TypeVar("T")
@@ -79,7 +80,7 @@ class Executor:
         """Another executor in place of one whose worker was killed while these calls were open."""
         if not self._own:
             raise ValueError(
-                f"executor must be one whose workers live; one was killed while {_listed(names)} ran. Give a function "
+                f"executor must be one whose workers live; one was killed while {several(names, 5)} ran. Give a function "
                 "that makes executors, such as lambda: ProcessPoolExecutor(2), which then makes another."
             )
         held, self._held = self._held, False
@@ -226,7 +227,3 @@ def _require_same_library(error: BaseException | None) -> None:
         raise error
     if isinstance(error, ModuleNotFoundError) and error.name in ("plant", "identification", "ctc"):
         raise ValueError(f"workers must have onepulse {__version__}; one has none. Install it there.")
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
