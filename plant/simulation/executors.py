@@ -80,8 +80,8 @@ class Executor:
         """Another executor in place of one whose worker was killed while these calls were open."""
         if not self._own:
             raise ValueError(
-                f"executor must be one whose workers live; one was killed while {several(names, 5)} ran. Give a function "
-                "that makes executors, such as lambda: ProcessPoolExecutor(2), which then makes another."
+                f"executor must be one whose workers live; one was killed while {several(names, 5)} ran. Give a "
+                "function that makes executors, such as lambda: ProcessPoolExecutor(2), which then makes another."
             )
         held, self._held = self._held, False
         self.close()
