@@ -1,7 +1,5 @@
 """The closed loop linearised about a pose, for linear analysis with python-control."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +15,7 @@ if TYPE_CHECKING:
     import control
 
 
-def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> control.StateSpace:
+def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSpace":
     """Linear model of a fast law's closed loop about an arm held at a pose.
 
     The model is the derivative of the simulator's own sub-step, with the encoder as identity, in the limit of a short

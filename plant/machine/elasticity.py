@@ -1,7 +1,5 @@
 """Elastic gears: stiffness, damping and backlash between the motor's shaft and its joint, and their sub-step."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -67,7 +65,7 @@ class Elasticity(Part):
     def from_resonance(
         cls, arm: Arm, hz: ArrayLike, damping_ratio: ArrayLike, *, drive: Any = None,
         q: ArrayLike | None = None, backlash: ArrayLike | None = None,
-    ) -> Elasticity | Resonance:  # fmt: skip
+    ) -> "Elasticity | Resonance":  # fmt: skip
         """The gears of these locked-rotor resonances [Hz].
 
         Hz of joint i: sqrt(k_i / (D_ii - Jm_i k_i^2)) / 2 pi, every other joint held.

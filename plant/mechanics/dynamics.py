@@ -3,8 +3,6 @@
 Source: paper eq. (2). The torque is `plant.mechanics.newton_euler`; D, h, C and Y are read off it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Sequence
@@ -79,7 +77,7 @@ class Dynamics(Part):
         self._prove()
 
     @classmethod
-    def from_chain(cls, chain: Chain, *, rotors: bool = True) -> Dynamics:
+    def from_chain(cls, chain: Chain, *, rotors: bool = True) -> "Dynamics":
         """Equations of a chain in its base parameters, with rotor inertias or without (`base_parameters`)."""
         return cls(chain=chain, lumping=base_lumping(chain, rotors=rotors))
 

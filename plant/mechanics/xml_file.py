@@ -1,7 +1,5 @@
 """XML with places: elements that know which bytes of their file they are, and edits of these bytes alone."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import xml.parsers.expat
@@ -32,17 +30,17 @@ class Element:
 
     tag: str
     attributes: dict[str, str]
-    children: list[Element]
+    children: "list[Element]"
     path: Path
     start: int = 0
     opened: int = 0
     stop: int = 0
 
-    def find(self, tag: str) -> Element | None:
+    def find(self, tag: str) -> "Element | None":
         """The first child of this tag."""
         return next((child for child in self.children if child.tag == tag), None)
 
-    def all(self, tag: str) -> list[Element]:
+    def all(self, tag: str) -> "list[Element]":
         """The children of this tag."""
         return [child for child in self.children if child.tag == tag]
 

@@ -5,8 +5,6 @@ the work takes it from there and computes the rest. The file is replaced as a wh
 process leaves the last state that was written. A file of other inputs, versions or another processor is refused.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 import threading
@@ -40,7 +38,7 @@ class Checkpoint:
     what the file is of. A file of other work, another version or processor is refused.
     """
 
-    def __init__(self, path: str | Path | Checkpoint | None, work: str) -> None:
+    def __init__(self, path: "str | Path | Checkpoint | None", work: str) -> None:
         self._prefix, self._file, self._whole, self._work = "", None, not isinstance(path, Checkpoint), work
         if isinstance(path, Checkpoint):
             self._prefix, self._file, self._work = path._prefix, path._file, path._work
@@ -57,13 +55,13 @@ class Checkpoint:
             self._file.write()
             self._file.closed = self._whole
 
-    def part(self, name: str) -> Checkpoint:
+    def part(self, name: str) -> "Checkpoint":
         """The same file for a part of the work, whose stages have names of their own."""
         part = Checkpoint(self, "")
         part._prefix = f"{self._prefix}{name}, "
         return part
 
-    def bind(self, inputs: Callable[[], Mapping[str, Any]]) -> Checkpoint:
+    def bind(self, inputs: Callable[[], Mapping[str, Any]]) -> "Checkpoint":
         """Refuse stages that were made of other inputs: name -> part, record, array or setting; asked for if needed."""
         if self._file is not None:
             given = {name: fingerprint(value) for name, value in inputs().items()}

@@ -6,8 +6,6 @@ flags) is fixed once a model has been built from it. A part can be written as ki
 can be copied, and sent to another process.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json
@@ -140,7 +138,7 @@ class Part(Saved):
             object.__setattr__(self, field.name, value if shape else float(value))
 
     # -- numbers by name --------------------------------------------------------------------------------------
-    def _leaves(self, prefix: str = "") -> Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]:
+    def _leaves(self, prefix: str = "") -> "Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]":
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if "number" in field.metadata and value is not None:

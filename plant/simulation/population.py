@@ -3,8 +3,6 @@
 Of a run a few numbers are kept, worked out in the kernel at every sample.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -89,7 +87,7 @@ class Runs(Frozen):
         return f"Runs({len(self.outside)} of {self.samples} samples, {left} violations)"
 
     @classmethod
-    def joined(cls, several: Sequence[Runs]) -> Runs:
+    def joined(cls, several: "Sequence[Runs]") -> "Runs":
         """Runs of the same plants on several references as one of each, the references one after the other."""
         of = {each.name: np.array([getattr(runs, each.name) for runs in several]) for each in dataclasses.fields(cls)}
         largest = {name: of[name].max(axis=0) for name in ("peak", "unrounded", "current")}

@@ -82,8 +82,7 @@ def simulate(
     (715, 2)
     """
     choice("backend", backend, ("numba", "casadi"))
-    trace = run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps, injected)
-    return trace.record
+    return run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps, injected).record
 
 
 @dataclasses.dataclass(frozen=True)
