@@ -120,11 +120,9 @@ class PID(PD):
 
     Examples
     --------
-    >>> from plant import PID, puma560, simulate
-    >>> law = PID(gain=(0.2, 0.1), derivative=(0.004, 0.002), integral=(2.0, 1.0), filter=600.0)
-    >>> record = simulate(puma560.arm(), puma560.rig(), law, puma560.reference(), duration=0.3)
-    >>> print(abs(record.error_pulses).max() < 20)
-    True
+    >>> from plant import PID
+    >>> PID(gain=(0.2, 0.1), derivative=(0.004, 0.002), integral=(2.0, 1.0), filter=600.0).integral
+    array([2., 1.])
     """
 
     integral: Vector = number(("n",))
@@ -178,11 +176,9 @@ class Cascade(Law):
 
     Examples
     --------
-    >>> from plant import Cascade, puma560, simulate
-    >>> law = Cascade(position=(20, 20), speed=(0.01, 0.005), integral=(0.1, 0.05), filter=600.0)
-    >>> record = simulate(puma560.arm(), puma560.rig(), law, puma560.reference(), duration=0.3)
-    >>> record.error_pulses.shape
-    (429, 2)
+    >>> from plant import Cascade
+    >>> Cascade(position=(20, 20), speed=(0.01, 0.005), integral=(0.1, 0.05), filter=600.0).position
+    array([20., 20.])
     """
 
     position: Vector = number(("n",))

@@ -50,11 +50,9 @@ class FrictionCurve(Part):
 
     Examples
     --------
-    >>> from plant import FrictionCurve, puma560
+    >>> from plant import FrictionCurve
     >>> curve = FrictionCurve(offset=(0, 0), breakaway=(0.02, 0.01), speed=(1.0, 1.0))
-    >>> import dataclasses
-    >>> drive = dataclasses.replace(puma560.rig().drive, curve=curve)
-    >>> drive.curve.breakaway
+    >>> curve.level(0.0 * curve.speed)                     # at rest, over the Coulomb level [N m]
     array([0.02, 0.01])
     """
 
