@@ -19,13 +19,9 @@ def read_urdf(path: str | Path) -> ModelFile:
     robot, data = parsed(path, "robot", "URDF")
     if is_xacro(robot):
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
-    return ModelFile(
-        path=Path(path),
-        data=data,
-        bodies=_bodies(robot),
-        joints=_joints(robot),
-        links={link.attributes["name"]: link for link in robot.all("link")},
-    )
+    bodies, joints = _bodies(robot), _joints(robot)
+    links = {link.attributes["name"]: link for link in robot.all("link")}
+    return ModelFile(path=Path(path), data=data, bodies=bodies, joints=joints, links=links)
 
 
 def origin_of(element: Element, where: str) -> Placement:

@@ -110,13 +110,8 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
         return Harmonics(period=3.0, offset=at + 0.375 * peak, **waves)
 
     def hold(part: float) -> Reference:
-        law: dict[str, Any] = {
-            "times": (0.0, 3.0),
-            "places": (0.0, 3.0),
-            "speeds": (1.0, 1.0),
-            "accelerations": (0.0, 0.0),
-        }
-        return Scaled(path=move(0.6 * unit * turns, 1.5)(part), **law)
+        path, span = move(0.6 * unit * turns, 1.5)(part), (0.0, 3.0)
+        return Scaled(path=path, times=span, places=span, speeds=(1.0, 1.0), accelerations=(0.0, 0.0))
 
     alone = zip(chain.joint_labels, 0.5 * np.diag(unit), strict=True)
     planned = {f"{label} alone": move(by, 3.0) for label, by in alone} | {

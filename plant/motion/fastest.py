@@ -218,10 +218,5 @@ class _Spline:
         node, weight = np.polynomial.legendre.leggauss(12)
         x, low, width = (1 + node) / 2, s[:-1, None], np.diff(s)[:, None]
         lasting = (width * 3 * x * (1 - x) * weight / np.sqrt(b(low + width * x**2 * (3 - 2 * x)))).sum(axis=1)
-        return Scaled(
-            path=path,
-            times=np.concatenate([[0.0], np.cumsum(lasting)]),
-            places=s,
-            speeds=np.sqrt(np.maximum(b(s), 0.0)),
-            accelerations=b.derivative()(s) / 2,
-        )
+        times, speeds = np.concatenate([[0.0], np.cumsum(lasting)]), np.sqrt(np.maximum(b(s), 0.0))
+        return Scaled(path=path, times=times, places=s, speeds=speeds, accelerations=b.derivative()(s) / 2)

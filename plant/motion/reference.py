@@ -6,6 +6,7 @@ A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), join
 from __future__ import annotations
 
 import abc
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -182,14 +183,9 @@ class Scaled(Timed):
     def slowed(self, factor: float) -> Scaled:
         """The same path under this time law, uniformly scaled; as `Reference.slowed`."""
         factor = real("factor", factor, "Give how many times as long the motion is to take.", positive=True)
-        return Scaled(
-            path=self.path,
-            times=np.multiply(self.times, factor),
-            places=self.places,
-            speeds=np.divide(self.speeds, factor),
-            accelerations=np.divide(self.accelerations, factor**2),
-            stays=self.stays,
-        )
+        times, speeds = np.multiply(self.times, factor), np.divide(self.speeds, factor)
+        a = np.divide(self.accelerations, factor**2)
+        return dataclasses.replace(self, times=times, speeds=speeds, accelerations=a)
 
     @functools.cached_property
     def _law(self) -> tuple[Callable[[Floats], Floats], ...]:

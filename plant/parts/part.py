@@ -124,15 +124,10 @@ class Part(Saved):
                     known = ()
                 elif "n" in lengths:
                     value = np.full(lengths["n"], value)
-            value = array(
-                f"{field.name} of {type(self).__name__}",
-                value,
-                known,
-                finite=field.metadata["finite"],
-                advice=f"Give {_amount(shape)}.",
-            )
+            name, advice = f"{field.name} of {type(self).__name__}", f"Give {_amount(shape)}."
+            value = array(name, value, known, finite=field.metadata["finite"], advice=advice)
             if np.isnan(value).any():
-                raise ValueError(f"{field.name} of {type(self).__name__} must be numbers; got NaN. Give its value.")
+                raise ValueError(f"{name} must be numbers; got NaN. Give its value.")
             lengths.update({s: got for s, got in zip(shape, value.shape, strict=False) if isinstance(s, str)})
             value.setflags(write=False)
             object.__setattr__(self, field.name, value if shape else float(value))

@@ -63,16 +63,14 @@ def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
 
 def dynamics() -> Dynamics:
     """Equations (1)-(2) of links 2 and 3 with f1..f9 open, and their printed search ranges."""
-    chain = Chain(
-        links=(Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0), Link(name="3", alpha=0.0, a=LINK_LENGTH, d=0.0))
-    )
+    links = Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0), Link(name="3", alpha=0.0, a=LINK_LENGTH, d=0.0)
     lumping = Lumping.from_equation(
         lambda link2, link3: equation_3(link2, link3, LINK_LENGTH),
         links=2,
         inertial=("f1", "f2", "f3", "f4", "f7"),
         gravitational=("f5", "f6", "f8", "f9"),
     )
-    return Dynamics(chain=chain, lumping=lumping, ranges=PRINTED_RANGES)
+    return Dynamics(chain=Chain(links=links), lumping=lumping, ranges=PRINTED_RANGES)
 
 
 def arm() -> Arm:
