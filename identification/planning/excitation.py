@@ -59,6 +59,8 @@ def design_motion(
 ) -> Harmonics | tuple[Harmonics, ...]:  # fmt: skip
     """Harmonics that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
 
+    All joints are at rest where a period begins.
+
     Parameters
     ----------
     arm : Arm or Chain
@@ -185,7 +187,8 @@ class _Problem:
         self.opti.minimize(ca.log(ca.sum1(variance**_SHARPNESS)) / _SHARPNESS)
 
     def limit(self, position: Floats, velocity: Floats, acceleration: Floats) -> None:
-        """Keep motion and torque within limits at every sample."""
+        """Keep motion and torque within limits at every sample; the arm is at rest where it begins."""
+        self.opti.subject_to(self.qd[:, 0] == 0)
         for value, low, high in (
             (self.q, position[:, 0], position[:, 1]),
             (self.qd, -velocity, velocity),

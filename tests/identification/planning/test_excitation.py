@@ -40,6 +40,7 @@ def test_designed_motion_stays_within_its_limits(motion):
     assert (q <= high).all()
     assert (np.abs(qd) <= LIMITS["velocity"]).all()
     assert (np.abs(qdd) <= LIMITS["acceleration"]).all()
+    np.testing.assert_allclose(qd[0], 0.0, atol=1e-6)
     torque = np.array([ARM.inverse(*state) for state in zip(q, qd, qdd, strict=True)]) + RIG.drive.friction(qd)
     assert (np.abs(torque) < RIG.drive.torque_limit()).all()
 
