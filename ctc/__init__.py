@@ -36,7 +36,7 @@ from ctc.campaigns.fleet import Fleet
 from ctc.certification.certificate import Certificate
 from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
-from ctc.figures.records import plot_record
+from ctc.figures.errors import plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID

@@ -31,15 +31,7 @@ def alteration(f: ArrayLike) -> Floats:
 class Spread(Shown, Frozen):
     """A series of identifications of the same records.
 
-    Attributes
-    ----------
-    names : tuple of str
-    runs : tuple of Identification
-    f : (S, p) numpy.ndarray
-    alteration : (p,) numpy.ndarray
-        As a fraction.
-    published : (p,) numpy.ndarray or None
-        Alterations to print beside it.
+    `f` (S, p). `alteration` (p,): as a fraction. `published` (p,): alterations to print beside it.
     """
 
     names: tuple[str, ...]

@@ -16,9 +16,8 @@ from ctc.certification.plants import Plants, Worst
 from ctc.certification.proved import Proved, proved
 from ctc.certification.reserves import Reserves, held, reserves
 from ctc.certification.statement import shown, verdict
-from ctc.verdict.conditions import FromRest, from_rest
 from ctc.verdict.evaluations import evaluate
-from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
+from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, lowest_resonance
 from identification.results.seen import Seen
 from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO

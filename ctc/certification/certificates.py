@@ -25,14 +25,9 @@ class Certificates(Certified, Mapping[str, Certificate]):
     Every sample makes every motion; `failures`, `probability`, `upper` and `sensitivities` are of those that exceed the
     limit in any of them. `Certificate.load` reads its files, too.
 
-    Attributes
-    ----------
-    law, plants, within, confidence, threads, seconds, versions
-        As of `Certificate`.
-    motions : dict of str -> (Reference, Runs, dict, Seen or None)
-        Of each certificate: reference, runs, settings, and what the logs show beside the motion.
-    rare : Rare or None
-        Of failures in any of the motions.
+    `law`, `plants`, `within`, `confidence`, `threads`, `seconds`, `versions`: as of `Certificate`. `motions`: of each
+    certificate: reference, runs, settings, and what the logs show beside the motion. `rare`: of failures in any of the
+    motions.
     """
 
     _read_by: ClassVar[tuple[type, ...]] = (Certificate,)

@@ -23,16 +23,9 @@ _USUAL = 400  # of what runs many times
 class Worst(Shown):
     """The plant with the largest error: ``evaluate(worst.arm, worst.rig, law, reference)`` runs it again.
 
-    Attributes
-    ----------
-    arm, rig : Arm, Rig
-        The rig with its friction, phase, delay and lost samples; the arm with its load.
-    peak : float
-        Largest encoder error [pulses]; inf if the loop diverged.
-    index : int
-        Which of the plants it is.
-    values : dict
-        Of the numbers sampled for it, by name.
+    `arm`, `rig`: the rig with its friction, phase, delay and lost samples; the arm with its load. `peak`: largest
+    encoder error [pulses]; inf if the loop diverged. `index`: which of the plants it is. `values`: of the numbers
+    sampled for it, by name.
     """
 
     arm: Arm
@@ -54,34 +47,14 @@ class Worst(Shown):
 class Plants(Frozen):
     """Plants sampled from an `Uncertainty`.
 
-    Attributes
-    ----------
-    arm, rig : Arm, Rig
-        The nominal ones; the rig has a place for all that is sampled.
-    f : (P, p) numpy.ndarray
-        Parameters of each, with its load.
-    names : tuple of str
-        Names of the numbers that differ; ``load`` [kg] is the mass in the gripper.
-    values : (P, K) numpy.ndarray
-        Their values; f without the load.
-    dropped : float
-        Probability that the counts of a sample are lost.
-    redrawn : int
-        How many samples were no arm, and were drawn again.
-    projected : int
-        How many of all were none again and again, and were moved towards the identified arm until they are one.
-    seed : int
-    own : Rig
-        The nominal rig without what is sampled of gears and drives.
-    uncertainty : Uncertainty
-        What was stated.
-    derived_names : tuple of str
-    derived : (P, L) numpy.ndarray
-        Numbers of the loop that follow from those sampled.
-    said : (tuple of str, tuple of str)
-        What is sampled, and what is not.
-    expected : (P, K) numpy.ndarray
-        Of the values, what follows from the resonance: the centres of f fitted there; zero of all others.
+    `arm`, `rig`: the nominal ones; the rig has a place for all that is sampled. `f` (P, p): parameters of each, with
+    its load. `names`: names of the numbers that differ; ``load`` [kg] is the mass in the gripper. `values` (P, K):
+    their values; f without the load. `dropped`: probability that the counts of a sample are lost. `redrawn`: how many
+    samples were no arm, and were drawn again. `projected`: how many of all were none again and again, and were moved
+    towards the identified arm until they are one. `own`: the nominal rig without what is sampled of gears and drives.
+    `uncertainty`: what was stated. `derived` (P, L): numbers of the loop that follow from those sampled. `said`: what
+    is sampled, and what is not. `expected` (P, K): of the values, what follows from the resonance: the centres of f
+    fitted there; zero of all others.
     """
 
     arm: Arm

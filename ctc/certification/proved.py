@@ -14,10 +14,10 @@ import casadi as ca
 import numpy as np
 
 from ctc.certification.sliding import Linear, Period, linearised
-from ctc.laws.boost import switched
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.feed_forward import FeedForward, PDGravity
+from ctc.laws.turning_back import switched
 from plant import Law, Reference
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -41,20 +41,11 @@ _APART = 1e-12  # by which states have to move others to be boxed with them
 class Proved(Frozen):
     """Bound of the error before rounding [pulses]; infinite where there is none.
 
-    Attributes
-    ----------
-    rounding : (n,) numpy.ndarray
-        By rounding of counts and torques alone: of the identified arm, whatever the encoders' zeros.
-    error : (n,) numpy.ndarray
-        Of every arm whose numbers are within a `share` of the box about the samples, along their principal axes.
-    share : float
-        The largest of 1, 1/4 and 1/16 for which there is a bound, or 0.
-    sliding : float
-        Share of the instants at which the bound itself implies that all joints slide as assumed.
-    assumed : tuple of str
-        What the bound takes for granted.
-    reason : str
-        Why there is none, or empty.
+    `rounding` (n,): by rounding of counts and torques alone: of the identified arm, whatever the encoders' zeros.
+    `error` (n,): of every arm whose numbers are within a `share` of the box about the samples, along their principal
+    axes. `share`: the largest of 1, 1/4 and 1/16 for which there is a bound, or 0. `sliding`: share of the instants at
+    which the bound itself implies that all joints slide as assumed. `assumed`: what the bound takes for granted.
+    `reason`: why there is none, or empty.
     """
 
     rounding: Floats

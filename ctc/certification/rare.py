@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.task import Task
 from plant import Law, Reference
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -36,25 +35,12 @@ class Rare(Frozen):
     Where the counts exceed the limit this error does, too, so it bounds what a `Certificate` counts; it is the larger
     of the two, since an error of up to two pulses may be one of the counts.
 
-    Attributes
-    ----------
-    asked : float
-        Below which it is to be.
-    probability : float
-        The estimate; with `below` or `stuck` that of the last level, beyond which the limit lies.
-    variation : float
-        Coefficient of variation of the estimate.
-    upper : float
-        One-sided upper bound at the confidence, the estimate taken as log-normal.
-    below : bool
-        Whether the levels went below `asked` before they reached the limit.
-    stuck : bool
-        Whether they ended before either, since chains no longer move: what decides the error there, such as the chance
-        of rounding, follows from none of the uncertain numbers. The bound is that of the last level.
-    levels : (k,) numpy.ndarray
-        Of the largest error before rounding [pulses].
-    evaluations : int
-        Samples that were simulated.
+    `asked`: below which it is to be. `probability`: the estimate; with `below` or `stuck` that of the last level,
+    beyond which the limit lies. `variation`: coefficient of variation of the estimate. `upper`: one-sided upper bound
+    at the confidence, the estimate taken as log-normal. `below`: whether the levels went below `asked` before they
+    reached the limit. `stuck`: whether they ended before either, since chains no longer move: what decides the error
+    there, such as the chance of rounding, follows from none of the uncertain numbers. The bound is that of the last
+    level. `levels` (k,): of the largest error before rounding [pulses]. `evaluations`: samples that were simulated.
     """
 
     asked: float
@@ -184,7 +170,7 @@ class Normals:
 
 
 def rare_failure(
-    task: Task, law: Law, motions: Mapping[str, tuple[Reference, dict[str, Any]]], rare: float, confidence: float
+    task: Any, law: Law, motions: Mapping[str, tuple[Reference, dict[str, Any]]], rare: float, confidence: float
 ) -> Rare:
     """Probability that the error before rounding exceeds the limit in any motion, over the samples of a task."""
     for name in _NOT_NUMBERS:

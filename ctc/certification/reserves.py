@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.cells import clopper_pearson
+from ctc.certification.certified import clopper_pearson
 from ctc.certification.plants import Plants
 from plant import Law, Resumed, Rig
 from plant.parts.arguments import real
@@ -27,20 +27,11 @@ _AT_REST = 1.0  # pulses/s
 class Reserves(Shown):
     """Robustness reserves of a certificate. Print them for a table.
 
-    Attributes
-    ----------
-    samples : int
-        Plants that were run at each setting.
-    allowed : float
-        Share of them that may exceed the limit.
-    holds : bool
-        Whether the controller as it is holds with these plants; where not, there are no reserves.
-    bandwidth : float or None
-        Lowest bandwidth at which it still holds [rad/s], of those tested from above; None for a controller without.
-    period : float or None
-        Longest sampling period at which it still holds [s], of those tested from below; None for a controller without.
-    tried : list of (str, float, int)
-        Everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the limit.
+    `samples`: plants that were run at each setting. `allowed`: share of them that may exceed the limit. `holds`:
+    whether the controller as it is holds with these plants; where not, there are no reserves. `bandwidth`: lowest
+    bandwidth at which it still holds [rad/s], of those tested from above; None for a controller without. `period`:
+    longest sampling period at which it still holds [s], of those tested from below; None for a controller without.
+    `tried`: everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the limit.
     """
 
     samples: int

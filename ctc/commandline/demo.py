@@ -3,8 +3,7 @@
 import time
 from pathlib import Path
 
-from ctc.figures.errors import plot_comparison, plot_evaluation
-from ctc.figures.records import plot_record
+from ctc.figures.errors import plot_comparison, plot_evaluation, plot_record
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import evaluate

@@ -8,12 +8,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.laws.boost import boosted, fresh_and_swings
 from ctc.laws.default_gains import default_bandwidth, known_gains
 from ctc.laws.gear_gains import gear_gains
 from ctc.laws.gears import Deviation, braked, gears_along, speed_share
-from ctc.laws.learnt_friction import learn, shares, unexplained
 from ctc.laws.model_law import ModelLaw
+from ctc.laws.turning_back import boosted, fresh_and_swings, learn, shares, unexplained
 from plant import Law, Rig, Setpoint
 from plant.machine.friction import friction_impulse
 from plant.mechanics.symmetric_inverse import Inverse

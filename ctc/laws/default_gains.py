@@ -91,13 +91,8 @@ def uncertain_acceleration(found: Identification) -> float:
 def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], Any]) -> float:
     """That of what is known [rad/s], or what the rig allows: for its period, and stable on its elastic gears.
 
-    Parameters
-    ----------
-    found : Identification or Arm
-    rig : Rig or None
-        Of the law; by default the identification's.
-    law : callable
-        (rig, bandwidth) -> the computed torque for the identified arm.
+    `rig`: of the law; by default the identification's. `law`: (rig, bandwidth) -> the computed torque for the
+    identified arm.
 
     Raises
     ------

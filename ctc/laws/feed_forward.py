@@ -16,11 +16,8 @@ from plant.parts.part import part, structure
 class Aided(ModelLaw):
     """Base: tau = feedback + what `aid` gives of the setpoint and the counts, as often as the feedback runs.
 
-    Parameters
-    ----------
-    feedback : Law
-        A simple law, such as `plant.PD`, whose period is that of the whole; of what the amplifier cuts off it is told
-        its own part.
+    `feedback`: a simple law, such as `plant.PD`, whose period is that of the whole; of what the amplifier cuts off it
+    is told its own part.
 
     Raises
     ------

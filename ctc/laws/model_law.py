@@ -34,13 +34,8 @@ def base(cls: type[T]) -> type[T]:
 class ModelLaw(Law):
     """Base of the laws that work out torques from an arm; runs once per sample of its rig.
 
-    Parameters
-    ----------
-    arm : Arm or Identification
-        The identified arm; an identification gives its rig, too: ``ComputedTorque(found)``, and is not taken silently
-        if it is in doubt (`IdentificationWarning`).
-    rig : Rig, optional
-        The identified rig, ``found.rig``.
+    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``, and is not taken
+    silently if it is in doubt (`IdentificationWarning`). `rig`: the identified rig, ``found.rig``.
 
     Raises
     ------

@@ -8,8 +8,7 @@ import numpy as np
 
 from ctc.learning.learning import _SETTLED, Learning, mended, share
 from ctc.learning.learnt_torque import LearntTorque
-from ctc.learning.path_plant import PathPlant, path_plant
-from ctc.learning.smoother import missing_torque
+from ctc.learning.path_plant import PathPlant, missing_torque, path_plant
 from identification import Identification
 from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import instance, known_options

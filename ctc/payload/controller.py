@@ -20,22 +20,10 @@ from plant.realtime.running import Running
 class PayloadEvent(Shown):
     """A change of the load, as it was detected and as it was identified.
 
-    Attributes
-    ----------
-    time : float
-        When it was detected [s], counted in periods from the start; 0 for the load at the start.
-    kind : str
-        "start", "taken", "dropped" or "changed".
-    before : float
-        Mass in the model before [kg].
-    after : float
-        Mass that was identified [kg]; NaN until then.
-    swapped : float
-        When the model was swapped to it [s]; NaN until then.
-    windows : int
-        That were evaluated; of those before the last the message stated why they were not used.
-    message : str
-        Of the last window.
+    `time`: when it was detected [s], counted in periods from the start; 0 for the load at the start. `kind`: "start",
+    "taken", "dropped" or "changed". `before`: mass in the model before [kg]. `after`: mass that was identified [kg];
+    NaN until then. `swapped`: when the model was swapped to it [s]; NaN until then. `windows`: that were evaluated; of
+    those before the last the message stated why they were not used. `message`: of the last window.
     """
 
     time: float

@@ -42,22 +42,10 @@ class PayloadLaw(Law):
     in standard deviations of what friction that is uncertain would do; positive where the load grows. After a swap it
     begins anew, from nothing that the model lacks: a swap to a wrong load is a change.
 
-    Parameters
-    ----------
-    law : Law
-        That holds an arm.
-    start_with : (10,) nested tuple
-        Standard parameters of the load at the start (`Body.standard_parameters`).
-    per_kg : (10,) array_like
-        Of 1 kg where loads are expected.
-    noise : (n,) array_like
-        Standard deviation of the disturbance torque's changes without a change of the load [N m].
-    stiffened : bool
-        Whether the feedback, too, has the inertia of the load.
-    observer : float
-        Triple pole of the observer [rad/s].
-    memory : float
-        Time constant of the slow part [s].
+    `law`: that holds an arm. `start_with` (10,): standard parameters of the load at the start
+    (`Body.standard_parameters`). `per_kg` (10,): of 1 kg where loads are expected. `noise` (n,): standard deviation of
+    the disturbance torque's changes without a change of the load [N m]. `stiffened`: whether the feedback, too, has the
+    inertia of the load. `observer`: triple pole of the observer [rad/s]. `memory`: time constant of the slow part [s].
     """
 
     law: ModelLaw = structure(ModelLaw)

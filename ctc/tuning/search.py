@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ctc.certification.cells import clopper_pearson
+from ctc.certification.certified import clopper_pearson
 from ctc.certification.plants import Plants
-from ctc.tuning.families import Family
-from ctc.tuning.tuning import Trial
+from ctc.tuning.tuning import Family, Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint

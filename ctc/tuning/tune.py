@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
-from ctc.certification.certify import certify
-from ctc.certification.task import Motions, Task
+from ctc.certification.certify import Motions, Task, certify
 from ctc.certification.uncertainty import Uncertainty
-from ctc.tuning.families import families
 from ctc.tuning.search import ROUNDS, Tunings
-from ctc.tuning.tuning import Trial, Tuning
+from ctc.tuning.tuning import Trial, Tuning, families
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig

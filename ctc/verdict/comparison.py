@@ -33,12 +33,8 @@ class Comparison(Shown):
     the largest; chatter is the mean change of the torque from one sample to the next, "at the limit" the share of the
     samples at the amplifier's limit, of the joint that is there most.
 
-    Attributes
-    ----------
-    evaluations : dict of str -> Evaluation
-        By the name of the controller, in the order given, without those that diverged.
-    diverged : dict of str -> str
-        By name, when and where the loop under a controller diverged.
+    `evaluations`: by the name of the controller, in the order given, without those that diverged. `diverged`: by name,
+    when and where the loop under a controller diverged.
     """
 
     evaluations: dict[str, Evaluation]

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ctc.figures.errors import plot_evaluation, plot_phase
 from ctc.laws.model_law import ModelLaw
-from ctc.verdict.conditions import FromRest, from_rest
-from ctc.verdict.on_gears import SETTLED, LowestResonance, lowest_resonance
+from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, lowest_resonance
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO

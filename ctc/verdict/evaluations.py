@@ -49,12 +49,7 @@ def overview(title: str, evaluations: Mapping[str, Evaluation], notes: Mapping[s
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Evaluations(Shown, Mapping[str, Evaluation]):
-    """Evaluations of one arm under one controller in several motions: name -> `Evaluation`. Print it for a table.
-
-    Attributes
-    ----------
-    evaluations : dict of str -> Evaluation
-    """
+    """Evaluations of one arm under one controller in several motions: name -> `Evaluation`. Print it for a table."""
 
     evaluations: dict[str, Evaluation]
 

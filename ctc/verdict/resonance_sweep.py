@@ -27,17 +27,9 @@ _COLUMNS = 7  # resonances in the table
 class ResonanceSweep(Shown, Frozen):
     """Several controllers on gears of many resonances. Print it for a table.
 
-    Attributes
-    ----------
-    hz : (H,) numpy.ndarray
-        Locked-rotor resonances, all joints alike [Hz].
-    damping_ratio : float
-    within : float
-        Limit [pulses].
-    shares : dict of str -> (H,) numpy.ndarray
-        By name, share of the samples at which every joint's encoder error is within the limit; 0 where it diverged.
-    rigid : dict of str -> float
-        The same on rigid gears.
+    `hz` (H,): locked-rotor resonances, all joints alike [Hz]. `within`: limit [pulses]. `shares`: by name, share of the
+    samples at which every joint's encoder error is within the limit; 0 where it diverged. `rigid`: the same on rigid
+    gears.
     """
 
     hz: NDArray[np.float64]

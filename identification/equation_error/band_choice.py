@@ -48,22 +48,10 @@ _ENOUGH, _LEAST = 10, 4  # equations per unknown, and segments, below which a ba
 class FitTrial(Shown):
     """One pass band, or one least speed, on trial.
 
-    Attributes
-    ----------
-    at : float
-        The band [Hz]; or the share of the usual speeds below which equations are left out.
-    unit : str
-        "Hz", or "of the usual speed".
-    rows : int
-        Equations of its fit.
-    worse : float
-        By how many standard errors this fit predicts the segments left out worse than a more cautious one's own fit
-        does, among that one's equations, where it does worst; -inf of the most cautious.
-    against : float or None
-        That more cautious one.
-    passed : bool
-        Whether it may be chosen: the most inclusive that may is.
-    chosen : bool
+    `at`: the band [Hz]; or the share of the usual speeds below which equations are left out. `unit`: "Hz", or "of the
+    usual speed". `rows`: equations of its fit. `worse`: by how many standard errors this fit predicts the segments left
+    out worse than a more cautious one's own fit does, among that one's equations, where it does worst; -inf of the most
+    cautious. `against`: that more cautious one. `passed`: whether it may be chosen: the most inclusive that may is.
     """
 
     at: float

@@ -49,21 +49,13 @@ ONE_LOG = "intervals by blocks of one log: what differs between runs is not in t
 class BetweenRuns(Shown, Frozen):
     """How the values of a fit differ between its logs.
 
-    Attributes
-    ----------
-    values, std : (R, k) numpy.ndarray
-        What each log alone says, and its standard deviation; NaN where it alone does not tell.
-    compared, agree : (k,) numpy.ndarray of bool
-        Whether two logs or more tell a value, and whether their intervals agree (Cochran's test at 95 %).
-    groups : dict of str to float
-        Standard deviation between logs of each group: of friction and gears as a share of the value, of others in
-        standard deviations of one log.
-    deviation, freedom : (k,) numpy.ndarray
-        Standard deviation between logs of each value, 0 where it is not compared; and degrees of freedom of that.
-    further : int
-        Further logs that would halve the intervals of the common fit (of half of its values).
-    never : int
-        Values that are left out of this, since what a rig may state wrongly makes half or more of their intervals.
+    `values`, `std` (R, k): what each log alone says, and its standard deviation; NaN where it alone does not tell.
+    `compared`, `agree` (k,): whether two logs or more tell a value, and whether their intervals agree (Cochran's test
+    at 95 %). `groups`: standard deviation between logs of each group: of friction and gears as a share of the value, of
+    others in standard deviations of one log. `deviation`, `freedom` (k,): standard deviation between logs of each
+    value, 0 where it is not compared; and degrees of freedom of that. `further`: further logs that would halve the
+    intervals of the common fit (of half of its values). `never`: values that are left out of this, since what a rig may
+    state wrongly makes half or more of their intervals.
     """
 
     values: Floats

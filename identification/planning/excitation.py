@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from identification.planning.model_limits import experiment_of, motion_limits
-from identification.planning.multisine import multisines
+from identification.planning.multisine import experiment_of, motion_limits, multisines
 from plant import Arm, Chain, Harmonics, Law, Rig
 from plant.mechanics.newton_euler import lumped_torque
 from plant.mechanics.symmetric_inverse import inverse

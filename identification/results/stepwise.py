@@ -12,11 +12,10 @@ from identification.results.alternatives import Sign, delay_sign, effects_of, sa
 from identification.results.detection import UNFITTED, Detection
 from identification.results.lengths import tested, with_length
 from identification.results.model_error import Doubt
-from identification.search.long_logs import in_parts, rows_of_parts
 from identification.search.memory import as_tested
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import start_of_fit, torque_fit
-from identification.search.problem import Problem
+from identification.search.problem import Problem, in_parts, rows_of_parts
 from plant.parts.fields import Floats
 
 _NAMED = 3  # alternatives that are named, at most

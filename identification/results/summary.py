@@ -11,7 +11,7 @@ from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import of_prior, origins
 from identification.results.trust import MANY, pairs_of, warnings_of
-from identification.search.long_logs import LONG, PARTS, is_long
+from identification.search.problem import LONG, PARTS, is_long
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import WIDTH, Table
 from plant.parts.user_warning import warn

@@ -20,23 +20,13 @@ from plant.parts.tables import Table
 class GearResonance(Shown, Frozen):
     """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, at the pose where the reference begins.
 
-    Attributes
-    ----------
-    joints : tuple of str
-        What to call each joint.
-    pose : (n,) numpy.ndarray
-        [rad]
-    hz : (n,) numpy.ndarray
-        [Hz]; infinite where the log does not tell the gear from a rigid one.
-    low, high : (n,) numpy.ndarray
-        95 % interval [Hz], from the profile likelihood. Without an upper end, low is a bound: the gear is stiffer.
-    damping_ratio, damping_low, damping_high : (n,) numpy.ndarray
-        Of the resonance, and its 95 % interval; where the log says little, it is what was expected, 0.005 to 0.05.
-    searched : (n,) numpy.ndarray
-        Whether the stiffness was unknown; the other resonances are those of the rig.
-    played : tuple of str
-        Joints whose gear has backlash that the rig does not state. A search takes it for compliance, in all gears that
-        it looks for, so that low is a bound there: the gear is stiffer.
+    `joints`: what to call each joint. `pose` (n,): [rad]. `hz` (n,): [Hz]; infinite where the log does not tell the
+    gear from a rigid one. `low`, `high` (n,): 95 % interval [Hz], from the profile likelihood. Without an upper end,
+    low is a bound: the gear is stiffer. `damping_ratio`, `damping_low`, `damping_high` (n,): of the resonance, and its
+    95 % interval; where the log says little, it is what was expected, 0.005 to 0.05. `searched` (n,): whether the
+    stiffness was unknown; the other resonances are those of the rig. `played`: joints whose gear has backlash that the
+    rig does not state. A search takes it for compliance, in all gears that it looks for, so that low is a bound there:
+    the gear is stiffer.
     """
 
     joints: tuple[str, ...]

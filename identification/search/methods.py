@@ -14,12 +14,11 @@ from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
 from identification.search.genetic import GeneticResult, GeneticSettings, minimize_genetic
-from identification.search.long_logs import in_parts, is_long
 from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
 from identification.search.predictive import difference_of, doubtful, predicted
-from identification.search.problem import Problem
+from identification.search.problem import Problem, in_parts, is_long
 from plant.parts.fields import Floats
 
 _BOX = 4.0  # half width of the box around the equation error, in its standard deviations

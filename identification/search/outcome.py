@@ -150,29 +150,12 @@ class Outcome(Frozen):
 class Search(Shown, Frozen):
     """How the unknowns were searched.
 
-    Attributes
-    ----------
-    method, seed, settings : str, int, GeneticSettings
-    tolerances : Tolerances
-        Within which the rigs are right, as the intervals count them.
-    ranges : (k, 2) numpy.ndarray or None
-        Those that were given.
-    stages : dict
-        What each stage before the last found: name -> (k,) values.
-    initial_objective : float
-        Objective (4) of the best candidate of the first generation [pulses^2]; of a method without generations, that
-        of the result.
-    initial_population : (P, k) numpy.ndarray
-    initial_costs : (P,) numpy.ndarray
-        Objective (4) of each of them, inf for one that is no arm or diverges.
-    history : (generations + 1, 3) numpy.ndarray
-        Best, mean and worst finite objective of each generation.
-    evaluations : int
-        Simulated experiments.
-    seconds : float
-        Of the whole identification.
-    message : str
-        Why the search ended.
+    `tolerances`: within which the rigs are right, as the intervals count them. `ranges` (k, 2): those that were given.
+    `stages`: what each stage before the last found: name -> (k,) values. `initial_objective`: objective (4) of the best
+    candidate of the first generation [pulses^2]; of a method without generations, that of the result.
+    `initial_population` (P, k). `initial_costs` (P,): objective (4) of each of them, inf for one that is no arm or
+    diverges. `history` (generations + 1, 3): best, mean and worst finite objective of each generation. `evaluations`:
+    simulated experiments. `seconds`: of the whole identification. `message`: why the search ended.
     """
 
     method: str

@@ -13,9 +13,8 @@ from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.gauss_newton import Solution, gauss_newton, noise, reweighed
 from identification.replay.prediction import Prediction
-from identification.search.long_logs import is_long
 from identification.search.outcome import Outcome, fit_of
-from identification.search.problem import Problem
+from identification.search.problem import Problem, is_long
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.fields import Floats
 from plant.parts.sums import products

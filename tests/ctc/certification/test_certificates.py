@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from uncertain import with_uncertainty
 
-import ctc.certification.task as task
+import ctc.certification.certify as task
 from ctc import (
     Certificate,
     ComputedTorque,
@@ -18,10 +18,10 @@ from ctc import (
     evaluate,
     tune,
 )  # fmt: skip
-from ctc.certification.cells import clopper_pearson
 from ctc.certification.certificates import Certificates
+from ctc.certification.certified import clopper_pearson
 from ctc.certification.statement import percent
-from ctc.tuning.families import families
+from ctc.tuning.tuning import families
 from plant import PD, PointToPoint, puma560, simulate
 from plant.simulation.population import Runs
 

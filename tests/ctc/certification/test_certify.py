@@ -19,8 +19,7 @@ from uncertain import with_uncertainty
 
 import ctc.certification.reserves
 from ctc import ComputedTorque, certify, evaluate
-from ctc.certification.cells import clopper_pearson
-from ctc.certification.certified import influences
+from ctc.certification.certified import clopper_pearson, influences
 from ctc.certification.samples import draw
 from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty

@@ -8,7 +8,7 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, Uncertainty, certify, evaluate, margins, sweep_resonance
-from ctc.certification.cells import cells, clopper_pearson
+from ctc.certification.certified import cells, clopper_pearson
 from ctc.verdict.on_gears import lowest_resonance
 from plant import Elasticity, puma560, simulate
 from plant.analysis.sampled_loops import SampledLoops

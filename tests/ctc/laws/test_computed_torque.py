@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctc import ComputedTorque, evaluate
-from ctc.laws.boost import _REMEMBERED, _WITHIN
 from ctc.laws.computed_torque import _BEGINS, _SLIDES
 from ctc.laws.observer import DRIFT
+from ctc.laws.turning_back import _REMEMBERED, _WITHIN
 from plant import PD, Harmonics, Rig, puma560, simulate
 from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics

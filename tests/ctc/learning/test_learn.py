@@ -7,8 +7,7 @@ import pytest
 
 from ctc import ComputedTorque, LearntTorque, certify, evaluate, learn
 from ctc.learning.learning import Learning
-from ctc.learning.path_plant import path_plant
-from ctc.learning.smoother import standing
+from ctc.learning.path_plant import path_plant, standing
 from plant import PID, Elasticity, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

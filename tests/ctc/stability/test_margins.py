@@ -9,7 +9,7 @@ import pytest
 from error_loops import error_loops
 
 from ctc import ComputedTorque
-from ctc.laws.boost import _REMEMBERED
+from ctc.laws.turning_back import _REMEMBERED
 from ctc.stability.margins import error_loop, margins, opened
 from identification import identify
 from plant import PointToPoint, StatelessLaw, puma560, simulate

@@ -7,11 +7,11 @@ import pytest
 from uncertain import with_uncertainty
 
 from ctc import ComputedTorque, certify, tune
-from ctc.certification.cells import clopper_pearson
+from ctc.certification.certified import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
-from ctc.tuning.families import families
 from ctc.tuning.search import Tunings
+from ctc.tuning.tuning import families
 from plant import puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from identification import identify
-from identification.search import long_logs
+from identification.search import problem as long_logs
 from plant import PID, LoggedTorque, Resumed, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
