@@ -50,9 +50,8 @@ from ctc.stability.design import motor_gain, observer_gains, pid_gains
 from ctc.stability.margins import error_loop, margins
 from ctc.tuning.tune import tune
 from ctc.verdict.animation import animate, plot_arm
-from ctc.verdict.comparison import compare
 from ctc.verdict.evaluation import Evaluation
-from ctc.verdict.evaluations import evaluate
+from ctc.verdict.evaluations import compare, evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [

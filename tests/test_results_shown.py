@@ -21,7 +21,7 @@ from ctc.learning.learning import Learning
 from ctc.learning.learnt_torque import LearntTorque
 from ctc.payload.controller import PayloadEvent
 from ctc.tuning.tuning import Trial, Tuning
-from ctc.verdict.comparison import Comparison
+from ctc.verdict.evaluations import Comparison
 from ctc.verdict.on_gears import LowestResonance
 from identification import fit_torque, identify, oscillation, pulse_budget
 from identification.equation_error.band_choice import FitTrial
@@ -36,7 +36,7 @@ from identification.repeatability import Spread
 from identification.results.gears import Gears
 from identification.results.model_files import WrittenModel
 from identification.results.physical import Physical
-from identification.search.gear_resonance import GearResonance
+from identification.search.outcome import GearResonance
 from plant import Body, Dynamics, puma560, simulate, visibility
 from plant.models.check import ModelCheck, ModelFinding
 from plant.parts.shown import Shown, Verdict

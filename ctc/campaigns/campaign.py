@@ -28,8 +28,12 @@ _FORM = "Give {name: (function, args, kwargs)}, or pairs of these, such as ('a',
 class Campaign(Shown):
     """What became of the tasks of a campaign.
 
-    `results`: in the order of the tasks; of a campaign in a folder each is read when it is asked for. `errors`: why
-    each of the others failed, in one line.
+    Attributes
+    ----------
+    results : mapping of str -> result
+        In the order of the tasks; of a campaign in a folder each is read when it is asked for.
+    errors : mapping of str -> str
+        Why each of the others failed, in one line.
     """
 
     results: Mapping[str, Any]

@@ -113,10 +113,20 @@ class Change(NamedTuple):
 class Judgement(Shown):
     """What became of a robot between its past and a log.
 
-    `time`: of the log [Unix s]. `looked`: of all parameters that can be compared, the surest change first: against the
-    mean of the past, or along a line through all logs, whichever is surer. The probability of a false alarm is that of
-    a change so large by chance in any of them: Student's, of noise and of what weeks differ by, times the number of
-    tests. `changes`: those below `level`. `unknown`: why nothing can be compared; "" otherwise.
+    Attributes
+    ----------
+    robot : str
+    time : float
+        Of the log [Unix s].
+    looked : tuple of Change
+        Of all parameters that can be compared, the surest change first: against the mean of the past, or along a line
+        through all logs, whichever is surer. The probability of a false alarm is that of a change so large by chance in
+        any of them: Student's, of noise and of what weeks differ by, times the number of tests.
+    changes : tuple of Change
+        Those below `level`.
+    level : float
+    unknown : str
+        Why nothing can be compared; "" otherwise.
     """
 
     robot: str

@@ -27,11 +27,20 @@ _AT_REST = 1.0  # pulses/s
 class Reserves(Shown):
     """Robustness reserves of a certificate. Print them for a table.
 
-    `samples`: plants that were run at each setting. `allowed`: share of them that may exceed the limit. `holds`:
-    whether the controller as it is holds with these plants; where not, there are no reserves. `bandwidth`: lowest
-    bandwidth at which it still holds [rad/s], of those tested from above; None for a controller without. `period`:
-    longest sampling period at which it still holds [s], of those tested from below; None for a controller without.
-    `tried`: everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the limit.
+    Attributes
+    ----------
+    samples : int
+        Plants that were run at each setting.
+    allowed : float
+        Share of them that may exceed the limit.
+    holds : bool
+        Whether the controller as it is holds with these plants; where not, there are no reserves.
+    bandwidth : float or None
+        Lowest bandwidth at which it still holds [rad/s], of those tested from above; None for a controller without.
+    period : float or None
+        Longest sampling period at which it still holds [s], of those tested from below; None for a controller without.
+    tried : list of (str, float, int)
+        Everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the limit.
     """
 
     samples: int

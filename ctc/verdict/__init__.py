@@ -1,4 +1,4 @@
 """Evaluation of laws by simulation: tracking error in encoder pulses, torque, chatter, saturation.
 
-Read `evaluation` (one law), `comparison` (several); `animation` shows them.
+Read `evaluation` (one law), `evaluations` (several motions, or laws); `animation` shows them.
 """

@@ -95,10 +95,17 @@ def on_gears(
 class LowestResonance(Shown, Frozen):
     """The locked-rotor resonance above which a loop stays within its limit. ``float(...)`` is its number.
 
-    `hz`: above which it stays at every resonance tested, all joints alike [Hz]; below, it exceeds it at some, not at
-    all. 10 where the loop stays at every resonance tested, which are 10 to 500 Hz, and infinite where it exceeds it
-    also at the highest or when rigid; NaN where it cannot be told. `within`: limit [pulses]; None where only stability
-    is meant. `reason`: why it cannot be told, or that the loop exceeds it when rigid; empty otherwise.
+    Attributes
+    ----------
+    hz : float
+        Above which it stays at every resonance tested, all joints alike [Hz]; below, it exceeds it at some, not at all.
+        10 where the loop stays at every resonance tested, which are 10 to 500 Hz, and infinite where it exceeds it also
+        at the highest or when rigid; NaN where it cannot be told.
+    damping_ratio : float
+    within : float or None
+        Limit [pulses]; None where only stability is meant.
+    reason : str
+        Why it cannot be told, or that the loop exceeds it when rigid; empty otherwise.
     """
 
     hz: float

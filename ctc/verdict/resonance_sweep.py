@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_sweep
-from ctc.verdict.comparison import require_laws
+from ctc.verdict.evaluations import require_laws
 from ctc.verdict.on_gears import HIGHEST, LOWEST, RIGID, SETTLED, arm_of, damping_of, on_gears, require_followed
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
@@ -27,9 +27,17 @@ _COLUMNS = 7  # resonances in the table
 class ResonanceSweep(Shown, Frozen):
     """Several controllers on gears of many resonances. Print it for a table.
 
-    `hz` (H,): locked-rotor resonances, all joints alike [Hz]. `within`: limit [pulses]. `shares`: by name, share of the
-    samples at which every joint's encoder error is within the limit; 0 where it diverged. `rigid`: the same on rigid
-    gears.
+    Attributes
+    ----------
+    hz : (H,) numpy.ndarray
+        Locked-rotor resonances, all joints alike [Hz].
+    damping_ratio : float
+    within : float
+        Limit [pulses].
+    shares : dict of str -> (H,) numpy.ndarray
+        By name, share of the samples at which every joint's encoder error is within the limit; 0 where it diverged.
+    rigid : dict of str -> float
+        The same on rigid gears.
     """
 
     hz: NDArray[np.float64]

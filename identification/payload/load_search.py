@@ -16,7 +16,8 @@ from identification.equation_error.pulse_fit import pass_band, system_of
 from identification.equation_error.regressor import LINEAR
 from identification.equation_error.torque_fit import weighted
 from identification.payload.loaded_prediction import AnyLoad, WithLoad, spoken
-from identification.search.outcome import Outcome, fit_of
+from identification.search.outcome import Outcome
+from identification.search.polish import fit_of
 from identification.search.problem import Problem
 from plant import Body, Dynamics
 from plant.mechanics.base_parameters import independent_columns

@@ -28,9 +28,18 @@ _STEP = 1e-4  # of the central differences, as a share of a number (or of the la
 class Budget(Shown, Frozen):
     """How much a motion excites each parameter.
 
-    `dynamics`: what its names of f mean. `values` (k,). `peak`, `rms` (k,): change of the tracking error, largest and
-    root mean square over samples and joints, for 1 % of each [pulses]. `bound` (k,): smallest standard deviation of
-    each with all of them unknown, from rounding alone. `bound_alone` (k,): the same with all others known.
+    Attributes
+    ----------
+    dynamics : Dynamics
+        What its names of f mean.
+    names : tuple of str
+    values : (k,) numpy.ndarray
+    peak, rms : (k,) numpy.ndarray
+        Change of the tracking error, largest and root mean square over samples and joints, for 1 % of each [pulses].
+    bound : (k,) numpy.ndarray
+        Smallest standard deviation of each with all of them unknown, from rounding alone.
+    bound_alone : (k,) numpy.ndarray
+        The same with all others known.
     """
 
     dynamics: Dynamics

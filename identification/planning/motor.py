@@ -27,7 +27,10 @@ _BELOW_LIMIT = 0.98  # share of the amplifier's limit up to which a current foll
 class MotorFit(Shown, Frozen):
     """Numbers found on motors, with their standard deviations; motor side.
 
-    `values`, `std` (k,).
+    Attributes
+    ----------
+    names : tuple of str
+    values, std : (k,) numpy.ndarray
     """
 
     names: tuple[str, ...]

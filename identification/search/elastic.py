@@ -17,8 +17,7 @@ from identification.equation_error.pulse_fit import NO_BAND
 from identification.replay.gauss_newton import Solution, gauss_newton, reweighed, slopes
 from identification.replay.profile_likelihood import Profile
 from identification.replay.resonances import INFLATION, STIFFNESS, Resonances, Start, link_inertia
-from identification.search.gear_resonance import GearResonance
-from identification.search.outcome import Outcome
+from identification.search.outcome import GearResonance, Outcome
 from identification.search.polish import outcome_of, start_of_fit
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin

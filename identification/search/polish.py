@@ -13,7 +13,7 @@ from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.gauss_newton import Solution, gauss_newton, noise, reweighed
 from identification.replay.prediction import Prediction
-from identification.search.outcome import Outcome, fit_of
+from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.fields import Floats
@@ -99,6 +99,13 @@ def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats
     residual = (solution.residual / prediction.scales)[rows]
     found[solution.varied] = group_std(solution.slopes[rows], residual, in_groups(lengths, count, SEGMENTS))
     return found[:unknown]
+
+
+def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **more: Any) -> Fit:
+    """Of the first unknowns of a Gauss-Newton, with these values (k,); `more`: further fields, in place of its own."""
+    k = len(values)
+    own: dict[str, Any] = {"covariance": solution.covariance[:k, :k], "rms_innovation": solution.rms_innovation}
+    return Fit(unknown=unknown, values=values, candidates=values[None], **own | more)
 
 
 def outcome_of(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, compare, evaluate
-from ctc.verdict.comparison import Comparison
+from ctc.verdict.evaluations import Comparison
 from plant import DivergenceError, puma560
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
