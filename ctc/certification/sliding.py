@@ -47,12 +47,8 @@ class Period:
         shaft = rig.drive.coupling.shaft(g[n : 2 * n])
         dry = (coulomb * np.abs(rig.drive.gear) - known) * ca.sign(shaft)
         state, row = ca.SX(np.zeros(len(loop.state_names))), np.zeros(len(loop.time_names))
-        state[: 2 * n], state[3 * n : 4 * n], state[-1], row[-1] = (
-            x,
-            t - rig.drive.coupling.joint_torque(dry),
-            1,
-            loop.h,
-        )
+        state[: 2 * n], state[3 * n : 4 * n] = x, t - rig.drive.coupling.joint_torque(dry)
+        state[-1], row[-1] = 1, loop.h
         self.arm = ca.Function("arm", [x, t, own, g], ca.cse([loop.substep(state, row, numbers)[0][: 2 * n]]))
         self.pulses = rig.position_in_pulses(np.eye(n)).T  # a matrix: pulses = it @ q
         self.start = np.concatenate([*path.start(), np.zeros(n), block.initial, np.zeros(n)])

@@ -21,21 +21,12 @@ from plant.parts.fields import Floats
 
 @known_options
 def fit_torque(
-    dynamics: Dynamics,
-    q: ArrayLike | Record | Sequence[Any],
-    torque: ArrayLike | Sequence[Any] | None = None,
-    *,
-    rig: Rig | None = None,
-    cutoff: float | None = None,
-    band: float | Sequence[float] | None = None,
-    every: int | None = None,
-    unknown: Iterable[str] | None = None,
-    least_speed: ArrayLike | None = None,
-    extra: Columns | None = None,
-    known: Mapping[str, float] | None = None,
-    weights: ArrayLike | None = None,
+    dynamics: Dynamics, q: ArrayLike | Record | Sequence[Any], torque: ArrayLike | Sequence[Any] | None = None, *,
+    rig: Rig | None = None, cutoff: float | None = None, band: float | Sequence[float] | None = None,
+    every: int | None = None, unknown: Iterable[str] | None = None, least_speed: ArrayLike | None = None,
+    extra: Columns | None = None, known: Mapping[str, float] | None = None, weights: ArrayLike | None = None,
     joints: Iterable[int | str] | None = None,
-) -> TorqueFit:
+) -> TorqueFit:  # fmt: skip
     """Fit f, and linear numbers of the drive, to logged positions and torques.
 
     ``fit_torque(dynamics, records)`` is all that is needed; what is stated is taken as stated, the rest is chosen by

@@ -169,16 +169,11 @@ def without_known(
     """Names of what is not known, and the systems of equations in these alone."""
     given = [i for i, name in enumerate(unknown) if name in known]
     rest = [i for i, name in enumerate(unknown) if name not in known]
-    values = np.array([known[unknown[i]] for i in given])
-    less = [
-        dataclasses.replace(
-            system,
-            regressor=system.regressor[:, :, rest],
-            torque=system.torque - (system.regressor[:, :, given] * values).sum(axis=2),
-            measured=system.torque,
-        )
-        for system in systems
-    ]
+    values, less = np.array([known[unknown[i]] for i in given]), []
+    for system in systems:
+        left = system.torque - (system.regressor[:, :, given] * values).sum(axis=2)
+        own = {"regressor": system.regressor[:, :, rest], "torque": left, "measured": system.torque}
+        less.append(dataclasses.replace(system, **own))
     return tuple(unknown[i] for i in rest), less
 
 

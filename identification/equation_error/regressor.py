@@ -135,15 +135,9 @@ def compared(
         lost = np.append(0, np.cumsum(missing & ~bridged))
         near = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
         used &= ((lost[near[:, 1]] == lost[near[:, 0]]) & ~bridged)[rows, None]
+    regressor, torque = np.stack(columns, axis=-1), np.ascontiguousarray(measured)
     sample = np.arange(len(qd))[rows]
-    return System(
-        regressor=np.stack(columns, axis=-1),
-        torque=np.ascontiguousarray(measured),
-        used=used,
-        sample=sample,
-        period=period,
-        speed=speed,
-    )
+    return System(regressor=regressor, torque=torque, used=used, sample=sample, period=period, speed=speed)
 
 
 def regressor_along(

@@ -96,7 +96,6 @@ class TorqueLog:
 
 def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> list[TorqueLog]:
     """Logs of records, or of positions (N, n) and torques (N, n), one or a sequence of each."""
-    instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
     records = (q,) if isinstance(q, Record) else tuple(q) if isinstance(q, (tuple, list)) else ()
     if records and all(isinstance(record, Record) for record in records):
         if torque is not None or rig is not None:

@@ -44,16 +44,10 @@ _HEAVIEST, _LIGHTEST = 1e3, 1e-3  # [kg]; the lightest where the centre is unkno
 
 @known_options
 def find_load(
-    arm: Identification | TorqueFit | Arm,
-    record: Record | Sequence[Record],
-    position: ArrayLike | None = None,
-    *,
-    link: int | str = -1,
-    mass: tuple[float, float] | None = None,
-    inertia: ArrayLike | None = None,
-    friction: float | None = None,
-    steps_per_sample: int = 4,
-) -> Load:
+    arm: Identification | TorqueFit | Arm, record: Record | Sequence[Record], position: ArrayLike | None = None, *,
+    link: int | str = -1, mass: tuple[float, float] | None = None, inertia: ArrayLike | None = None,
+    friction: float | None = None, steps_per_sample: int = 4,
+) -> Load:  # fmt: skip
     """A load on a known arm, from one log or several, under any law.
 
     Parameters

@@ -70,14 +70,9 @@ class Budget(Shown, Frozen):
 
 @known_options
 def pulse_budget(
-    arm: Arm,
-    rig: Rig,
-    law: Law,
-    reference: Reference,
-    *,
-    unknown: Iterable[str] | None = None,
+    arm: Arm, rig: Rig, law: Law, reference: Reference, *, unknown: Iterable[str] | None = None,
     duration: float | None = None,
-) -> Budget:
+) -> Budget:  # fmt: skip
     """By how many pulses each number of an experiment changes the tracking error, and its Cramer-Rao bound.
 
     Parameters

@@ -50,12 +50,9 @@ class MotorFit(Shown, Frozen):
 
 @known_options
 def motor_test(
-    record: Record | None = None,
-    *,
-    speed: ArrayLike | None = None,
-    current: ArrayLike | None = None,
+    record: Record | None = None, *, speed: ArrayLike | None = None, current: ArrayLike | None = None,
     motor_gain: float | None = None,
-) -> MotorFit:
+) -> MotorFit:  # fmt: skip
     """P gain of each motor from a record's currents, or friction of one motor from currents at constant speeds.
 
     Of gain (amperes per pulse) and motor constant K_i only the product is identifiable from a motion: with K_i wrong by

@@ -199,7 +199,7 @@ def _samples(record: Record, period: float | None) -> int:
 
 def _lines(record: Record, samples: int, skip: int) -> dict[str, Complex]:
     """Amplitudes (P, F, n) of each signal in every period but the first `skip`."""
-    rig, reference, periods = record.rig, record.reference_pulses, len(record) // samples - skip
+    rig, periods = record.rig, len(record) // samples - skip
     if periods < 2:
         got = f"{len(record) / samples:.3g} periods, of which {skip} are skipped"
         raise ValueError(f"records must have two periods at least after those skipped; got {got}. Log for longer.")

@@ -71,15 +71,9 @@ class Objective:
     """
 
     def __init__(
-        self,
-        dynamics: Dynamics,
-        records: Record | Iterable[Record],
-        unknown: Iterable[str] | None = None,
-        *,
-        steps_per_sample: int = 4,
-        sweeps: int = 3,
-        threads: int | None = None,
-    ) -> None:
+        self, dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None = None, *,
+        steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
+    ) -> None:  # fmt: skip
         self.threads = cores() if threads is None else whole("threads", threads, "Leave it out for all.")
         self.dynamics = dynamics
         self.records, self.unknown = as_records(dynamics, records, unknown)

@@ -128,14 +128,9 @@ class GeneticResult:
 
 
 def minimize_genetic(
-    objective: Callable[[Floats], ArrayLike],
-    bounds: ArrayLike,
-    settings: GeneticSettings | None = None,
-    seed: int = 0,
-    *,
-    initial: ArrayLike | None = None,
-    callback: Callable[[GeneticState], object] | None = None,
-) -> GeneticResult:
+    objective: Callable[[Floats], ArrayLike], bounds: ArrayLike, settings: GeneticSettings | None = None, seed: int = 0,
+    *, initial: ArrayLike | None = None, callback: Callable[[GeneticState], object] | None = None,
+) -> GeneticResult:  # fmt: skip
     """Minimise an objective inside a box. Source: paper section 3.7.
 
     Parameters
