@@ -16,8 +16,7 @@ from identification.equation_error.between_runs import restricted
 from identification.equation_error.least_squares import wider
 from plant.parts.fields import Floats
 
-APART = 0.01
-"""Probability, over all robots looked at, with which one is set apart by chance."""
+APART = 0.01  # probability, over all robots looked at, with which one is set apart by chance
 
 _ROUNDS = 3  # of variance and slope in turn
 _FEWEST = 4  # robots of which one can lie apart from the others

@@ -52,8 +52,7 @@ _WORDS = {
     "drive.elasticity.stiffness": "gear stiffness", "drive.elasticity.damping": "gear damping",
     "drive.elasticity.backlash": "backlash of the gear",
 }  # fmt: skip
-LEVEL = 1e-3
-"""Probability of a false alarm, over all parameters of a log, below which a change is called one."""
+LEVEL = 1e-3  # probability of a false alarm, over all parameters of a log, below which a change is called one
 
 
 _FEW = 30  # robots; of more, a log that is judged weighs little in what weeks differ by

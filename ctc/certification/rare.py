@@ -143,8 +143,7 @@ def _bound(squares: float, quantile: float) -> float:
     return float(np.exp(quantile * np.sqrt(np.log1p(squares))))
 
 
-_NOT_NUMBERS = ("jitter", "dropped", "plants")
-"""What an `Uncertainty` draws at every instant, or takes in turn."""
+_NOT_NUMBERS = ("jitter", "dropped", "plants")  # what an `Uncertainty` draws at every instant, or takes in turn
 
 
 class Normals:

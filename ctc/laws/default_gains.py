@@ -38,20 +38,15 @@ _SHARE = 0.28
 _NEARLY = 1.2
 """Excess of the bandwidth that this takes, up to which the least one stays: gears of 60 Hz swing under more."""
 
-_SAMPLED = 0.3
-"""Bandwidth times period, at most."""
+_SAMPLED = 0.3  # bandwidth times period, at most
 
-_SLOWER, _SLOWEST = 0.8, 5.0
-"""By which bandwidths are lowered; the least tried [rad/s]."""
+_SLOWER, _SLOWEST = 0.8, 5.0  # by which bandwidths are lowered; the least tried [rad/s]
 
-_SAMPLES = 100
-"""Of the identified path, along which an acceleration is uncertain."""
+_SAMPLES = 100  # of the identified path, along which an acceleration is uncertain
 
-_POSES = 3
-"""Of the identified path, at which loops have to be stable."""
+_POSES = 3  # of the identified path, at which loops have to be stable
 
-_OFF = 0.9, 1.0, 1.15
-"""Stiffness, in shares of the stated, with which a law that predicts its gears has to be stable."""
+_OFF = 0.9, 1.0, 1.15  # stiffness, in shares of the stated, with which a law that predicts its gears has to be stable
 
 _SPARE, _STIFFER = 1.4, (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
 """Share of its bandwidth that another one is stable with, and stiffnesses: a fast observer can be stable on soft gears,

@@ -15,11 +15,9 @@ from plant.parts.fields import Floats
 _FOLLOWED = 1.0
 """(omega dt)^2 of motors against their links, at most poses: faster ones a filter of this period takes for rigid."""
 
-_POSES = 200
-"""That give the range of a joint's inertia."""
+_POSES = 200  # that give the range of a joint's inertia
 
-_DOUBLINGS = 20
-"""Of the horizon over which a Riccati equation is followed: 2^20 samples."""
+_DOUBLINGS = 20  # of the horizon over which a Riccati equation is followed: 2^20 samples
 
 
 def gear_gains(arm: Arm, rig: Rig, bandwidth: float, observer: float) -> Floats | None:

@@ -20,8 +20,7 @@ from plant.realtime.running import Running
 
 T = TypeVar("T")
 
-_FAST = 0.5
-"""Bandwidth times period from which on stability is looked at before a start; at 1 computed torque loses it."""
+_FAST = 0.5  # bandwidth times period from which on stability is looked at before a start; at 1 computed torque loses it
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(number, structure))

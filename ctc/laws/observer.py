@@ -9,8 +9,7 @@ linear-quadratic regulator of that double integrator, whose poles have a fixed p
 import casadi as ca
 import numpy as np
 
-DRIFT = 2 / 3
-"""Bandwidth with which the disturbance's random walk is followed, over that of the random torque."""
+DRIFT = 2 / 3  # bandwidth with which the disturbance's random walk is followed, over that of the random torque
 
 # The filter's poles are the stable zeros of s^6 + w^4 s^2 - (DRIFT w)^6: one real, one pair.
 _SQUARE = float(max(np.roots((1, 0, 1, -(DRIFT**6))).real))

@@ -22,8 +22,7 @@ _LEARNS, _RECENT = 40.0, 0.4
 
 _HOLDS = "Give the joint torque that holds the arm now [N m]."
 
-_TINY = 1e-9
-"""Beside the square of friction torques [N m], where there is no friction."""
+_TINY = 1e-9  # beside the square of friction torques [N m], where there is no friction
 
 
 def learn(
@@ -75,8 +74,7 @@ _SWINGS, _QUIETER, _UNEXPECTED = 1.0, 0.75, 0.25
 """Predicted distance from the middle of the counted cell [pulses] of a swing, less the second times the dead zone (the
 smaller that is, the more of the rounding is predicted); and by how much that of a load is more."""
 
-_NEAR = 5.0
-"""Error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit."""
+_NEAR = 5.0  # error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit
 
 _WITHIN, _REMEMBERED = 0.67, 10.0
 """Time between distances of opposite signs for a swing, at most, less a sample, times the bandwidth; its memory [s]."""

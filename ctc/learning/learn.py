@@ -23,11 +23,9 @@ more may be beyond ±1 pulse than before.
 _ORDER = "The order is law, rig, reference, records."
 
 _SURPRISES, _MORE = 1.25, 1.3
-_FINEST, _MOST = 40.0, 400
-"""Highest frequency of the learnt torque [Hz], and its terms per joint at most."""
+_FINEST, _MOST = 40.0, 400  # highest frequency of the learnt torque [Hz], and its terms per joint at most
 
-_MOVES = 3.0
-"""Speed of the reference [pulses/s] from which on a joint moves."""
+_MOVES = 3.0  # speed of the reference [pulses/s] from which on a joint moves
 
 _STIFF, _AHEAD, _BLURRED = 14.0, 0.015, 0.008
 """Of a joint that stands and should move: bandwidth [rad/s], lead [s] and smoothing [s] of the torque that it gets."""

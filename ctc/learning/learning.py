@@ -18,14 +18,11 @@ from plant.parts.saved import Saved
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table, by_joint
 
-_SETTLED = 1e-3
-"""Missing torque, as a share of the amplifier's limit, below which nothing more is to be learnt."""
+_SETTLED = 1e-3  # missing torque, as a share of the amplifier's limit, below which nothing more is to be learnt
 
-_F, _FRICTION = 0.05, 0.2
-"""Relative standard deviations of f and of friction before, where no covariance is known."""
+_F, _FRICTION = 0.05, 0.2  # relative standard deviations of f and of friction before, where no covariance is known
 
-_CORRELATED = 0.02
-"""Time [s] over which the rest of the torque is taken to be alike: two constants of the smoother."""
+_CORRELATED = 0.02  # time [s] over which the rest of the torque is taken to be alike: two constants of the smoother
 
 
 @kept

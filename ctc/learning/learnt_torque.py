@@ -14,8 +14,7 @@ from plant.parts.fields import Floats, Vector
 from plant.parts.part import number, part, structure
 from plant.realtime.running import Running
 
-_NEAR = 3.0
-"""Pulses within which the arm stands where the path begins, when the law is started."""
+_NEAR = 3.0  # pulses within which the arm stands where the path begins, when the law is started
 
 
 @part

@@ -15,14 +15,11 @@ from plant import Arm, Reference, Rig
 from plant.motion.link_reference import gear_torque, require_elastic, wound
 from plant.parts.fields import Floats
 
-_SLIDES = 30.0
-"""Speed [pulses/s] from which on the model has Coulomb friction in full."""
+_SLIDES = 30.0  # speed [pulses/s] from which on the model has Coulomb friction in full
 
-_FOLLOWED = 4.0
-"""(omega dt)^2 of links on their gears up to which Runge-Kutta 4 follows them; beyond, gears are rigid."""
+_FOLLOWED = 4.0  # (omega dt)^2 of links on their gears up to which Runge-Kutta 4 follows them; beyond, gears are rigid
 
-_HALVINGS = 3
-"""Of a sample, for its transition matrix."""
+_HALVINGS = 3  # of a sample, for its transition matrix
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,8 +136,7 @@ def _exponentials(matrices: Floats) -> Floats:
     return np.asarray(found)
 
 
-_OMEGA = 100.0
-"""Bandwidth of the estimate [rad/s]."""
+_OMEGA = 100.0  # bandwidth of the estimate [rad/s]
 
 _STANDS, _MEMORY = 0.02, 0.05
 """How long the count of a joint stands that sticks, and for how long its friction is taken to hold on [s]."""

@@ -28,8 +28,7 @@ from plant.parts.tables import Table
 
 Numbers = Mapping[str, NDArray[np.float64]]
 
-_USUAL = "dead_zone", "start_boost", "start_time"
-"""Of the default, and not searched."""
+_USUAL = "dead_zone", "start_boost", "start_time"  # of the default, and not searched
 
 
 def _named(values: Numbers) -> Numbers:

@@ -29,8 +29,7 @@ from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
-SEGMENTS = 10
-"""Segments of all logs together, at least; and of each log, at most."""
+SEGMENTS = 10  # segments of all logs together, at least; and of each log, at most
 
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
 """Least speeds that are tested, in the usual speed of each joint, the most cautious first."""

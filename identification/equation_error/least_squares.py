@@ -136,8 +136,7 @@ def dependent_columns(names: Sequence[str], rows: Floats, *, dependent: float = 
 
 SEGMENTS = 10  # of all runs, at least, of which values are compared
 
-NORMAL = 1.96
-"""Standard deviations on either side of a normal value that hold 95 %."""
+NORMAL = 1.96  # standard deviations on either side of a normal value that hold 95 %
 
 _AT_ONCE = 1 << 19  # rows that are scaled at once
 

@@ -133,8 +133,7 @@ _ROUNDING = 0.289  # noise [pulses] that is expected of an innovation, until it 
 
 _SETTLED = 0.05  # relative change of the noise that does not count
 
-_OWN = 1e-5
-"""Share of its own that the slope of an unknown must have with a prior, which tells apart what a log cannot."""
+_OWN = 1e-5  # share of its own that the slope of an unknown must have with a prior, which tells apart what a log cannot
 
 
 class PriorRows:

@@ -30,22 +30,18 @@ _BAND = 2.0  # pass band, in frequencies of the slow mode
 _BEYOND, _FAR_MORE = 8.0, 1000.0
 """Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding."""
 
-CUTOFF = 2.5
-"""Low-pass before differentiation, in pass bands."""
+CUTOFF = 2.5  # low-pass before differentiation, in pass bands
 
-BAND_MOST = 0.4 / CUTOFF
-"""Highest pass band, in sample rates."""
+BAND_MOST = 0.4 / CUTOFF  # highest pass band, in sample rates
 
 _LOWEST, _HIGHEST = 3.0, 0.1  # where a mode is searched: from so many Hz to this share of the sample rate
 
 _POSES = 8
 
 NO_BAND = "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
-ENOUGH = 5
-"""Equations per unknown below which a band says too little."""
+ENOUGH = 5  # equations per unknown below which a band says too little
 
-BANDS = 2.0 ** np.arange(-1, 6, 0.5)
-"""Bands that are tested where a torque was logged [Hz]."""
+BANDS = 2.0 ** np.arange(-1, 6, 0.5)  # bands that are tested where a torque was logged [Hz]
 
 
 def mode_in(record: Record) -> float:

@@ -28,11 +28,9 @@ LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 """What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
 
-_WIDER = 8
-"""How much longer than a bridged gap the memory of a filter is."""
+_WIDER = 8  # how much longer than a bridged gap the memory of a filter is
 
-_AT_ONCE, _TOGETHER = 4096, 2**18
-"""Samples whose regressors are worked out in one go; values that are filtered in one."""
+_AT_ONCE, _TOGETHER = 4096, 2**18  # samples whose regressors are worked out in one go; values that are filtered in one
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

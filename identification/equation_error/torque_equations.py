@@ -15,8 +15,7 @@ from plant import Dynamics, Rig
 from plant.parts.arguments import choice, instance, real
 from plant.parts.fields import Floats
 
-Columns = Mapping[str, Callable[..., ArrayLike]]
-"""Further columns by name: (q, qd, qdd) -> torque (N, n) per unit."""
+Columns = Mapping[str, Callable[..., ArrayLike]]  # further columns by name: (q, qd, qdd) -> torque (N, n) per unit
 
 _LOWEST = 0.5  # narrowest pass band that is tested [Hz]; then by half octaves
 

@@ -156,8 +156,7 @@ class TorqueWindow:
         return np.asarray(np.abs(np.diagonal(steps)) if steps.ndim == 2 else np.abs(steps))
 
 
-KERNEL = 0.04
-"""Length of the smooth kernel [s]."""
+KERNEL = 0.04  # length of the smooth kernel [s]
 
 
 _RIGID, _ELASTIC = 2.0, 20.0

@@ -70,8 +70,7 @@ def _within(chain: Chain, lower: Floats, upper: Floats, part: float) -> Floats:
     return np.column_stack([middle - half, middle + half])
 
 
-_LINES, _HIGHEST = 25, 0.1
-"""By default: lines, and the highest of them, as a share of the sampling rate."""
+_LINES, _HIGHEST = 25, 0.1  # by default: lines, and the highest of them, as a share of the sampling rate
 
 _CLIPPED, _TIMES = np.linspace(0.5, 0.98, 200), 8
 """Of the search for phases: shares of the peak at which it clips in turn, samples per period of the highest line."""

@@ -32,11 +32,9 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 
-_ABOVE = 10.0
-"""Times what the rounding of the reference makes of a line: above it, the line is excited."""
+_ABOVE = 10.0  # times what the rounding of the reference makes of a line: above it, the line is excited
 
-_FAINT = 1e-3
-"""Share of the strongest line of an injected torque, above which a line is excited."""
+_FAINT = 1e-3  # share of the strongest line of an injected torque, above which a line is excited
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

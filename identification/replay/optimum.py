@@ -137,11 +137,9 @@ _LOWEST, _HIGHEST = 15.0, 250.0  # resonances between which compliance is tried 
 _RATIO, _FINE = 1.25, 1.1
 """Of one to the next: under a law that follows the counts, and where torques are repeated, whose effect is narrow."""
 
-_WIDTHS = (1, 2, 4, 8, 16)
-"""Backlash that is tested [pulses], in a gear that else has a resonance at:"""
+_WIDTHS = (1, 2, 4, 8, 16)  # backlash that is tested [pulses], in a gear that else has a resonance at:
 
-CONTACT = 300.0
-"""[Hz]"""
+CONTACT = 300.0  # [Hz]
 
 
 _AT_ONCE = 16  # trials that are simulated at once

@@ -16,8 +16,7 @@ from plant.checkup.oscillation import own_oscillations
 from plant.parts.fields import Floats
 from plant.simulation.followed_path import is_rounded
 
-ROUNDINGS = 0.58
-"""Difference [pulses, rms] that two roundings alone give."""
+ROUNDINGS = 0.58  # difference [pulses, rms] that two roundings alone give
 
 _FAR, _FAR_ROUNDED = 0.9, 1.5
 """Difference [pulses] from which it asks for an explanation: of the counts, and of the path as well."""
@@ -25,8 +24,7 @@ _FAR, _FAR_ROUNDED = 0.9, 1.5
 ROUGH = ("equation_error", "output_error", "paper")
 """Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the log for them."""
 
-FALSE_ALARM = 1e-3
-"""Probability that a log is doubted which differs from the model's run as other runs of the model do."""
+FALSE_ALARM = 1e-3  # probability that a log is doubted which differs from the model's run as other runs of the model do
 
 _LOOKS, _FEW = ((8, 0.1 * FALSE_ALARM), (40, 0.9 * FALSE_ALARM)), 4
 """Runs of the model, and with which probability each look may doubt; and how few say nothing."""
