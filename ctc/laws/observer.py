@@ -29,11 +29,8 @@ def correct(
     error: ca.SX, rate: ca.SX, disturbance: ca.SX, innovation: ca.SX, gains: tuple[ca.SX, ca.SX, ca.SX], dt: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """The prediction corrected by the innovation, measured minus predicted error [rad]."""
-    return (
-        error + gains[0] * innovation,
-        rate + gains[1] / dt * innovation,
-        disturbance + gains[2] / (dt * dt) * innovation,
-    )
+    error, rate = error + gains[0] * innovation, rate + gains[1] / dt * innovation
+    return error, rate, disturbance + gains[2] / (dt * dt) * innovation
 
 
 def triple_pole(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

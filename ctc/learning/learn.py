@@ -195,7 +195,7 @@ def _applied(record: Record, count: int) -> Floats:
 
 def _correction(
     arm: Arm, rig: Rig, plant: PathPlant, motion: Any, moves: Any, known: Floats, record: Record
-) -> tuple[Floats, float]:  # fmt: skip
+) -> tuple[Floats, float]:
     """Torque (N, n) that is missing beside the known one, and the mean normalised innovation."""
     count, dt, counts = len(known), rig.period, record.counts[: len(known)]
     centre = np.asarray(rig.cell_centre(counts))

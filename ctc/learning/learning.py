@@ -128,7 +128,7 @@ def share(missing: Floats, rig: Rig) -> float:
 
 def mended(
     arm: Arm, rig: Rig, plant: PathPlant, learnt: Floats, moves: Any, speed: Floats, prior: Any
-) -> tuple[Arm, Rig, Floats, float]:  # fmt: skip
+) -> tuple[Arm, Rig, Floats, float]:
     """Arm and rig corrected by a learnt torque (N, n) in a ridge regression, where joints move, at speeds of shafts;
     the covariance of f, viscous and Coulomb friction (joint side), and the torque that is left, rms [N m].
     """

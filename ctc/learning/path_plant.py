@@ -152,7 +152,7 @@ class Missing(NamedTuple):
 
 def missing_torque(
     plant: PathPlant, rig: Rig, inertia: Floats, beyond: Floats, e: Floats, counts: Floats, moves: Any
-) -> Missing:  # fmt: skip
+) -> Missing:
     """The torque that was missing along a path.
 
     `inertia` (n,) is that which each joint feels [kg m^2]; (N, n) are the applied torque `beyond` what the model needs,

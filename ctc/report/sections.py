@@ -178,7 +178,7 @@ def _certificate(certificate: Any) -> str:
         f"<p><b>Sampled</b>: {text(', '.join(drawn))}.</p>",
         f"<p><b>Not sampled, and so not covered</b>: {text(', '.join(missing))}.</p>",
         details("Table", body(certificate)),
-    )  # fmt: skip
+    )
 
 
 def _origin(found: Any, certificate: Any) -> str:

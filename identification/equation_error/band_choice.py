@@ -139,7 +139,7 @@ class _Choice:
         self._tried[at] = found
         self.trials[at] = FitTrial(
             at=at, unit=self._unit, rows=rows, worse=most, against=against, passed=most <= _WORSE
-        )  # fmt: skip
+        )
         return most
 
     def said(self, best: float, order: Iterable[float]) -> tuple[FitTrial, ...]:

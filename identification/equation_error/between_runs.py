@@ -154,9 +154,7 @@ def between_runs(
     return found, at_least(covariance, np.sqrt(within + added))
 
 
-def _alone(
-    values: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp], blocks: NDArray[np.intp]
-) -> _Runs:  # fmt: skip
+def _alone(values: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp], blocks: NDArray[np.intp]) -> _Runs:
     scale = np.sqrt((rows * rows).sum(axis=0))
     count, whole, left = int(runs.max()) + 1, products(rows / scale), residual.copy()
     each, std, share = np.empty((3, count, len(values)))

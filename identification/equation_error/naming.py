@@ -88,10 +88,10 @@ class RecordError(ValueError):
         return ValueError, (str(self),)
 
 
-def record_label(records: Sequence[Record], k: int, what: str = "records") -> str:
+def record_label(records: Sequence[Record], k: int) -> str:
     """What messages call one of several records, or a single one that was read from a file; "" of the only one."""
     name = f" ({records[k].name})" if records[k].name else ""
-    return f"{what}[{k}]{name}" if len(records) > 1 else f"the record{name}" * bool(name)
+    return f"records[{k}]{name}" if len(records) > 1 else f"the record{name}" * bool(name)
 
 
 def column_of(record: Record, field: str, joint: int) -> str:
@@ -112,10 +112,10 @@ def first_problem(records: Sequence[Record]) -> str:
     return ""
 
 
-def each_named(records: Sequence[Record], what: str = "records") -> Iterator[tuple[Record, Any]]:
+def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:
     """Each record, with a context in which every refusal is about that record, and says so."""
     for k, record in enumerate(records):
-        yield record, _about(record, record_label(records, k, what))
+        yield record, _about(record, record_label(records, k))
 
 
 def of_each(make: Callable[..., T], records: Sequence[Record], *others: Iterable[Any]) -> list[T]:

@@ -175,7 +175,7 @@ def without_known(
 
 def system_of(
     dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], torque: Floats | None = None
-) -> System:  # fmt: skip
+) -> System:
     """The torque equation of a record in a band [Hz].
 
     `torque` (N, n): of `torque_of`.

@@ -152,8 +152,7 @@ class TorqueWindow:
     @functools.cached_property
     def _per_count(self) -> Floats:
         """Angle of one count of each joint (n,) [rad]."""
-        steps = self.rig.to_angle(np.eye(self.arm.n))
-        return np.asarray(np.abs(np.diagonal(steps)) if steps.ndim == 2 else np.abs(steps))
+        return np.asarray(np.abs(np.diagonal(self.rig.to_angle(np.eye(self.arm.n)))))
 
 
 KERNEL = 0.04  # length of the smooth kernel [s]

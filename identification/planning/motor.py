@@ -112,7 +112,7 @@ def _gains(record: Record) -> MotorFit:
         raise ValueError(f"the record must be one under P control; got {type(law).__name__}. It has no such gain.")
     if record.current is None:
         raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")
-    drive, names, values, std = record.rig.drive, [], [], []
+    drive, found = record.rig.drive, []
     for i in range(record.n):
         error, torque = record.error_pulses[:, i], drive.motor_gain[i] * record.current[:, i]
         rows = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
@@ -121,11 +121,9 @@ def _gains(record: Record) -> MotorFit:
                 f"the motor of {record.rig.joint_labels[i]} must have errors of several pulses below its limit; it has "
                 "none. Log a motion."
             )
-        found, deviation = _line([f"law.gain[{i}]", "offset"], [error[rows], np.ones(rows.sum())], torque[rows])
-        names.append(f"law.gain[{i}]")
-        values.append(found[0])
-        std.append(deviation[0])
-    return MotorFit(names=tuple(names), values=np.array(values), std=np.array(std))
+        found.append(_line([f"law.gain[{i}]", "offset"], [error[rows], np.ones(rows.sum())], torque[rows]))
+    values, std = np.array(found)[:, :, 0].T
+    return MotorFit(names=tuple(f"law.gain[{i}]" for i in range(record.n)), values=values, std=std)
 
 
 def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:

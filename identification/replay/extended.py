@@ -209,12 +209,9 @@ class _Log:
             if kind == "compliance" and value > 0:
                 self._give(numbers, bracket + joint, value)
             elif place in numbers:
-                relative = kind.startswith(_SHARES)
-                numbers[place] = (
-                    numbers[place] * (1 + value) if relative else numbers[place] + max(value, self.least(name))
-                )
-        own = values[: self._given], list(numbers.values()), values[self._given :]
-        return np.concatenate(own)
+                own = numbers[place]
+                numbers[place] = own * (1 + value) if kind.startswith(_SHARES) else own + max(value, self.least(name))
+        return np.concatenate([values[: self._given], list(numbers.values()), values[self._given :]])
 
     def least(self, name: str) -> float:
         """The least that one of the extra numbers can be."""

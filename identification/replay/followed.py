@@ -50,10 +50,7 @@ class Followed(Experiment):
     def _weigh(self, counts: Floats) -> None:
         """Weigh samples by how counts (N, n) move."""
         record = self.record
-        before = np.maximum(np.arange(len(counts)) - _WINDOW, 0)
-        after = np.minimum(np.arange(len(counts)) + _WINDOW, len(counts) - 1)
-        steps = np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)])
-        moved = (steps[after] - steps[before]) / np.maximum(after - before, 1)[:, None]
+        moved = speed_of(np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)]), _WINDOW)
         self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None]) * self.heard
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
@@ -141,6 +138,13 @@ class Followed(Experiment):
         sound &= (state[-1] > 0) & bounded(state[: 2 * n])
         found[~sound[: len(some)]] = np.inf
         return list(found.reshape(len(some), -1))
+
+
+def speed_of(counts: Floats, window: int) -> Floats:
+    """Counts that pass in a sample (N, n), over a window on both sides of it."""
+    rows = np.arange(len(counts))
+    before, after = np.maximum(rows - window, 0), np.minimum(rows + window, len(counts) - 1)
+    return np.asarray((counts[after] - counts[before]) / np.maximum(after - before, 1)[:, None])
 
 
 def _steady(moved: Floats) -> Floats:

@@ -92,10 +92,8 @@ def gauss_newton(
         change_per_step = np.empty((0, 0))
         change_per_step = slopes(prediction, values, step, varied, residual)
     covariance, unscaled = np.zeros((len(values), len(values))), residual * prediction.scales
-    part = least_squares(names, change_per_step, residual, dependent=prediction.dependent)[1] * np.outer(
-        *[step[varied]] * 2
-    )
-    covariance[np.ix_(varied, varied)] = part * noise(prediction, residual)
+    part = least_squares(names, change_per_step, residual, dependent=prediction.dependent)[1]
+    covariance[np.ix_(varied, varied)] = part * np.outer(step[varied], step[varied]) * noise(prediction, residual)
     rms = float(np.sqrt(dot(unscaled, unscaled) / dot(prediction.weights, prediction.weights)))
     change_per_step /= step[varied]
     return Solution(

@@ -117,9 +117,8 @@ class Profile:
             if not self._follows(point):
                 break
             step, before = self._step.copy(), point.cost
-            point.slopes = slopes(self._prediction, point.z, step, varied, point.residual) * (
-                self._step[varied] / step[varied]
-            )
+            change = slopes(self._prediction, point.z, step, varied, point.residual)
+            point.slopes = change * (self._step[varied] / step[varied])
             point = self._fitted(point, level)
             if before - point.cost < _CLOSE * level:
                 break

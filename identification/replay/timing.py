@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from identification.replay.followed import speed_of
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
@@ -34,7 +35,7 @@ def delay_of(
     difference = prediction.innovations(np.append(values, 0 * prediction.nuisances))  # the search's loop, uncorrected
     if not np.isfinite(difference).all():
         return np.nan, np.inf
-    speed = np.concatenate([_speed(record.counts).ravel() for record in records])
+    speed = np.concatenate([speed_of(record.counts, _WINDOW).ravel() for record in records])
     weight = prediction.weights
     slope = dot(difference, weight * speed) / dot(weight * speed, weight * speed)
     left = difference - slope * weight * speed
@@ -83,12 +84,4 @@ def without_delay(record: Record, samples: float) -> Record:
     samples = real("samples", samples, "Give found.diagnostics.delay.")
     if abs(samples) > 1:
         raise ValueError(f"samples must be within one; got {samples}. Shift the columns by whole rows first.")
-    counts = record.counts
-    return dataclasses.replace(record, error_pulses=record.error_pulses - samples * _speed(counts))
-
-
-def _speed(counts: Floats) -> Floats:
-    """Counts that pass in a sample (N, n), over a few of them."""
-    rows = np.arange(len(counts))
-    before, after = np.maximum(rows - _WINDOW, 0), np.minimum(rows + _WINDOW, len(counts) - 1)
-    return (counts[after] - counts[before]) / (after - before)[:, None]
+    return dataclasses.replace(record, error_pulses=record.error_pulses - samples * speed_of(record.counts, _WINDOW))

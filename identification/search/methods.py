@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
@@ -60,7 +59,14 @@ def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
 
 def equation_error(problem: Problem) -> Outcome:
     """Least squares on the torque equation."""
-    return _of_fit(problem, torque_fit(problem))
+    fit = torque_fit(problem)
+    values, _ = start_of_fit(problem, fit)
+    covariance = np.zeros((len(values), len(values)))
+    places = [problem.unknown.index(name) for name in fit.names]
+    covariance[np.ix_(places, places)] = fit.covariance
+    message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
+    found = Fit(unknown=problem.unknown, values=values, candidates=values[None], covariance=covariance)
+    return Outcome(fit=found, message=message)
 
 
 def output_error(problem: Problem) -> Outcome:
@@ -171,16 +177,6 @@ def _only_genetic(problem: Problem, fit: Fit, cost: float, other: float) -> bool
 
 _EVERY: tuple[Callable[..., Outcome], ...] = (seeded, paper, equation_error, output_error, prediction_error)
 METHODS: dict[str, Callable[[Problem], Outcome]] = {method.__name__: method for method in _EVERY}
-
-
-def _of_fit(problem: Problem, fit: TorqueFit) -> Outcome:
-    values, _ = start_of_fit(problem, fit)
-    covariance = np.zeros((len(values), len(values)))
-    places = [problem.unknown.index(name) for name in fit.names]
-    covariance[np.ix_(places, places)] = fit.covariance
-    message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
-    found = Fit(unknown=problem.unknown, values=values, candidates=values[None], covariance=covariance)
-    return Outcome(fit=found, message=message)
 
 
 def _root(covariance: Floats) -> Floats:

@@ -167,9 +167,7 @@ class Problem:
 
     def prediction(self, **settings: Any) -> Prediction:
         """Of these unknowns in these records; `settings`: those of `Prediction` beside its options."""
-        return Prediction(
-            self.dynamics, self.records, self.unknown, prior=self.prior, **settings, **self.options
-        )  # fmt: skip
+        return Prediction(self.dynamics, self.records, self.unknown, prior=self.prior, **settings, **self.options)
 
     def costs(self, vectors: Floats) -> Floats:
         """Objective (4) of vectors (P, k), with what the prior costs where two roundings are the noise [pulses^2]."""
