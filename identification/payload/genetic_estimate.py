@@ -17,7 +17,7 @@ import numpy as np
 from identification.equation_error.least_squares import NORMAL
 from identification.payload.kernel_estimate import Smoothing, Window
 from identification.payload.posterior import LoadShape, PayloadEstimate, judged
-from identification.search.genetic import minimize_genetic
+from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig
 from plant.parts.fields import Floats
@@ -39,6 +39,7 @@ class GeneticEstimator:
 
     def __init__(self, arm: Arm, rig: Rig, shape: LoadShape, length: float, seed: int = 0) -> None:
         self.shape, self.arm, self.rig, self.seed = shape, arm, rig, seed
+        self.settings = GeneticSettings.paper()
         self._smoothing = Smoothing(length, rig.period)
         self._start = self._smoothing.samples // 2
         self._matrix = arm.dynamics.load_matrix()
@@ -69,7 +70,7 @@ class GeneticEstimator:
     def __call__(self, window: Window) -> PayloadEstimate:
         """Estimate from a window of at least three kernels."""
         costs = self._costs(window)
-        result = minimize_genetic(costs, self.bounds, seed=self.seed)
+        result = minimize_genetic(costs, self.bounds, self.settings, self.seed)
         best, (low, high) = result.x, self.shape.mass
         near = np.repeat(best[None], 3, axis=0)
         middle = np.clip(best[0], low + _STEP * (high - low), high - _STEP * (high - low))
