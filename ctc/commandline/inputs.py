@@ -46,12 +46,7 @@ def path_of(found: Identification, given: str | None = None) -> Reference:
     """The path that a controller is to follow: the file given, or that of the first log.
 
     A table of positions becomes a spline through one point every 20 ms. So do the commanded counts of a log that has
-    no more, as the smoothest motion that their rounding allows.
-
-    Raises
-    ------
-    ValueError
-        A log without a path.
+    no more, as the smoothest motion that their rounding allows. A log without a path is refused.
     """
     if given is not None and not Path(given).is_file():
         there = "a CSV file that is there"
@@ -99,10 +94,7 @@ def _table(given: str, found: Identification) -> Table:
 def new_place(path: str, force: bool, inputs: Sequence[str] = ()) -> Path:
     """Where a file is to be written, before the work begins.
 
-    Raises
-    ------
-    ValueError
-        A file that is there, without force, or that is read; a folder that is not there, or cannot be written in.
+    Refused are a file that is there, without force, or that is read; a folder that is not there, or not to be written.
     """
     place = Path(path)
     if any(Path(each).exists() and place.exists() and place.samefile(each) for each in inputs):

@@ -33,18 +33,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command.
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        By default those of the process.
-
-    Returns
-    -------
-    int
-        0 fine; 1 the verdict is negative; 2 bad input; 3 a defect; 130 interrupted.
-    """
+    """Run one command, by default that of the process, and give its exit code (`_CODES`)."""
     given = _parser().parse_args(arguments)
     try:
         with warnings.catch_warnings():

@@ -26,10 +26,8 @@ class Adaptive(ModelLaw):
 
     Parameters
     ----------
-    arm : Arm or Identification
-        Where f-hat starts; an identification gives its rig, too.
-    rig : Rig, optional
-        The identified rig, ``found.rig``: its friction and springs are fed forward, and not adapted.
+    arm, rig
+        As of `ComputedTorque`: f-hat starts at the arm's, friction and springs are fed forward, and not adapted.
     bandwidth : float
         w: how fast e goes to zero once s is zero [rad/s].
     gain : (n,) array_like

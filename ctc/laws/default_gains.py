@@ -87,12 +87,7 @@ def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], A
     """That of what is known [rad/s], or what the rig allows: for its period, and stable on its elastic gears.
 
     `rig`: of the law; by default the identification's. `law`: (rig, bandwidth) -> the computed torque for the
-    identified arm.
-
-    Raises
-    ------
-    ValueError
-        Gears on which none is stable.
+    identified arm. Gears on which none is stable are refused.
     """
     bandwidth = known_gains(found, rig).bandwidth
     if isinstance(found, Identification) and rig is None:

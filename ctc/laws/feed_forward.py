@@ -101,10 +101,8 @@ class FeedForward(Aided):
 
     Parameters
     ----------
-    arm, rig
-        As of `ComputedTorque`.
-    feedback : Law
-        A simple law, such as `plant.PD`; its period is that of the whole.
+    arm, rig, feedback
+        As of `PDGravity`.
 
     See Also
     --------

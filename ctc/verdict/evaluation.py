@@ -180,11 +180,8 @@ class Evaluation(Shown):
         return plot_phase(self, ax) if phase else plot_evaluation(self, ax)
 
     def _short(self) -> str:
-        return f"{type(self.record.law).__name__}: {self._verdict}"
-
-    @property
-    def _verdict(self) -> str:
-        return f"{self.share_within(1)} of {len(self.record)} samples within ±1 pulse"
+        share = f"{self.share_within(1)} of {len(self.record)} samples within ±1 pulse"
+        return f"{type(self.record.law).__name__}: {share}"
 
     def _shown(self) -> Iterator[Piece]:
         elastic, link = self.record.rig.drive.elasticity is not None, 1e3 * np.abs(self.link_error)

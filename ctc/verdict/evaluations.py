@@ -225,13 +225,9 @@ def compare(
 
     Parameters
     ----------
-    arm : Arm
-        The arm that is controlled.
-    rig : Rig
     laws : dict of str -> Law
         By the name that each is to have in the table.
-    reference : Reference
-    backend, duration, steps_per_sample, initial
+    arm, rig, reference, backend, duration, steps_per_sample, initial
         As of `ctc.evaluate`.
 
     Returns

@@ -88,11 +88,8 @@ def sweep_resonance(
         Limit of the encoder error of the motors [pulses].
     after : float
         Samples before this time do not count [s].
-    duration : float, optional
-        [s]; by default one period of the reference.
-    steps_per_sample : int
-    threads : int, optional
-        By default one per core.
+    duration, steps_per_sample, threads
+        As of `ctc.certify`.
 
     Returns
     -------
