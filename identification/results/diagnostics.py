@@ -8,11 +8,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from identification.equation_error.pulse_fit import over_bands
+from identification.equation_error.stated_law import torque_apart
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
 from identification.results.stepwise import detect
-from identification.search.memory import repeating, torque_apart
+from identification.search.memory import repeating
 from identification.search.methods import prediction_error
 from identification.search.outcome import Fit, Outcome
 from identification.search.predictive import ROUGH, Predicted, doubtful, predicted

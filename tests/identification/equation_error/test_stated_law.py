@@ -7,7 +7,7 @@ import pytest
 from logged_laws import LAWS
 
 from identification import identify
-from identification.search.memory import torque_apart
+from identification.equation_error.stated_law import torque_apart
 from plant import LoggedTorque, puma560, simulate
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
