@@ -104,8 +104,8 @@ def _place(names: tuple[str, ...], values: NDArray[np.float64], name: str, edges
 
 
 _GROUPS, _LEAST = 10, 20  # groups, and how many loops a group must have at least
+# Share below which a number has no direction, and rank correlation from which on it has one.
 _LITTLE, _CLEAR = 0.005, 0.1
-"""Share below which a number has no direction, and rank correlation from which on it has one."""
 
 
 class Influence(NamedTuple):

@@ -27,15 +27,15 @@ from plant.parts.kinds import kept
 from plant.parts.progress import progress_bar
 from plant.parts.sums import product
 
+# Numbers of the rig by which a controller reads its counts: it and the plant have the same.
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
-"""Numbers of the rig by which a controller reads its counts: it and the plant have the same."""
 
+# Ratio of the resonances of two fits, at most, and number of fits; a wider range has them farther apart.
 _APART, _MOST = 1.15, 7
-"""Ratio of the resonances of two fits, at most, and number of fits; a wider range has them farther apart."""
 
+# Fits of the first resonance: its stiffness follows from the inertia, which the fit before gave. The next take it from
+# their neighbour.
 _ROUNDS = 2
-"""Fits of the first resonance: its stiffness follows from the inertia, which the fit before gave. The next take it from
-their neighbour."""
 
 _REMEMBERED = 8  # ranges of one identification whose fits are kept, the last ones
 
@@ -58,8 +58,8 @@ class Refits(Frozen):
         return np.abs(places[:, None] - self.places).argmin(axis=1)
 
 
+# Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the same.
 _KEPT: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = weakref.WeakKeyDictionary()
-"""Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the same."""
 
 
 def refits(

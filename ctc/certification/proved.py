@@ -26,8 +26,8 @@ from plant.parts.shown import Piece
 from plant.parts.tables import Table
 from plant.simulation.followed_path import Path
 
+# In which the sizes are raised, the factor by which they are beyond what was reached, and with which they begin.
 _ROUNDS, _MORE, _BEGIN = 8, 1.1, 1e-9
-"""In which the sizes are raised, the factor by which they are beyond what was reached, and with which they begin."""
 
 _MOST = 50.0  # pulses of error beyond which it is given up
 _SHARES = 1.0, 0.25, 0.0625  # of the ranges of f and friction, of which a bound is tried

@@ -18,8 +18,8 @@ _SHOWN = 5  # sensitivities in the table
 
 _HELD = " from a hold, static friction anywhere inside its cone"
 
+# What `tune` does not say of what it found.
 SEARCH = "another controller may hold: tune searches for it, along this path and over what is sampled here"
-"""What `tune` does not say of what it found."""
 
 _LESS = 0.5  # share of the samples beyond the limit that may be left where friction is known, if it decides
 _MOST = 0.5  # share of samples that exceed the limit beyond which nothing is said of the nominal one

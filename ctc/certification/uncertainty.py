@@ -161,8 +161,8 @@ class Uncertainty(Shown, Part):
 
 
 _RANGES = {"load": ("kg", False), "delay": ("s", False)}
+# Name -> unit of each range, and whether it may be negative.
 _RANGES |= {name: (row.unit, row.signed) for name, row in IMPERFECTIONS.items()}
-"""Name -> unit of each range, and whether it may be negative."""
 
 _PLACE = "Give x, y and z in the last frame [m]."
 _ARRAYS: tuple[tuple[str, tuple[int | str | None, ...], str], ...] = (

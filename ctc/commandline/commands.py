@@ -26,8 +26,8 @@ from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
 
 _COLUMNS = Path(__file__).with_name("columns.toml")  # what a robot file says of the logs' columns, to be filled in
+# What the JSON has of each finding of a checkup.
 _OF_FINDINGS = ("check", "joint", "value", "unit", "verdict", "advice")
-"""What the JSON has of each finding of a checkup."""
 
 
 def run_demo(given: Namespace) -> Answer:
@@ -223,8 +223,8 @@ def run_report(given: Namespace) -> Answer:
     return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(found)})
 
 
+# Name of each command -> what it does.
 COMMANDS = {
     "demo": run_demo, "robots": run_robots, "check": run_check, "identify": run_identify, "certify": run_certify,
     "tune": run_tune, "report": run_report,
 }  # fmt: skip
-"""Name of each command -> what it does."""

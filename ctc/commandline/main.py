@@ -161,6 +161,7 @@ _UNCERTAIN = (
     *_output("file for report", required=False), _CHECKPOINT,
 )  # fmt: skip
 
+# Name of each command -> what it is for, and its arguments.
 _COMMANDS: dict[str, tuple[str, Any]] = {
     "demo": ("the paper from end to end: measure, identify, control", (
         _option("--seed", **_SEED[1] | {"default": 1}),
@@ -203,4 +204,3 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         _BANDWIDTH, _PATH, *_output("the page, such as page.html"),
     )),
 }  # fmt: skip
-"""Name of each command -> what it is for, and its arguments."""

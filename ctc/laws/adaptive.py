@@ -12,8 +12,8 @@ from plant.parts.arguments import array, signs
 from plant.parts.fields import Nested, Vector
 from plant.parts.part import number, part, structure
 
+# Share of the amplifier's limit above which a cut of the torque counts; rounding errors are far below.
 _AT_THE_LIMIT = 1e-9
-"""Share of the amplifier's limit above which a cut of the torque counts; rounding errors are far below."""
 
 
 @part

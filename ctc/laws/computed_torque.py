@@ -20,11 +20,11 @@ from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
 from plant.realtime.running import Running
 
+# Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost.
 _SLIDES, _BEGINS = 30.0, 10.0
-"""Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of its boost."""
 
+# By which the dead zone is wider for joints whose reference stands; sweeps of its predicted friction.
 _STANDING, _SWEEPS = 2.5, 4
-"""By which the dead zone is wider for joints whose reference stands; sweeps of its predicted friction."""
 
 _MOST = 0.5  # bandwidth times period, of a boosted regulator
 

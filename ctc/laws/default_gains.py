@@ -27,16 +27,16 @@ class Gains(NamedTuple):
     start_time: float = 10.0
 
 
+# By what is known: nothing but f; f with a covariance; friction as well, and gears; friction, on rigid gears: those of
+# 60 Hz swing under a faster observer or a larger boost. More bandwidth takes a smaller dead zone.
 _ARM, _IDENTIFIED, _GEARS = Gains(360.0, 0.0), Gains(145.0, 0.2), Gains(100.0, 0.4)
 _FRICTION_TOO = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
-"""By what is known: nothing but f; f with a covariance; friction as well, and gears; friction, on rigid gears: those of
-60 Hz swing under a faster observer or a larger boost. More bandwidth takes a smaller dead zone."""
 
+# Of a pulse, by which one standard deviation of what the model lacks may move a joint, its friction identified.
 _SHARE = 0.28
-"""Of a pulse, by which one standard deviation of what the model lacks may move a joint, its friction identified."""
 
+# Excess of the bandwidth that this takes, up to which the least one stays: gears of 60 Hz swing under more.
 _NEARLY = 1.2
-"""Excess of the bandwidth that this takes, up to which the least one stays: gears of 60 Hz swing under more."""
 
 _SAMPLED = 0.3  # bandwidth times period, at most
 
@@ -48,9 +48,9 @@ _POSES = 3  # of the identified path, at which loops have to be stable
 
 _OFF = 0.9, 1.0, 1.15  # stiffness, in shares of the stated, with which a law that predicts its gears has to be stable
 
+# Share of its bandwidth that another one is stable with, and stiffnesses: a fast observer can be stable on soft gears,
+# but no longer where they are a little stiffer.
 _SPARE, _STIFFER = 1.4, (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
-"""Share of its bandwidth that another one is stable with, and stiffnesses: a fast observer can be stable on soft gears,
-but no longer where they are a little stiffer."""
 
 
 def known_gains(found: Any, rig: Any = None) -> Gains:

@@ -12,8 +12,8 @@ from plant import Arm, Rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.fields import Floats
 
+# (omega dt)^2 of motors against their links, at most poses: faster ones a filter of this period takes for rigid.
 _FOLLOWED = 1.0
-"""(omega dt)^2 of motors against their links, at most poses: faster ones a filter of this period takes for rigid."""
 
 _POSES = 200  # that give the range of a joint's inertia
 

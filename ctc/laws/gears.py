@@ -17,14 +17,14 @@ from plant.machine.elasticity import joined, spring
 from plant.mechanics.symmetric_inverse import Inverse, inverse
 
 Deviation = tuple[ca.SX, ...]
+# (mobility of the motors, rate without dry friction) -> impulse of dry friction (n, 1) [N m s].
 Friction = Callable[[Inverse, ca.SX], ca.SX]
-"""(mobility of the motors, rate without dry friction) -> impulse of dry friction (n, 1) [N m s]."""
 
+# Of a joint on elastic gears: five gains of its filter and four of its regulator, polynomials of its inertia.
 GAINS, POWERS = 9, 4
-"""Of a joint on elastic gears: five gains of its filter and four of its regulator, polynomials of its inertia."""
 
+# Share of the stated stiffness with which deviations are predicted: where it is too stiff, they grow first.
 _SOFTER = 0.8
-"""Share of the stated stiffness with which deviations are predicted: where it is too stiff, they grow first."""
 
 
 class RigidGears:

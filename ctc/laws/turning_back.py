@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from plant import Drive, Rig
 from plant.parts.arguments import array
 
+# Rate [1/s] at which friction is learnt where a joint turns back, and time constant of what was before [s].
 _LEARNS, _RECENT = 40.0, 0.4
-"""Rate [1/s] at which friction is learnt where a joint turns back, and time constant of what was before [s]."""
 
 _HOLDS = "Give the joint torque that holds the arm now [N m]."
 
@@ -70,14 +70,14 @@ def unexplained(torque: ArrayLike, law: Any, rig: Rig, q: NDArray[np.float64]) -
     return coupling.joint_torque(lacking - np.clip(lacking, -level, level))
 
 
+# Predicted distance from the middle of the counted cell [pulses] of a swing, less the second times the dead zone (the
+# smaller that is, the more of the rounding is predicted); and by how much that of a load is more.
 _SWINGS, _QUIETER, _UNEXPECTED = 1.0, 0.75, 0.25
-"""Predicted distance from the middle of the counted cell [pulses] of a swing, less the second times the dead zone (the
-smaller that is, the more of the rounding is predicted); and by how much that of a load is more."""
 
 _NEAR = 5.0  # error [pulses] beyond which the boost is less in proportion: it would take the torque from limit to limit
 
+# Time between distances of opposite signs for a swing, at most, less a sample, times the bandwidth; its memory [s].
 _WITHIN, _REMEMBERED = 0.67, 10.0
-"""Time between distances of opposite signs for a swing, at most, less a sample, times the bandwidth; its memory [s]."""
 
 
 def boosted(most: float, share: ca.SX, error: ca.SX, swings: ca.SX) -> ca.SX:

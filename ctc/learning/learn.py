@@ -15,10 +15,9 @@ from plant.parts.arguments import instance, known_options
 from plant.parts.fields import Floats
 from plant.simulation.executors import mapped
 
+# Share of the missing torque that is added; to which share of the last it must fall; and by which share of the samples
+# more may be beyond ±1 pulse than before.
 _GAIN, _FALLS, _WORSE = 0.7, 0.8, 0.005
-"""Share of the missing torque that is added; to which share of the last it must fall; and by which share of the samples
-more may be beyond ±1 pulse than before.
-"""
 
 _ORDER = "The order is law, rig, reference, records."
 
@@ -27,8 +26,8 @@ _FINEST, _MOST = 40.0, 400  # highest frequency of the learnt torque [Hz], and i
 
 _MOVES = 3.0  # speed of the reference [pulses/s] from which on a joint moves
 
+# Of a joint that stands and should move: bandwidth [rad/s], lead [s] and smoothing [s] of the torque that it gets.
 _STIFF, _AHEAD, _BLURRED = 14.0, 0.015, 0.008
-"""Of a joint that stands and should move: bandwidth [rad/s], lead [s] and smoothing [s] of the torque that it gets."""
 
 
 @known_options

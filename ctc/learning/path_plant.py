@@ -138,8 +138,8 @@ def _exponentials(matrices: Floats) -> Floats:
 
 _OMEGA = 100.0  # bandwidth of the estimate [rad/s]
 
+# How long the count of a joint stands that sticks, and for how long its friction is taken to hold on [s].
 _STANDS, _MEMORY = 0.02, 0.05
-"""How long the count of a joint stands that sticks, and for how long its friction is taken to hold on [s]."""
 
 
 class Missing(NamedTuple):

@@ -44,9 +44,9 @@ class PayloadEvent(Shown):
 
 _SETTLE = 0.1  # from the start, in which nothing is collected and no change is looked for: the observers settle [s]
 _AGAIN = 0.25  # share of a window after which, where one was not sufficient, the next one is evaluated
+# By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes [s]: friction that
+# differs comes back into the observer.
 _FRESH, _FRESH_TIME = 2.0, 0.05
-"""By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes [s]: friction that
-differs comes back into the observer."""
 
 _AHEAD = 5e-3  # a loop that is so far ahead of the clock is a simulation, and waits for its answer [s]
 _PATIENCE = 60.0  # for how long it would [s]

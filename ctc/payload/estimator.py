@@ -143,5 +143,5 @@ class PayloadEstimator:
 
 
 _SWINGING = 2.0  # what elastic gears add to the disturbance after a change, as a factor
+# Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes of it.
 _ROUNDING = 200.0
-"""Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes of it."""

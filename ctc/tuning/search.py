@@ -21,40 +21,40 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
 from plant.simulation.population import Runs
 
+# Generations of one search after another, and the share of the limit within which errors before rounding are to stay;
+# with an infinite one the counts decide, as in the verdict: those of a pulse are errors of up to two before rounding.
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
-"""Generations of one search after another, and the share of the limit within which errors before rounding are to stay;
-with an infinite one the counts decide, as in the verdict: those of a pulse are errors of up to two before rounding."""
 
+# Searches at most that go on from the first tuning under which none exceeds the limit; the share of chatter to which
+# each must bring it for another to follow; how far from it they search, in the logarithm of each variable; and the
+# share of the limit that they aim at.
 _QUIETER, _GAIN, _NEAR, _SPARE = 4, 0.9, 0.5, 1.05
-"""Searches at most that go on from the first tuning under which none exceeds the limit; the share of chatter to which
-each must bring it for another to follow; how far from it they search, in the logarithm of each variable; and the share
-of the limit that they aim at."""
 
+# Tunings with less chatter under which the fewest fail, and so many on the way to each from the best that holds.
 _BETWEEN = 2, 5
-"""Tunings with less chatter under which the fewest fail, and so many on the way to each from the best that holds."""
 
 _STEPS = 4, 8  # integration steps per sample in a search, and in a check
 
+# Tunings of a search that are checked at most, and samples that exceed the limit under each which join the next.
 _CHECKED, _JOINING = 2, 6
-"""Tunings of a search that are checked at most, and samples that exceed the limit under each which join the next."""
 
 _FIRST = 200  # samples of a check after which it ends if more exceed the limit than may
 
 _HARDEST = 2  # motions of a set on which a search begins
 
+# Of a family whose searches have all of their generations; how much more chatter all known tunings of a family have
+# than what holds in another where it is not searched.
 _VARIABLES, _LOUDER = 5, 2.0
-"""Of a family whose searches have all of their generations; how much more chatter all known tunings of a family have
-than what holds in another where it is not searched."""
 
+# Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses], against chatter.
 _LEFT, _BEYOND = 20.0, 5.0
-"""Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses], against chatter."""
 
 _RANK = operator.attrgetter("rank")
 
 _FAR = 20.0  # peak error [pulses] beyond which one is as bad as another
 
+# Generation after which a search is given up under whose best tuning such a share still exceeds the limit.
 _HOPE, _HOPELESS = 8, 0.5
-"""Generation after which a search is given up under whose best tuning such a share still exceeds the limit."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

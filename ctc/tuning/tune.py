@@ -21,9 +21,9 @@ from plant.parts.arguments import known_options, real
 from plant.parts.progress import progress_bar
 from plant.simulation.executors import Executor
 
+# Samples with which a search begins; with how many if some may exceed the limit; others for its best, of one path; and
+# the number of motions up to which these are shared out among them.
 _PLANTS, _MORE, _FRESH, _MOTIONS = 16, 80, 2000, 4
-"""Samples with which a search begins; with how many if some may exceed the limit; others for its best, of one path; and
-the number of motions up to which these are shared out among them."""
 
 _GENERATIONS = sum(generations for generations, _ in ROUNDS)
 

@@ -30,9 +30,9 @@ SETTLED = 0.02  # time before which samples do not count [s]
 RIGID = 1e5  # resonance [Hz] of a gear that moves like a rigid one
 
 
+# Phase [rad] of a locked-rotor resonance in one sub-step up to which the vibration of motor against link, which is
+# faster, is right to 1 % in its frequency: of the arms of `plant.puma560`, at 1.1 rad and to 0.3 %.
 _FOLLOWED = 0.6
-"""Phase [rad] of a locked-rotor resonance in one sub-step up to which the vibration of motor against link, which is
-faster, is right to 1 % in its frequency: of the arms of `plant.puma560`, at 1.1 rad and to 0.3 %."""
 
 
 def require_followed(name: str, hz: ArrayLike, step: float) -> None:

@@ -31,12 +31,12 @@ from plant.parts.sums import least, product
 
 SEGMENTS = 10  # segments of all logs together, at least; and of each log, at most
 
+# Least speeds that are tested, in the usual speed of each joint, the most cautious first.
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
-"""Least speeds that are tested, in the usual speed of each joint, the most cautious first."""
 
+# Standard errors over the segments by which the squared errors of prediction may be larger, and from which on nothing
+# more inclusive is tried.
 _WORSE, _FAR = 1.0, 3.0
-"""Standard errors over the segments by which the squared errors of prediction may be larger, and from which on
-nothing more inclusive is tried."""
 
 _SMALL = 0.1  # the same, relative, that does not count however regular it is
 

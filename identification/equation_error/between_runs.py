@@ -38,8 +38,8 @@ _TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that 
 _ALIKE = 1e-12  # variance between runs over that of their noise, at most, of runs that are the same
 _FLAT = 1e-9  # change of twice the log likelihood over all variances below which it says nothing of them
 
+# Logs that are counted; degrees of freedom of what is not compared; and share, or deviations, that is told.
 _MOST, _MANY, _TOLD = 1000, 1e6, 5e-4
-"""Logs that are counted; degrees of freedom of what is not compared; and share, or deviations, that is told."""
 
 ONE_LOG = "intervals by blocks of one log: what differs between runs is not in them; a second log would tell"
 

@@ -9,8 +9,8 @@ from plant.motion.reference import Motion
 from plant.parts.arguments import real
 from plant.parts.fields import Floats
 
+# Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order.
 _ORDER = 4
-"""Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order."""
 
 
 def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:

@@ -63,8 +63,8 @@ _REPLAYED = (4.0, 8.0, 16.0, 32.0)  # the same of logs that replay their torque 
 
 _SPARSE = 4.0  # samples that are kept, per period of the cutoff: what is left is in the band alone
 
+# How often, at most, each gear is fitted anew with the others as they are; and how far, in places of the grid.
 _ROUNDS, _NEAR = 6, 2
-"""How often, at most, each gear is fitted anew with the others as they are; and how far, in places of the grid."""
 
 
 class _Wound:

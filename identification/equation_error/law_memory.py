@@ -23,13 +23,13 @@ from plant.simulation.law_run import LawRun, run_from, run_law
 
 _FIRST = 10  # samples whose speed the arm had before
 
+# Samples after which what a law does of its state is looked at; before, it is as if the arm had begun otherwise.
 FADED = 30
-"""Samples after which what a law does of its state is looked at; before, it is as if the arm had begun otherwise."""
 
 _MILD = 0.03  # torque that a change of state makes at first and then no longer, in the largest of the log: at most
 
+# Of a reference rebuilt from counts: a number of knots, relative, and the share of torque that it may change.
 _FINER, _HIDDEN = 2.2, 0.005
-"""Of a reference rebuilt from counts: a number of knots, relative, and the share of torque that it may change."""
 
 _ROUNDS = 3  # fits of the state; a law that saturates is not linear in it
 

@@ -11,13 +11,13 @@ from plant.mechanics.lumping import STANDARD
 
 T = TypeVar("T")
 
+# Units of numbers of rig and law, of the side that they are stated on.
 _OF_RIG = {
     "drive.motor_inertia": "kg m²", "drive.viscous": "N m s/rad", "drive.coulomb": "N m", "drive.motor_gain": "N m/A",
     "drive.current_limit": "A", "drive.current_lag": "s", "drive.elasticity.stiffness": "N m/rad",
     "drive.elasticity.damping": "N m s/rad", "drive.elasticity.backlash": "rad", "drive.curve.offset": "N m",
     "drive.curve.breakaway": "N m", "drive.curve.speed": "rad/s", "law.gain": "N m per pulse",
 }  # fmt: skip
-"""Units of numbers of rig and law, of the side that they are stated on."""
 
 _INERTIA = [kind.startswith(("I", "J")) for kind in STANDARD]
 _FIRST = [kind in ("mx", "my", "mz") for kind in STANDARD]

@@ -27,8 +27,8 @@ from plant.simulation.jacobians import jacobians
 
 _BAND = 2.0  # pass band, in frequencies of the slow mode
 
+# Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding.
 _BEYOND, _FAR_MORE = 8.0, 1000.0
-"""Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding."""
 
 CUTOFF = 2.5  # low-pass before differentiation, in pass bands
 

@@ -24,9 +24,9 @@ from plant.parts.arguments import array, near
 from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats
 
+# What the names of friction in which the torque is linear begin with; and of springs, in some of which it is.
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
-"""What the names of friction in which the torque is linear begin with; and of springs, in some of which it is."""
 
 _WIDER = 8  # how much longer than a bridged gap the memory of a filter is
 

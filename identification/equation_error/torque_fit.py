@@ -31,9 +31,9 @@ from plant.parts.tables import Table
 _POOR = 0.3  # relative torque error above which something is wrong with the log rather than with the arm
 
 _APART = 4.0  # standard deviations of a log by which f, which is the arm's, may differ between logs
+# Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
+# is doubted.
 _DOUBTED, _OTHERWISE = 5.0, 0.2
-"""Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
-is doubted."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -26,8 +26,8 @@ from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 from plant.parts.sums import product, products
 
+# Relative standard deviation of torques beside that of f: gears that no rig states, lengths, direction of gravity.
 _TORQUES = 2e-3
-"""Relative standard deviation of torques beside that of f: gears that no rig states, lengths, direction of gravity."""
 
 
 class Deflections(NamedTuple):

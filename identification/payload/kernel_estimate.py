@@ -71,8 +71,8 @@ class Smoothing:
         return np.column_stack([np.convolve(column, self._kernels[which], "valid") for column in x.T])
 
 
+# Speed [rad/s] that a joint must have throughout a kernel: below, its friction is not known to slide one way.
 _SLOW = 0.05
-"""Speed [rad/s] that a joint must have throughout a kernel: below, its friction is not known to slide one way."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,8 +158,8 @@ class TorqueWindow:
 KERNEL = 0.04  # length of the smooth kernel [s]
 
 
+# Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which oscillate.
 _RIGID, _ELASTIC = 2.0, 20.0
-"""Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which oscillate."""
 
 
 def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:

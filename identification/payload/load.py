@@ -19,9 +19,9 @@ _EXPLAINED = 0.347  # RMS innovation [pulses] above which more than rounding is 
 
 _BY_CHANCE = 4.0  # standard deviations of chi-square above its mean from which on it is not chance
 
+# Share of a range within which a value lies at its end; standard deviations below zero from which on a mass is called
+# negative; and Birge ratio from which on logs are said to differ.
 _AT_END, _NEGATIVE, _APART = 1e-6, 2.0, 2.0
-"""Share of a range within which a value lies at its end; standard deviations below zero from which on a mass is called
-negative; and Birge ratio from which on logs are said to differ."""
 
 
 def birge(runs: Sequence[tuple[float, float]]) -> float:

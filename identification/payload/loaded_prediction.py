@@ -11,9 +11,9 @@ from identification.replay.prediction import Prediction
 from identification.search.polish import by_stages
 from plant.parts.fields import Floats
 
+# RMS of rounding [pulses]; and relative change of what an innovation tells from which on stated friction is weighed
+# anew.
 _ROUNDING, _CHANGED = 0.289, 0.05
-"""RMS of rounding [pulses]; and relative change of what an innovation tells from which on stated friction is weighed
-anew."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,8 +23,8 @@ from identification.payload.posterior import LoadShape, PayloadEstimate
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 
+# Over which a replay of the genetic algorithm forgets [s]; with 0.04 its errors were three times as large.
 FORGETTING = 0.02
-"""Over which a replay of the genetic algorithm forgets [s]; with 0.04 its errors were three times as large."""
 
 
 @dataclasses.dataclass(frozen=True)

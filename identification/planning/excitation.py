@@ -33,11 +33,11 @@ _LEAST_UNIT = 1e-2  # of the largest parameter: as far as any other one is worth
 _FULL = 100.0  # pulses of error at which a loop without a law takes its largest torque
 _LEAST_PULSES = 100  # by which every motor has to move, at least
 _SLACK = 1e-3  # by how much a limit may be exceeded [SI]
+# Where Ipopt ends, too: the limits are kept, and the objective has hardly changed for some iterations.
 _SETTLED = {
     "acceptable_tol": 1e9, "acceptable_constr_viol_tol": 1e-4, "acceptable_compl_inf_tol": 1e-3,
     "acceptable_obj_change_tol": 1e-3, "acceptable_iter": 6,
 }  # fmt: skip
-"""Where Ipopt ends, too: the limits are kept, and the objective has hardly changed for some iterations."""
 _TORQUE = 0.8  # share of the amplifier's limit that the model's torque and friction may take
 
 

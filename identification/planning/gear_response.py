@@ -15,8 +15,8 @@ from plant.parts.fields import Floats
 
 _HELD = 0.2  # share of the sampling rate up to which a held torque is its mean, half a sample late, to 1 %
 
+# Standard deviations of a compliance above which it counts: rounding, which repeats, gives rigid gears up to 5.
 _FIRM = 8
-"""Standard deviations of a compliance above which it counts: rounding, which repeats, gives rigid gears up to 5."""
 
 
 class Resonances(NamedTuple):

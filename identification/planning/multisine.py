@@ -18,8 +18,8 @@ from plant import Arm, Chain, Dynamics, Harmonics, Rig
 from plant.parts.arguments import array
 from plant.parts.fields import Floats
 
+# Share of the way to a limit, and of a limit of speed; [rad] to either side of joints without limits; near a pose.
 _SHARE, _AROUND, _NARROW = 0.9, np.pi / 2, 0.1
-"""Share of the way to a limit, and of a limit of speed; [rad] to either side of joints without limits; near a pose."""
 
 
 def experiment_of(given: Any, rig: Rig) -> tuple[Any, Rig]:
@@ -72,11 +72,11 @@ def _within(chain: Chain, lower: Floats, upper: Floats, part: float) -> Floats:
 
 _LINES, _HIGHEST = 25, 0.1  # by default: lines, and the highest of them, as a share of the sampling rate
 
+# Of the search for phases: shares of the peak at which it clips in turn, samples per period of the highest line.
 _CLIPPED, _TIMES = np.linspace(0.5, 0.98, 200), 8
-"""Of the search for phases: shares of the peak at which it clips in turn, samples per period of the highest line."""
 
+# Rounds in which amplitudes shrink to the torque that is allowed, and share by which the last may exceed it.
 _FITS, _SLACK = 20, 1e-3
-"""Rounds in which amplitudes shrink to the torque that is allowed, and share by which the last may exceed it."""
 
 
 def _lines(rig: Rig, period: float, frequencies: ArrayLike | None) -> NDArray[np.intp]:

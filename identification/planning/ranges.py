@@ -127,11 +127,11 @@ class LinkSize:
 
 _MOTOR = (1e-4, 1e-3)  # Jm of a motor of the PUMA 560, at least and at most [kg m^2]
 
+# What 3.6 says of the links of the paper's robot.
 PUMA560 = (
     LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=_MOTOR),
     LinkSize(mass=(1, 10), x=(-0.08, 0.08), y=(-0.50, 0.0), motor_inertia=_MOTOR, radius=0.25),
 )
-"""What 3.6 says of the links of the paper's robot."""
 
 
 def ranges(

@@ -24,8 +24,8 @@ from plant.simulation.followed_path import Logged, path_of, start_of
 from plant.simulation.loop_kernel import LOGGED, logged_kernel, loop_kernel
 from plant.simulation.simulator import injected_beside
 
+# What one word stands for among the unknowns.
 GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
-"""What one word stands for among the unknowns."""
 
 _GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")  # numbers that turn counts into angles
 

@@ -28,8 +28,8 @@ _RIGID = 1e5  # locked-rotor resonance of a rigid gear [Hz]
 
 _PROMPT = 1e-9  # lag of currents that do not lag [s]
 
+# Damping ratio of gears that are tested: the middle of the usual range, at which the detection is measured.
 _DAMPING = 0.02
-"""Damping ratio of gears that are tested: the middle of the usual range, at which the detection is measured."""
 
 _PLACES = {"backlash": "drive.elasticity.backlash", "lag": "drive.current_lag.time", "offset": "drive.curve.offset"}
 

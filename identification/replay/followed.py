@@ -19,8 +19,8 @@ _LOST, _SETTLING = 4.5, 80  # periods that may be missing, and samples after a l
 
 _WINDOW = 10  # samples before and after, over which the speed of the counts is taken
 
+# Counts per sample below which the loop feels single counts, and samples that this is felt for.
 _SLOW, _RINGING = 1.0, 30
-"""Counts per sample below which the loop feels single counts, and samples that this is felt for."""
 
 
 class Followed(Experiment):

@@ -16,15 +16,15 @@ from plant.compiler.background import cores
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, norm
 
+# An unknown whose slope is independent of the others' by less than this share is not separately identifiable.
 DEPENDENT = 1e-4
-"""An unknown whose slope is independent of the others' by less than this share is not separately identifiable."""
 
 _SHORTER = 8  # how often a step that loses the log is cut to a quarter
 
 _JUMP = 0.01  # change of the innovations, in their own length, from which on it can be a jump
 
+# Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of the slopes.
 _PER_CORE = 4
-"""Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of the slopes."""
 
 _LAGS = 50  # samples over which the autocorrelation of the innovations is added up
 

@@ -134,8 +134,8 @@ def along(made: Floats, rates: Floats, target: Floats) -> Floats:
 
 _LOWEST, _HIGHEST = 15.0, 250.0  # resonances between which compliance is tried [Hz]
 
+# Of one to the next: under a law that follows the counts, and where torques are repeated, whose effect is narrow.
 _RATIO, _FINE = 1.25, 1.1
-"""Of one to the next: under a law that follows the counts, and where torques are repeated, whose effect is narrow."""
 
 _WIDTHS = (1, 2, 4, 8, 16)  # backlash that is tested [pulses], in a gear that else has a resonance at:
 

@@ -32,17 +32,17 @@ from plant.simulation.loop_kernel import LOGGED
 
 _MEMORY = 10  # samples over which the observer forgets, to begin with
 
+# The same where a law repeats a log, and the least: what such a model lacks is friction, not noise, and is correlated.
+# With a shorter one it would follow the counts so closely that little else shows.
 _REPLAYED = 8
-"""The same where a law repeats a log, and the least: what such a model lacks is friction, not noise, and is correlated.
-With a shorter one it would follow the counts so closely that little else shows."""
 
 _SMALL = 0.01  # step of the observer gains, relative
 
+# Steps of what a law remembers [N m], and of where [rad] and how fast [rad/s] the arm begins.
 _MEMORY_STEP, _BEGIN_STEP, _SPEED_STEP = 0.05, 1e-6, 1e-4
-"""Steps of what a law remembers [N m], and of where [rad] and how fast [rad/s] the arm begins."""
 
+# RMS of rounding [pulses]; and how far off a law's memory is expected to be, in its magnitudes in the log.
 _ROUNDING, _AT_MOST = 0.289, 2.0
-"""RMS of rounding [pulses]; and how far off a law's memory is expected to be, in its magnitudes in the log."""
 
 _ZERO_STEP, _ZERO_LIMIT = 1e-4, 0.5  # step of a encoder offset, and its largest magnitude [rad]
 

@@ -18,13 +18,13 @@ from identification.replay.gauss_newton import DEPENDENT, slopes
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, product
 
+# Steps with which the others are fitted anew, and the decrease, as a share of the level, that ends it.
 _ROUNDS, _CLOSE = 8, 0.02
-"""Steps with which the others are fitted anew, and the decrease, as a share of the level, that ends it."""
 
 _AGAIN = 3  # how often, at most, slopes are taken anew where a walk begins
 
+# Values of a coordinate that are tested for an end, and the relative distance from the level that is near enough.
 _TRIES, _NEAR = 7, 0.1
-"""Values of a coordinate that are tested for an end, and the relative distance from the level that is near enough."""
 
 _LOWER = 0.25  # by how much, as a share of the level, a lower sum must be lower
 

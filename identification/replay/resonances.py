@@ -29,17 +29,17 @@ _EXPECTED = (0.005, 0.05)  # damping ratios between which 95 % of all gears are 
 _USUAL = float(np.log(_EXPECTED).mean())
 _SPREAD = float(np.diff(np.log(_EXPECTED))[0]) / 2 / NORMAL
 
+# Resonances [Hz] and damping ratios between which a search stays; the last resonance is as good as rigid.
 _BETWEEN, _RATIOS = (4.0, 1000.0), (1e-3, 0.5)
-"""Resonances [Hz] and damping ratios between which a search stays; the last resonance is as good as rigid."""
 
+# Steps of central differences: of a squared period at least [s^2], and relative; of ln of a damping ratio.
 _SHORT, _FINE, _RATIO = 0.008 / (2 * np.pi * 100) ** 2, 0.003, 0.05
-"""Steps of central differences: of a squared period at least [s^2], and relative; of ln of a damping ratio."""
 
 _ANY = 60.0  # resonance of a rotor on its gear that stands for one that is not known yet [Hz]
 
+# By how much variances of coordinates exceed those from scatter and autocorrelation of the innovations: rounding is no
+# noise, it comes and goes with the speed (tests/benchmarks/elastic_identification.py).
 INFLATION = 2.5
-"""By how much variances of coordinates exceed those from scatter and autocorrelation of the innovations: rounding is no
-noise, it comes and goes with the speed (tests/benchmarks/elastic_identification.py)."""
 
 _ROUNDING = (INFLATION / 12) ** 0.5  # noise to begin with: that of rounding alone [pulses]
 

@@ -25,8 +25,8 @@ from plant.parts.fields import Floats
 from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 
+# Twice the rise of the log-likelihood at the ends of an interval, at a bound, and up to which a gear may be rigid.
 _TWO_SIDED, _ONE_SIDED, _LIKE_RIGID = 3.84, 2.71, 3.84
-"""Twice the rise of the log-likelihood at the ends of an interval, at a bound, and up to which a gear may be rigid."""
 
 
 class Intervals:
@@ -92,8 +92,8 @@ class Intervals:
 
 _GRID = np.geomspace(8.0, 400.0, 15)  # resonances of the first search [Hz]
 
+# Starts that are followed beside a rigid one, and for how many rounds, before the best goes on alone.
 _STARTS, _FIRST = 2, 4
-"""Starts that are followed beside a rigid one, and for how many rounds, before the best goes on alone."""
 
 _RIGID = 1e-12  # compliance of a gear that is as good as rigid [rad/(N m)]
 

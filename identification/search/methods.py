@@ -22,8 +22,8 @@ from plant.parts.fields import Floats
 
 _BOX = 4.0  # half width of the box around the equation error, in its standard deviations
 
+# Standard deviations around the prediction error's fit at which so many vectors are tried on objective (4).
 _NEAR, _NEIGHBOURS = 0.03, 119
-"""Standard deviations around the prediction error's fit at which so many vectors are tried on objective (4)."""
 
 _MANY = 30  # unknowns from which on the paper's 60 individuals are too few for a box around what is the better start
 

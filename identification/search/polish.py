@@ -21,8 +21,8 @@ from plant.parts.sums import products
 
 _SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
+# Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative.
 _STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
-"""Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative."""
 
 _ROUNDED = 8  # logs by which the bias of rounding is found
 

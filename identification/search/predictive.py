@@ -18,21 +18,21 @@ from plant.simulation.followed_path import is_rounded
 
 ROUNDINGS = 0.58  # difference [pulses, rms] that two roundings alone give
 
+# Difference [pulses] from which it asks for an explanation: of the counts, and of the path as well.
 _FAR, _FAR_ROUNDED = 0.9, 1.5
-"""Difference [pulses] from which it asks for an explanation: of the counts, and of the path as well."""
 
+# Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the log for them.
 ROUGH = ("equation_error", "output_error", "paper")
-"""Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the log for them."""
 
 FALSE_ALARM = 1e-3  # probability that a log is doubted which differs from the model's run as other runs of the model do
 
+# Runs of the model, and with which probability each look may doubt; and how few say nothing.
 _LOOKS, _FEW = ((8, 0.1 * FALSE_ALARM), (40, 0.9 * FALSE_ALARM)), 4
-"""Runs of the model, and with which probability each look may doubt; and how few say nothing."""
 
+# Difference over the rms of measured errors that no healthy log exceeds (two runs that hunt independently differ by 1.4
+# of it; runs of a model that differ by more would hide any log); logarithm of frequencies that hunt alike; and how much
+# of what is told of a log a run has to show.
 _OWN, _SAME_HZ, _NEARLY = 2.0, 0.4, 0.7
-"""Difference over the rms of measured errors that no healthy log exceeds (two runs that hunt independently differ by
-1.4 of it; runs of a model that differ by more would hide any log); logarithm of frequencies that hunt alike; and how
-much of what is told of a log a run has to show."""
 
 
 class Predicted(NamedTuple):

@@ -88,8 +88,8 @@ class Tolerances(Frozen):
 
 _TWO_ROUNDINGS = 1 / 6  # variance of the difference of two logs that are rounded [pulses^2]
 
+# What the names of numbers that cannot be negative begin with.
 _POSITIVE = re.compile(r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\[\d+\])?\.stiffness")
-"""What the names of numbers that cannot be negative begin with."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -184,8 +184,8 @@ class Problem:
         return self.dynamics.arm([named[name] for name in self.dynamics.names]), first.rig.filled(named), law
 
 
+# Samples above which a record is long, and parts that stand for it then, of so many samples together.
 LONG, PARTS = 50_000, 20
-"""Samples above which a record is long, and parts that stand for it then, of so many samples together."""
 
 _STILL = 0.5  # readings of a part, in those of the best one of its stretch, below which that one is taken
 
