@@ -13,8 +13,6 @@ Trees (1984), ch. 3 (one standard error); P. Burman, E. Chow, D. Nolan, A cross-
 Biometrika 81 (1994) (segments left out, with a gap on both sides).
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools
@@ -104,7 +102,7 @@ class _Tried:
             found[s] = np.mean(missed**2)
         return found
 
-    def worse(self, other: _Tried) -> float:
+    def worse(self, other: "_Tried") -> float:
         """By how many standard errors `other` predicts these equations worse; what passes, where hardly so."""
         own = self.losses(self.without)
         more = self.losses(other.without) - own

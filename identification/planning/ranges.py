@@ -1,7 +1,5 @@
 """Ranges of the search: f from the size and the mass of the robot, by interval arithmetic. Source: paper 3.6."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
@@ -32,7 +30,7 @@ class Interval:
             raise ValueError(f"an interval must be finite with low <= high; got [{self.low}, {self.high}]. Swap them.")
 
     @staticmethod
-    def of(value: Interval | ArrayLike) -> Interval:
+    def of(value: "Interval | ArrayLike") -> "Interval":
         """Interval of a number, a pair or an interval."""
         if isinstance(value, Interval):
             return value
@@ -40,28 +38,28 @@ class Interval:
         low, high = array("interval", ends, (2,), advice="Give a number, or low and high.")
         return Interval(float(low), float(high))
 
-    def __add__(self, other: Interval | ArrayLike) -> Interval:
+    def __add__(self, other: "Interval | ArrayLike") -> "Interval":
         other = Interval.of(other)
         return Interval(self.low + other.low, self.high + other.high)
 
-    def __mul__(self, other: Interval | ArrayLike) -> Interval:
+    def __mul__(self, other: "Interval | ArrayLike") -> "Interval":
         other = Interval.of(other)
         products = [a * b for a in (self.low, self.high) for b in (other.low, other.high)]
         return Interval(min(products), max(products))
 
-    def __pow__(self, exponent: int) -> Interval:
+    def __pow__(self, exponent: int) -> "Interval":
         whole("exponent", exponent, "Multiply otherwise.")
         ends = [self.low**exponent, self.high**exponent]
         inside = [0.0] if exponent % 2 == 0 and self.low < 0 < self.high else []
         return Interval(min(ends + inside), max(ends))
 
-    def __neg__(self) -> Interval:
+    def __neg__(self) -> "Interval":
         return Interval(-self.high, -self.low)
 
-    def __sub__(self, other: Interval | ArrayLike) -> Interval:
+    def __sub__(self, other: "Interval | ArrayLike") -> "Interval":
         return self + -Interval.of(other)
 
-    def __rsub__(self, other: Interval | ArrayLike) -> Interval:
+    def __rsub__(self, other: "Interval | ArrayLike") -> "Interval":
         return -self + other
 
     __radd__, __rmul__ = __add__, __mul__

@@ -8,8 +8,6 @@ noisy, so both are means over periods of an excitation that repeats exactly.
 Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. (2012), ch. 2 and 7.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -74,7 +72,7 @@ class FrequencyResponse(Shown, Frozen):
         """
         return resonances(self.frequency, self.plant, self.plant_std, self.held, drive)
 
-    def to_control(self, which: str = "plant") -> control.FrequencyResponseData:
+    def to_control(self, which: str = "plant") -> "control.FrequencyResponseData":
         """One of both responses, "plant" or "loop", as python-control's FRD, sampled."""
         import control
 

@@ -1,7 +1,5 @@
 """What a method of identification gives back: the fit, its gears, how it came about, and what a result keeps of it."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import Any, Self
@@ -47,7 +45,7 @@ class GearResonance(Shown, Frozen):
     searched: NDArray[np.bool_]
     played: tuple[str, ...] = ()
 
-    def beside_backlash(self, joints: tuple[str, ...]) -> GearResonance:
+    def beside_backlash(self, joints: tuple[str, ...]) -> Self:
         """What remains of it where the log shows backlash at these joints: bounds."""
         return dataclasses.replace(self, high=np.where(self.searched, np.inf, self.high), played=joints)
 
