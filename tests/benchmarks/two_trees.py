@@ -158,7 +158,7 @@ def sources(_):
                 if each.transport is None or law.period is not None:
                     loop = loop_of(dynamics=arm.dynamics, rig=each, law=law, steps_per_sample=4, smooth=smooth)
                     numbers = range(len(loop.number_names))
-                    text, _ = text_of(loop, numbers[:9], numbers[9:], 40, False)
+                    text, _ = text_of(loop, numbers[:9], numbers[9:], False, "population", 8)
                     yield f"{name}, {called}{', smooth' * smooth}: text", text
 
 
