@@ -58,16 +58,10 @@ class Spread(Shown, Frozen):
 
 
 def spread(
-    dynamics: Dynamics,
-    records: Record | Sequence[Record],
-    *,
-    seeds: Iterable[int] = range(10),
-    published: ArrayLike | None = None,
-    method: str = "paper",
-    checkpoint: str | Path | None = None,
-    executor: Any = None,
-    **options: Any,
-) -> Spread:
+    dynamics: Dynamics, records: Record | Sequence[Record], *, seeds: Iterable[int] = range(10),
+    published: ArrayLike | None = None, method: str = "paper", checkpoint: str | Path | None = None,
+    executor: Any = None, **options: Any,
+) -> Spread:  # fmt: skip
     """Identify the same records with several seeds and say how much each f varies.
 
     Parameters

@@ -70,17 +70,15 @@ def known_gains(found: Any, rig: Any = None) -> Gains:
 
 def uncertain_acceleration(found: Identification) -> float:
     """Largest standard deviation that f and friction give an acceleration on the identified path [pulses/s^2]; or 0."""
-    record, arm, covariance = found.records[0], found.arm, found.covariance
-    if record.reference is None or covariance is None:
+    path, arm = found.records[0].reference, found.arm
+    if path is None or found.covariance is None:
         return 0.0
-    path = record.reference
     motion = path(np.linspace(0, path.duration, _SAMPLES, endpoint=False))
     names = linear(arm.dynamics, found.rig, found.fit.unknown)
-    places = [found.fit.unknown.index(name) for name in names]
     regressor, _ = regressor_along(arm.dynamics, found.rig, names, motion)
     pulses = np.column_stack([found.rig.position_in_pulses(joint) for joint in np.eye(arm.n)])
     lacking = np.array([pulses @ np.linalg.solve(arm.D(q), Y) for q, Y in zip(motion.q, regressor, strict=True)])
-    return float(np.sqrt(np.einsum("tik,kl,til->ti", lacking, covariance[np.ix_(places, places)], lacking).max()))
+    return float(np.sqrt(np.einsum("tik,kl,til->ti", lacking, found.fit.covariance_of(names), lacking).max()))
 
 
 def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], Any]) -> float:

@@ -224,15 +224,13 @@ def _torque(terms: Floats, count: int) -> Floats:
 
 def _prior(found: Any, arm: Arm, rig: Rig) -> Floats | None:
     """Covariance of f, viscous and Coulomb friction, joint side, where an identification has one."""
-    covariance = getattr(found, "covariance", None)
-    if covariance is None:
+    if getattr(found, "covariance", None) is None:
         return None
     n, gear = rig.n, np.abs(rig.drive.gear)
     names = [*arm.dynamics.names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(n))]
     scale = np.concatenate([np.ones(len(arm.f)), gear**2, gear])
     levels = np.concatenate([np.zeros(len(arm.f)), rig.drive.viscous, rig.drive.coulomb])
-    P, own = np.diag((0.2 * levels) ** 2), list(found.fit.unknown)
-    seen = [i for i, name in enumerate(names) if name in own]
-    at = [own.index(names[i]) for i in seen]
-    P[np.ix_(seen, seen)] = np.asarray(covariance)[np.ix_(at, at)]
+    P = np.diag((0.2 * levels) ** 2)
+    seen = [i for i, name in enumerate(names) if name in found.fit.unknown]
+    P[np.ix_(seen, seen)] = found.fit.covariance_of([names[i] for i in seen])
     return np.asarray(P * np.outer(scale, scale))

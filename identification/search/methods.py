@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from identification.equation_error.least_squares import covariance_of
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
@@ -61,9 +62,7 @@ def equation_error(problem: Problem) -> Outcome:
     """Least squares on the torque equation."""
     fit = torque_fit(problem)
     values, _ = start_of_fit(problem, fit)
-    covariance = np.zeros((len(values), len(values)))
-    places = [problem.unknown.index(name) for name in fit.names]
-    covariance[np.ix_(places, places)] = fit.covariance
+    covariance = covariance_of(problem.unknown, fit.names, fit.covariance)
     message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
     found = Fit(unknown=problem.unknown, values=values, candidates=values[None], covariance=covariance)
     return Outcome(fit=found, message=message)
