@@ -44,7 +44,7 @@ def cells(line):
     return re.split(r"\s{2,}", line.strip())
 
 
-@pytest.mark.parametrize("table", ["evaluation", "margins", "certificate"])
+@pytest.mark.parametrize("table", ["evaluation", pytest.param("margins", marks=pytest.mark.slow), "certificate"])
 def test_six_long_names_have_a_row_each(table, monkeypatch):
     arm, rig, path = robot()
     gears = LowestResonance(hz=60.0, damping_ratio=0.01, within=1)

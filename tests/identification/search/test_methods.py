@@ -85,7 +85,10 @@ def test_with_many_unknowns_the_genetic_algorithm_is_left_out(monkeypatch):
 
 
 # -- the default -----------------------------------------------------------------------------------------------------
-@CASES
+SLOW = [pytest.param(*each, marks=pytest.mark.slow) for each in zip(ARMS, GAINS, strict=True)]
+
+
+@pytest.mark.parametrize(("arm", "gain"), [*zip(ARMS, reversed(GAINS), strict=True), *SLOW])
 def test_default_finds_the_robots_again(arm, gain):
     result = found(arm, gain)
     wrong = off(result.f, arm)
@@ -254,7 +257,9 @@ def test_ranges_that_exclude_the_truth_are_warned_about():
     assert any("f7 ends at the lower end" in text or "simulated and measured" in text for text in result.warnings)
 
 
-@pytest.mark.parametrize("wrong", [pytest.param("gear", marks=pytest.mark.slow), "joints", "errors"])
+@pytest.mark.parametrize(
+    "wrong", ["errors", *(pytest.param(each, marks=pytest.mark.slow) for each in ("gear", "joints"))]
+)
 def test_signs_and_order_that_are_wrong_are_warned_about(wrong):
     record = dataclasses.replace(measured(), reference=None, torque=None, current=None, true_q=None, true_qd=None)
     if wrong == "gear":
