@@ -38,8 +38,8 @@ _TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that 
 _ALIKE = 1e-12  # variance between runs over that of their noise, at most, of runs that are the same
 _FLAT = 1e-9  # change of twice the log likelihood over all variances below which it says nothing of them
 
-# Logs that are counted; degrees of freedom of what is not compared; and share, or deviations, that is told.
 _MOST, _MANY, _TOLD = 1000, 1e6, 5e-4
+"""Logs that are counted; degrees of freedom of what is not compared; and share, or deviations, that is told."""
 
 ONE_LOG = "intervals by blocks of one log: what differs between runs is not in them; a second log would tell"
 
@@ -49,13 +49,21 @@ ONE_LOG = "intervals by blocks of one log: what differs between runs is not in t
 class BetweenRuns(Shown, Frozen):
     """How the values of a fit differ between its logs.
 
-    `values`, `std` (R, k): what each log alone says, and its standard deviation; NaN where it alone does not tell.
-    `compared`, `agree` (k,): whether two logs or more tell a value, and whether their intervals agree (Cochran's test
-    at 95 %). `groups`: standard deviation between logs of each group: of friction and gears as a share of the value, of
-    others in standard deviations of one log. `deviation`, `freedom` (k,): standard deviation between logs of each
-    value, 0 where it is not compared; and degrees of freedom of that. `further`: further logs that would halve the
-    intervals of the common fit (of half of its values). `never`: values that are left out of this, since what a rig may
-    state wrongly makes half or more of their intervals.
+    Attributes
+    ----------
+    values, std : (R, k) numpy.ndarray
+        What each log alone says, and its standard deviation; NaN where it alone does not tell.
+    compared, agree : (k,) numpy.ndarray of bool
+        Whether two logs or more tell a value, and whether their intervals agree (Cochran's test at 95 %).
+    groups : dict of str to float
+        Standard deviation between logs of each group: of friction and gears as a share of the value, of others in
+        standard deviations of one log.
+    deviation, freedom : (k,) numpy.ndarray
+        Standard deviation between logs of each value, 0 where it is not compared; and degrees of freedom of that.
+    further : int
+        Further logs that would halve the intervals of the common fit (of half of its values).
+    never : int
+        Values that are left out of this, since what a rig may state wrongly makes half or more of their intervals.
     """
 
     values: Floats
@@ -154,7 +162,9 @@ def between_runs(
     return found, at_least(covariance, np.sqrt(within + added))
 
 
-def _alone(values: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp], blocks: NDArray[np.intp]) -> _Runs:
+def _alone(
+    values: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp], blocks: NDArray[np.intp]
+) -> _Runs:  # fmt: skip
     scale = np.sqrt((rows * rows).sum(axis=0))
     count, whole, left = int(runs.max()) + 1, products(rows / scale), residual.copy()
     each, std, share = np.empty((3, count, len(values)))
