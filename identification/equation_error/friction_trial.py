@@ -31,11 +31,20 @@ _CLEAR, _ENOUGH = 3.0, 0.1  # standard errors, and share of the squared error, b
 class FrictionTrial(Shown):
     """One kind of friction on trial, beside what is fitted.
 
-    `share`: Stribeck speed, or speed at which viscous friction saturates, in the usual speed of each joint. `better`:
-    share of the squared error, of torques in blocks kept aside, that it takes away; negative where it adds. `errors`:
-    the same, in standard errors over the blocks. `levels` (n,): its torque [N m] on the shaft of each joint (of
-    load-dependent friction, per N m of load); NaN where it was not tried. `usual` (n,): usual speed of each joint, that
-    `share` is a part of [rad/s].
+    Attributes
+    ----------
+    kind : str
+    share : float or None
+        Stribeck speed, or speed at which viscous friction saturates, in the usual speed of each joint.
+    better : float
+        Share of the squared error, of torques in blocks kept aside, that it takes away; negative where it adds.
+    errors : float
+        The same, in standard errors over the blocks.
+    levels : (n,) numpy.ndarray
+        Its torque [N m] on the shaft of each joint (of load-dependent friction, per N m of load); NaN where it was not
+        tried.
+    usual : (n,) numpy.ndarray
+        Usual speed of each joint, that `share` is a part of [rad/s].
     """
 
     kind: str
