@@ -206,6 +206,7 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     assert run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
 
 
+@pytest.mark.slow  # one path: test_from_a_log_to_a_page; sets of motions: certification/test_certificates
 def test_everyday_motions_and_a_path_are_a_row_each(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "daily.json", "--quiet")
