@@ -228,6 +228,7 @@ def _starts(
     reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
     for _ in range(starts):
         share = random.normal(size=(2, len(middle), len(rate))) / (np.arange(1, len(rate) + 1) ** 2 * 3)
+        share[1] -= np.outer(share[1] @ rate, rate) / (rate @ rate)  # at rest at the beginning
         yield middle, share[0] * reach[:, None], share[1] * reach[:, None]
 
 
