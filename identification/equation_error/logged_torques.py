@@ -62,7 +62,7 @@ def fit_torque(
     extra : dict of str to callable, optional
         Further columns: (q, qd, qdd), each (N, n), to the torque (N, n) per unit of the name.
     known : dict of str to float, optional
-        Values of some of f, of friction or of extra columns, which are not searched.
+        Values of some of f (names may be short), of friction or of extra columns, which are not searched.
     weights : (n,) or (R, n) array_like, optional
         Of each joint, or of each log and joint, up to a common factor: one over the standard deviation of its torque.
         By default from the scatter of each joint.

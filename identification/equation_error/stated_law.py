@@ -36,8 +36,10 @@ def torque_apart(record: Record) -> Floats | None:
         if found is None:
             return None
         own = law_torque(found)
-    rows = np.flatnonzero(record.valid > 0)
-    rows = rows[rows >= FADED]
+    lost = np.cumsum(record.valid == 0)
+    rows = FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])  # whose filters have seen no bridged count
+    if not rows.size:
+        return None
     off, size = (np.sqrt(np.mean(each[rows] ** 2, axis=0)) for each in (own - logged, logged))
     return np.asarray(off / np.maximum(size, 1e-9 * max(size.max(), 1e-300)))
 

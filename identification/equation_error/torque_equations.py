@@ -110,7 +110,8 @@ def equations_of(
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
     if isinstance(unknown, str):
         raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names, {unknown!r}).")
-    extra, values = dict(extra or {}), dict(known or {})
+    extra, long = dict(extra or {}), dict(zip(dynamics.short_names, dynamics.names, strict=True))
+    values = {name if name in extra else long.get(name, name): value for name, value in (known or {}).items()}
     searched = tuple((name for name in dynamics.names if name not in values) if unknown is None else unknown)
     for name, value in values.items():
         if name not in extra and not name.startswith(LINEAR):

@@ -1,19 +1,30 @@
-"""Whether gravity, or one joint, of a chain stated the other way explains torques that the chain as it is does not.
+"""What the stated model has that the log contradicts: the sign of gravity, or of one joint; rotors.
 
-Least squares of the smoothed torques on the smoothed motion, with base parameters and friction of any value.
+Signs by least squares of the smoothed torques on the smoothed motion, with base parameters and friction of any value.
 """
 
 import functools
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
+from identification.search.predictive import ROUGH
 from plant import Dynamics, Record
 from plant.checkup.signals import Signals
+from plant.machine.motor_inertia import shaft_inertias
+from plant.mechanics.lumping import STANDARD
 from plant.parts.fields import Floats
 
 _CLOSER, _ROWS = 0.8, 400
 """Share of what a chain leaves that another has to stay below, to be named: of wrong ones it is 0.74 at most, of right
 ones 1.33 at least; and rows of a log that are compared."""
+
+_SURE, _ROOM = 4.0, 0.05
+"""By how many standard deviations, and by what share of itself, an inertia has to fall below that of its rotor."""
+
+_OTHER = 0.2
+"""Share of a rotor's inertia by which the one found may differ: what turns with it in the gear is seldom stated."""
 
 
 @functools.lru_cache(maxsize=4)
@@ -56,3 +67,39 @@ def _left(dynamics: Dynamics, signals: Signals, sign: Floats, gravity: float = 1
     A = A.reshape(torque.size, -1)
     A = A / np.maximum(np.abs(A).max(axis=0), 1e-300)
     return float(np.sqrt(np.mean((b - A @ np.linalg.lstsq(A, b, rcond=1e-9)[0]) ** 2)))
+
+
+def of_rotors(found: Any) -> Iterator[str]:
+    """A line for each joint whose rotor, as stated, the inertias found contradict.
+
+    D at the motors' shafts is at least diag(Jm k^2), whatever the links are: the rotor turns with its joint. Where a
+    base parameter is the inertia of one rotor and nothing else, it is the stated one.
+    """
+    rig, dynamics, f = found.rig, found.arm.dynamics, found.f
+    rows = shaft_inertias(dynamics, rig, found.records[0].rig.to_angle(found.records[0].counts[0]))
+    inertia, rotors = f @ rows, rig.drive.reflected_inertia()
+    alone = {} if found.covariance is None or found.search.method in ROUGH else _alone(dynamics)
+    covariance = found.fit.covariance_of(dynamics.names)
+    std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
+    for i, label in enumerate(dynamics.chain.joint_labels):
+        unit = "kg" if dynamics.chain.links[i].prismatic else "kg m^2"
+        stated = f"Jm k^2 = {rotors[i]:.3g} {unit}"
+        if inertia[i] + _SURE * std[i] + _ROOM * rotors[i] < rotors[i]:
+            yield (
+                f"the inertia of {label}, {inertia[i]:.3g} {unit}, is below that of its rotor as stated, {stated}: "
+                "check motor_inertia and gear."
+            )
+        elif i in alone and dynamics.names[alone[i]] in found.fit.unknown:
+            name, value, own_std = dynamics.names[alone[i]], f[alone[i]], np.sqrt(covariance[alone[i], alone[i]])
+            if abs(value - rotors[i]) > _SURE * own_std + _OTHER * rotors[i] > 0:
+                yield (
+                    f"the rotor of {label} is not as stated: {name} is {value:.3g} {unit}, {stated}. The law has what "
+                    "was found; what is said of elastic joints has what is stated. Check motor_inertia and gear."
+                )
+
+
+def _alone(dynamics: Any) -> dict[int, int]:
+    """Link -> place of the parameter that is the inertia of its rotor and nothing else."""
+    rows = [(k, np.flatnonzero(row)) for k, row in enumerate(np.array(dynamics.lumping.matrix))]
+    single = [(k, *divmod(int(places[0]), len(STANDARD))) for k, places in rows if len(places) == 1]
+    return {link: k for k, link, kind in single if STANDARD[kind] == "J"}

@@ -1,64 +1,23 @@
 """Warnings: what a user should know before trusting what an identification found, one line each."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from identification.replay.timing import is_late
-from identification.results.restated import restated
+from identification.results.restated import of_rotors, restated
 from identification.results.seen import APART, contradicted, motion_of
-from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
+from identification.search.predictive import FALSE_ALARM, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
+from plant.checkup.law_delay import law_delays
+from plant.checkup.lost_rows import BRIDGED, short_gaps
 from plant.checkup.oscillation import own_oscillations
 from plant.checkup.rounding import rounding_doubts
-from plant.machine.motor_inertia import shaft_inertias
+from plant.checkup.signals import Signals
 from plant.machine.unlikely import unlikely_statements
-from plant.mechanics.lumping import STANDARD
-
-_SURE, _ROOM = 4.0, 0.05
-"""By how many standard deviations, and by what share of itself, an inertia has to fall below that of its rotor."""
-
-_OTHER = 0.2
-"""Share of a rotor's inertia by which the one found may differ: what turns with it in the gear is seldom stated."""
-
-
-def of_rotors(found: Any) -> Iterator[str]:
-    """A line for each joint whose rotor, as stated, the inertias found contradict.
-
-    D at the motors' shafts is at least diag(Jm k^2), whatever the links are: the rotor turns with its joint. Where a
-    base parameter is the inertia of one rotor and nothing else, it is the stated one.
-    """
-    rig, dynamics, f = found.rig, found.arm.dynamics, found.f
-    rows = shaft_inertias(dynamics, rig, found.records[0].rig.to_angle(found.records[0].counts[0]))
-    inertia, rotors = f @ rows, rig.drive.reflected_inertia()
-    alone = {} if found.covariance is None or found.search.method in ROUGH else _alone(dynamics)
-    covariance = found.fit.covariance_of(dynamics.names)
-    std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
-    for i, label in enumerate(dynamics.chain.joint_labels):
-        unit = "kg" if dynamics.chain.links[i].prismatic else "kg m^2"
-        stated = f"Jm k^2 = {rotors[i]:.3g} {unit}"
-        if inertia[i] + _SURE * std[i] + _ROOM * rotors[i] < rotors[i]:
-            yield (
-                f"the inertia of {label}, {inertia[i]:.3g} {unit}, is below that of its rotor as stated, {stated}: "
-                "check motor_inertia and gear."
-            )
-        elif i in alone and dynamics.names[alone[i]] in found.fit.unknown:
-            name, value, own_std = dynamics.names[alone[i]], f[alone[i]], np.sqrt(covariance[alone[i], alone[i]])
-            if abs(value - rotors[i]) > _SURE * own_std + _OTHER * rotors[i] > 0:
-                yield (
-                    f"the rotor of {label} is not as stated: {name} is {value:.3g} {unit}, {stated}. The law has what "
-                    "was found; what is said of elastic joints has what is stated. Check motor_inertia and gear."
-                )
-
-
-def _alone(dynamics: Any) -> dict[int, int]:
-    """Link -> place of the parameter that is the inertia of its rotor and nothing else."""
-    rows = [(k, np.flatnonzero(row)) for k, row in enumerate(np.array(dynamics.lumping.matrix))]
-    single = [(k, *divmod(int(places[0]), len(STANDARD))) for k, places in rows if len(places) == 1]
-    return {link: k for k, link, kind in single if STANDARD[kind] == "J"}
-
+from plant.parts.fields import Floats
 
 _AT_END = 0.002  # share of a range within which a value lies at its end
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
@@ -76,10 +35,12 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
     """Lines about an `Identification`; `always`: with those that hold for any log with these unknowns."""
     fits = found.diagnostics.closest > 0  # by prediction_error: the rig is not at fault
     replayed = any(record.law is not None and record.law.replays for record in found.records)
+    late = _late(found)
     lines = [
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
-        *_of_law(found),
-        *_of_detection(found, replayed),  # causes before what they do
+        *_of_law(found, late),
+        *_of_lost(found),
+        *_of_detection(found, replayed, ("lag",) * bool(late)),  # causes before what they do
         *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
         *_ends(found),
         *([] if fits else of_rotors(found)),
@@ -135,17 +96,45 @@ def _of_torques(found: Any) -> Iterator[str]:
         yield f"the encoder offset of {joint} ends half a radian away; was it set to zero at the start of the run?"
 
 
-def _of_law(found: Any) -> Iterator[str]:
-    """Laws that cannot have made the logged torque."""
+def _of_lost(found: Any) -> Iterator[str]:
+    """Rows that are bridged where the model cannot follow the log."""
+    rms = found.fit.rms_innovation
+    for i, record in enumerate(found.records if rms is not None and rms > _STRANGE else ()):
+        if lost := int(short_gaps(record.valid == 0, BRIDGED).sum()):
+            yield (
+                f"{lost} rows of {_log(found, i)} are lost, or without weight: straight lines bridge them, and "
+                "torques that change from row to row are on none, so f is biased. Log every row once."
+            )
+
+
+def _log(found: Any, i: int) -> str:
+    return f"the log of records[{i}]" if len(found.records) > 1 else "the log"
+
+
+def _late(found: Any) -> dict[int, Floats]:
+    """Place of each record whose law gives the logged torque from later counts, and how late (n,) they are, or NaN."""
+    apart = [k for k, each in enumerate(found.diagnostics.law_apart) if each is not None and each.max() > _ANOTHER]
+    late = {k: law_delays(Signals(found.records[k])) for k in apart}
+    return {k: each for k, each in late.items() if np.nan_to_num(each).any()}
+
+
+def _of_law(found: Any, late: dict[int, Floats]) -> Iterator[str]:
+    """Laws that cannot have made the logged torque, or not with these counts."""
+    joints = found.arm.dynamics.chain.joint_labels
     for i, (record, apart) in enumerate(zip(found.records, found.diagnostics.law_apart, strict=True)):
-        if apart is not None and apart.max() > _ANOTHER:
-            which = f"the log of records[{i}]" if len(found.records) > 1 else "the log"
-            joints = found.arm.dynamics.chain.joint_labels
+        law, which = type(record.law).__name__, _log(found, i)
+        if i in late:
+            those = ", ".join(f"{late[i][k]:+.0f} of {joints[k]}" for k in np.flatnonzero(np.nan_to_num(late[i])))
+            yield (
+                f"the counts of {which} are late by samples: {those}; in time the stated {law} gives the logged torque "
+                "from them, and late they bias f. Identify record.check().record, which has them in time."
+            )
+        elif apart is not None and apart.max() > _ANOTHER:
             shares = ", ".join(f"{share:.0%} at {joint}" for joint, share in zip(joints, apart, strict=True))
             yield (
-                f"the stated {type(record.law).__name__} cannot have made {which}: along it, it gives another torque "
-                f"than was logged, by {shares} (rms). Check the law, its gains and period, gears, the reference, "
-                "and the torque's units and side."
+                f"the stated {law} cannot have made {which}: along it, it gives another torque than was logged, by "
+                f"{shares} (rms). Check the law, its gains and period, gears, the reference, and the torque's units "
+                "and side."
             )
 
 
@@ -187,10 +176,12 @@ def _of_loops(found: Any) -> Iterator[str]:
             )
 
 
-def _of_detection(found: Any, replayed: bool) -> Iterator[str]:
+def _of_detection(found: Any, replayed: bool, but: Sequence[str]) -> Iterator[str]:
     """What contradicts the model; late counts under a law that the model repeats are `_of_timing`'s."""
     detection = found.diagnostics.detection
     for sign, text in zip(detection.named, detection.warnings(), strict=True):
+        if sign.name in but:
+            continue
         if sign.name != "delay" or replayed or not np.isfinite(found.diagnostics.delay):
             yield text
 

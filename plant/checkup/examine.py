@@ -166,6 +166,10 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
                 more = f" Corrected so, {said if left < 1 else 'fewer checks find something'}."
                 findings[i] = dataclasses.replace(findings[i], advice=findings[i].advice + more)
             corrected |= set(of)
+            if finding.check == "swapped joints":  # until they are exchanged, all else is told of other joints
+                told = {(findings[i].check, findings[i].joint): findings[i] for i in sorted(corrected)}
+                rest, record = tried(option, examined)
+                return (*told.values(), *(each for each in rest if (each.check, each.joint) not in told)), record
             odd, left, record = fewer, explains, option
             break
         else:
@@ -200,6 +204,14 @@ def _corrections(record: Any, findings: Sequence[Finding], k: int) -> Iterator[t
         yield (k,), dataclasses.replace(record, t=record.t / power)
     elif finding.check == "period" and getattr(record.law, "period", None) is None:
         yield (k,), dataclasses.replace(record, rig=dataclasses.replace(rig, period=value / 1e3))
+    elif finding.check == "swapped joints":  # as counts, or as angles that were converted by each other's gears
+        for each, other in enumerate(findings):
+            if other.check == finding.check and not other.ok and each != k:
+                order, pair = np.arange(record.n), np.array([i, other.joint], int)
+                order[pair] = pair[::-1]
+                exchanged = record.counts[:, order], rig.counts(rig.cell_centre(record.counts)[:, order])
+                error = min((record.reference_pulses - counts for counts in exchanged), key=lambda x: np.abs(x).sum())
+                yield (k, each), dataclasses.replace(record, error_pulses=error)
     elif finding.check in ("gear sign", "drive sign"):
         turned = np.where(np.arange(record.n) == i, -1.0, 1.0)
         names = ("torque", "current") if finding.check == "drive sign" else ("error_pulses",)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.finding import Finding, unless
+from plant.checkup.law_delay import law_delays
 from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.torque_regression import least_squares
 from plant.machine.rig import Rig
@@ -38,13 +39,16 @@ def reference_findings(signals: Signals) -> Iterator[Finding]:
     short = "" if signals.long_enough else "too short to compare speeds"
     why = short or ("no reference" if signals.reference is None else "")
     yield from unless(why, ("swapped joints", "gear sign"), signals.each(_swapped, _sign))
-    yield from unless(short, ("delay",), signals.each(_delay))
+    late = law_delays(signals)
+    yield from unless(short, ("delay",), signals.each(lambda _, i: _late(signals, i, late[i])))
 
 
 def _sign(signals, i):
     name, unit, slope = "gear sign", "of the reference", signals.tracking_slope[i]
     if not np.isfinite(slope):
         return Finding.unknown(name, i, "the reference does not move")
+    if not _swapped(signals, i).ok:
+        return Finding.unknown(name, i, "the counts are another joint's")
     alike = [
         unit for unit, factor in (("degrees", np.pi / 180), ("turns", 2 * np.pi)) if abs(slope / factor - 1) < 0.05
     ]
@@ -124,8 +128,15 @@ def correlation(signals: Any, i: int, j: int) -> float:
     return float(np.corrcoef(logged, commanded)[0, 1] ** 2)
 
 
+def _late(signals, i, by_law):
+    """Delay of the counts [samples], as a law with memory tells it, or as `_delay` does where that is NaN."""
+    if np.isnan(by_law):
+        return _delay(signals, i)
+    return _judged(i, by_law, 0.0, "The law gives the logged torque from other rows of the counts")
+
+
 def _delay(signals, i):
-    """Delay of the counts [samples], by the most accurate estimate that the record allows."""
+    """Delay of the counts [samples], by the most accurate estimate that other records allow."""
     name, unit = "delay", "samples"
     law, rig = signals.record.law, signals.rig
     if not signals.tracks[i]:
@@ -190,7 +201,8 @@ def _feeds_forward(law: Any, rig: Rig) -> bool:
 def _judged(i, late, std, why, look=_LATE, wrong=_VERY_LATE):
     if max(std, abs(late)) > look and abs(late) <= _SURE * std:
         return Finding.unknown("delay", i, f"known to +-{std:.1f} samples only", value=late, unit="samples")
-    size = f"{abs(late):.2g} samples (+-{std:.1g}) {'late' if late > 0 else 'early'}"
+    sure = f"(+-{std:.1g}) " if std else ""
+    size = f"{abs(late):.2g} {'sample' if abs(late) == 1 else 'samples'} {sure}{'late' if late > 0 else 'early'}"
     advice = f"{why}: the counts are {size}; shift them, or viscous friction will be wrong."
     look, wrong = max(look, _SURE * std), max(wrong, _SURE * std)
     return Finding.graded("delay", i, late, "samples", look=look, wrong=wrong, advice=advice)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import functools
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import casadi as ca
@@ -12,8 +13,14 @@ from numpy.typing import NDArray
 
 from plant.laws.law import Block, Law, Setpoint, Step
 from plant.machine.rig import Rig
-from plant.parts.fields import Vector
+from plant.parts.checked_function import evaluated
+from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part, structure
+
+FAST = 4
+"""Steps per sample along a log, of a law without a period."""
+
+_AT_ONCE = 1000  # steps of a law in one call
 
 
 @part
@@ -114,3 +121,40 @@ class AlongLog(Resumed):
     def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
         """One step of the law, at the counts of the log."""
         return super().equations(rig, state, setpoint._replace(logged=None), setpoint.logged, torque, dt)
+
+    def steps(
+        self, rig: Rig, columns: Sequence[Floats], period: float, states: Iterable[Any]
+    ) -> Iterator[tuple[Floats, Floats]]:
+        """Joint torque (K, n) after the amplifier's limit [N m] and memory (K, s) of K steps, from each of some states.
+
+        `columns`: q, qd, qdd, reference_pulses and counts, each (K, n), at times that are a `period` [s] apart.
+        """
+        block, count, n = self.block(rig), len(columns[-1]), rig.n
+        s, own = len(block.initial), len(block.values) - len(rig.number_values())
+        along, blocks = _repeated(_step(block, rig).serialize()), -(-count // _AT_ONCE)
+        rows = np.minimum(np.arange(blocks * _AT_ONCE), count - 1).reshape(blocks, -1)  # the last one is filled up
+        given = *columns, np.full((count, 1), period)
+        for state in states:
+            numbers = np.concatenate([block.values[: own - s + 1], state, block.values[own:]])
+            carried, last = np.empty((rows.size, s + n)), np.concatenate([block.initial, np.zeros(n)])
+            for some in rows:
+                first = some[0]
+                (done,) = evaluated(along, last, *(part[some] for part in given), np.tile(numbers, (_AT_ONCE, 1)))
+                carried[first : first + _AT_ONCE], last = done, done[-1]
+            yield carried[:count, s:], carried[:count, : s - 1]
+
+
+def _step(block: Any, rig: Any) -> ca.Function:
+    """(memory and torque, reference, counts, dt, numbers) -> memory and torque a step later."""
+    n, s, own = rig.n, len(block.initial), len(block.values) - len(rig.number_values())
+    carried, dt, numbers = ca.SX.sym("carried", s + n), ca.SX.sym("dt"), ca.SX.sym("numbers", len(block.values))
+    columns = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "counts")]
+    asked, following = block.step(carried[:s], *columns[:4], columns[4], carried[s:], dt, numbers, columns[4])
+    given = rig.with_numbers(numbers[own:]).drive.limited(asked)
+    return ca.Function("step", [carried, *columns, dt, numbers], [ca.densify(ca.vertcat(following, given))])
+
+
+@functools.lru_cache(maxsize=8)
+def _repeated(step: str) -> ca.Function:
+    """Some steps in a row; `step` is serialised, the same for laws that differ in numbers."""
+    return ca.Function.deserialize(step).mapaccum("along", _AT_ONCE, {"base": 10})

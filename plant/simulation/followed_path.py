@@ -17,9 +17,9 @@ from plant.logs.record import Record
 from plant.machine.rig import Rig, smooth_rig
 from plant.motion.reference import Motion, Reference
 from plant.motion.smooth import Spline
+from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
-from plant.simulation.smooth_splines import smooth_splines
 
 _FEW, _MOST, _MISSED = 50, 100_000, 0.05
 """Samples of a path that is found from its counts, and the share of them that may have another count."""

@@ -9,6 +9,7 @@ from logged_laws import LAWS
 from identification import identify
 from identification.equation_error.stated_law import torque_apart
 from plant import LoggedTorque, puma560, simulate
+from plant.checkup.lost_rows import bridged
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
 
@@ -53,3 +54,34 @@ def test_an_identification_says_so():
         "the stated P cannot have made the log: along it, it gives another torque than was logged, by"
     )
     assert said.count("50%") == 2
+
+
+def lost(record, share=0.01):
+    """The record with rows that repeat those before."""
+    row = np.arange(len(record))
+    for k in np.flatnonzero(np.random.default_rng(1).random(len(row)) < share)[1:]:
+        row[k] = row[k - 1]
+    names = ("error_pulses", "reference_pulses", "torque", "current")
+    return dataclasses.replace(record, **{name: getattr(record, name)[row] for name in names})
+
+
+def test_lost_rows_are_no_other_law():
+    """A law that derives sees counts on straight lines for a while; elsewhere it gives the logged torque."""
+    record = cut(LAWS["PID"])
+    assert torque_apart(bridged(lost(record))).max() < 0.01
+    every = np.arange(len(record)) % 20 > 0  # nowhere are filters free of bridged counts
+    assert torque_apart(dataclasses.replace(record, valid=every.astype(float))) is None
+
+
+def test_identification_names_late_counts_and_lost_rows_first():
+    record, labels = cut(LAWS["PID"]), ARM.dynamics.chain.joint_labels
+    late = np.array(record.counts)
+    late[1:, 1] = record.counts[:-1, 1]
+    moved = dataclasses.replace(record, error_pulses=record.reference_pulses - late)
+    first, *more = identify(ARM.dynamics, moved, progress=False).warnings
+    assert first.startswith(f"the counts of the log are late by samples: +1 of {labels[1]}; in time the stated PID")
+    assert not any("current_lag" in text or "cannot have made" in text for text in more)
+    quick = dataclasses.replace(LAWS["PID"], derivative=(2e-3, 1.5e-3))  # its torque changes from row to row
+    first, *more = identify(ARM.dynamics, lost(cut(quick), 0.05), progress=False).warnings
+    assert "rows of the log are lost" in first
+    assert not any("cannot have made" in text for text in more)

@@ -67,6 +67,17 @@ def test_known_arm_and_friction_are_found_again(made):
     assert found.rows == 3 * 395  # 8 s, without 50 ms at both ends, every 20 ms
 
 
+def test_known_numbers_may_have_short_names(made):
+    dynamics, rig, f, motion, torque = made
+    short, long = (
+        fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, known={name: f[1]})
+        for name in (dynamics.short_names[1], dynamics.names[1])
+    )
+    assert dynamics.short_names[1] != dynamics.names[1]
+    assert short.known == long.known == {dynamics.names[1]: f[1]}
+    np.testing.assert_array_equal(short.values, long.values)
+
+
 def test_extra_columns_are_found_too(made):
     dynamics, rig, f, motion, torque = made
     last = np.array([0, 0, 1.0])

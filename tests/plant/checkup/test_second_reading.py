@@ -158,6 +158,19 @@ def test_advice_that_helps_says_by_how_much_and_gives_the_record():
     assert checkup.record.check().ok
 
 
+@pytest.mark.parametrize("angles", [False, True])
+def test_exchanged_counts_are_exchanged_and_no_sign_is_changed(angles):
+    """As counts, or as angles that the reader has converted by each other's gear."""
+    own = log().rig
+    counts = own.counts(own.cell_centre(log().counts)[:, ::-1]) if angles else log().counts[:, ::-1]
+    checkup = counting(log(), counts).check()
+    coarser = ["quantisation step"] * angles  # pulses of 800 per turn, in those of 1000
+    assert [f.check for f in checkup.problems] == ["swapped joints"] * 2 + coarser
+    assert all("Corrected so, the motion explains 9" in f.advice for f in checkup.problems[:2])
+    assert np.abs(checkup.record.counts - log().counts).max() <= angles
+    assert [f.check for f in checkup.record.check().problems] == coarser
+
+
 def test_a_healthy_log_is_left_as_it_is():
     checkup = log().check()
     assert checkup.ok

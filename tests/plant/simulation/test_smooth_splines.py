@@ -6,9 +6,10 @@ import pytest
 from scipy.interpolate import make_lsq_spline
 
 from plant import PID, Resumed, puma560
+from plant.laws import resumed
 from plant.logs.record import Record
+from plant.motion import smooth_splines
 from plant.parts.checked_function import evaluated
-from plant.simulation import law_run, smooth_splines
 from plant.simulation.law_run import run_law
 
 
@@ -47,10 +48,10 @@ def log(samples):
 def test_a_law_in_blocks_remembers_across_them(monkeypatch):
     """Blocks of 1000 steps, the last one filled up, and blocks of 7 give the same; the length stays the log's."""
     whole = run_law(log(2345))
-    law_run._repeated.cache_clear()
-    monkeypatch.setattr(law_run, "_AT_ONCE", 7)
+    resumed._repeated.cache_clear()
+    monkeypatch.setattr(resumed, "_AT_ONCE", 7)
     parts = run_law(log(2345))
-    law_run._repeated.cache_clear()
+    resumed._repeated.cache_clear()
     assert whole.given.shape == (2345, 2)
     np.testing.assert_array_equal(parts.given, whole.given)
     np.testing.assert_array_equal(parts.states, whole.states)

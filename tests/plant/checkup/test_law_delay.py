@@ -1,0 +1,123 @@
+"""Counts that are late under laws with memory: their run along the log tells by how many samples, of which joints."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ctc import ComputedTorque, ComputedTorquePID
+from plant import PD, PID, Cascade, Elasticity, Harmonics, Resumed, puma560, simulate
+from plant.checkup.law_delay import law_delays
+from plant.checkup.signals import Signals
+
+ARM, RIG = puma560.arm(), puma560.rig()
+PATH = Harmonics(
+    period=3.0,
+    offset=(0.1, -0.05),
+    cosine=((0.2, 0.1, 0.1), (0.1, 0.2, -0.1)),
+    sine=((0.3, -0.2, 0.1), (-0.3, 0.1, 0.1)),
+)
+LAGS = PID(gain=(0.1, 0.07), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period)
+LAWS = {
+    "PID": LAGS,
+    "fast PID": dataclasses.replace(LAGS, period=None),
+    "PD": PD(gain=(0.1, 0.07), derivative=(4e-4, 3e-4), filter=600.0, period=RIG.period),
+    "cascade": Cascade(
+        position=(20, 20), speed=(1e-3, 7e-4), integral=(1e-2, 7e-3), filter=600.0, period=RIG.period
+    ),
+    "fast cascade": Cascade(position=(20, 20), speed=(1e-3, 7e-4), integral=(1e-2, 7e-3), filter=600.0),
+    "computed torque": ComputedTorque(ARM, RIG),
+    "computed torque PID": ComputedTorquePID(
+        ARM, RIG, bandwidth=60, ratio=1.0, integral=10, roll_off=600, roll_off_damping=0.7
+    ),
+}  # fmt: skip
+
+
+def drive(**changes):
+    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **changes))
+
+
+@cache
+def log(name, rig=RIG):
+    """A log that begins in the middle of the motion: what the law remembers there is not in it."""
+    record = simulate(ARM, rig, LAWS[name], PATH, duration=2.4, steps_per_sample=8).cut(0.6)
+    return dataclasses.replace(record, true_q=None, true_qd=None, link_counts=None, current=None)
+
+
+def late(record, *samples):
+    """The same log with the counts of each joint late by so many samples; rows without them left out."""
+    inner = slice(2, len(record) - 2)
+    counts = np.column_stack([np.roll(x, k) for x, k in zip(record.counts.T, samples, strict=True)])
+    reference = None if record.reference is None else record.reference.later(record.t[2])
+    return dataclasses.replace(
+        record, t=record.t[inner] - record.t[2], error_pulses=(record.reference_pulses - counts)[inner],
+        reference=reference, **{name: getattr(record, name)[inner] for name in ("reference_pulses", "torque", "valid")},
+    )  # fmt: skip
+
+
+def told(record):
+    return np.nan_to_num(law_delays(Signals(record))).tolist()
+
+
+def delays(checkup):
+    return {f.joint: f.value for f in checkup.problems if f.check == "delay"}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_law_tells_which_counts_are_late(name):
+    record = log(name)
+    assert told(record) == [0, 0]
+    assert told(late(record, 1, 1)) == [1, 1]
+    assert told(late(record, 0, 1)) == [0, 1]
+    assert told(late(record, -2, -2)) == [-2, -2]
+    assert told(dataclasses.replace(late(record, 1, 1), reference=None)) == [1, 1]
+    assert not delays(record.check())
+
+
+@pytest.mark.parametrize("name", ["PID", "cascade", "computed torque PID"])
+def test_counts_in_time_are_given_back(name):
+    checkup = late(log(name), 0, 1).check()
+    assert delays(checkup) == {1: 1.0}
+    (said,) = [f.advice for f in checkup.problems if f.check == "delay"]
+    assert "the counts are 1 sample late" in said
+    assert "Corrected so" in said
+    np.testing.assert_array_equal(checkup.record.counts[:-1], log(name).counts[2:-3])
+    assert checkup.record.check().ok
+
+
+@pytest.mark.parametrize("rounding", ["floor", "fix", "round"])
+def test_any_counter_and_drive_will_do(rounding):
+    rig = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, rounding=rounding))
+    assert told(log("PID", rig)) == [0, 0]
+    assert told(late(log("PID", rig), 1, 1)) == [1, 1]
+
+
+def test_saturated_currents_and_elastic_gears_that_are_not_stated_do_not_matter():
+    small = drive(current_limit=0.7 * np.abs(RIG.drive.current(log("PID").torque)).max(axis=0))
+    gears = drive(elasticity=Elasticity(stiffness=(2e4, 8e3), damping=(20, 8)))
+    for rig in (small, gears):
+        record = log("PID", rig)
+        stated = RIG if rig is gears else rig
+        assert told(dataclasses.replace(record, rig=stated)) == [0, 0]
+        assert told(dataclasses.replace(late(record, 1, 0), rig=stated)) == [1, 0]
+    assert (np.abs(RIG.drive.current(log("PID", small).torque)) > 0.999 * small.drive.current_limit).mean() > 0.05
+
+
+def test_torques_in_other_units_or_of_commands_and_a_state_that_is_known_will_do():
+    record = late(log("PID"), 1, 1)
+    assert told(dataclasses.replace(record, torque=1.3 * record.torque + 2)) == [1, 1]
+    assert told(dataclasses.replace(record, torque=None, current=RIG.drive.current(record.torque))) == [1, 1]
+    assert told(dataclasses.replace(record, law=Resumed(law=LAGS, state=LAGS.initial_state(2)))) == [1, 1]
+    assert np.isnan(law_delays(Signals(dataclasses.replace(record, torque=None)))).all()
+
+
+@pytest.mark.parametrize("name", ["PID", "fast PID", "cascade", "fast cascade"])
+@pytest.mark.parametrize("factor", [0.5, 0.95, 1.05, 2.0])
+def test_a_law_with_other_gains_is_no_delay(name, factor):
+    """The gain of a cascade's position loop acts as a delay does, but for the steps of its torque."""
+    law = LAWS[name]
+    for field in ("gain", "derivative", "integral", "position", "speed"):
+        if hasattr(law, field):
+            other = dataclasses.replace(law, **{field: factor * np.array(getattr(law, field))})
+            assert told(dataclasses.replace(log(name), law=other)) == [0, 0], field
