@@ -15,15 +15,13 @@ from numpy.typing import ArrayLike
 from identification.equation_error.excitation import advice, from_prior
 from identification.equation_error.prior import Prior
 from identification.preparation import prepare, with_gears
-from identification.replay.experiment import with_zeros
-from identification.replay.objective import Objective
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
 from identification.results.restated import restated
 from identification.results.summary import doubts, warn_of_doubts
 from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings
-from identification.search.memory import repeating
+from identification.search.memory import placed, repeating
 from identification.search.methods import METHODS
 from identification.search.outcome import Outcome, Search
 from identification.search.problem import Problem, Tolerances
@@ -202,12 +200,8 @@ def search(problem: Problem, progress: bool) -> Outcome:
 
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records."""
-    fit, genetic, objective = dataclasses.replace(outcome.fit, prior=problem.prior), outcome.genetic, problem.objective
-    if fit.zeros is not None:
-        moved = with_zeros(objective.records, fit.zeros)
-        objective = Objective(problem.dynamics, moved, fit.unknown, **problem.options)
-    records = objective.records
-    objective = repeating(problem, objective, fit.resumptions)
+    fit, genetic = dataclasses.replace(outcome.fit, prior=problem.prior), outcome.genetic
+    objective = repeating(problem, placed(problem, fit), fit.resumptions)
     cost = float(objective(fit.values[None])[0])
     if genetic is not None and not np.isfinite(cost):
         dynamics, record = problem.dynamics, problem.records[0]
@@ -218,15 +212,16 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
             "inertia. Widen or correct the ranges, and check gains, gears and signs of rig and law, and axes, lengths "
             f"and gravity of the chain.{told}"
         )
-    arm, rig, law = problem.parts(fit.values)
     diagnostics = problem.checkpoint.stage(
         "diagnostics", lambda: Diagnostics.of(problem, fit, objective, cost, outcome)
     )
     fit = diagnostics.detection.whole(fit)
+    arm, rig, law = problem.parts(fit.values)
     if fit.resonance is not None and diagnostics.detection.played:
         fit = dataclasses.replace(fit, resonance=fit.resonance.beside_backlash(diagnostics.detection.played))
     return Identification(
-        arm=arm, rig=rig, law=law, records=records,
+        arm=arm, rig=rig, law=law, records=placed(problem, fit).records,
         held_out=() if problem.held_out is None else problem.held_out.records, versions=versions(), fit=fit,
-        search=Search.of(problem, outcome, cost, time.perf_counter() - started), diagnostics=diagnostics,
+        search=Search.of(problem, outcome, diagnostics.objective, time.perf_counter() - started),
+        diagnostics=diagnostics,
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """One parameter over a fleet: mean, what robots differ by, what logs of one robot differ by, slope with temperature.
 
 value = mean + robot + slope (temperature - its mean) + week + error, robot and week random, error of known variance:
-the variances by restricted maximum likelihood (`identification.equation_error.between_runs`), that of weeks about the
+the variances by restricted maximum likelihood (`identification.equation_error.random_effects`), that of weeks about the
 means of the robots, that of robots on these means; the slope by weighted least squares within robots, in turn with it.
 Robots that scatter beyond the others (chi-square), or lie apart from them (Student), count in neither variance.
 """
@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.equation_error.between_runs import restricted
 from identification.equation_error.least_squares import wider
+from identification.equation_error.random_effects import restricted
 from plant.parts.fields import Floats
 
 APART = 0.01  # probability, over all robots looked at, with which one is set apart by chance

@@ -6,9 +6,8 @@ effects, by restricted maximum likelihood over the parameters of the group, whos
 noise and blocks. Friction and gears differ relative to their size, the rest in standard deviations of one run. Of the
 common fit it is what each run moves the values by: what a run hardly tells, it hardly moves.
 
-Sources: H. D. Patterson, R. Thompson, Recovery of inter-block information when block sizes are unequal, Biometrika 58,
-1971; W. G. Cochran, The combination of estimates from different experiments, Biometrics 10, 1954 (agreement); G. Knapp,
-J. Hartung, Improved tests for a random effects meta-regression, Statistics in Medicine 22, 2003 (Student's t).
+Sources: W. G. Cochran, The combination of estimates from different experiments, Biometrics 10, 1954 (agreement); G.
+Knapp, J. Hartung, Improved tests for a random effects meta-regression, Statistics in Medicine 22, 2003 (Student's t).
 """
 
 import dataclasses
@@ -19,6 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import NORMAL, at_least, group_std, run_moves, run_std, wider
+from identification.equation_error.random_effects import (
+    MANY,
+    RELATIVE,
+    Differing,
+    differing,
+    groups_of,
+    restricted,
+    size_of,
+)  # fmt: skip
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
@@ -27,19 +35,11 @@ from plant.parts.sums import norm, product, products
 
 _SHOWN = 1e-10  # share of the largest direction from which on a run shows one, and of it that a value may lack
 
-_RELATIVE = ("drive.viscous", "drive.coulomb", "drive.elasticity.compliance")
-
 _AGREE = 0.05  # chance that the intervals of a parameter are called apart, where only noise makes runs differ
 
 _EXACT, _HEARD = 1e-9, 1e-6  # standard deviation at least, in the torque; and share of a run that counts as one
 
-_TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that is seen
-
-_ALIKE = 1e-12  # variance between runs over that of their noise, at most, of runs that are the same
-_FLAT = 1e-9  # change of twice the log likelihood over all variances below which it says nothing of them
-
-_MOST, _MANY, _TOLD = 1000, 1e6, 5e-4
-"""Logs that are counted; degrees of freedom of what is not compared; and share, or deviations, that is told."""
+_MOST, _TOLD = 1000, 5e-4  # logs that are counted; and share, or deviations, that is told
 
 ONE_LOG = "intervals by blocks of one log: what differs between runs is not in them; a second log would tell"
 
@@ -76,6 +76,20 @@ class BetweenRuns(Shown, Frozen):
     further: int
     never: int
 
+    @classmethod
+    def of(cls, each: Floats, std: Floats, apart: Differing, within: Floats, added: Floats, common: Floats) -> Self:
+        """Of values (R, k) and their standard deviations; `within`, `added`, `common` (k,): the variance of their mean.
+
+        That of each run alone, what differs between runs, and what no further log reduces.
+        """
+        some = np.flatnonzero(common < 0.25 * (within + added + common))
+        of_some = within[some], added[some], apart.freedom[some], len(each), common[some]
+        compared = np.isfinite(std).sum(axis=0) > 1
+        return cls(
+            values=each, std=std, compared=compared, agree=compared & _agree(each, std), **apart._asdict(),
+            further=_further(*of_some) if some.size else 0, never=len(common) - some.size,
+        )  # fmt: skip
+
     @property
     def half_width(self) -> Floats:
         """Of the 95 % intervals (R, k) of what each log says, with what differs between logs."""
@@ -83,7 +97,7 @@ class BetweenRuns(Shown, Frozen):
 
     def among(self, places: NDArray[np.intp], count: int) -> Self:
         """The same of so many values, of which these (k,) are at places; of the others nothing is known."""
-        rest = {"values": np.nan, "std": np.nan, "freedom": _MANY}
+        rest = {"values": np.nan, "std": np.nan, "freedom": MANY}
         whole = dict[str, Any]()
         for name in ("values", "std", "compared", "agree", "deviation", "freedom"):
             own = getattr(self, name)
@@ -95,7 +109,7 @@ class BetweenRuns(Shown, Frozen):
         return f"{self.agree.sum()} of {self.compared.sum()} intervals agree between runs"
 
     def _shown(self) -> Iterator[Piece]:
-        said = [f"{name} by {share:.1%}" if name in _RELATIVE else f"{name} by {share:.2g} standard deviations of a run"
+        said = [f"{name} by {share:.1%}" if name in RELATIVE else f"{name} by {share:.2g} standard deviations of a run"
                 for name, share in self.groups.items() if share > _TOLD]  # fmt: skip
         yield f"{self._short()}; they differ in {', in '.join(said) or 'nothing beside noise'}"
         fixed = f"what a rig may state wrongly makes half or more of {self.never} of the {len(self.agree)}"
@@ -137,28 +151,16 @@ def between_runs(
     inside = np.stack([(scatter[owner == run] ** 2).sum(axis=0) for run in range(count)])
     inside = np.maximum(np.maximum(inside, count * np.diag(noise)), exact**2)
     alike = (scatter / np.maximum(np.sqrt((scatter**2).sum(axis=0)), 1e-300)).T
-    std, known = np.maximum(alone.std, exact), np.isfinite(alone.std)
-    compared, groups = known.sum(axis=0) > 1, dict[str, float]()
-    deviation, added, freedom = np.zeros(k), np.zeros(k), np.full(k, _MANY)
-    for name, at in _groups(names, compared).items():
-        size = np.sqrt(np.nanmean(std[:, at] ** 2, axis=0))
-        size = np.maximum(size, np.abs(values[at])) if name in _RELATIVE else size
-        apart = restricted(name, alone.each[:, at] / size, std[:, at] / size, known[:, at].astype(float))
-        groups[name], deviation[at] = np.sqrt(apart), np.sqrt(apart) * size
-        freedom[at] = (count - 1) * len(at) ** 2 / max((product(alike[at], alike[at].T) ** 2).sum(), len(at))
-        share = np.abs(alone.share[:, at])
-        if name not in _RELATIVE:  # what moves it is hardly a change of itself: it is as large as what moves it within
+    std, added = np.maximum(alone.std, exact), np.zeros(k)
+    apart = differing(names, values, alone.each, std, alike)
+    for name, at in groups_of(names, alone.std).items():
+        size, share = size_of(name, values[at], std[:, at]), np.abs(alone.share[:, at])
+        if name not in RELATIVE:  # what moves it is hardly a change of itself: it is as large as what moves it within
             size, share = np.sqrt(inside[:, at].mean(axis=0)), np.ones_like(share)
         variance = restricted(name, moved[:, at] / size, np.sqrt(inside[:, at]) / size, share, about=0.0)
-        added[at] = variance * size**2 * (share**2).sum(axis=0) / count**2 * wider(freedom[at]) ** 2
+        added[at] = variance * size**2 * (share**2).sum(axis=0) / count**2 * wider(apart.freedom[at]) ** 2
     within = np.diag(covariance)
-    common = np.broadcast_to(common, k)
-    some = np.flatnonzero(common < 0.25 * (within + added + common))
-    further = _further(within[some], added[some], freedom[some], count, common[some]) if some.size else 0
-    found = BetweenRuns(
-        values=alone.each, std=std, compared=compared, agree=compared & _agree(alone.each, std),
-        groups=groups, deviation=deviation, freedom=freedom, further=further, never=k - some.size,
-    )  # fmt: skip
+    found = BetweenRuns.of(alone.each, std, apart, within, added, np.broadcast_to(common, k))
     return found, at_least(covariance, np.sqrt(within + added))
 
 
@@ -197,47 +199,6 @@ def _agree(each: Floats, std: Floats) -> NDArray[np.bool_]:
     mean = np.nansum(weight * each, axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
     squares, freedom = np.nansum(weight * (each - mean) ** 2, axis=0), (weight > 0).sum(axis=0) - 1
     return np.asarray(squares <= chdtri(np.maximum(freedom, 1), _AGREE))
-
-
-def _groups(names: Sequence[str], compared: NDArray[np.bool_]) -> dict[str, list[int]]:
-    found = dict[str, list[int]]()
-    for i in np.flatnonzero(compared).tolist():
-        name = names[i].partition("[")[0]
-        found.setdefault(name if name.startswith(("drive.", "law.")) else "f", []).append(i)
-    return found
-
-
-def restricted(name: str, each: Floats, std: Floats, share: Floats, about: float | None = None) -> float:
-    """Variance of what differs between runs: each (R, m) = mean + share times that + what deviates by std.
-
-    By restricted maximum likelihood; `share` is 0 where nothing is known. `about`: the mean, where that is known, and
-    `each` is corrected for what the fit takes away.
-    """
-    from scipy.optimize import minimize_scalar
-
-    known, each = share > 0, np.where(share > 0, each, 0.0)
-
-    def criterion(variance: float) -> float:
-        total = np.where(known, std**2 + variance * share**2, 1.0)
-        weight = known / total
-        mean = (weight * each).sum(axis=0) / weight.sum(axis=0) if about is None else about
-        squares, taken = weight * (each - mean) ** 2, np.log(weight.sum(axis=0)).sum() if about is None else 0.0
-        return float(np.log(total).sum() + taken + squares.sum())
-
-    largest = max(np.var(values[some], ddof=1) for values, some in zip(each.T, known.T, strict=True))
-    if largest <= _ALIKE * np.min(std[known] ** 2):
-        return 0.0
-    tried = _TRIED * largest
-    costs = np.array([criterion(variance) for variance in tried])
-    best = int(np.argmin(costs))
-    if not np.isfinite(costs).all() or best == len(tried) - 1 or np.ptp(costs) < _FLAT:
-        raise ValueError(
-            f"the variance of {name} between runs must follow from the logs; it does not. Give a known value of what "
-            "they barely excite."
-        )
-    around = np.log(tried[[max(best - 1, 0), best + 1]])
-    found = minimize_scalar(lambda x: criterion(np.exp(x)), bounds=around, method="bounded", options={"xatol": 1e-10})
-    return 0.0 if criterion(0.0) <= found.fun else float(np.exp(found.x))
 
 
 def _further(within: Floats, between: Floats, freedom: Floats, count: int, common: Floats | float = 0.0) -> int:

@@ -1,8 +1,7 @@
 """What a log says against the rig that it came with: compliance, backlash, lag, other friction, late counts.
 
-Without being asked, every identification tests whether one of them explains the innovations of all its records, those
-held out too, where the model follows them best. What explains most is fitted, and the rest tested again beside it,
-until nothing is left that is significant.
+Every identification tests whether one of them explains the innovations of all its records, those held out too, where
+the model follows them best. What explains most is fitted, the rest tested again beside it, until none is significant.
 """
 
 import dataclasses
@@ -57,10 +56,11 @@ _SAID = {
     "those elsewhere. Its gear has backlash, wider than the model of it tells.",
     "disagreement": "the records contradict each other: each alone has other values (chi-square {chi_square:.0f} of "
     "{freedom} degrees of freedom, by chance below {threshold:.0f}). The model lacks something, or the robot has "
-    "changed (friction; a load, which find_load weighs). Identify each alone, and compare.",
+    "changed (friction; a load, which find_load weighs). {do}.",
 }
 """What contradicts the model, and what to do."""
 
+_MEAN = "Values are the mean of each record's own: found.fit.between tells how these differ"
 UNFITTED = ("reversals", "disagreement")  # what is told, but is no number of a model
 
 _SCALED = 0.08  # by which friction is off in all its numbers, and by which they may differ: then torques are scaled
@@ -91,6 +91,8 @@ class Detection(Shown, Frozen):
         Their least standard deviations, from how they differ between segments, and records; see `least_squares`.
     between : BetweenRuns or None
         How they differ between two records or more.
+    mean : Fit or None
+        The mean of what each record alone says, where they contradict each other, known to noise.
     assumed : dict
         Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its name.
     friction : dict
@@ -105,15 +107,16 @@ class Detection(Shown, Frozen):
     doubt: Floats | None = None
     grouped: Floats | None = None
     between: BetweenRuns | None = None
+    mean: Fit | None = None
     assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
     friction: dict[str, float] = dataclasses.field(default_factory=dict)
 
     def whole(self, fit: Fit) -> Fit:
-        """A fit whose covariance counts what the rig may lack; the same one where nothing is to be added."""
+        """A fit, or the mean, whose covariance counts what the rig may lack; the same one where that adds nothing."""
+        fit = fit if self.mean is None else self.mean
         if fit.covariance is None or fit.resonance is not None or self.doubt is None or self.grouped is None:
             return fit
-        covariance = at_least(fit.covariance + self.doubt, self.grouped)
-        noise = fit.covariance
+        covariance, noise = at_least(fit.covariance + self.doubt, self.grouped), fit.covariance
         return dataclasses.replace(fit, covariance=covariance, noise_covariance=noise, between=self.between)
 
     @property
@@ -124,8 +127,7 @@ class Detection(Shown, Frozen):
     @property
     def resonances(self) -> dict[str, float]:
         """Locked-rotor resonance [Hz] of each gear that was found to give, by joint."""
-        values = self._values("compliance")
-        return {self._joint(name): value**-0.5 for name, value in values if value > _STIFF**-2}
+        return {self._joint(name): value**-0.5 for name, value in self._values("compliance") if value > _STIFF**-2}
 
     @property
     def played(self) -> tuple[str, ...]:
@@ -179,6 +181,7 @@ class Detection(Shown, Frozen):
                 "value": value,
                 "lag": 1e3 * value,
                 "scaled": self._scaled(sign),
+                "do": "Identify each alone, and compare" if self.mean is None else _MEAN,
                 "ratio": next(iter(sign.values.values()), 0.0),
             } | {name: getattr(sign, name) for name in ("chi_square", "freedom", "threshold")}
             played = [name for name in sign.values if name.startswith("backlash")] or [""]
@@ -220,8 +223,7 @@ class Detection(Shown, Frozen):
         if sign.name == "friction":
             return "; ".join(self._level(name, value) for name, value in sign.values.items())
         if sign.name == "compliance":
-            gears = ", ".join(f"{hertz:.0f} Hz at {joint}" for joint, hertz in self.resonances.items())
-            return gears or "some resonance"
+            return ", ".join(f"{hz:.0f} Hz at {joint}" for joint, hz in self.resonances.items()) or "some resonance"
         if sign.name == "reversals":
             return self._joint(next(iter(sign.values)))
         if sign.name in _EACH:

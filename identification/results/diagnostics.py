@@ -12,8 +12,9 @@ from identification.equation_error.stated_law import torque_apart
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.results.detection import Detection
+from identification.results.each_record import of_each
 from identification.results.stepwise import detect
-from identification.search.memory import repeating
+from identification.search.memory import placed, repeating
 from identification.search.methods import prediction_error
 from identification.search.outcome import Fit, Outcome
 from identification.search.predictive import ROUGH, Predicted, doubtful, predicted
@@ -100,9 +101,13 @@ class Diagnostics(Shown, Frozen):
         kept = None if problem.held_out is None else repeating(problem, problem.held_out)
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
-        every, closest = (objective,) if kept is None else (objective, kept), np.nan
         late = delay if is_late(delay, delay_std) else 0.0
-        detection = detect(problem, fit, outcome, late)
+        detection = of_each(problem, detect(problem, fit, outcome, late))
+        if detection.mean is not None:
+            fit = detection.mean
+            objective = repeating(problem, placed(problem, fit), fit.resumptions)
+            (cost,) = _costs(fit, [objective])
+        every, closest = (objective,) if kept is None else (objective, kept), np.nan
         costs = [cost, *_costs(fit, every[1:])]
         told, *aside = runs = _runs(problem, fit, every, costs)
         doubted = any(map(doubtful, runs, (each.records for each in every))) and not any(problem.replays)

@@ -23,8 +23,6 @@ from plant.parts.sums import products
 
 _ASSUMED = ("gear", "motor_gain", "law.")  # numbers whose changes by 1 % are told
 
-_ALIKE = 0.9  # share of the intervals that agree, from which on records cannot contradict each other
-
 _AT_ONCE = 1 << 15  # rows of the innovations that are taken at once
 
 _BY_KIND = {"viscous": "friction", "coulomb": "friction"}  # tolerance of each kind of number, where it has another name
@@ -101,15 +99,11 @@ class Doubt:
         std = consider(own, residual, prior, self.effects, self._unit)[2]
         return {name: std[name] for name in names if std.get(name, 0.0) > 0}
 
-    def grouped(
-        self, names: Sequence[str], noise: Floats, doubt: Floats, apart: bool
-    ) -> tuple[Floats, BetweenRuns | None]:  # fmt: skip
+    def grouped(self, names: Sequence[str], noise: Floats, doubt: Floats) -> tuple[Floats, BetweenRuns | None]:
         """Standard deviations (k,) of the unknowns of these names, from how they differ between segments, and records.
 
         `noise`, `doubt` (k, k): covariance by noise, and what is added to it whatever is logged. Of two records or more
-        they count all that, and how these differ is told; not of records that contradict each other (`apart`) and whose
-        intervals agree: they are too far apart for what is linear about one fit. What else is fitted, of all records,
-        is taken out of rates.
+        they count all that, and how these differ is told. What else is fitted, of all records, is taken out of rates.
         """
         at, rates, residual = self.at, self.at.rates[:, : self.searched], self.at.innovations[: self.searched]
         lengths = [rows.stop - rows.start for rows in at.model.runs() if rows.stop <= self.searched]
@@ -128,8 +122,7 @@ class Doubt:
         )  # fmt: skip
         whole = np.zeros(self.unknown)
         whole[places] = np.sqrt(np.diag(covariance) + np.diag(doubt)[places])
-        alike = found.agree.sum() > _ALIKE * found.compared.sum()
-        return whole, None if apart and alike else found.among(places, self.unknown)
+        return whole, found.among(places, self.unknown)
 
 
 def priors(tolerances: Tolerances, names: Sequence[str], efforts: Floats) -> dict[str, float]:

@@ -67,7 +67,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         return Detection(reason=str(error))
     if fit.covariance is None or fit.resonance is not None:
         return detection
-    grouped, between = doubt.grouped(problem.unknown, fit.covariance, added, "disagreement" in detection.names)
+    grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)
     grouped = outcome.grouped if between is None and outcome.grouped is not None else grouped
     return dataclasses.replace(detection, grouped=grouped, between=between)
 

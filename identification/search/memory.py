@@ -76,6 +76,14 @@ def repeating(problem: Problem, objective: Objective, places: Sequence[Resumptio
     return Objective(problem.dynamics, records, objective.unknown, **problem.options)
 
 
+def placed(problem: Problem, fit: Fit) -> Objective:
+    """The objective of the records that are searched, with the zeros of a fit in place."""
+    if fit.zeros is None:
+        return problem.objective
+    moved = with_zeros(problem.objective.records, fit.zeros)
+    return Objective(problem.dynamics, moved, fit.unknown, **problem.options)
+
+
 def as_tested(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
     """The records that are followed, and which of the unknowns act on them."""
     if fit.zeros is not None:

@@ -1,11 +1,12 @@
 """Intervals of several logs of one machine whose friction drifts, and of runs of a real one: do they hold the truth?
 
     CTC_DATA=... python tests/benchmarks/between_runs.py [--logs 2 4 8] [--drift 0.05 0.1] [--machines 24]
-        [--fits fit_torque identify exact]
+        [--fits fit_torque identify exact pid]
 
 Simulated: the paper's arm, its viscous and Coulomb friction other in each log (normal, of the drift's standard
 deviation, relative), other paths of 8 s. `fit_torque` has a torque with 0.3 N m of noise; `identify` has counts alone,
-of 4 s, and fits their prediction error; *exact*: the same with rigs that are taken for exact, as they are here.
+of 4 s, and fits their prediction error; *exact*: the same with rigs that are taken for exact, as they are here; *pid*:
+the same under a PID whose torque, logged, chatters.
 *Covered*: 95 % intervals of the common fit that hold the truth; *noise*: those of noise alone. Real: the open-loop runs
 of a double pendulum, both designs; the intervals of each run, with what differs between runs, against the values of
 each other run: *apart*, the difference within the root of the sum of the squared half-widths, and *held*, the other's
@@ -26,7 +27,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
 from identification import IdentificationWarning, Tolerances, fit_torque, identify
-from plant import Harmonics, puma560, simulate
+from plant import PID, Harmonics, puma560, simulate
 
 ARM, RIG = puma560.literature_arm(1.5), puma560.rig()
 KINDS = ("viscous", "coulomb")
@@ -36,14 +37,14 @@ TRUTH = np.concatenate([ARM.f, RIG.drive.viscous, RIG.drive.coulomb])
 RUNS = {"C.0": ("00", "01", "02", "03", "04", "05", "06"), "A.0": ("00", "01", "02", "03", "04", "05")}
 
 
-def drifting(seed, drift, duration=8.0):
+def drifting(seed, drift, duration=8.0, law=None):
     """A log of a machine on this day, and the random numbers that it leaves."""
     random = np.random.default_rng(seed)
     friction = {kind: getattr(RIG.drive, kind) * (1 + drift * random.normal(size=2)) for kind in KINDS}
     path = Harmonics(period=4.0, offset=(0, 0), cosine=random.normal(0, 0.12, (2, 4)),
                      sine=random.normal(0, 0.12, (2, 4)))  # fmt: skip
     machine = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **friction))
-    record = simulate(ARM, machine, puma560.p_law((0.1, 0.08)), path, duration=duration)
+    record = simulate(ARM, machine, law or puma560.p_law((0.1, 0.08)), path, duration=duration)
     return dataclasses.replace(record, rig=RIG, true_q=None, true_qd=None), random
 
 
@@ -63,7 +64,17 @@ def by_counts(seeds, drift, tolerances=None):
     return identify(ARM.dynamics, records, unknown=UNKNOWN, **options).fit
 
 
-FITS = {"fit_torque": by_torque, "identify": by_counts, "exact": partial(by_counts, tolerances=Tolerances.none())}
+def by_repeated(seeds, drift):
+    """A fit of counts and torque under a law with memory."""
+    law = PID(gain=(0.1, 0.08), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period)
+    records = [drifting(seed, drift, 4.0, law)[0] for seed in seeds]
+    return identify(ARM.dynamics, records, unknown=UNKNOWN, held_out=(), progress=False).fit
+
+
+FITS = {
+    "fit_torque": by_torque, "identify": by_counts, "exact": partial(by_counts, tolerances=Tolerances.none()),
+    "pid": by_repeated,
+}  # fmt: skip
 
 
 def simulated(logs, drift, machines, name):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from identification import fit_torque
-from identification.equation_error.between_runs import _agree, _further, between_runs, restricted
+from identification.equation_error.between_runs import _agree, _further, between_runs
+from identification.equation_error.random_effects import restricted
 from plant import Harmonics, puma560, simulate
 
 RUNS, EACH = 6, 40

@@ -7,7 +7,7 @@ import pytest
 
 from identification import Identification, identify
 from identification.results import model_error
-from plant import Harmonics, Phase, puma560, simulate
+from plant import PID, Harmonics, Phase, puma560, simulate
 
 ARM, RIG, LAW = puma560.literature_arm(1.5), puma560.rig(), puma560.p_law((0.1, 0.08))
 KINDS = ("viscous", "coulomb")
@@ -54,6 +54,43 @@ def test_friction_that_drifts_widens_the_intervals_that_then_hold_it(tmp_path):
     assert "would halve the intervals" in said
     found.save(tmp_path / "found.json")
     assert Identification.load(tmp_path / "found.json").fit.between == between
+
+
+def repeated(share):
+    """Counts and torque, which chatters, of a day on which the friction of the joints is off by so much, relative."""
+    path = Harmonics(period=2.5, offset=(0, 0), cosine=((0.3, 0.1, -0.1), (-0.2, 0.1, 0.1)),
+                     sine=((0.1, -0.2, 0.05), (0.2, 0.2, -0.1)))  # fmt: skip
+    law = PID(gain=(0.1, 0.08), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period)
+    friction = {kind: getattr(RIG.drive, kind) * (1 + np.array([share, -share])) for kind in KINDS}
+    machine = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **friction))
+    return dataclasses.replace(simulate(ARM, machine, law, path, duration=2.5), rig=RIG, true_q=None, true_qd=None)
+
+
+@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")  # the records contradict each other
+def test_records_that_contradict_each_other_give_the_mean_of_their_own_fits():
+    """Their common fit follows its counts so closely that its values are off by seven standard deviations."""
+    records = [repeated(share) for share in (0.1, -0.1)]
+    found = quick(records)
+    fit, off = found.fit, np.abs(found.fit.values - TRUTH)
+    assert found.diagnostics.detection.names == ("disagreement",)
+    assert (off < 2 * fit.std).all()
+    assert (off < 0.01 * np.abs(TRUTH)).all()
+    for name in ("drive.viscous", "drive.coulomb"):
+        assert fit.between.groups[name] == pytest.approx(0.1 * np.sqrt(2), rel=0.02)
+    assert fit.between.groups["f"] < 0.1
+    np.testing.assert_array_equal(fit.between.values[0], quick(records[0]).fit.values)
+    assert fit.rms_innovation < 0.3
+    assert "Values are the mean of each record's own" in found.warnings[0]
+    wide = quick(records, prior=(1.05 * ARM.f, 1e3))
+    np.testing.assert_allclose((wide.fit.values - fit.values) / fit.std, 0, atol=0.5)
+
+
+@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
+def test_of_a_record_that_alone_does_not_tell_all_no_mean_is_made():
+    found = quick([repeated(0.1), repeated(-0.1).cut(0.0, 0.3)])
+    assert found.diagnostics.detection.mean is None
+    assert found.fit.between is None
+    assert "Identify each alone, and compare" in found.warnings[0]
 
 
 def test_one_record_says_that_a_second_would_tell():
