@@ -34,8 +34,8 @@ class FrictionTrial(Shown):
     Attributes
     ----------
     kind : str
-    share : float or None
-        Stribeck speed, or speed at which viscous friction saturates, in the usual speed of each joint.
+    share : tuple of float or None
+        Stribeck speed, or speed at which viscous friction saturates, of each joint, in its usual speed.
     better : float
         Share of the squared error, of torques in blocks kept aside, that it takes away; negative where it adds.
     errors : float
@@ -48,7 +48,7 @@ class FrictionTrial(Shown):
     """
 
     kind: str
-    share: float | None
+    share: tuple[float, ...] | None
     better: float
     errors: float
     levels: Floats
@@ -84,14 +84,15 @@ class FrictionTrial(Shown):
             if curve.breakaway is not None:
                 raise ValueError("a drive has one Stribeck speed; this one states another. Fit without its breakaway.")
             gear = np.abs(drive.gear)
-            levels, speed = np.maximum(found, 0.0) / gear, self.share * self.usual * gear
+            levels, speed = np.maximum(found, 0.0) / gear, np.array(self.share) * self.usual * gear
             curve = dataclasses.replace(curve, breakaway=levels, speed=speed)
         else:
             raise ValueError(f"friction must be one that a drive has; got {self.kind} friction. {_ADVICE[self.kind]}.")
         return dataclasses.replace(drive, curve=curve)
 
     def _short(self) -> str:
-        at = "" if self.share is None else f" at {self.share:.0%} of the usual speed"
+        each = ", ".join(f"{share:.0%}" for share in dict.fromkeys(self.share or ()))
+        at = f" at {each} of the usual speed{'s' * (',' in each)}" if each else ""
         return f"{self.kind}{at}: blocks kept aside {self.better:+.0%} better ({self.errors:.1f} standard errors)"
 
     def _shown(self) -> Iterator[Piece]:
@@ -99,8 +100,8 @@ class FrictionTrial(Shown):
 
 
 def friction_trials(
-    systems: Sequence[System], candidates: Sequence[tuple[str, float | None]], joints: Sequence[int], seconds: Floats,
-    gap: float, weights: Floats, usual: Floats,
+    systems: Sequence[System], candidates: Sequence[tuple[str, tuple[float, ...] | None]], joints: Sequence[int],
+    seconds: Floats, gap: float, weights: Floats, usual: Floats,
 ) -> tuple[FrictionTrial, ...]:  # fmt: skip
     """Trials, best first, of systems whose last columns are those of each candidate, one for each of these joints.
 

@@ -155,7 +155,7 @@ def _freed(
 
 _SHARES, _FINER = (0.02, 0.1, 0.5), (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
 """Stribeck speeds, and those at which viscous friction saturates, that are tried, in the usual speed of each joint; and
-those tried then about a Stribeck speed that predicts better, in that."""
+those tried then about a Stribeck speed that predicts better, in that: of all joints, then of one after another."""
 
 
 def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) -> tuple[FrictionTrial, ...]:
@@ -164,7 +164,7 @@ def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) 
     coupling = rig.drive.coupling
     joints = [j for j in range(dynamics.n) if f"drive.coulomb[{j}]" in fit.names and fit.sigma[j] > 0]
 
-    def shape(motion: Motion, kind: str, share: float) -> Floats:
+    def shape(motion: Motion, kind: str, share: Floats) -> Floats:
         qd = coupling.shaft(motion.qd)
         if kind == KINDS[0]:
             return 1 + 0 * qd
@@ -176,11 +176,11 @@ def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) 
             return curve.level(qd) * np.sign(qd)
         return np.tanh(qd / (share * usual))
 
-    def column(kind: str, share: float | None, joint: int) -> Callable[..., Floats]:
+    def column(kind: str, share: tuple[float, ...] | None, joint: int) -> Callable[..., Floats]:
         own = np.arange(dynamics.n) == joint
-        return lambda *motion: coupling.joint_torque(shape(Motion(*motion), kind, share or 0.0) * own)
+        return lambda *motion: coupling.joint_torque(shape(Motion(*motion), kind, np.array(share)) * own)
 
-    def trials(*candidates: tuple[str, float | None]) -> tuple[FrictionTrial, ...]:
+    def trials(*candidates: tuple[str, tuple[float, ...] | None]) -> tuple[FrictionTrial, ...]:
         columns = {f"{kind}, {share}, {j}": column(kind, share, j) for kind, share in candidates for j in joints}
         systems = dataclasses.replace(task, extra={**task.extra, **columns}).systems(*settings, thin=True)[1]
         weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
@@ -188,10 +188,14 @@ def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) 
 
     if not joints:
         return ()
-    found = trials(*((kind, None) for kind in KINDS[:2]), *((kind, share) for share in _SHARES for kind in KINDS[2:]))
-    if found and found[0].kind == KINDS[2] and found[0].clear and (share := found[0].share):
-        found = (*found, *trials(*((KINDS[2], share * finer) for finer in _FINER)))
-    return tuple(sorted(found, key=lambda trial: -trial.better))
+    every = [(kind, (share,) * dynamics.n) for share in _SHARES for kind in KINDS[2:]]
+    found = trials(*((kind, None) for kind in KINDS[:2]), *every)
+    for some in (joints, *([j] for j in joints if len(joints) > 1)):
+        if found and found[0].kind == KINDS[2] and found[0].clear and (share := found[0].share):
+            moved = np.where(np.isin(np.arange(dynamics.n), some), np.array(_FINER)[:, None], 1.0) * share
+            found = (*found, *trials(*((KINDS[2], tuple(row)) for row in moved.tolist())))
+            found = tuple(sorted(found, key=lambda trial: -trial.better))
+    return found
 
 
 def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:

@@ -105,11 +105,17 @@ class Followed(Experiment):
         return other.innovations(values)
 
     def beside(self, torque: Floats) -> Self:
-        """The same with another torque (N, n) [N m] injected, if that acts beside the law's."""
-        other = copy.copy(self)
-        other.record = dataclasses.replace(self.record, injected=torque)
-        if self.loop.injected:
-            other._tables = self._kernel.with_injected(self._tables, self.clock.bridged(torque))
+        """The same with another torque (N, n) [N m] injected; what a law repeats is more by what is injected more."""
+        other, record, drive = copy.copy(self), self.record, self.record.rig.drive
+        columns: dict[str, Any] = {"injected": torque}
+        name = column = "injected"
+        if not self.loop.injected:
+            more = torque if record.injected is None else torque - record.injected
+            name, column = "logged", str(self.loop.law.replays)
+            more = drive.motor_torque(more) / drive.motor_gain if column == "current" else more
+            columns[column] = getattr(record, column) + more
+        other.record = dataclasses.replace(record, **columns)
+        other._tables = self._kernel.with_held(self._tables, name, self.clock.bridged(columns[column]))
         return other
 
     def innovations(self, values: Floats) -> Floats:

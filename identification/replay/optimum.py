@@ -5,6 +5,7 @@ Compliance and backlash do not act linearly there: some of each are tried, and w
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,8 @@ class Optimum:
     """Where the sum of squared innovations is least.
 
     `values` (k,), `step` (k,) of their differences. `innovations` (M,): weighted. `rates` (v, M): their changes per
-    step of the varied unknowns. `made` (r, v): what orthonormal directions are of these changes. `unknown`: how many of
-    the varied unknowns, the first, are not observer gains.
+    step of the varied unknowns. `made` (r, v): what orthonormal directions are of these changes, without those of what
+    would leave its bounds. `unknown`: how many of the varied unknowns, the first, are not observer gains.
     """
 
     model: Extended
@@ -52,6 +53,15 @@ class Optimum:
         """What of a direction (M,) the varied unknowns cannot do as well."""
         return np.asarray(direction - np.einsum("v,vm->m", along(self.made, self.rates, direction), self.rates))
 
+    def towards(self, moves: Floats, change: Floats, bounds: Floats) -> Floats:
+        """By how much (k,) to move where the log is followed best on the way to an estimate, the varied unknowns too.
+
+        `moves` (k,) make this change (M,) where they are small; where joints stick, an estimate may be far too large.
+        """
+        moves, varied = moves.copy(), np.flatnonzero(self.step)
+        moves[varied] -= self.step[varied] * along(self.made, self.rates, change)
+        return nearest(self.model, np.clip(self.values + _LENGTHS[:, None] * moves, *bounds.T)) - self.values
+
     def unit(self, left: Floats) -> float:
         """Variance of what is left, inflated by its autocorrelation."""
         return float((left**2).sum() / (self.model.weights**2).sum() * variance_inflation(left))
@@ -59,6 +69,11 @@ class Optimum:
     def chi_square(self, after: Floats) -> float:
         """Decrease of the sum of squares from here to what is left afterwards (M,), in its unit."""
         return float(((self.before**2).sum() - (after**2).sum()) / self.unit(after))
+
+
+def nearest(model: Extended, some: Sequence[Floats] | Floats) -> Floats:
+    """Of some values (k,), those that follow the log best."""
+    return np.asarray(some[int(np.argmin([(each**2).sum() for each in model.all_innovations(some)]))])
 
 
 def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: Optimum | None = None) -> Optimum:
@@ -94,6 +109,13 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: 
                 break
         if not left or not (innovations**2).sum() < (1 - _SETTLED) * before:
             break
+    solved = functools.partial(_solved, made, rates, innovations, own)
+    inside = ((bounds[:, 0] < values) & (values < bounds[:, 1]))[varied]
+    free = inside | (within_bounds(solved, values, step, bounds)[varied] != 0)
+    if not free.all():  # what is at its bound, and would leave it, does nothing
+        within = directions(rates[free], own)
+        made = np.zeros((len(within), len(rates)))
+        made[:, free] = within
     return Optimum(
         model=model, values=values, step=step, innovations=innovations, rates=rates, made=made, unknown=unknown
     )

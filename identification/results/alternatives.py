@@ -77,7 +77,7 @@ class Sign(Shown, Frozen):
     @property
     def significant(self) -> bool:
         """Whether chi-square is above its threshold."""
-        return self.chi_square > self.threshold
+        return bool(self.chi_square > self.threshold)
 
     def _short(self) -> str:
         return f"{self.name}, chi-square {self.chi_square:.0f} of {self.freedom}, by chance below {self.threshold:.0f}"

@@ -16,6 +16,8 @@ from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 
 _LEAST, _MOST = 0.05, 0.5  # by which a length may differ: less is rounding, from more nothing is estimated
+_STEEP, _NEAR, _TRIALS = 0.5, 0.01, 3
+"""By how much less must be missing per length that is put in, at least; what may be missing; lengths put in."""
 
 
 def tested(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
@@ -43,15 +45,18 @@ def _effect(at: Optimum, name: str) -> Floats:
 def with_length(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[Sign, Optimum]:
     """The model of a chain with that length, fitted.
 
-    `step`, `bounds`: as for `fitted`. The length is estimated anew in it, since it does not act linearly.
+    `step`, `bounds`: as for `fitted`. A length does not act linearly: what is missing of it beside each is estimated,
+    and the next is where a straight line through the last two has its zero.
     """
     ((name, share),) = sign.values.items()
-
-    def tried(share: float, values: Floats) -> tuple[Sign, Optimum]:
+    before, missing, tried = 0.0, share, [(sign, at)]
+    while len(tried) <= _TRIALS and abs(missing) > _NEAR:
         model = at.model.of(longer(at.model.dynamics, share)[name])
-        return dataclasses.replace(sign, values={name: share}), fitted(model, values, step, bounds)
-
-    first = tried(share, at.values)
-    more = sum(each.values[name] for each in linear(first[1], "length", {name: _effect(first[1], name)}))
-    second = tried((1 + share) * (1 + more) - 1, first[1].values)
-    return min(first, second, key=lambda each: each[1].squares)
+        tried.append(
+            (dataclasses.replace(sign, values={name: share}), fitted(model, tried[-1][1].values, step, bounds))
+        )
+        at_it = tried[-1][1]
+        more = sum(each.values[name] for each in linear(at_it, "length", {name: _effect(at_it, name)}))
+        slope = min((more - missing) / (share - before), -_STEEP)
+        before, missing, share = share, more, share - more / slope
+    return min(tried[1:], key=lambda each: each[1].squares)

@@ -1,14 +1,18 @@
 """What the stated model has that the log contradicts: the sign of gravity, or of one joint; rotors.
 
 Signs by least squares of the smoothed torques on the smoothed motion, with base parameters and friction of any value.
+Where a sampled law's torque was not logged, it is run along the log, and what it integrated before is a constant.
 """
 
+import dataclasses
 import functools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from identification.equation_error.law_memory import along_log
+from identification.equation_error.torque_logs import torque_of
 from identification.search.predictive import ROUGH
 from plant import Dynamics, Record
 from plant.checkup.signals import Signals
@@ -30,14 +34,17 @@ _OTHER = 0.2
 @functools.lru_cache(maxsize=4)
 def restated(dynamics: Dynamics, record: Record) -> list[str]:
     """A line about the one sign whose change explains the torques of a record much better, or none."""
+    law, logged = record.law, record.torque is not None or record.current is not None
+    if runs := not logged and law is not None and bool(law.period) and law.has_memory(record.n):
+        record = dataclasses.replace(record, torque=torque_of(along_log(record)))
     signals, every = Signals(record), np.ones(dynamics.n)
     if signals.motor_torque is None or not signals.long_enough:
         return []
-    before, tried = _left(dynamics, signals, every), {}
-    tried["gravity acts the other way"] = _left(dynamics, signals, every, gravity=-1.0)
+    left = functools.partial(_left, dynamics, signals, integrated=runs)
+    before, tried = left(every), {"gravity acts the other way": left(every, gravity=-1.0)}
     for i, label in enumerate(dynamics.chain.joint_labels if dynamics.n > 1 else ()):
         said = f"{label} turns the other way: its axis, or the signs of all its columns, are wrong"
-        tried[said] = _left(dynamics, signals, np.where(np.arange(dynamics.n) == i, -1.0, 1.0))
+        tried[said] = left(np.where(np.arange(dynamics.n) == i, -1.0, 1.0))
     best = min(tried, key=tried.__getitem__)
     if tried[best] > _CLOSER * before:
         return []
@@ -47,10 +54,13 @@ def restated(dynamics: Dynamics, record: Record) -> list[str]:
     ]
 
 
-def _left(dynamics: Dynamics, signals: Signals, sign: Floats, gravity: float = 1.0) -> float:
+def _left(
+    dynamics: Dynamics, signals: Signals, sign: Floats, gravity: float = 1.0, *, integrated: bool = False
+) -> float:
     """Share (rms) of the smoothed torques that the equation of motion leaves.
 
-    `sign` (n,): by which joints are turned. `gravity`: factor of what it is stated to be.
+    `sign` (n,): by which joints are turned. `gravity`: factor of what it is stated to be. `integrated`: whether a
+    constant of each torque is open.
     """
     rig, rows = signals.rig, np.flatnonzero(signals.clear)
     rows = rows[:: max(1, len(rows) // _ROWS)]
@@ -61,7 +71,8 @@ def _left(dynamics: Dynamics, signals: Signals, sign: Floats, gravity: float = 1
     Y = np.array([dynamics.Y(*state) for state in zip(q, qd, qdd, strict=True)])
     if gravity != 1:
         Y += (gravity - 1) * np.array([dynamics.Y(pose, still, still) for pose in q])
-    rubs = [np.eye(signals.n)[None] * each[:, :, None] for each in (qd, dry)]
+    own = (qd, dry, np.ones_like(qd)) if integrated else (qd, dry)
+    rubs = [np.eye(signals.n)[None] * each[:, :, None] for each in own]
     scale = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
     A, b = np.concatenate([Y, *rubs], axis=2) / scale[:, None], (torque / scale).ravel()
     A = A.reshape(torque.size, -1)

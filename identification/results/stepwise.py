@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from identification.replay.extended import Extended
-from identification.replay.optimum import Optimum, fitted
+from identification.replay.optimum import Optimum, fitted, nearest
 from identification.results.along_log import effects_along, efforts, torques_along
-from identification.results.alternatives import Sign, delay_sign, effects_of, sampled
+from identification.results.alternatives import Sign, effects_of, sampled
 from identification.results.detection import UNFITTED, Detection
+from identification.results.late import without_delay
 from identification.results.lengths import tested, with_length
 from identification.results.model_error import Doubt
 from identification.search.memory import as_tested
@@ -35,9 +36,6 @@ _STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard devia
 _LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
 
 _APART = 2.0  # by how much more the values of each record alone explain than anything else, where only that is told
-
-_LATE, _SHIFTS = 1.0, 2
-"""Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
 
 
 def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> Detection:
@@ -100,11 +98,13 @@ class _Search:
             problem.dynamics, pieces, [problem.unknown[i] for i in keep], f, prior=problem.prior,
             runs=[len(own) for own in parts], **problem.options,
         )  # fmt: skip
-        gains, extra = model.gains if fit.gains is None else fit.gains, np.zeros(len(model.extra))
+        extra = np.zeros(len(model.extra))
         self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
         limits = np.column_stack([model.least, np.full(len(extra), np.inf)])
         self.bounds = np.vstack([problem.bounds[keep], model.gain_bounds, limits])
-        begin = np.concatenate([values[keep], gains, extra]) if near is None else near.values
+        own = [model.gains] if fit.gains is None else [fit.gains, model.gains]  # low ones may lose a record held out
+        begin = nearest(model, [np.concatenate([values[keep], gains, extra]) for gains in own])
+        begin = begin if near is None else near.values
         first = fitted(model, begin, self.step, self.bounds, near)
         if model.prior.settle(first.unit(first.innovations)):
             first = fitted(model, first.values, self.step, self.bounds)
@@ -179,42 +179,38 @@ class _Search:
     def _refitted(self, sign: Sign) -> _Refit | None:
         """The model with an alternative, fitted from its first estimate; None where it does not follow the log."""
         if sign.name == "delay":
-            return self._shifted(sign)
+            late = without_delay(self.at, sign, self.step, self.bounds)
+            return None if late is None else self._compared(*late, self.step)
         if sign.name == "length" or sign.values.keys() <= self.torques.keys():
             return self._pushed(sign)
         model, some = self.at.model, list(sign.values)
         every = [name for name in model.extra if sign.name == "compliance" and name.startswith("compliance")]
         for names in (every, some) if every else (some,):
-            values, step = self.at.values.copy(), self.step.copy()
+            moves, step = np.zeros(len(self.at.values)), self.step.copy()
             for name in names:
                 place, value = model.place(name), sign.values.get(name, 0.0)
-                values[place] = np.clip(value, _LEAST, _MOST) if every else value
-                step[place] = 0.0 if sign.name == "backlash" else _FINE * abs(values[place])
-            near = self.at if self._begins(step) else None
+                moves[place] = np.clip(value, _LEAST, _MOST) if every else value
+                step[place] = 0.0 if sign.name == "backlash" else _FINE * abs(moves[place])
             try:
-                return self._compared(sign, fitted(model, values, step, self.bounds, near), step)
+                refit = self._from(sign, moves, step)
             except ValueError:  # it diverges: inertias that rigid gears have made too small
                 continue
+            if every or sign.name == "backlash" or refit.sign.explained > _AS_GOOD * sign.explained:
+                return refit
+            change = np.sum([value * self.effects[name] for name, value in sign.values.items()], axis=0)
+            other = self._from(sign, self.at.towards(moves, change, self.bounds), step)
+            return max(refit, other, key=lambda each: each.sign.explained)
         return None
+
+    def _from(self, sign: Sign, moves: Floats, step: Floats) -> _Refit:
+        """The model with an alternative, fitted from where it is, moved by so much (k,)."""
+        near = self.at if self._begins(step) else None
+        return self._compared(sign, fitted(self.at.model, self.at.values + moves, step, self.bounds, near), step)
 
     def _begins(self, step: Floats) -> bool:
         """Whether what is varied now is the first of what steps (k,) vary."""
         now, then = np.flatnonzero(self.step), np.flatnonzero(step)
-        return bool((then[: len(now)] == now).all())
-
-    def _shifted(self, sign: Sign) -> _Refit | None:
-        """The model of counts that are not late."""
-        delay, at = 0.0, self.at
-        for _ in range(_SHIFTS):
-            delay += sign.values["delay"]
-            if abs(delay) > _LATE:
-                return None
-            try:
-                at = fitted(self.at.model.late(-delay), at.values, self.step, self.bounds, self.at)
-            except ValueError:
-                return None
-            sign = delay_sign(at) or sign
-        return self._compared(dataclasses.replace(sign, values={"delay": delay}), at, self.step)
+        return np.array_equal(then[: len(now)], now)
 
     def _pushed(self, sign: Sign) -> _Refit | None:
         """The model beside the torques of a sign, or of a chain of its length."""

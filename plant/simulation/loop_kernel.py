@@ -118,14 +118,14 @@ class LoggedKernel(_Compiled):
         """The same tables with other data (M, m)."""
         return *tables[:3], np.ascontiguousarray(data[:, self.program("logged")[1]["data"]]), tables[4]
 
-    def with_injected(self, tables: tuple[Any, ...], torque: Floats) -> tuple[Any, ...]:
-        """The same tables with another injected torque (M, n) at all samples."""
-        first, changed = self.loop.time_names.index("injected[0]"), list(tables)
+    def with_held(self, tables: tuple[Any, ...], name: str, held: Floats) -> tuple[Any, ...]:
+        """The same tables with another "injected" torque, or what else is "logged" and held, (M, n) at all samples."""
+        first, changed = self.loop.time_names.index(f"{name}[0]"), list(tables)
         for i, which, times in ((1, "sample", 1), (2, "step", self.loop.steps_per_sample)):
             joints = np.array(self.program("logged")[1][which], int) - first
             own = (joints >= 0) & (joints < self.loop.n)
             changed[i] = tables[i].copy()
-            changed[i][:, own] = np.repeat(torque[:, joints[own]], times, axis=0)
+            changed[i][:, own] = np.repeat(held[:, joints[own]], times, axis=0)
         return tuple(changed)
 
     def parts(self, tables: tuple[Any, ...], samples: int) -> Iterator[tuple[slice, tuple[Any, ...]]]:

@@ -1,8 +1,9 @@
 """Causes, tried on another engine: is what was spoiled named first? A part of `second_reading.py`.
 
     python tests/benchmarks/second_reading.py causes [--logs 40] [--arms puma ur5e] [--only NAME ...] [--said]
+        [--law P | PID | computed_torque]
 
-Two arms in MuJoCo under P control with dry friction, on paths drawn from a seed. One thing is spoiled: the machine, or
+Two arms in MuJoCo under a law with dry friction, on paths drawn from a seed. One thing is spoiled: the machine, or
 what is stated of it, or the log. Of four logs in turn two have the other gain, and two the logged torque. First is what
 `record.check()` finds first; where it finds nothing, the first warning of `identify`, or its refusal.
 """
@@ -16,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ctc import ComputedTorque
 from identification import identify
-from plant import Chain, Dynamics, Harmonics, Link, P, puma560
+from plant import PID, Chain, Dynamics, Harmonics, Link, P, puma560
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracles"))
 from mujoco_odd import run
@@ -25,10 +27,9 @@ from packaged_arms import elbow_of_a_ur5e
 
 
 def puma(strong):
-    """Truth, dynamics without values, rig and law of the arm of the paper."""
+    """Truth, dynamics without values, rig and gains of P of the arm of the paper."""
     links = (Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH))
-    law = P(gain=(0.20, 0.15) if strong else (0.10, 0.075))
-    return puma560.literature_arm(1.5), Chain(links=links), puma560.rig(), law
+    return puma560.literature_arm(1.5), Chain(links=links), puma560.rig(), (0.20, 0.15) if strong else (0.10, 0.075)
 
 
 def ur5e(strong):
@@ -36,10 +37,25 @@ def ur5e(strong):
     chain, rig = elbow_of_a_ur5e("fix")
     chain = chain.with_rotors(rig.drive)
     dynamics = Dynamics.from_chain(chain)
-    return dynamics.arm(dynamics.f()), chain, rig, P(gain=(0.080, 0.0295) if strong else (0.042, 0.0153))
+    return dynamics.arm(dynamics.f()), chain, rig, (0.080, 0.0295) if strong else (0.042, 0.0153)
 
 
 ARMS = {"puma": puma, "ur5e": ur5e}
+
+
+def _pid(truth, rig, gain):
+    gain = np.array(gain) / 2
+    return PID(gain=gain, integral=5 * gain, derivative=0.004 * gain, filter=2000.0, period=rig.period)
+
+
+def _computed_torque(truth, rig, gain):
+    """Of f that is 5 % off, and the faster the stronger P would be."""
+    f = truth.f * (1 + 0.05 * (-1.0) ** np.arange(len(truth.f)))
+    return ComputedTorque(truth.dynamics.arm(f), rig, bandwidth=100.0 if gain[0] > 0.05 else 60.0)
+
+
+LAWS = {"P": lambda truth, rig, gain: P(gain=gain), "PID": _pid, "computed_torque": _computed_torque}
+"""By truth, rig and gains of P."""
 
 
 def path_of(random, upright=0.0):
@@ -62,7 +78,8 @@ class Given:
         """The rig stated wrongly; the path is as it was, and what it is in counts stands in the log."""
         for i, record in enumerate(self.records):
             rig = dataclasses.replace(record.rig, drive=dataclasses.replace(record.rig.drive, **drive))
-            self.records[i] = dataclasses.replace(record, rig=rig, reference=None)
+            path = record.reference if isinstance(record.law, ComputedTorque) else None  # which counts leave open
+            self.records[i] = dataclasses.replace(record, rig=rig, reference=path)
 
     def each(self, **columns):
         """Columns of the log changed, by functions of the record."""
@@ -118,8 +135,20 @@ def _late(given):
 
 def _gain(given):
     factor = 1 + given.random.choice((-1, 1)) * given.random.uniform(0.15, 0.4)
-    for i, record in enumerate(given.records):
-        given.records[i] = dataclasses.replace(record, law=P(gain=factor * np.array(record.law.gain)))
+    name = "gain" if hasattr(given.records[0].law, "gain") else "bandwidth"
+    _restated(given, **{name: factor * np.array(getattr(given.records[0].law, name))})
+
+
+def _restated(given, **numbers):
+    """The law stated otherwise than it ran."""
+    given.records = [dataclasses.replace(each, law=dataclasses.replace(each.law, **numbers)) for each in given.records]
+
+
+def _lacking(given):
+    """Stated without the rate of its error; computed torque without its friction."""
+    law = given.records[0].law
+    if law.period:
+        _restated(given, **({"derivative": (0.0, 0.0)} if isinstance(law, PID) else {"friction": False}))
 
 
 def _gear(given):
@@ -148,6 +177,8 @@ class Cause:
     """Two records, only the second is of this machine."""
     unloaded: bool = False
     """About where gravity changes sign, hanging or upright."""
+    sampled: tuple[str, ...] = ()
+    """What names it as well where the law reads the counts that are logged."""
 
 
 LABELS = {
@@ -187,7 +218,7 @@ CAUSES = {
     "floor/fix": Cause(("rounding",), lambda random: {"rounding": "floor"}),
     "lost rows": Cause(("lost rows",), stated=_lost),
     "late log": Cause(("late counts",), stated=_late),
-    "late loop": Cause(("lag of the loop", "oscillates"), uniform(0.1, 1.0, "delay")),
+    "late loop": Cause(("lag of the loop", "oscillates"), uniform(0.1, 1.0, "delay"), sampled=("late counts",)),
     "asymmetric friction": Cause(("offset",), uniform(0.15, 0.5, "offset")),
     "Stribeck": Cause(("friction",), uniform(0.3, 1.0, "stribeck")),
     "elastic": Cause(("elastic",), uniform(15, 60, "hertz")),
@@ -203,17 +234,18 @@ CAUSES = {
     "degrees": Cause(("scale of counts",), stated=_degrees),
     "mm": Cause(("gears, lengths", "lengths"), stated=lambda g: _links(g, _longer(1000.0))),
     "saturation": Cause(("saturated",), lambda random: {"share": "peak"}),
-    "PD for P": Cause(("gain", "gain or gear", "law"), uniform(0.005, 0.02, "derivative")),
+    "PD for P": Cause(("gain", "gain or gear", "law"), uniform(0.005, 0.02, "derivative"), stated=_lacking),
     "load": Cause(("changes",), uniform(1.0, 3.0, "load"), two=True),
     "cogging": Cause(("cogging",), uniform(0.1, 0.4, "cogging")),
     "friction drifts": Cause(("friction", "changes"), uniform(0.3, 0.8, "drift")),
 }
 
 
-def spoiled(name, arm, seed):
+def spoiled(name, arm, seed, law="P"):
     """What a user has of a cause: dynamics and records."""
     cause, random = CAUSES[name], np.random.default_rng([seed, *map(ord, name), *map(ord, arm)])
-    truth, chain, rig, law = ARMS[arm](seed % 2)
+    truth, chain, rig, gain = ARMS[arm](seed % 2)
+    law = LAWS[law](truth, rig, gain)
     path = path_of(random, random.choice((-1, 1)) * np.pi / 2 if cause.unloaded else 0.0)
     odd = cause.machine(random) if cause.machine else {}
     if odd.get("share") == "peak":
@@ -229,10 +261,10 @@ def spoiled(name, arm, seed):
     return Dynamics.from_chain(given.chain), given.records
 
 
-def first(name, arm, seed):
+def first(name, arm, seed, law="P"):
     """What is said first, "" where nothing is; and by whom."""
     try:
-        dynamics, records = spoiled(name, arm, seed)
+        dynamics, records = spoiled(name, arm, seed, law)
     except ValueError as refusal:
         return "refusal", str(refusal)
     for record in records:
@@ -252,21 +284,21 @@ def label(text):
     return next((name for name, words in LABELS.items() if re.search(words, text)), "other") if text else ""
 
 
-def table(logs, arms, only, said):
+def table(logs, arms, only, said, law):
     """Print what was said first of each cause: right of all, and the labels."""
     total, right = 0, 0
     for name, cause in CAUSES.items():
         if only and name not in only:
             continue
-        told = collections.Counter()
+        told, names = collections.Counter(), cause.right + (cause.sampled if law != "P" else ())
         for arm in arms:
             for seed in range(logs):
-                by, text = first(name, arm, seed)
+                by, text = first(name, arm, seed, law)
                 told[label(text)] += 1
                 if said:
-                    mark = " " if label(text) in cause.right else "!"
+                    mark = " " if label(text) in names else "!"
                     print(f"  {mark} {name}, {arm} {seed}: {by} [{label(text)}] {text[:260]}", flush=True)
-        good = sum(told[each] for each in cause.right)
+        good = sum(told[each] for each in names)
         total, right = total + sum(told.values()) * (name != "healthy"), right + good * (name != "healthy")
         rest = ", ".join(f"{each or 'nothing'} {count}" for each, count in told.most_common())
         print(f"| {name} | {good} of {sum(told.values())} | {rest} |", flush=True)

@@ -4,6 +4,7 @@
     python tests/benchmarks/second_reading.py --logs 20       fewer of each
     python tests/benchmarks/second_reading.py rounding
     python tests/benchmarks/second_reading.py causes --logs 20 [--arms puma] [--only healthy play] [--said]
+        [--law PID]
 
 Arms, paths, gains and friction are drawn anew for each log.
 """
@@ -167,7 +168,7 @@ def causes(logs):
     """What is said first where one thing is wrong, of arms in MuJoCo; see `causes`."""
     from causes import table
 
-    table(logs, options.arms, options.only, options.said)
+    table(logs, options.arms, options.only, options.said, options.law)
 
 
 BENCHES = {"rounding": (rounding, 100), "obeyed": (obeyed, 200), "causes": (causes, 20)}
@@ -180,6 +181,7 @@ if __name__ == "__main__":
     parser.add_argument("--arms", nargs="*", default=["puma", "ur5e"], help="of causes")
     parser.add_argument("--only", nargs="*", default=[], help="these causes")
     parser.add_argument("--said", action="store_true", help="print what is said of each log")
+    parser.add_argument("--law", default="P", help="of causes: P, PID or computed_torque")
     options = parser.parse_args()
     for name in options.which or BENCHES:
         bench, usual = BENCHES[name]

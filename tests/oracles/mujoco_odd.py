@@ -1,4 +1,6 @@
-"""Arms of two joints in a vertical plane in MuJoCo, under P as fast hardware, with one thing odd of the machine.
+"""Arms of two joints in a vertical plane in MuJoCo, under any law, with one thing odd of the machine.
+
+A law without a period is P as fast hardware; others are sampled, and hold their torque.
 
 The plant is built from D(q) and gravity of an `Arm`. Gears that give or play are rotors of their own, joined to their
 joints by tendons that are springs; other friction, cogging, delay and saturation act from step to step of the engine.
@@ -61,10 +63,10 @@ def engine(arm, rig, load=0.0, hertz=None, damping=0.03, play=0.0):
 
 def run(arm, rig, law, path, *, rounding=None, delay=0.0, offset=0.0, stribeck=0.0, cogging=0.0, drift=0.0, share=None,
         derivative=0.0, **gears):  # fmt: skip
-    """A record of the arm under P as fast hardware; what is odd of it is in the key words, none in the record.
+    """A record of the arm under a law; what is odd of it is in the key words, none in the record.
 
     `delay` of the torque [samples]; `offset`, `stribeck`, `cogging` and `drift` as shares of dry friction; `share` of
-    the torque that is reached; `derivative`: gain of the error's rate [s], relative.
+    the torque that is reached; `derivative`: gain of the error's rate [s], relative, under P.
     """
     model = engine(arm, rig, **gears)
     data, behind = mujoco.MjData(model), model.nv == 4
@@ -75,24 +77,32 @@ def run(arm, rig, law, path, *, rounding=None, delay=0.0, offset=0.0, stribeck=0
     scale, cut = true.position_in_pulses(np.ones(2)), {"fix": np.trunc, "floor": np.floor}[true.encoder.rounding]
     now, middle = path(np.arange(count) * rig.period), path((np.arange(count * STEPS) + 0.5) * dt)
     asked, wanted, rates = true.counts(now.q), true.counts(middle.q), middle.qd * scale
-    dry, limit, gain = rig.drive.joint_coulomb().copy(), rig.drive.torque_limit(), k * law.gain
+    dry, limit = rig.drive.joint_coulomb().copy(), rig.drive.torque_limit()
+    control, gain = (law.start(rig, asked[0], guards=None), None) if law.period else (None, k * law.gain)
     data.qpos[:] = np.tile(now.q[0], 2 if behind else 1)
     data.qvel[:] = np.tile(now.qd[0], 2 if behind else 1)
     if share is not None:
         limit = share
     errors, torques, waiting = np.empty((count, 2)), np.empty((count, 2)), collections.deque()
     for step in range(count * STEPS):
-        q, qd = data.qpos[motors], data.qvel[motors]
-        error = wanted[step] - cut((q + 0.5 * dt * qd) * scale)
-        if derivative:
-            error = error + derivative * (rates[step] - qd * scale)
-        torque = np.clip(gain * error, -limit, limit)
-        waiting.append(torque)
-        torque = waiting.popleft() if len(waiting) > round(delay * STEPS) else waiting[0]
+        q, qd, row = data.qpos[motors], data.qvel[motors], step // STEPS
         if step % STEPS == 0:
-            errors[step // STEPS] = asked[step // STEPS] - cut(q * scale)
+            counts = cut((q - 0.5 * dt * qd * bool(control)) * scale)  # angles of this engine are half a step ahead
+            errors[row] = asked[row] - counts
+            if control:
+                torques[row] = held = np.clip(
+                    control.step(counts, now.q[row], now.qd[row], now.qdd[row]), -limit, limit
+                )
+        if not control:
+            error = wanted[step] - cut((q + 0.5 * dt * qd) * scale)
+            if derivative:
+                error = error + derivative * (rates[step] - qd * scale)
+            held = np.clip(gain * error, -limit, limit)
+        waiting.append(held)
+        torque = waiting.popleft() if len(waiting) > round(delay * STEPS) else waiting[0]
+        if step % STEPS == 0 and not control:
             at_once = not (delay or derivative)
-            torques[step // STEPS] = np.clip(gain * errors[step // STEPS], -limit, limit) if at_once else torque
+            torques[row] = np.clip(gain * errors[row], -limit, limit) if at_once else torque
         added = -offset * dry
         if cogging:
             added = added + cogging * dry * np.sin(6 * k * q)

@@ -72,6 +72,16 @@ def test_a_drive_that_takes_what_is_found_leaves_nothing_to_find(kind):
     np.testing.assert_allclose(fitted.friction(COUPLING.joint(speed)), made, rtol=0.1)
 
 
+def test_joints_have_stribeck_speeds_of_their_own(monkeypatch):
+    speeds = np.array((0.08, 0.2, 0.3))
+    made = 0.8 * COULOMB * np.exp(-((SHAFT / (speeds * USUAL)) ** 2)) * np.sign(SHAFT)
+    monkeypatch.setitem(KINDS, "Stribeck", made)
+    first = fit("Stribeck").friction[0]
+    assert first.kind == "Stribeck"
+    np.testing.assert_allclose(first.share, speeds, rtol=0.35)
+    np.testing.assert_allclose(first.levels, 0.8 * COULOMB, rtol=0.25)
+
+
 def test_what_no_drive_has_is_refused():
     assert fit("load-dependent").friction[0].drive(RIG.drive).load_friction.share == pytest.approx(0.08, rel=0.1)
     with pytest.raises(ValueError, match="must be one that a drive has; got saturating viscous friction"):

@@ -1,8 +1,11 @@
 """Least squares of an extended model: directions, bounds, and what is left beside the unknowns."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from identification.equation_error.prior import PriorRows
 from identification.replay import optimum
 from identification.replay.extended import Extended
 from identification.replay.gauss_newton import gauss_newton
@@ -108,3 +111,28 @@ def test_what_does_not_give_is_the_rigid_loop():
     np.testing.assert_array_equal(second, plain)
     np.testing.assert_array_equal(first, third)
     assert np.abs(first - plain).max() > 0.1
+
+
+RATES = np.random.default_rng(0).normal(size=(3, 200))
+TRUTH = np.array((1.0, -2.0, 0.5))
+
+
+def linear():
+    """Innovations of values that are off, and nothing else."""
+    names = ("f1", "f2", "gain")
+    every = lambda many: [(np.asarray(each) - TRUTH) @ RATES for each in many]  # noqa: E731
+    return SimpleNamespace(
+        unknown=names, extra=(), gains=np.zeros(1), weights=np.ones(200), scales=np.ones(200),
+        prior=PriorRows(None, names), all_innovations=every, innovations=lambda values: every([values])[0],
+    )  # fmt: skip
+
+
+def test_what_is_at_its_bound_takes_over_nothing_beyond_it():
+    bounds, step = np.array([(-9.0, 9.0), (-9.0, 9.0), (0.0, 0.2)]), np.full(3, 0.01)
+    at = fitted(linear(), np.zeros(3), step, bounds)
+    best = np.linalg.lstsq(RATES[:2].T, (TRUTH[2] - 0.2) * RATES[2] + TRUTH[:2] @ RATES[:2], rcond=None)[0]
+    np.testing.assert_allclose(at.values, [*best, 0.2], rtol=1e-6)
+    np.testing.assert_allclose(at.before, at.innovations, atol=1e-9)
+    free = fitted(linear(), np.zeros(3), step, np.array([(-9.0, 9.0)] * 3))
+    np.testing.assert_allclose(free.values, TRUTH, rtol=1e-6)
+    np.testing.assert_allclose(free.left(RATES[2]), 0, atol=1e-9)

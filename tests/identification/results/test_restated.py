@@ -9,7 +9,7 @@ import pytest
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
 from identification.results.restated import restated
-from plant import Chain, Dynamics, Link, Placement, puma560, simulate
+from plant import PID, Chain, Dynamics, Link, Placement, puma560, simulate
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
 DYNAMICS = Dynamics.from_chain(CHAIN)
@@ -37,6 +37,19 @@ def test_a_joint_that_turns_the_other_way_is_named():
     wrong = dataclasses.replace(log(), current=None, reference=None, true_q=None, true_qd=None, **columns)
     (said,) = restated(DYNAMICS, wrong)
     assert said.startswith("joint 3 (q[1]) turns the other way: its axis, or the signs of all its columns, are wrong.")
+
+
+def test_signs_are_named_where_a_sampled_law_tells_the_torque():
+    """Nothing is logged of it, and what the law has integrated before is unknown."""
+    law = PID(gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=0.7e-3)
+    made = simulate(puma560.literature_arm(1.5), puma560.rig(), law, puma560.reference())
+    record = dataclasses.replace(made, torque=None, current=None)
+    assert restated(DYNAMICS, record) == []
+    wrong = dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81))
+    assert [said[:15] for said in restated(Dynamics.from_chain(wrong), record.cut(0.4))] == ["gravity acts th"]
+    turned = {name: np.array((1.0, -1.0)) * getattr(record, name) for name in ("error_pulses", "reference_pulses")}
+    log = dataclasses.replace(record, reference=None, true_q=None, true_qd=None, **turned)
+    assert [said[:30] for said in restated(DYNAMICS, log)] == ["joint 3 (q[1]) turns the other"]
 
 
 def said_of(factors):

@@ -14,10 +14,12 @@ from identification import GeneticSettings, identify
 from identification.results import stepwise
 from plant import (
     PD,
+    PID,
     Chain,
     Dynamics,
     Elasticity,
     Encoder,
+    FrictionCurve,
     Harmonics,
     Link,
     LoggedTorque,
@@ -32,6 +34,7 @@ from plant.machine.encoder import Phase
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 ARM = puma560.literature_arm(1.5)
 LOW, HIGH = (0.1, 0.08), (0.2, 0.15)
+PID_LAW = PID(gain=LOW, derivative=(4e-4, 3e-4), integral=(0.5, 0.4), filter=2000.0, period=RIG.period)
 FRICTION = {"viscous": RIG.drive.viscous * (0.7, 1.4), "coulomb": RIG.drive.coulomb * (1.3, 0.7)}
 
 
@@ -269,14 +272,36 @@ def test_motors_that_cog_are_named_with_their_cycles():
     assert "N m, 6 times per turn, at joint 3 (q[1])" in said
 
 
-@pytest.mark.parametrize("factor", [1.1, 1.25])
-def test_a_length_that_is_wrong_is_named(factor):
+def test_motors_that_cog_are_named_beside_logged_torques():
+    """They hold what the law gave, and not what the motor's ripple added."""
+    ripple = TorqueRipple(amplitude=0.4 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
+    (said, *_) = quick(log(law=PID_LAW, ripple=ripple)).warnings
+    assert re.match(r"motors cog: 0.0[56]\d* N m, 6 times per turn, at joint 2", said)
+
+
+def test_an_offset_whose_estimate_is_too_large_is_fitted_all_the_same():
+    """Where a joint turns back it sticks, so that small changes tell too little of large ones."""
+    truth = 0.4 * RIG.drive.coulomb * np.sign(RIG.drive.gear)
+    (sign, *_) = quick(log(law=PID_LAW, curve=FrictionCurve(offset=truth))).diagnostics.detection.named
+    assert sign.name == "offset"
+    np.testing.assert_allclose(list(sign.values.values()), truth, rtol=0.2)
+
+
+def test_a_load_in_a_record_held_out_is_told_as_a_change():
+    """Observer gains that suit the others lose it."""
+    light = dataclasses.replace(simulate(puma560.literature_arm(0.3), RIG, PID_LAW, PATH, steps_per_sample=16))
+    found = identify(DYNAMICS, [log(law=PID_LAW), light], method="prediction_error", progress=False)
+    assert found.diagnostics.detection.named[0].name == "disagreement"
+
+
+@pytest.mark.parametrize(("factor", "law"), [(1.1, None), (1.25, None), (0.85, PID_LAW)])
+def test_a_length_that_is_wrong_is_named(factor, law):
     """And by how much, though it does not act linearly."""
     chain = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=factor * puma560.LINK_LENGTH)))
-    found = identify(Dynamics.from_chain(chain), log(), method="prediction_error", progress=False)
+    found = identify(Dynamics.from_chain(chain), log(law=law), method="prediction_error", progress=False)
     (sign, *_) = found.diagnostics.detection.named
     assert sign.values == {"links[1].a": pytest.approx(1 / factor - 1, abs=0.02)}
-    assert re.match(r"the arm's lengths are not the chain's: -\d+(\.\d)? % before joint 3", found.warnings[0])
+    assert re.match(r"the arm's lengths are not the chain's: [+-]\d+(\.\d)? % before joint 3", found.warnings[0])
 
 
 def test_a_length_of_which_f_takes_over_nine_tenths_is_named_and_no_gear():

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from packaged_arms import planar
+from packaged_arms import elbow_of_a_ur5e, planar
 
 from ctc import ComputedTorque
 from identification import design_motion
 from identification.equation_error.excitation import still
 from plant import (
+    PID,
     Cascade,
     Drive,
     Dynamics,
@@ -109,6 +110,18 @@ def test_a_motion_that_curves_within_a_few_samples_is_no_noise():
     path = Harmonics(period=2.5, offset=(0, 0), cosine=rate.uniform(-0.2, 0.2, (2, 4)), sine=np.zeros((2, 4)))
     checkup = simulate(ARM, replace(RIG, period=3e-3), puma560.p_law((0.2, 0.2)), path).check()
     assert [f.verdict for f in checkup.findings if f.check == "noise"] == ["fine", "fine"]
+
+
+def test_a_motor_that_its_loop_shakes_is_no_noise():
+    """Torques of the rounded error's rate shake the elbow by a count, at 150 Hz; a noise of 3 counts is told there."""
+    chain, rig = elbow_of_a_ur5e("fix")
+    dynamics, gain = Dynamics.from_chain(chain.with_rotors(rig.drive)), np.array((0.04, 0.01475))
+    law = PID(gain=gain, integral=5 * gain, derivative=0.004 * gain, filter=2000.0, period=rig.period)
+    cosine, sine = (np.random.default_rng(1).normal(size=(2, 2, 3)) * 0.35 / np.arange(1, 4)).tolist()
+    path = Harmonics(period=2.7, offset=(0.1, -0.1), cosine=cosine, sine=sine)
+    record = simulate(dynamics.arm(dynamics.f()), rig, law, path, steps_per_sample=16)
+    for log, verdict in ((record, "fine"), (noisy(record, 1, 3), "look")):
+        assert next(f for f in log.check().findings if (f.check, f.joint) == ("noise", 1)).verdict == verdict
 
 
 def test_a_joint_that_hunts_about_its_reference_is_not_excited():
