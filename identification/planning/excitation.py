@@ -56,9 +56,7 @@ def design_motion(
     frequencies: ArrayLike | None = None, harmonics: int | None = None, starts: int | None = None,
     seed: int | None = None, iterations: int | None = None, executor: Any = None,
 ) -> Harmonics | tuple[Harmonics, ...]:  # fmt: skip
-    """Harmonics that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
-
-    All joints are at rest where a period begins.
+    """Harmonics from rest that excite the parameters of an arm; ``design_motion(chain, rig)`` for a first experiment.
 
     Parameters
     ----------
@@ -194,10 +192,9 @@ class _Problem:
             (self.qdd, -acceleration, acceleration),
             (self.torques, -self.torque_limit, self.torque_limit),
         ):
-            for i in range(len(high)):
-                if np.isfinite(high[i]):
-                    margin = _MARGIN * (high[i] - low[i])
-                    self.opti.subject_to(self.opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
+            for i in np.flatnonzero(np.isfinite(high)).tolist():
+                margin = _MARGIN * (high[i] - low[i])
+                self.opti.subject_to(self.opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin))
 
     def solved(self, starts: Iterable[tuple[Floats, ...]], iterations: int) -> tuple[float, Harmonics] | None:
         """Cost and motion of the best end from these starts that keeps the limits."""
