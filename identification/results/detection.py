@@ -19,13 +19,14 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 
 _STIFF = 300.0  # resonance above which a gear is not mentioned [Hz]
-
 _LIMITS = {
-    "backlash": (180 / np.pi, "degrees"), "lag": (1e3, "ms"), "delay": (1.0, "samples"), "gear": (100.0, "%"),
-    "offset": (1.0, "N m of the motor"), "cogging": (1.0, "N m of the motor"), "length": (100.0, "%"),
-    "lead": (1e3, "ms"),
+    "backlash": (180 / np.pi, "degrees", "backlash"), "lag": (1e3, "ms", "lag"), "delay": (1.0, "samples", "delay"),
+    "gear": (100.0, "%", "another gear"), "offset": (1.0, "N m of the motor", "an offset of the torque"),
+    "cogging": (1.0, "N m of the motor", "cogging"), "length": (100.0, "%", "another length"),
+    "lead": (1e3, "ms", "a derivative in the law"), "friction": (100.0, "%", "other friction"),
 }  # fmt: skip
-"""What turns the numbers of `Extended` into those of a text, and their units."""
+"""What turns the numbers of `Extended` into those of a text, their units, and their name there."""
+_BLIND, _FAR = {"%": 100.0}, 1e4  # limits from which on a joint shows nothing; in other units, of the least one
 
 _EACH = {
     "gear": (100.0, "{:+.2g} % at {}"), "offset": (1.0, "{:.3g} N m at {}"), "lead": (1e3, "{:.2g} ms at {}"),
@@ -64,7 +65,6 @@ _MEAN = "Values are the mean of each record's own: found.fit.between tells how t
 UNFITTED = ("reversals", "disagreement")  # what is told, but is no number of a model
 
 _SCALED = 0.08  # by which friction is off in all its numbers, and by which they may differ: then torques are scaled
-
 _LEAST = 1e-3  # of these units, below which nobody asks
 
 
@@ -204,16 +204,16 @@ class Detection(Shown, Frozen):
         if kind == "compliance":
             return f"compliance (detectable below {_span([value**-0.5 for _, value in limits])} Hz)"
         if kind == "friction":
-            shares = [100 * value / self.stated[name] for name, value in limits if self.stated.get(name)]
-            return f"other friction (detectable from {_span(shares)} %)" if shares else "other friction"
-        if not limits:
-            return f"{kind} (none is detectable)"
-        scale, unit = _LIMITS[kind]
-        said = {"gear": "another gear", "offset": "an offset of the torque", "length": "another length"}
-        kind = (said | {"lead": "a derivative in the law"}).get(kind, kind)
-        values = [scale * value for _, value in limits]
-        seen = _span(values) if max(values) > _LEAST else f"less than {_LEAST:g}"
-        return f"{kind} (detectable from {seen} {unit})"
+            limits = [(name, value / self.stated[name]) for name, value in limits if self.stated.get(name)]
+        scale, unit, said = _LIMITS[kind]
+        most = _BLIND.get(unit, _FAR * scale * min((value for _, value in limits), default=0.0))
+        told = {name: scale * value for name, value in limits if scale * value <= most}
+        if not told:
+            return f"{said} (none is detectable)"
+        seen = _span([*told.values()]) if max(told.values()) > _LEAST else f"less than {_LEAST:g}"
+        blind = dict.fromkeys(self._joint(name) for name, _ in limits if name not in told)
+        but = f", not at {', '.join(blind)}" if blind else ""
+        return f"{said} (detectable from {seen} {unit}{but})"
 
     def _joint(self, name: str) -> str:
         return self.joints[int(name.partition("[")[2].partition("]")[0])]

@@ -12,7 +12,7 @@ from identification.results.alternatives import Sign, effects_of, sampled
 from identification.results.detection import UNFITTED, Detection
 from identification.results.late import without_delay
 from identification.results.lengths import tested, with_length
-from identification.results.model_error import Doubt
+from identification.results.model_error import Doubt, priors
 from identification.search.memory import as_tested
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import start_of_fit, torque_fit
@@ -32,9 +32,9 @@ _WORTH, _AS_GOOD = 0.2, 0.9
 is preferred if it needs fewer numbers."""
 
 _STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard deviations, and relative, of what is named
-
 _LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
 
+_MINOR = 0.1  # of what a rig tolerates, which intervals count: less of it contradicts nothing
 _APART = 2.0  # by how much more the values of each record alone explain than anything else, where only that is told
 
 
@@ -85,7 +85,7 @@ class _Search:
 
     def __init__(self, problem: Problem, fit: Fit, near: Optimum | None = None) -> None:
         records, keep = as_tested(problem, fit)
-        self._unknown, self._keep = len(problem.unknown), keep
+        self._unknown, self._keep, self._tolerances = len(problem.unknown), keep, problem.tolerances
         if fit.covariance is not None:
             values, step = fit.values, fit.std
         else:
@@ -159,7 +159,7 @@ class _Search:
             found = tested(self.at, self.effects)
         if named and named[-1].name == "disagreement" and named[-1].chi_square > named[0].chi_square:
             named = [named.pop(), *named]  # what else explains a little of it comes after
-        values = tuple(self._with_values(sign) for sign in named)
+        values = tuple(_with_values(sign, self.at) for sign in named)
         return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
 
     def doubt(self) -> Doubt:
@@ -173,6 +173,10 @@ class _Search:
         """The model with an alternative, fitted, if that explains enough."""
         refit = self._refitted(sign)
         if refit is None or refit.sign.explained <= self.least:
+            return []
+        values = _with_values(sign, refit.at).values
+        usual = priors(self._tolerances, values, self._efforts)
+        if values and all(abs(value) < _MINOR * usual.get(name, 0.0) for name, value in values.items()):
             return []
         return [refit] if refit.sign.chi_square > again * refit.sign.threshold else []
 
@@ -230,11 +234,12 @@ class _Search:
         chi_square = explained / at.unit(at.innovations)
         return _Refit(dataclasses.replace(sign, explained=explained, chi_square=chi_square), at, step)
 
-    def _with_values(self, sign: Sign) -> Sign:
-        """A sign with the values of the last fit."""
-        model, at = self.at.model, self.at.values
-        values = {name: float(at[model.place(name)]) if name in model.extra else x for name, x in sign.values.items()}
-        return dataclasses.replace(sign, values=values)
+
+def _with_values(sign: Sign, at: Optimum) -> Sign:
+    """A sign with the values of a fit."""
+    model, extra = at.model, at.model.extra
+    values = {name: float(at.values[model.place(name)]) if name in extra else x for name, x in sign.values.items()}
+    return dataclasses.replace(sign, values=values)
 
 
 def _may_follow(sign: Sign, named: list[Sign]) -> bool:

@@ -1,5 +1,6 @@
 """What an identification shows: values, intervals, what contradicts the model, what was assumed."""
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import of_prior, origins
 from identification.results.trust import MANY, pairs_of, warnings_of
 from identification.search.problem import LONG, PARTS, is_long
+from plant.mechanics.lumping import STANDARD
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import WIDTH, Table
 from plant.parts.user_warning import warn
@@ -74,7 +76,7 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
     if found.held_out:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
         yield f"validation, only simulated: {named}"
-    yield from [_values(found)] if full else _abreast(found)
+    yield from [_values(found)] if full else [*_abreast(found), _links_of(found.arm.dynamics)]
     yield from origins(found, full)
     if 0 < len(pairs := pairs_of(found)) <= MANY:
         told = ", nor ".join(f"{one} from {other}" for one, other in pairs)
@@ -125,6 +127,16 @@ def _abreast(found: Any) -> Iterator[Table]:
         tables = [_in_columns(cells, columns) for columns in (4, 3, 2, 1)]
         fits = [table for table in tables if max(map(len, table.lines(10 * WIDTH)), default=0) <= WIDTH]
         yield (fits or tables[-1:])[0]
+
+
+def _links_of(dynamics: Any) -> str:
+    """Which parameters begin with numbers of which link."""
+    first = [np.flatnonzero(row)[0] // len(STANDARD) for row in np.array(dynamics.lumping.matrix)]
+    runs = [[k for k, _ in run] for _, run in itertools.groupby(enumerate(first), key=lambda pair: pair[1])]
+    names, labels = dynamics.short_names, dynamics.chain.joint_labels
+    return "; ".join(
+        f"{names[run[0]]}{f' to {names[run[-1]]}' * (len(run) > 1)}: {labels[first[run[0]]]}" for run in runs
+    )
 
 
 def _in_columns(cells: Sequence[tuple[str, ...]], columns: int) -> Table:

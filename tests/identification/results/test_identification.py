@@ -67,7 +67,7 @@ def test_sixty_two_values_of_seven_joints_take_23_lines():
     friction = (f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(7))
     names = (*(f"f{i + 1}" for i in range(48)), *friction)
     of_arm = SimpleNamespace(dynamics=SimpleNamespace(names=names[:48]))
-    fit = SimpleNamespace(unknown=names, values=np.linspace(-9.8765, 9, 62), std=np.full(62, 1.23e-3))
+    fit = SimpleNamespace(unknown=names, values=np.linspace(-9.8765, 9, 62), std=np.full(62, 1.23e-3), prior=None)
     seven = SimpleNamespace(arm=of_arm, fit=fit, short_names=names, covariance=np.eye(62))
     lines = [line for table in summary._abreast(seven) for line in table.lines()]
     assert (len(lines), max(map(len, lines)) <= 80) == (23, True)
