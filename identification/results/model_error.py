@@ -9,7 +9,7 @@ Source: S. F. Schmidt, Application of state-space methods to navigation problems
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -125,7 +125,7 @@ class Doubt:
         return whole, found.among(places, self.unknown)
 
 
-def priors(tolerances: Tolerances, names: Sequence[str], efforts: Floats) -> dict[str, float]:
+def priors(tolerances: Tolerances, names: Iterable[str], efforts: Floats) -> dict[str, float]:
     """Standard deviation of each of these numbers of `Extended` before the log; none of what has no tolerance.
 
     `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms).

@@ -33,8 +33,7 @@ is preferred if it needs fewer numbers."""
 
 _STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard deviations, and relative, of what is named
 _LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
-
-_MINOR = 0.1  # of what a rig tolerates, which intervals count: less of it contradicts nothing
+_MINOR = 0.3  # of what a rig tolerates, which intervals count: less of it contradicts nothing
 _APART = 2.0  # by how much more the values of each record alone explain than anything else, where only that is told
 
 
@@ -159,8 +158,13 @@ class _Search:
             found = tested(self.at, self.effects)
         if named and named[-1].name == "disagreement" and named[-1].chi_square > named[0].chi_square:
             named = [named.pop(), *named]  # what else explains a little of it comes after
-        values = tuple(_with_values(sign, self.at) for sign in named)
-        return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
+        values = [_with_values(sign, self.at) for sign in named]
+        told = tuple(sign for sign in values if not self._tolerated(sign.values))
+        return Detection(signs=tuple(first), named=told, stated=stated, joints=self.joints)
+
+    def _tolerated(self, values: dict[str, float]) -> bool:
+        usual = priors(self._tolerances, values, self._efforts)
+        return bool(values) and all(abs(value) < _MINOR * usual.get(name, 0.0) for name, value in values.items())
 
     def doubt(self) -> Doubt:
         """What is to be doubted of the values."""
@@ -173,10 +177,6 @@ class _Search:
         """The model with an alternative, fitted, if that explains enough."""
         refit = self._refitted(sign)
         if refit is None or refit.sign.explained <= self.least:
-            return []
-        values = _with_values(sign, refit.at).values
-        usual = priors(self._tolerances, values, self._efforts)
-        if values and all(abs(value) < _MINOR * usual.get(name, 0.0) for name, value in values.items()):
             return []
         return [refit] if refit.sign.chi_square > again * refit.sign.threshold else []
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from packaged_arms import elbow_of_a_ur5e
 
-from identification import GeneticSettings, identify
+from identification import GeneticSettings, Tolerances, identify
 from identification.results import stepwise
 from plant import (
     PD,
@@ -152,6 +152,17 @@ def test_two_logs_of_a_rigid_robot_agree():
     assert not detection.names
     assert apart.chi_square < 28  # 99.9 % of 9 degrees of freedom
     assert "the records agree" in str(detection)
+
+
+def test_an_offset_that_intervals_count_anyway_is_no_contradiction():
+    """0.2 % of the motors' torques, seen by fine encoders: told where the rig is stated to have none."""
+    rig = dataclasses.replace(RIG, encoder=Encoder(resolution=(40000, 40000)))
+    drive = dataclasses.replace(RIG.drive, curve=FrictionCurve(offset=(1e-3, 1e-3)))
+    law = puma560.p_law(np.array(LOW) * RIG.encoder.resolution / rig.encoder.resolution)
+    record = simulate(ARM, dataclasses.replace(rig, drive=drive), law, PATH, steps_per_sample=16)
+    record = dataclasses.replace(record, rig=rig)
+    assert quick(record).warnings == []
+    assert quick(record, tolerances=Tolerances(offset=0.0)).diagnostics.detection.names == ("offset",)
 
 
 def test_a_load_in_one_of_two_logs_is_a_contradiction_alone():
