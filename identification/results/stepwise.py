@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from identification.equation_error.excitation import still
 from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted, nearest
 from identification.results.along_log import effects_along, efforts, torques_along
@@ -23,14 +24,11 @@ _NAMED = 3  # alternatives that are named, at most
 _EXPLAINED = 0.03  # share of what rounding does not explain that a named alternative must
 _FAINT, _FINER = 0.02, 16
 """Share of the sum of squares below which all is tested once more, in place of what is named; steps per sample then."""
-
 _ROUNDING = 1 / 12  # variance of the rounding of counts [pulses^2]
 _AGAIN = 2.0  # by how much the threshold of what is named beside others is higher: what they leave is not all by chance
-
 _WORTH, _AS_GOOD = 0.2, 0.9
 """Share of the best first estimate from which on an alternative is fitted, too; and of the best fit, from which on it
 is preferred if it needs fewer numbers."""
-
 _STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard deviations, and relative, of what is named
 _LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
 _MINOR = 0.3  # of what a rig tolerates, which intervals count: less of it contradicts nothing
@@ -111,6 +109,7 @@ class _Search:
         self._searched = model.runs()[len(problem.records) - 1].stop
         self.of_search, self._share = records[: len(problem.records)], sum(map(len, pieces)) / sum(map(len, records))
         self._efforts, self.joints = efforts(parts[0]), tuple(problem.dynamics.chain.joint_labels)
+        self._idle = tuple(f"[{i}]" for i in still(records))  # friction holds them, as no number of theirs follows
         self._weigh()
         rounding = 0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
         self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
@@ -119,10 +118,11 @@ class _Search:
         """What the innovations change by with what the model may lack, from where it is."""
         self.torques = torques_along(self.at)
         self.effects = effects_of(self.at, self._efforts) | effects_along(self.at, self.torques)
+        self._told = {name: row for name, row in self.effects.items() if not name.endswith(self._idle)}
 
     def detection(self, delay: float, *, coarse: bool = False) -> Detection:
         """What contradicts the model; ends where what is first is `faint`: coarse steps might explain as little."""
-        first = found = tested(self.at, self.effects)
+        first = found = tested(self.at, self._told)
         stated, named = self.at.model.stated(), list[Sign]()
         if delay:
             known = {"delay": delay}  # by another test
@@ -155,7 +155,7 @@ class _Search:
             self.at, self.step = refit.at, refit.step
             self._weigh()
             named.append(refit.sign)
-            found = tested(self.at, self.effects)
+            found = tested(self.at, self._told)
         if named and named[-1].name == "disagreement" and named[-1].chi_square > named[0].chi_square:
             named = [named.pop(), *named]  # what else explains a little of it comes after
         values = [_with_values(sign, self.at) for sign in named]

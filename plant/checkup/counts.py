@@ -42,7 +42,7 @@ _PLATEAU = 5
 _FEW, _OF_ERROR = 10, 3.0
 """A motion of fewer counts, in units of `LEAST_MOTION`, and of less than so many times its error, excites nothing."""
 
-_IN_STEP = 0.9999  # correlation of two speeds from which on joints move in step
+_IN_STEP = 0.999  # correlation of two speeds from which on joints move in step
 
 
 def hardly_moving(record: Any) -> NDArray[np.bool_]:

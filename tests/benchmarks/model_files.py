@@ -1,7 +1,7 @@
 """Public model files: each arm simulated, by the library and by MuJoCo, identified from the log, and controlled.
 
     python tests/benchmarks/model_files.py [--robots PART ...] [--paths 3] [--mujoco] [--law] [--friction]
-        [--rows FILE] [--write]
+        [--idle still step] [--rows FILE] [--write]
 
 Arms of 5 to 7 joints, arms and legs of humanoids included, of the package `example-robot-data` (the extra `robots`).
 Gears of 100, 4,096 pulses per turn of the motor, 1 ms; rotors of 0.3 of the mean inertia of their axis, dry friction of
@@ -10,6 +10,8 @@ refused), without noise but that of its counts; all that a rig states is right. 
 middle of the joints' ranges. With --mujoco the log is MuJoCo's, of the same file without its meshes, friction its own
 and identified. "off" is the error of f in its own covariance, per parameter (1 where that is right); "torque" that of
 the torque on another path, rms. With --law computed torque of what was found drives the arm on two everyday motions.
+With --idle a joint in the middle hardly moves, or moves in step with the one before it, in the log and elsewhere; the
+bodies are 10 % off the file's then, which are the prior, and it must be said what does not excite all.
 Seconds are those of the processor, all threads, kernels that are built for a new arm included: they do not depend on
 what else the machine does.
 
@@ -31,6 +33,7 @@ import numpy as np
 
 from ctc import ComputedTorque
 from identification import identify
+from identification.results.seen import of_prior
 from identification.results.summary import doubts
 from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Record, Rig, everyday_motions, p_gains, simulate
 
@@ -84,13 +87,17 @@ def file_of(name):
     return next(folder().rglob(f"{ARMS[name][0]}.urdf"))
 
 
-def path_of(chain, seed):
-    """Four harmonics in the middle of the ranges, at most 0.8 rad off it."""
+def path_of(chain, seed, idle=None):
+    """Four harmonics in the middle of the ranges, at most 0.8 rad off it; one joint idle."""
     draw, n = np.random.default_rng(seed), chain.n
     lower, upper = (np.clip(side, -np.pi, np.pi) for side in (chain.limits.lower, chain.limits.upper))
     middle, room = (lower + upper) / 2, np.minimum((upper - lower) / 2, 0.8)
     waves = draw.uniform(-1, 1, (2, n, 4)) / np.arange(1, 5)
-    scale = 0.9 * room / np.abs(waves).sum(axis=(0, 2))
+    scale, one = 0.9 * room / np.abs(waves).sum(axis=(0, 2)), n // 2
+    if idle == "still":
+        scale[one] *= 1e-5
+    elif idle == "step":
+        waves[:, one], scale[one - 1 : one + 1] = waves[:, one - 1], scale[one - 1 : one + 1].min()
     return Harmonics(period=6.0, offset=middle, cosine=waves[0] * scale[:, None], sine=waves[1] * scale[:, None])
 
 
@@ -181,10 +188,16 @@ def row(name, seed, given):
     """What one arm on one path gives."""
     file, base, tip = file_of(name), *ARMS[name][1:]
     chain = Chain.from_urdf(file, base=base, tip=tip)
-    path = path_of(chain, seed)
-    rig = rig_of(chain, path)
+    path = path_of(chain, seed, given.idle)
+    rig = rig_of(chain, path_of(chain, seed))
     dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
     truth = dynamics.arm(dynamics.f())
+    if given.idle:
+        heavier = np.random.default_rng(seed).normal(1, 0.1, chain.n)
+        bodies = zip(dynamics.chain.bodies, heavier, strict=True)
+        truth = dynamics.arm(
+            dynamics.f([dataclasses.replace(b, mass=b.mass * k, inertia=b.inertia * k) for b, k in bodies])
+        )
     law = gains(truth, rig, path)
     if given.mujoco:
         record = mujoco_log(name, chain, rig, law, path, 6.0)
@@ -192,14 +205,20 @@ def row(name, seed, given):
         record = simulate(truth, rig, law, path, duration=6.0, steps_per_sample=STEPS)
     begun = time.process_time()
     unknown = ("f", "friction") if given.mujoco or given.friction else None
-    found = identify(dynamics, record, unknown=unknown, progress=False)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        prior = {"prior": 0.3} if given.idle == "step" else {}
+        found = identify(dynamics, record, unknown=unknown, progress=False, **prior)
     seconds = time.process_time() - begun
     off, p = found.f - truth.f, len(truth.f)
     cell = {"n": chain.n, "f": p, "cpu": seconds, "warnings": [each.split(";")[0] for each in doubts(found)]}
+    if given.idle:
+        cell["said"] = any("the log does not excite all" in str(each.message) for each in told)
+        cell["of the prior"] = len(of_prior(found))
     if found.covariance is not None:
         cell["off"] = float(np.sqrt(off @ np.linalg.solve(found.covariance[:p, :p], off) / p))
         cell["within_3"] = float(np.mean(np.abs(off) <= 3 * found.fit.std[:p]))
-    other = path_of(chain, seed + 100)(np.linspace(0, 6, 200))
+    other = path_of(chain, seed + 100, given.idle)(np.linspace(0, 6, 200))
     torques = [np.array([arm.inverse(*state) for state in zip(*other, strict=True)]) for arm in (found.arm, truth)]
     cell["torque"] = float(np.sqrt(np.mean((torques[0] - torques[1]) ** 2) / np.mean(torques[1] ** 2)))
     if given.law:
@@ -212,7 +231,8 @@ def row(name, seed, given):
 
 def healthy(cell):
     """Whether a cell is as it should be."""
-    return not cell.get("refused") and not cell["warnings"] and cell.get("off", 9) <= 1.3 and cell["torque"] < 0.01
+    good = not cell.get("refused") and not cell["warnings"] and cell.get("said", True)
+    return good and cell.get("off", 9) <= 1.3 and cell["torque"] < 0.01
 
 
 def tables(rows):
@@ -288,6 +308,7 @@ def main():
     parser.add_argument("--paths", type=int, default=1)
     parser.add_argument("--mujoco", action="store_true", help="MuJoCo's log in place of the library's")
     parser.add_argument("--friction", action="store_true", help="identified, too")
+    parser.add_argument("--idle", choices=["still", "step"], help="one joint of the log")
     parser.add_argument("--law", action="store_true", help="drive the arm by computed torque of what was found")
     parser.add_argument("--rows", type=Path, default=Path("model_files.jsonl"))
     parser.add_argument("--write", action="store_true", help="write the documentation of the rows there are, and end")
@@ -299,6 +320,7 @@ def main():
     for seed in range(given.paths):
         for name in ARMS:
             cell = {"arm": name, "path": seed, "log": log, "friction": given.friction or given.mujoco}
+            cell |= {"idle": given.idle} if given.idle else {}
             there = any(all(old.get(key) == cell[key] for key in cell) for old in rows)
             if there or (given.robots and not any(part in name for part in given.robots)):
                 continue
