@@ -40,8 +40,8 @@ def _exceeding(certificate: Any, where: str, anywhere: str) -> str:
     if certificate.failures_before:
         exceeding = certificate.failures_before, certificate.failures_with_start
         before, all_ = (each / len(certificate.plants) for each in exceeding)
-        after = f"In the first {certificate.settings['after']:g} s, which are left out"
-        sentence = f"{sentence} {after}, {percent(before)} exceed it: {percent(all_)} with the start."
+        first = f"In the first {certificate.settings['after']:g} s, which do not count"
+        sentence = f"{sentence} {first}, {percent(before)} exceed it; then or later, {percent(all_)}."
     return sentence
 
 
@@ -94,15 +94,12 @@ def _unseen(certificate: Any, hz: float) -> str:
 
 def shown(certificate: Any) -> Iterator[Piece]:
     """A `Certificate` as it is printed, the verdict first."""
-    worst, runs, (low, high) = certificate.worst, certificate.runs, certificate.interval
-    rows = [
-        (f"probability, {100 * certificate.confidence:g} % interval", f"{percent(low)} to {percent(high, up=True)}"),
-        ("share of sampling instants beyond the limit", percent(certificate.share_outside)),
-    ]
+    worst, runs = certificate.worst, certificate.runs
+    rows = [("share of sampling instants beyond the limit", percent(certificate.share_outside))]
     if after := certificate.settings["after"]:
         of = f"of {len(certificate.plants)}"
-        rows.append((f"exceed it in the first {after:g} s, left out", f"{certificate.failures_before} {of}"))
-        rows.append(("exceed it with the start", f"{certificate.failures_with_start} {of}"))
+        rows.append((f"samples that exceed it before {after:g} s", f"{certificate.failures_before} {of}"))
+        rows.append(("samples that exceed it at any time", f"{certificate.failures_with_start} {of}"))
     if np.isfinite(runs.first).any():  # not where all diverge
         rows.append(("time of the first violation, median [s]", f"{np.nanmedian(runs.first):.3f}"))
     peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
@@ -112,7 +109,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
         ("encoder error, worst peak [pulses]", *(f"{peak:.0f}" for peak in runs.peak.max(axis=0))),
         ("error before rounding, median peak [pulses]", *(f"{x:.2f}" for x in np.median(runs.unrounded, axis=0))),
         ("error before rounding, 99 % below [pulses]", *(f"{x:.2f}" for x in high_quantile)),
-        ("of it by rounding alone, f exact [pulses]", *(f"{x:.2f}" for x in certificate.by_counts)),
+        ("by rounding alone, f exact, peak [pulses]", *(f"{x:.2f}" for x in certificate.by_counts)),
         ("torque chatter per sample, median [N m]", *(f"{x:.1f}" for x in np.median(runs.chatter, axis=0))),
         ("motor current, median peak / limit", *(f"{share:.0%}" for share in certificate.current_share)),
         ("samples that reach the torque limit", *map(percent, certificate.saturation)),
@@ -133,7 +130,13 @@ def shown(certificate: Any) -> Iterator[Piece]:
 def shown_set(certificates: Any) -> Iterator[Piece]:
     """`Certificates` as they are printed: one row per motion."""
     count, after = len(certificates.plants), certificates.settings["after"]
-    head = ["motion", f"exceed, of {count}", "at most", "peak [pulses]", "chatter [N m]"]
+    head = [
+        "motion",
+        f"exceed{f' after {after:g} s' * bool(after)}, of {count}",
+        "at most",
+        "peak [pulses]",
+        "chatter [N m]",
+    ]
     rows = [
         [
             name, f"{each.failures}", percent(each.upper, up=True), f"{each.runs.peak.max():.0f}",
@@ -142,7 +145,7 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
         ]
         for name, each in certificates.items()
     ]  # fmt: skip
-    head += [f"in the first {after:g} s, left out", "with the start"] if after else []
+    head += [f"exceed before {after:g} s", "exceed at any time"] if after else []
     yield Verdict(f"{type(certificates.law).__name__}: {certificates.verdict}", certificates.holds)
     yield Table(head, rows)
     if certificates.rare is not None:
@@ -172,7 +175,7 @@ def _explained(certificate: Any) -> Iterator[Piece]:
         yield f"no controller can hold it: {beyond}"
     elif certificate.failures and (known := _friction(certificate)) is not None:
         some = f'{percent(known)} of the first samples exceed the limit. Call identify(..., unknown="friction")'
-        yield f"that friction is uncertain decides: known as this log would identify it, {some}"
+        yield f"uncertain friction decides: known as this log would identify it, {some}"
     elif certificate.failures and of_f > max(_DECIDES * sum(x.share for x in influences), _AT_ALL):
         yield "how well f is known decides: identify from more records, or from a motion of design_motion"
         yield SEARCH
@@ -200,8 +203,12 @@ def _beyond_motors(certificate: Any) -> str:
 
 
 def _friction(certificate: Any) -> float | None:
-    """Share that exceeds the limit where friction is identified, in the worst motion, if that is what decides."""
-    if certificate.probability <= _MOST:
+    """Share that exceeds the limit where friction is identified, in the worst motion, if that is what decides.
+
+    Where most exceed it, the order of the sensitivities says little.
+    """
+    first = certificate.sensitivities[0].name if certificate.sensitivities else ""
+    if certificate.probability <= _MOST and not first.startswith(("drive.viscous", "drive.coulomb")):
         return None
     known = certificate.friction_known
     return known if known is not None and known < _LESS * certificate.probability else None

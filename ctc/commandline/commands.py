@@ -14,6 +14,7 @@ from ctc.certification.certify import certify
 from ctc.certification.uncertainty import Uncertainty
 from ctc.commandline.demo import demo
 from ctc.commandline.inputs import Answer, motions_asked, new_place, path_of, plain_number, records_of
+from ctc.commandline.words import page_in_the_shell
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.report.report import write_report
 from ctc.tuning.tune import tune
@@ -117,9 +118,6 @@ def run_certify(given: Namespace) -> Answer:
     if given.hold:
         certificate = certificate.from_hold(samples=given.samples)
     said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
-    first = certificate.sensitivities[0].name if certificate.failures and certificate.sensitivities else ""
-    if first.startswith(("drive.viscous", "drive.coulomb")) and first not in found.fit.unknown:
-        said.append(f"{first} decides, and was not identified: onepulse identify ... --unknown friction")
     return _certified(found, certificate, said, {"bandwidth": law.bandwidth}, place)
 
 
@@ -220,6 +218,7 @@ def run_report(given: Namespace) -> Answer:
         evaluation = evaluate(found.arm, found.rig, law, path)
     results = [each for each in (evaluation, certificate) if each is not None]
     write_report(found, *results, path=place, overwrite=given.force)
+    write_whole(place, [page_in_the_shell(place.read_text(encoding="utf-8"))])
     return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(found)})
 
 

@@ -79,6 +79,11 @@ def _table(given: str, found: Identification) -> Table:
     """A path from a file, with a warning where its numbers look like other units, or leave much to the spline."""
     record = found.records[0]
     path = Table.from_csv(given, joints=[link.name or "" for link in found.arm.dynamics.chain.links])
+    n = found.arm.n
+    if path.n != n:
+        columns = ", ".join(f"q_{i + 1}" for i in range(n))
+        has = f"it has {path.n} columns beside t. Give those alone; the log's own path is followed without --path"
+        raise ValueError(f"{given} must have the columns t [s], {columns} [rad]; {has}.")
     times, points = np.asarray(path.times), np.asarray(path.points)
     apart = float(np.median(np.diff(times)))
     if np.ptp(times) > _LONGER * np.ptp(record.t):

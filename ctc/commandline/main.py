@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.commandline.commands import COMMANDS
 from ctc.commandline.plan import run_campaign
+from ctc.commandline.words import in_the_shell
 from identification.results.summary import IdentificationWarning
 from plant.version import __version__
 
@@ -26,6 +27,16 @@ _PLACES = {"command", "found", "logs", "name", "model", "plan"}  # arguments tha
 
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """An argument that a command does not know is refused by the command, with the option that speaks of it."""
+        given, rest = super().parse_known_args(args, namespace)
+        if not rest:
+            return given, rest
+        word = rest[0].lstrip("-")
+        near = [f"; {each.option_strings[-1]} is: {each.help}" for each in self._actions
+                if each.option_strings and word in re.findall(r"\w+", each.help or "")]  # fmt: skip
+        self.error(f"unrecognized arguments: {' '.join([*rest, *near[:1]]).replace(' ;', ';')}")
 
     def error(self, message: str) -> NoReturn:
         print(f"onepulse: {message}. See: {self.prog} --help", file=sys.stderr)
@@ -49,27 +60,19 @@ def main(arguments: list[str] | None = None) -> int:
         kept = " What was finished is kept: go on with --resume." if given.command == "campaign" else kept
         return _failed(f"interrupted.{kept}", 130)
     except (ValueError, OSError, ImportError, MemoryError) as error:
-        return _failed(_as_options(" ".join(str(error).split()), given) or type(error).__name__, 2)
+        said = in_the_shell(" ".join(str(error).split()), set(vars(given)) - _PLACES)
+        return _failed(said or type(error).__name__, 2)
     except Exception:
         traceback.print_exc()
         return _failed("this is a defect of the library; please report the lines above", 3)
     text = json.dumps(answer.data, indent=1, allow_nan=False) if given.json else answer.text
     try:
-        _print(_as_options(text, given))
+        _print(in_the_shell(text, set(vars(given)) - _PLACES))
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing is left for Python's own last flush
         if not isinstance(error, BrokenPipeError):  # whoever reads a pipe may have seen enough
             return _failed(f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.", 2)
     return 0 if answer.good else 1
-
-
-def _as_options(text: str, given: argparse.Namespace) -> str:
-    """A text with the options of the command in place of the keyword arguments that have their names."""
-    names = "|".join(set(vars(given)) - _PLACES)
-    text = re.sub(rf"\b({names})=\(([^,()]+), ([^,()]+)\)", r"\1=\2 \3", text)
-    text = re.sub(rf"\b({names})=(?=[\d.'-])", r"\1= ", text)
-    found = rf"^({names})(?= (?:must|cannot|needs) )|\b({names})="
-    return re.sub(found, lambda each: "--" + (each[1] or each[2]).replace("_", "-"), text)
 
 
 def _print(text: str) -> None:

@@ -39,13 +39,17 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
     if evaluation is not None:
         law, share = type(evaluation.record.law).__name__, evaluation.share_within(1)
         said = f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm that was found."
-        if certificate is None:  # else its verdict says them
-            said += "".join(f" {line[:1].upper()}{line[1:]}." for line in evaluation.conditions)
-        nominal = "the nominal arm, which is unreliable" if doubtful else "the nominal arm"
+        # of gears a certificate's verdict speaks
+        why = evaluation.conditions if certificate is None else evaluation.reasons
+        said += "".join(f" {line[:1].upper()}{line[1:]}." for line in why)
+        nominal = "the nominal arm" + ", which is unreliable" * bool(doubtful)
         lines.append((evaluation.holds and not doubtful, f"{law} on {nominal}", said))
     if certificate is not None:
         title = f"{type(certificate.law).__name__} on {len(certificate.plants)} sampled arms"
-        lines.append((certificate.holds and not doubtful, title, certificate.verdict))
+        title += ", of what is unreliable" * bool(doubtful)
+        rare = certificate.rare
+        missed = "" if rare is None or rare.met else f" {str(rare)[:1].upper()}{str(rare)[1:]}."
+        lines.append((certificate.holds and not doubtful, title, certificate.verdict + missed))
     rows = "\n".join(
         f'<li class="{"good" if good else "bad"}"><b>{"✓" if good else "✗"} {text(title)}</b>{text(said)}</li>'
         for good, title, said in lines

@@ -126,14 +126,19 @@ class Evaluation(Shown):
     @property
     def holds(self) -> bool:
         """Whether the run stays within ±1 pulse, and nothing says that a machine would not begin as it did."""
-        return self.within(1) and self.from_rest is None and self.refused is None
+        return self.within(1) and not self.reasons
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why a machine would not begin as this run did, one line each."""
+        stands = None if self.from_rest is None else str(self.from_rest)
+        return [line for line in (stands, self.refused) if line is not None]
 
     @property
     def conditions(self) -> list[str]:
         """What the verdict assumes, and what a machine would do otherwise, one line each."""
-        gears = None if self.on_gears is None else f"rigid gears assumed; {self.on_gears}"
-        stands = None if self.from_rest is None else str(self.from_rest)
-        return [line for line in (gears, stands, self.refused) if line is not None]
+        gears = [] if self.on_gears is None else [f"rigid gears assumed; {self.on_gears}"]
+        return [*gears, *self.reasons]
 
     @property
     def lowest_resonance(self) -> float | None:

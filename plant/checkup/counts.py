@@ -81,7 +81,7 @@ def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
     yield from signals.each(_stuck, _clipped)
 
 
-_MORE = "log a motion of all joints (design_motion), or give prior=."
+_MORE = "log a motion of all joints (design_motion), or identify with prior=, such as 0.3."
 
 
 def _motion(signals, i, alike):

@@ -50,6 +50,7 @@ def read(
     """Read what `write` wrote, or a plain file, as the fields of a record."""
     header: dict[str, Any] = {}
     names, table = read_rows(path, comment=lambda count, line: header.update(header or _header(count, line)))
+    _require_finite(path, names, table)
     rig = rig or _part(header, "rig")
     if rig is None:
         raise ValueError("does not name its rig; a plain file needs one. Pass rig= and law=.")
@@ -65,6 +66,20 @@ def read(
         "initial": header.get("initial") if initial is None else initial,
         "notes": header.get("notes"),
     }
+
+
+def _require_finite(path: str | Path, names: list[str] | None, table: Floats) -> None:
+    """Refuse a cell that is no finite number, by its line; sensors of links may have none."""
+    links = [name.startswith(COLUMNS["link_counts"][0]) for name in names or [""] * table.shape[1]]
+    broken = np.argwhere(~np.isfinite(table) & ~np.array(links))
+    if not len(broken):
+        return
+    row, column = broken[0]
+    with open(path, encoding="utf-8-sig") as file:
+        lines = [count for count, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
+    got = f"got {table[row, column]:g} in column {repr(names[column]) if names else column + 1}"
+    advice = "Cut such rows out, or put a number there and mark the row invalid, 0 in a column 'valid [1]'"
+    raise ValueError(f"line {lines[row + (names is not None)]} must have finite numbers; {got}. {advice}.")
 
 
 def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:

@@ -33,9 +33,7 @@ def array(
     try:
         result = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise ValueError(
-            f"{name} must be numbers of shape {expected}; got {type(value).__name__} {value!r:.80}. {advice}"
-        ) from None
+        raise ValueError(f"{name} must be numbers of shape {expected}; got {value!r:.80}. {advice}") from None
     matches = result.ndim == len(shape) and all(
         not isinstance(s, int) or s == got for s, got in zip(shape, result.shape, strict=True)
     )

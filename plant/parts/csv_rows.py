@@ -53,6 +53,7 @@ def read_rows(
                     continue
             if len(cells) != width:
                 advice = "Complete it." if len(cells) < width else "Correct it; decimals are written with a point."
+                advice = advice if rows or table else "Correct it, or give a log: rows of numbers."
                 raise ValueError(f"line {count} must have {width} cells; got {len(cells)}. {advice}")
             try:
                 number = float if line.isascii() and "_" not in line else decimal  # which looks at every cell
@@ -118,5 +119,5 @@ def _no_number(cells, picked, names, table, first):
         advice = "Correct it, leave the cell empty, or leave out that column."
     else:
         advice = "Correct it; of a log, map the columns that are needed with columns=."
-    column = repr(names[wrong])[:60] if names else wrong
+    column = repr(names[wrong])[:60] if names else wrong + 1
     return f"got {cells[wrong].strip()!r:.60} in column {column}. {advice}"

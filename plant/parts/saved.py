@@ -146,7 +146,10 @@ def parsed(data: bytes) -> Any:
     except RecursionError:
         raise ValueError("must be JSON; it is nested too deep. Save it again.") from None
     except json.JSONDecodeError as error:
-        cut = error.pos >= len(error.doc.rstrip())
+        begins, cut = error.doc[:20], error.pos >= len(error.doc.rstrip())
+        if error.doc.strip() and not begins.startswith("{"):
+            why = f"it begins with {begins!r}. Give what a command or save() wrote; a log is to be identified first"
+            raise ValueError(f"must be JSON; {why}.") from None
         raise ValueError(
             f"must be JSON; {'it ends too early' if cut else error.msg} at line {error.lineno}. Save it again."
         ) from None

@@ -92,10 +92,16 @@ def test_what_rounding_adds_is_the_error_of_samples_that_do_not_differ():
     same = certified(covariance=1e-24 * COVARIANCE, friction=0.0, phase=False, samples=2, duration=0.3)
     assert same.by_counts == pytest.approx(same.runs.unrounded[0], rel=0.01)  # between the samples, too
     assert 0.1 < same.by_counts.max() < 1.0
-    assert "of it by rounding alone, f exact [pulses]" in str(same)
+    assert "by rounding alone, f exact, peak [pulses]" in str(same)
     wrong = certified(covariance=COVARIANCE, friction=0.0, samples=2, duration=0.3)
     assert wrong.by_counts == pytest.approx(same.by_counts)
     assert (wrong.runs.unrounded.max(axis=0) > same.by_counts).any()
+
+
+def test_one_bound_is_said_and_no_part_larger_than_its_whole():
+    text = " ".join(str(certified(friction=0.0, samples=40, duration=0.3)).split())
+    assert "of it" not in text
+    assert text.count("95 %") == 1
 
 
 def test_a_loop_that_diverges_leaves_and_is_the_worst():
@@ -124,8 +130,8 @@ def test_samples_before_do_not_count():
     assert later.failures_before == every.failures
     assert later.failures_with_start == every.failures
     share = percent(every.failures / 200)
-    assert f"In the first 0.03 s, which are left out, {share} exceed it: {share} with the start." in later.verdict
-    assert f"exceed it with the start {every.failures} of 200" in " ".join(str(later).split())
+    assert f"In the first 0.03 s, which do not count, {share} exceed it; then or later, {share}." in later.verdict
+    assert f"samples that exceed it at any time {every.failures} of 200" in " ".join(str(later).split())
 
 
 # -- what is counted ------------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """The command `onepulse`: its answers, exit codes, and one line for whatever is wrong."""
 
 import csv
+import html
 import json
 import math
 import os
@@ -17,7 +18,8 @@ from model_texts import urdf
 import ctc.commandline.commands as commands
 from ctc import Certificate
 from ctc.commandline.inputs import path_of, records_of
-from ctc.commandline.main import _as_options, main
+from ctc.commandline.main import main
+from ctc.commandline.words import in_the_shell
 from identification import Identification
 from identification.results.summary import doubts
 from plant import (
@@ -96,6 +98,27 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 8
 
 
+def test_the_shell_speaks_no_python(folder, capsys, monkeypatch):
+    """Calls and keyword arguments in answers and on the page; code that is to be run in Python stays."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("identification.results.summary._MANY", 3)  # as of arms with many parameters
+    code, out, _ = run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "said.json", "--quiet", "--force")
+    given = ("certify", "said.json", "--samples", "200", "--friction", "0.3", "-o", "said_proof.json", "--force")
+    code, proof, _ = run(capsys, *given)
+    assert code == 1
+    text = " ".join(f"{out} {proof}".split())
+    assert "what the names of parameters mean: onepulse report" in text
+    assert "Call identify with --unknown friction" in text
+    assert re.search(r"certify with --resonance [\d.]+ [\d.]+\.", text)
+    run(capsys, "report", "said.json", "--certificate", "said_proof.json", "-o", "said.html", "--force")
+    page = (folder / "said.html").read_text(encoding="utf-8")
+    assert "again = identify(found.arm.dynamics" in page
+    shown = html.unescape(re.sub(r"(?s)<(svg|pre|style)\b.*?</\1>|<[^>]*>", "", page))
+    assert re.search(r"certify with --resonance [\d.]+ [\d.]+\.", shown)
+    for said in (text, shown):
+        assert re.findall(r"\bfound\.\w+|print\(|\w+\(\.\.\.|\b\w+=|\(arm, rig\)", said) == []
+
+
 @pytest.mark.slow
 def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
@@ -157,7 +180,7 @@ def test_a_prior_of_the_model_s_bodies_is_given_by_its_spread(tmp_path, capsys, 
         assert f"from the prior ({100 * spread:g} %)" in " ".join(out.split())
     code, _, err = run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "no.json", "--prior", "-0.1")
     assert code == 2
-    assert "spread of the prior must be a positive number" in err
+    assert err == "onepulse: --prior must be a positive number; got -0.1. Give a relative spread such as 0.3.\n"
 
 
 def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
@@ -323,10 +346,23 @@ WRONG = {
     "an unknown key": (("check", "log.csv", "--robot", "key.toml"), "Did you mean 'viscous'"),
     "an unknown unit": (("check", "log.csv", "--robot", "unit.toml"), "'rads'"),
     "another column": (("check", "own.csv", "--robot", "arm.toml"), "own.csv"),
-    "an unreadable log": (("check", "arm.toml"), "arm.toml"),
+    "an unreadable log": (("check", "arm.toml"), "give a log: rows of numbers."),
+    "no number": (("check", "nan.csv"), "line 43 must have finite numbers; got nan in column 'error_1"),
+    "a log as a path": (
+        ("certify", "found.json", "--path", "own.csv"),
+        "own.csv must have the columns t [s], q_1, q_2 [rad]; it has 12 columns beside t. Give those alone",
+    ),
+    "one result for another": (
+        ("report", "found.json", "--certificate", "found.json", "-o", "a.html"),
+        "found.json must be a file of onepulse certify or tune; it is one of onepulse identify. Give that to",
+    ),
+    "no option": (
+        ("tune", "found.json", "--limit", "-1"),
+        "--limit -1; --within is: limit [pulses] (default 1). See: onepulse tune --help",
+    ),
     "an output that is there": (("identify", "log.csv", "--robot", "arm.toml", "-o", "own.csv"), "own.csv is there"),
     "an output nowhere": (("identify", "log.csv", "--robot", "arm.toml", "-o", "no/a.json"), "Make the folder first"),
-    "no result": (("certify", "log.csv"), "log.csv must be JSON"),
+    "no result": (("certify", "log.csv"), "a log is to be identified first"),
     "an older version": (("certify", "old.json"), "format"),
     "another method": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--method", "magic"), "magic"),
     "a word": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--unknown", "frction"), "'friction'?"),
@@ -345,6 +381,11 @@ def test_whatever_is_wrong_is_one_line_and_writes_nothing(folder, capsys, monkey
     (folder / "key.toml").write_text(text.replace("viscous =", "viscos ="))
     (folder / "unit.toml").write_text(text.replace('reference_position = "rad"', 'reference_position = "rads"'))
     (folder / "old.json").write_text('{"onepulse": "Identification", "format": 0, "provenance": {}, "content": {}}')
+    lines = (folder / "own.csv").read_text().splitlines()
+    lines[42] = re.sub(r"^([^,]*,[^,]*,[^,]*),[^,]*", r"\1,nan", lines[42])
+    (folder / "nan.csv").write_text("\n".join([*lines, ""]))
+    if "found.json" in WRONG[name][0] and not (folder / "found.json").exists():
+        run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "found.json", "--quiet")
     before, (arguments, expected) = sorted(folder.iterdir()), WRONG[name]
     try:
         code, out, err = run(capsys, *arguments)
@@ -421,7 +462,9 @@ def test_what_no_robot_file_can_be_made_of(capsys, arguments, said):
 
 
 def test_options_have_their_names_in_messages():
-    assert _as_options("Pass tip='name of a link'.", types.SimpleNamespace(tip=None)) == "Pass --tip 'name of a link'."
+    assert in_the_shell("Pass tip='name of a link'.", ["tip"]) == "Pass --tip 'name of a link'."
+    assert in_the_shell("or identify with prior=, such as 0.3.") == "or identify with --prior, such as 0.3."
+    assert in_the_shell("certify with resonance=(56.3,\n    131).") == "certify with --resonance 56.3 131."
 
 
 def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque, certify, evaluate, write_report
+from ctc.certification.rare import Rare
 from ctc.report.page import _thin, section
 from ctc.report.page import page as page_of
 from identification import identify
@@ -103,6 +104,25 @@ def test_warnings_come_first(found, tmp_path):
     assert "Nothing in the log contradicts" not in text
     assert "on the nominal arm, which is unreliable" in text
     assert "✓" not in text[: text.index("<h3>Warnings</h3>")]
+
+
+def test_a_card_with_a_cross_says_why_on_the_card(found, tmp_path):
+    """Of a path that begins in motion, and of a probability that is not shown to be as low as was asked."""
+    law, under_way = ComputedTorque(found), PATH.later(0.5)
+    rare = Rare(
+        asked=1e-6, probability=1e-3, variation=0.1, upper=1e-2, below=False, stuck=False, levels=np.ones(1),
+        evaluations=9,
+    )  # fmt: skip
+    proof = certify(found, found.rig, law, PATH, samples=8, duration=0.3, progress=False)
+    proof = dataclasses.replace(proof, rare=rare)
+    assert not proof.failures
+    write_report(found, proof, evaluate(found.arm, found.rig, law, under_way, duration=0.5), tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    nominal, sampled = re.findall(r'<li class="bad"><b>✗ (.*?)</li>', text)
+    assert "samples within ±1 pulse" in nominal
+    assert "The path begins in motion (joint 3 (q[1])" in nominal
+    assert "an arm at rest there is up to" in nominal
+    assert "not shown to be as rare as 1e-06" in sampled
 
 
 def _with_gain(record, factor):

@@ -220,3 +220,16 @@ def test_how_well_f_is_known_decides(certified, found):
     )
     assert with_zeros.failures == 16
     assert "another controller may hold: tune" in str(with_zeros)
+
+
+def test_friction_that_comes_first_is_to_be_identified(found):
+    """Also where few samples exceed the limit: with the share that would, and not that another law may hold."""
+    stated = Uncertainty(friction=0.3)
+    rubs = certify(found, found.rig, ComputedTorque(found), PATH, stated, samples=256, duration=1.2, progress=False)
+    assert rubs.sensitivities[0].name == "drive.coulomb[1]"
+    assert 0 < rubs.probability < 0.5
+    assert rubs.friction_known == 0
+    said = " ".join(str(rubs).split())
+    assert "friction decides: known as this log would identify it, 0 % of the first samples exceed the limit" in said
+    assert 'identify(..., unknown="friction")' in said
+    assert "another controller" not in said

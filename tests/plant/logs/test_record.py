@@ -140,11 +140,11 @@ GOOD = "0,1,2,3,4\n0.1,5,6,7,8\n"
         ("t,a,b,c,d\n0,1,2,3\n", r"line 2 must have 5 cells; got 4"),
         (
             GOOD + "0.2,1,2,x,4\n",
-            r"line 3 must be numbers; got 'x' in column 3\. Correct it; of a log, map .* with columns=",
+            r"line 3 must be numbers; got 'x' in column 4\. Correct it; of a log, map .* with columns=",
         ),
         (GOOD + "0.2,1,2,,4\n", r"line 3 must be numbers"),
         ("t,a,b,c,d\n" + GOOD + "0.2,1,2,RUN,4\n", r"line 4 must be numbers; got 'RUN' in column 'c'"),
-        (GOOD + "0.2,1,2,nan,4\n", r"error_pulses must be finite; got nan at index \(2, 0\)"),
+        (GOOD + "0.2,1,2,nan,4\n", r"line 3 must have finite numbers; got nan in column 4\. Cut"),
         (GOOD + "0.05,1,2,3,4\n", r"t must increase; got 0.05 after 0.1 at index 2"),
         ("0,1,2\n", r"must hold t, 2 reference and 2 error columns; got 3 columns"),
         ("0,0.1,0.2\n1,2,3\n1,2,3\n4,5,6\n4,5,6\n", r"must hold t, 2 reference and 2 error columns; got 3 columns"),

@@ -163,7 +163,7 @@ FIELDS = {"gear": (1, 1), "motor_inertia": (0, 0), "viscous": (0, 0), "coulomb":
         ("current_limit", (1, np.nan), r"current_limit of Drive must be numbers; got NaN"),
         ("coulomb", (0, np.inf), r"coulomb of Drive must be finite; got inf at index 1"),
         ("coulomb", (0, 0, 0), r"coulomb of Drive must have shape \(2,\); got shape \(3,\)"),
-        ("viscous", "much", r"viscous of Drive must be numbers of shape \(2,\); got str 'much'"),
+        ("viscous", "much", r"viscous of Drive must be numbers of shape \(2,\); got 'much'"),
     ],
 )
 def test_bad_numbers_are_refused_with_their_place(field, value, message):

@@ -147,7 +147,7 @@ def test_a_table_whose_heading_has_the_joints_in_another_order_is_refused(tmp_pa
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("0,1\n1,two\n", r"line 2 must be numbers; got 'two' in column 1"),
+        ("0,1\n1,two\n", r"line 2 must be numbers; got 'two' in column 2"),
         ("0,1\n1\n", r"line 2 must have 2 cells; got 1"),
         ("0\n1\n", r"must have t and angles; got 1 cells"),
         ("t,q\n", r"must hold samples; got no row of numbers"),
