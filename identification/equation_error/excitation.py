@@ -17,6 +17,8 @@ from plant.parts.sums import products
 
 _TOLD = 0.5  # share of its prior standard deviation below which a log tells a parameter
 
+_IN_STEP = 0.999  # correlation of two smoothed speeds, tracking errors in them, from which on joints move in step
+
 _TORQUE = 0.02  # error of a log's torques that is expected, as a share of each joint's
 
 
@@ -30,7 +32,7 @@ def unexcited(dynamics: Dynamics, records: Sequence[Record]) -> list[str]:
     labels, speeds = dynamics.chain.joint_labels, np.concatenate([_motion(record).qd for record in records])
     moved = np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
     found = [f"{labels[i]} moves by {moved[i]:.0f} pulses" for i in still(records)]
-    return found + [f"{labels[i]} and {labels[j]} move in step" for i, j in in_step(speeds)]
+    return found + [f"{labels[i]} and {labels[j]} move in step" for i, j in in_step(speeds, _IN_STEP)]
 
 
 def from_prior(dynamics: Dynamics, records: Sequence[Record], prior: Prior) -> list[str]:

@@ -42,7 +42,7 @@ _PLATEAU = 5
 _FEW, _OF_ERROR = 10, 3.0
 """A motion of fewer counts, in units of `LEAST_MOTION`, and of less than so many times its error, excites nothing."""
 
-_IN_STEP = 0.999  # correlation of two speeds from which on joints move in step
+_IN_STEP = 0.9999  # correlation of two speeds from which on joints move in step
 
 
 def hardly_moving(record: Any) -> NDArray[np.bool_]:
@@ -52,11 +52,11 @@ def hardly_moving(record: Any) -> NDArray[np.bool_]:
     return np.asarray((moved < LEAST_MOTION) | (hunting & (record.injected is None)))
 
 
-def in_step(speeds: Floats) -> list[tuple[int, int]]:
-    """Pairs of columns of speeds (N, n) that are proportional all along."""
+def in_step(speeds: Floats, least: float = _IN_STEP) -> list[tuple[int, int]]:
+    """Pairs of columns of speeds (N, n) that are proportional all along, from this correlation on."""
     lengths = np.sqrt((speeds**2).sum(axis=0))
     together = products(speeds / np.where(lengths > 0, lengths, np.inf))
-    return [(int(i), int(j)) for i, j in np.argwhere(np.triu(np.abs(together) > _IN_STEP, 1))]
+    return [(int(i), int(j)) for i, j in np.argwhere(np.triu(np.abs(together) > least, 1))]
 
 
 def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
