@@ -57,11 +57,14 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
         motor = int(np.argmax(share))
         why = "".join(f": its loop oscillates at {hz:.3g} Hz" for hz in own_oscillations(record)[:1])
         advice = "Slow the reference down or lower the gains."
+        wrong = ""
         if record.reference is None and not record.reference_pulses.any():
             why = ": no reference came with it, so its law is taken to hold 0"
             advice = "Map reference_position, or give reference=."
+        elif wrong := naming.misread(record):
+            wrong, advice = f"{wrong[1:]} As it is, ", "Correct that first."
         raise ValueError(
-            f"a log must be below the amplifier's limit; the motor of {labels[motor]}"
+            f"{wrong}a log must be below the amplifier's limit; the motor of {labels[motor]}"
             f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
             f"of the samples{why}. {advice}"
         )

@@ -1,6 +1,7 @@
 """What messages, tables and figures call things: records by place and file, parameters by short names, with units."""
 
 import contextlib
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -18,6 +19,12 @@ _OF_RIG = {
     "drive.elasticity.damping": "N m s/rad", "drive.elasticity.backlash": "rad", "drive.curve.offset": "N m",
     "drive.curve.breakaway": "N m", "drive.curve.speed": "rad/s", "law.gain": "N m per pulse",
 }  # fmt: skip
+
+# Checks of columns and of what rig and law state of them: causes of whatever else looks wrong.
+_MISREAD = (
+    "law", "rows left out", "copied columns", "units of counts", "quantisation step", "swapped joints",
+    "gear sign", "drive sign", "swapped torques", "units of torque",
+)  # fmt: skip
 
 _INERTIA = [kind.startswith(("I", "J")) for kind in STANDARD]
 _FIRST = [kind in ("mx", "my", "mz") for kind in STANDARD]
@@ -100,12 +107,17 @@ def column_of(record: Record, field: str, joint: int) -> str:
     return "" if column == field else f", {column},"
 
 
-def first_problem(records: Sequence[Record]) -> str:
+def misread(record: Record) -> str:
+    """The first sign, order, unit or statement of a record that its checkup calls wrong; "" where none is."""
+    return first_problem((dataclasses.replace(record, name=""),), _MISREAD)
+
+
+def first_problem(records: Sequence[Record], among: Sequence[str] = ()) -> str:
     """What the checkup of the records calls wrong first, as a sentence with the record's name; "" where nothing is."""
     for k, record in enumerate(records):
         checkup = record.check()
         for finding in checkup.problems:
-            if finding.verdict == "wrong":
+            if finding.verdict == "wrong" and (not among or finding.check in among):
                 joint = "" if finding.joint is None else f" of {checkup.joint_labels[finding.joint]}"
                 label = record_label(records, k)
                 return f" {f'{label}: ' if label else ''}{finding.check}{joint}: {finding.advice}"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from identification.equation_error.naming import misread
 from identification.replay.timing import is_late
 from identification.results.restated import of_rotors, restated
 from identification.results.seen import APART, contradicted, motion_of
@@ -53,7 +54,8 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
         *_of_pairs(found),
         *contradicted(found),
     ]
-    return [*restated(found.arm.dynamics, found.records[0]), *lines]
+    causes = [wrong[1:] for record in found.records if lines and (wrong := misread(record))]
+    return [*dict.fromkeys(causes), *restated(found.arm.dynamics, found.records[0]), *lines]
 
 
 def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator[str]:

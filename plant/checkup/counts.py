@@ -1,6 +1,6 @@
 """Are the counts an encoder's: motion, glitches, jumps, standstill, clipping."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,10 @@ _PLATEAU = 5
 _FEW, _OF_ERROR = 10, 3.0
 """A motion of fewer counts, in units of `LEAST_MOTION`, and of less than so many times its error, excites nothing."""
 
+_ASIDE, _EVEN, _LACKS, _ALONG = 4, 0.5, 0.6, 0.1
+"""Rows to each side whose speeds tell that across a gap; share by which its stamps may be off, intervals that are
+lacking, and share of the jumps' squares that are not along the motion."""
+
 _IN_STEP = 0.9999  # correlation of two speeds from which on joints move in step
 
 
@@ -62,6 +66,13 @@ def in_step(speeds: Floats, least: float = _IN_STEP) -> list[tuple[int, int]]:
 def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
     """Yield the findings about counts, check by check; `whole`: with lost packets and stuck samples bridged."""
     found = [events(whole, i) for i in range(signals.n)]
+    left_out = renumbered(whole, [jumps for _, jumps, *_ in found])
+    places = ", ".join(f"{whole.t[row]:.6g}" for row in left_out[:3]) + ", ..." * (len(left_out) > 3)
+    advice = (
+        f"Rows are lost at t = {places} s ({len(left_out)} in all): joints jump along their motion together where "
+        "stamps go on evenly; log the controller's stamps, or cut the log there."
+    )
+    yield Finding.graded("rows left out", None, len(left_out), "", look=0, wrong=0, advice=advice)
     pairs = in_step(signals.motion[1][signals.clear]) if signals.long_enough else []
     yield from (_motion(signals, i, [signals.joint_labels[k] for k, j in pairs if j == i]) for i in range(signals.n))
     for i, (glitches, _, size, _) in enumerate(found):
@@ -70,7 +81,8 @@ def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
             f"Single counts are off by up to {largest:.0f} pulses; fits bridge them without weight; check the cable."
         )
         yield Finding.graded("glitches", i, len(glitches), "", look=0, wrong=0.01 * len(signals.t), advice=advice)
-    for i, (_, jumps, size, step) in enumerate(found):
+    for i, (_, rows, size, step) in enumerate(found):
+        jumps = rows[size[rows - 1] * whole.local_speed[rows - 1, i] <= 0] if len(left_out) else rows
         jump = (
             f"jump by up to {np.abs(size[jumps - 1]).max(initial=0.0):.0f} pulses and stay there, faster than any arm"
         )
@@ -127,6 +139,31 @@ def events(signals: Signals, i: int) -> tuple[Any, Any, Any, float]:
             jumps.append(k)
     rows = np.array(glitches, dtype=int), np.array(jumps, dtype=int)
     return rows[0] + 1, rows[1] + 1, innovation, 0.0
+
+
+def renumbered(signals: Signals, jumps: Sequence[Any]) -> Any:
+    """Rows after rows that a log lacks, unseen in its stamps: several joints, or all, jump along their motion.
+
+    `jumps`: rows of the jumps of each joint.
+    """
+    if signals.n < 2 or len(signals.t) < 10 * _ASIDE:
+        return np.array([], int)
+    spans, speed = np.diff(signals.t), signals.local_speed
+    wide = np.pad(speed, ((_ASIDE, _ASIDE), (0, 0)), mode="edge")
+    speed = (wide[: -2 * _ASIDE] + wide[2 * _ASIDE :]) / 2
+    size, nearby = np.diff(signals.counts, axis=0) - speed * spans[:, None], np.ones(_ASIDE + 1)
+    late = np.convolve(spans / signals.interval - 1, nearby, mode="same")
+    power = np.maximum((speed**2).sum(axis=1), 1e-300)
+    gap = (size * speed).sum(axis=1) / power
+    off = ((size - gap[:, None] * speed) ** 2).sum(axis=1) < _ALONG * (size**2).sum(axis=1)
+    several = (np.abs(size) > _SPIKE * signals.least_count).sum(axis=1) > 1
+    even = (np.abs(late) < _EVEN) & (np.abs(spans / signals.interval - 1) < _EVEN)
+    lacks = (
+        np.minimum(gap, np.convolve(gap, nearby, mode="same")) > _LACKS * signals.interval
+    )  # what was late comes back
+    alike = even & off & several & lacks
+    together = [k for k in set.intersection(*(set(rows.tolist()) for rows in jumps)) if even[k - 1]]
+    return np.union1d(np.flatnonzero(alike) + 1, np.array(together, int))
 
 
 def _runs(counts):

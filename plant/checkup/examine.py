@@ -1,15 +1,12 @@
-"""The checkup of a record: what its rig and law state against what its columns show, without a model of the arm.
-
-Advice is tried before it is given: what a finding suggests is applied, and the checks run again. A correction is kept
-where fewer checks find something and the motion explains no less of the torque.
-"""
+"""The checkup of a record: what its rig and law state against what its columns show, without a model of the arm."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
+from plant.checkup.corrections import tried
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Checkup, Finding, unless
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
@@ -114,8 +111,16 @@ def examine(record: Any) -> Checkup:
     labels = tuple(Signals(record).joint_labels)
     if (record.valid > 0).sum() < _LEAST:
         return Checkup(findings=tuple(_findings(record)), joint_labels=labels, record=record)
-    findings, corrected = tried(record, _findings)
-    return Checkup(findings=findings, joint_labels=labels, record=corrected)
+    misfit, known = tuple[Finding, ...](), record
+    try:
+        if record.law is not None:
+            record.law.block(record.rig)
+    except ValueError as error:  # made for another rig: all else is told without it
+        misfit = (Finding.of("law", None, None, "", "wrong", f"The record's law does not fit its rig: {error}"),)
+        known = dataclasses.replace(record, law=None)
+    findings, corrected = tried(known, _findings)
+    corrected = record if corrected is known else dataclasses.replace(corrected, law=record.law)
+    return Checkup(findings=(*misfit, *findings), joint_labels=labels, record=corrected)
 
 
 def _findings(record: Any) -> list[Finding]:
@@ -134,101 +139,3 @@ def _findings(record: Any) -> list[Finding]:
         *counts_findings(signals, whole),
     ]
     return [*found, *(finding for part in _PARTS for finding in part(bridged))]
-
-
-_WORSE, _CHANCE = 1.02, 1e-3
-"""Factor, and share, by which what is unexplained of the torque may rise: chance, and counts rounded again."""
-
-_TRIALS = 6
-"""Corrections that are tried of one log; a log with more to correct is wrong throughout."""
-
-_IN_VAIN = "; correcting that was tried and does not make the log explain more, so leave it: look for another cause."
-
-
-def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
-    """Findings about a record, each with what its correction does, and the record with all corrections that help.
-
-    `examined`: the findings about a record.
-    """
-    findings, corrected = examined(record), set[int]()
-    odd, left, trials = sum(not each.ok for each in findings), unexplained(record), 0
-    for k, finding in enumerate(findings):
-        skipped = finding.ok or k in corrected
-        options = [] if skipped else list(_corrections(record, findings, k))[: max(0, _TRIALS - trials)]
-        trials += len(options)
-        for of, option in options:
-            explains = unexplained(option)
-            fewer = sum(not each.ok for each in examined(option)) if explains <= _WORSE * left + _CHANCE else odd
-            if fewer >= odd:
-                continue
-            said = f"the motion explains {1 - explains:.2%} of the torque, before {1 - left:.2%}"
-            for i in of:
-                more = f" Corrected so, {said if left < 1 else 'fewer checks find something'}."
-                findings[i] = dataclasses.replace(findings[i], advice=findings[i].advice + more)
-            corrected |= set(of)
-            if finding.check == "swapped joints":  # until they are exchanged, all else is told of other joints
-                told = {(findings[i].check, findings[i].joint): findings[i] for i in sorted(corrected)}
-                rest, record = tried(option, examined)
-                return (*told.values(), *(each for each in rest if (each.check, each.joint) not in told)), record
-            odd, left, record = fewer, explains, option
-            break
-        else:
-            if options and finding.check in ("delay", "period"):
-                findings[k] = dataclasses.replace(finding, advice=finding.advice.partition(";")[0] + _IN_VAIN)
-    return tuple(findings), record
-
-
-def unexplained(record: Any) -> float:
-    """Share of the logged torques' variance that the motion does not explain, mean over joints; 1 where none can be."""
-    signals = Signals(record)
-    if not signals.long_enough or signals.torque is None:
-        return 1.0
-    return float(np.mean([1.0 if each is None else each.unexplained for each in signals.regressions]))
-
-
-def _corrections(record: Any, findings: Sequence[Finding], k: int) -> Iterator[tuple[Sequence[int], Any]]:
-    """What finding k suggests, as records, and which findings each corrects; none where its law runs at one period."""
-    finding = findings[k]
-    i, rig, value = finding.joint, record.rig, finding.value or 0.0
-    if finding.check == "rounding":
-        encoder = dataclasses.replace(rig.encoder, rounding="floor" if rig.encoder.rounding == "fix" else "fix")
-        yield (k,), dataclasses.replace(record, rig=dataclasses.replace(rig, encoder=encoder))
-    elif finding.check == "delay":  # of all joints, as a logger makes it, or of this one alone
-        late = [each for each, other in enumerate(findings) if other.check == "delay" and not other.ok]
-        for of in dict.fromkeys((tuple(late), (k,))):
-            moved = record
-            for each in of:
-                moved = _counting(moved, findings[each].joint, _read_later(moved, findings[each]))
-            yield of, moved
-    elif finding.check == "period" and (power := 1e3 ** np.round(np.log10(value / 1e3 / rig.period) / 3)) != 1:
-        yield (k,), dataclasses.replace(record, t=record.t / power)
-    elif finding.check == "period" and getattr(record.law, "period", None) is None:
-        yield (k,), dataclasses.replace(record, rig=dataclasses.replace(rig, period=value / 1e3))
-    elif finding.check == "swapped joints":  # as counts, or as angles that were converted by each other's gears
-        for each, other in enumerate(findings):
-            if other.check == finding.check and not other.ok and each != k:
-                order, pair = np.arange(record.n), np.array([i, other.joint], int)
-                order[pair] = pair[::-1]
-                exchanged = record.counts[:, order], rig.counts(rig.cell_centre(record.counts)[:, order])
-                error = min((record.reference_pulses - counts for counts in exchanged), key=lambda x: np.abs(x).sum())
-                yield (k, each), dataclasses.replace(record, error_pulses=error)
-    elif finding.check in ("gear sign", "drive sign"):
-        turned = np.where(np.arange(record.n) == i, -1.0, 1.0)
-        names = ("torque", "current") if finding.check == "drive sign" else ("error_pulses",)
-        given = {name: getattr(record, name) for name in names}
-        yield (k,), dataclasses.replace(record, **{name: turned * x for name, x in given.items() if x is not None})
-        yield (k,), _counting(record, i, -record.counts[:, i])
-
-
-def _counting(record, i, counts):
-    """The record with other counts (N,) of joint i."""
-    error = np.array(record.error_pulses)
-    error[:, i] = record.reference_pulses[:, i] - counts
-    return dataclasses.replace(record, error_pulses=error)
-
-
-def _read_later(record, finding):
-    """Counts (N,) of the joint of a finding that were so many samples late, as its encoder would count them in time."""
-    encoder, rows = record.rig.encoder, np.arange(len(record))
-    centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))[:, finding.joint]
-    return encoder.quantised(np.interp(rows + finding.value, rows, centres))

@@ -30,6 +30,9 @@ _NOISY = 0.6
 """Noise [pulses] that rounding (0.29) does not explain."""
 
 
+STEP_NOTE = "step of counts [pulses], joint {}"
+"""Note of a record whose positions were clean multiples of such a step before they were counted."""
+
 _DIGITS, _WHOLE = 6, 0.01
 """Digits of scaled counts, beyond which they are rounding; and how far off a multiple of their step they may be."""
 
@@ -66,6 +69,12 @@ def _step(signals, i):
     """Step of the counts [pulses]; 1 is that of the stated encoder."""
     if signals.rig.encoder.smooth:
         return Finding.unknown("quantisation step", i, "the encoder is said not to round")
+    if own := (signals.record.notes or {}).get(STEP_NOTE.format(i)):
+        advice = (
+            f"The positions come in steps of {own:.4g} pulses: gear times resolution appears to be {1 / own:.4g} times "
+            "as stated; correct the gear, or the resolution, and read the log again."
+        )
+        return Finding.of("quantisation step", i, own, "pulses", "wrong", advice)
     levels = np.unique(np.round(signals.counts[:, i]))
     if len(levels) < _DISTINCT:
         return Finding.unknown("quantisation step", i, f"only {len(levels)} different counts")

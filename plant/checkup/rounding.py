@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.finding import Finding
+from plant.checkup.quantisation import STEP_NOTE
 from plant.checkup.signals import Signals
 
 _WINDOWS = tuple((half, degree) for half in (10, 20, 40, 80) for degree in (3, 5, 7))
@@ -35,9 +36,11 @@ _ALIKE, _SLOW = 2.0, 0.05
 def rounding_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the finding about the convention of the counters, of all joints together."""
     stated = signals.rig.encoder.rounding
-    seen = None if signals.rig.encoder.smooth else fix_seen(signals)
+    scaled = any(STEP_NOTE.format(i) in (signals.record.notes or {}) for i in range(signals.n))
+    seen = None if signals.rig.encoder.smooth or scaled else fix_seen(signals)
     if seen is None:
         why = "the encoder is said not to round" if signals.rig.encoder.smooth else "no joint passes zero clearly"
+        why = "the positions are not in whole pulses" if scaled else why
         yield Finding.unknown("rounding", None, f"{why}; {stated} is stated")
         return
     share = 100 * seen

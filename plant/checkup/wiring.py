@@ -98,8 +98,8 @@ def _sign(signals, i):
         torque = signals.column("torque", i)
         verdict, advice = "look", f"Friction drives the motor: {torque} has the wrong sign, or is another motor's."
     elif signals.reference is not None and _friction_drives(shown, signals.rig.drive.coulomb[i]) and not against:
-        error = signals.column("error", i)
-        verdict, advice = "wrong", f"Friction drives the arm: change the sign of {error} (reference minus counted)."
+        column = _wrong_error(signals, i) if signals.torque is None else torque_column(signals, i)
+        verdict, advice = "wrong", f"Friction drives the arm: change the sign of {column}."
     elif inertia < _SURE * std:
         return Finding.unknown(name, i, "no acceleration that torque explains", value=inertia, unit=unit)
     else:
@@ -112,13 +112,29 @@ def _turned(signals: Signals, i: int, shown: Any) -> str:
 
     The slow motion of the counts is that of the reference, whatever the sign of the error; its acceleration is not.
     """
-    torque, error = signals.column("torque", i), f"{signals.column('error', i)} (reference minus counted)"
+    error = _wrong_error(signals, i)
+    if signals.torque is None:
+        return f": change the sign of {error}"
     if shown is not None and shown.coulomb < -_LIKELY * shown.coulomb_std:
-        gear = ", or of the gear" if signals.record.torque is None else ""  # which side a current is of, the gear says
-        return f", and drives against friction's sign: change the sign of {torque}{gear}"
+        return f", and drives against friction's sign: change the sign of {torque_column(signals, i)}"
     if shown is not None and shown.coulomb > _LIKELY * shown.coulomb_std:
         return f", but friction's sign is right: change the sign of {error}"
-    return f": change the sign of {torque}, or of {error}"
+    return f": change the sign of {signals.column('torque', i)}, or of {error}"
+
+
+def torque_column(signals: Signals, i: int) -> str:
+    """What messages call a torque of joint i with the wrong sign: which side a current is of, the gear says."""
+    return signals.column("torque", i) + ", or of the gear" * (signals.record.torque is None)
+
+
+def _wrong_error(signals, i):
+    return error_column(signals, i) or "the law's gain"
+
+
+def error_column(signals: Signals, i: int) -> str:
+    """What messages call the error of joint i, which may have the wrong sign; "" where it was made of counts."""
+    made = {"counts", "position", "motor_position"} & set(signals.record.columns or ())
+    return "" if made or signals.reference is None else f"{signals.column('error', i)} (reference minus counted)"
 
 
 def _friction_drives(regression: Any, stated: float) -> bool:

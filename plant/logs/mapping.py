@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.logs.logfile import require_columns
+from plant.logs.own_steps import own_steps
 from plant.logs.units import (
     REFERENCE,
     TIME,
@@ -77,6 +78,8 @@ def record_fields(
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
     fields = {"t": t, "valid": valid, "notes": notes}
+    if measured.endswith("position") and stated[measured] != "pulses":
+        notes |= own_steps(measured, values[measured], stated[measured], rig)
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
     if reference is None and asked is not None and known is not None and not rig.encoder.smooth:

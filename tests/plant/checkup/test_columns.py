@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant import Harmonics, Record, puma560, simulate
+from identification import identify
+from plant import PID, Harmonics, P, Record, puma560, simulate
 
 RIG = puma560.rig()
 COLUMNS = {"counts": ("c1", "c2"), "torque": ("u1", "u2"), "reference_pulses": ("r1", "r2")}
@@ -50,6 +51,77 @@ def test_the_turned_column_is_named(record, joint):
     )
 
 
+@pytest.fixture(scope="module", params=["P", "PID"])
+def table(request):
+    """The motion of a heavily geared arm under a law, as a file has it, and the law."""
+    p = puma560.p_law()
+    law = p if request.param == "P" else PID(gain=p.gain, integral=p.gain, derivative=0.002 * p.gain, filter=1500.0)
+    made = simulate(puma560.arm(), RIG, law, puma560.reference(), duration=3.65)
+    columns = {"p": RIG.cell_centre(made.counts), "r": made.reference(made.t).q, "c": made.counts, "i": made.current}
+    return {"t": made.t, **columns}, law
+
+
+def read(table, measured="p", rig=RIG, turned=()):
+    columns, law = dict(table[0]), table[1]
+    for name in turned:
+        columns[name] = columns[name] * (1, -1)
+    fields = {"p": "position", "c": "counts", "r": "reference_position", "i": "current"}
+    split = {f"{name}{k + 1}": columns[name][:, k] for name in (measured, "r", "i") for k in range(2)}
+    mapped = {"t": "t"} | {fields[name]: [f"{name}1", f"{name}2"] for name in (measured, "r", "i")}
+    units = {"t": "s", "reference_position": "rad", "current": "A"} | ({"position": "rad"} if measured == "p" else {})
+    return Record.from_table({"t": columns["t"], **split}, rig=rig, law=law, columns=mapped, units=units)
+
+
+def test_advice_names_what_the_correction_that_was_tried_has_changed(table):
+    """A torque's sign alone lets the motion explain no more: no share is told."""
+    for turned in (("i",), ("p", "r")):
+        record = read(table, turned=turned)
+        (found,) = record.check().problems
+        assert found.advice.endswith(
+            "change the sign of column 'i2' (current), or of the gear. Corrected so, fewer checks find something."
+        )
+        np.testing.assert_array_equal(record.check().record.current, record.current * (1, -1))
+    (found,) = read(table, turned="p").check().problems
+    assert "change the sign of column 'p2' (position), or of the gear. Corrected so," in found.advice
+    np.testing.assert_array_equal(read(table, turned="p").check().record.counts, table[0]["c"])
+
+
+def test_a_gear_that_was_stated_with_the_wrong_sign_is_the_one_advice_and_is_turned(table):
+    gear = RIG.drive.gear * (1, -1)
+    record = read(table, "c", rig=dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, gear=gear)))
+    checkup = record.check()
+    (found,) = checkup.problems
+    assert "change the sign of the gear" in found.advice
+    np.testing.assert_array_equal(checkup.record.rig.drive.gear, RIG.drive.gear)
+    np.testing.assert_array_equal(checkup.record.current, record.current)
+    if isinstance(table[1], P):  # saturates when it is replayed on that rig
+        with pytest.raises(ValueError, match=r"^gear sign of joint .*sign of the gear.* As it is, a log must be below"):
+            identify(puma560.dynamics(), record, progress=False)
+
+
+@pytest.mark.filterwarnings("ignore:.*not in whole pulses")
+@pytest.mark.parametrize("ratio", [110 / 120, 1.15])
+def test_a_gear_that_is_not_the_logged_positions_own_is_told_by_their_step(table, ratio):
+    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, ratio)))
+    first, *others = read(table, rig=rig).check().problems
+    assert (first.check, first.joint, first.value) == ("quantisation step", 1, pytest.approx(ratio, rel=1e-4))
+    assert f"appears to be {1 / ratio:.4g} times as stated" in first.advice
+    assert not [f for f in others if f.check == "quantisation step"]
+
+
+@pytest.mark.filterwarnings("ignore:.*not in whole pulses")
+@pytest.mark.parametrize("made", ["filtered", "decimals", "degrees"])
+def test_positions_that_were_filtered_or_rounded_accuse_no_gear(table, made):
+    p, unit = table[0]["p"], np.pi / 180
+    some = {
+        "filtered": np.column_stack([np.convolve(x, np.full(5, 0.2), mode="same") for x in p.T]),
+        "decimals": np.round(p, 4),
+        "degrees": np.round(p / unit, 2) * unit,
+    }
+    record = read(({**table[0], "p": some[made]}, table[1]))
+    assert not [f for f in record.check().problems if "gear times resolution" in f.advice]
+
+
 def test_without_a_law_or_torque_both_columns_that_may_be_turned_are_named(record):
     lawless = dataclasses.replace(turned(record, "torque", 1), law=None)
     assert "backwards, and drives against friction's sign: change the sign of column 'u2' (torque)." in advice(
@@ -59,7 +131,8 @@ def test_without_a_law_or_torque_both_columns_that_may_be_turned_are_named(recor
     said = advice(open_loop, "drive sign", 1)
     assert "change the sign of column 'u2' (torque), column 'c2' (counts) or gear" in said
     silent = dataclasses.replace(turned(record, "counts", 0), torque=None, current=None, law=None)
-    assert "change the sign of the gear, or of column 'c1' (counts)." in advice(silent, "gear sign", 0)
+    said = advice(silent, "gear sign", 0)
+    assert "change the sign of column 'c1' (counts), or of the gear, or of column 'r1' (reference_pulses)." in said
 
 
 def test_without_names_of_columns_the_fields_are_named(record):

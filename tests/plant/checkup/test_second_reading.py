@@ -126,6 +126,23 @@ def test_stuck_samples_late_stamps_and_turns_are_told_apart():
     np.testing.assert_array_equal(bridged(counting(record, turned)).counts, record.counts)
 
 
+@pytest.mark.parametrize("hole", [True, False])
+def test_rows_that_a_log_lacks_unseen_in_its_stamps_are_named_with_their_times(hole):
+    """Stamps that were numbered anew: counts of all joints jump by speed times gap. With their own, none is named."""
+    record = log()
+    kept = np.delete(np.arange(len(record)), np.arange(2000, 2030) if hole else np.arange(1000, 8000, 37))
+    names = ("error_pulses", "reference_pulses", "torque", "current")
+    some = {name: getattr(record, name)[kept] for name in names}
+    lacking = Record(t=record.t[: len(kept)], rig=record.rig, law=record.law, **some)
+    first, *others = lacking.check().problems
+    assert (first.check, first.verdict) == ("rows left out", "wrong")
+    assert f"lost at t = {record.t[2000 if hole else 1000]:.6g}" in first.advice
+    assert "jumps" not in [f.check for f in others]
+    assert first.value == 1 if hole else first.value > 50
+    stamped = dataclasses.replace(lacking, t=record.t[kept])
+    assert "rows left out" not in [f.check for f in (*stamped.check().problems, *log().check().problems)]
+
+
 def test_a_log_of_repeated_rows_alone_is_refused_in_one_line():
     row = np.arange(len(log())) // 3 * 3
     with pytest.raises(ValueError, match=r"most rows must be measurements; .* Log every sample once"):
@@ -153,7 +170,7 @@ def test_advice_that_helps_says_by_how_much_and_gives_the_record():
     record = dataclasses.replace(log(), torque=log().torque * (-1, 1), current=None)
     checkup = record.check()
     told = next(f for f in checkup.problems if f.check == "drive sign" and f.joint == 0)
-    assert "the motion explains 99" in told.advice
+    assert told.advice.endswith("change the sign of the torque. Corrected so, fewer checks find something.")
     np.testing.assert_array_equal(checkup.record.torque, log().torque)
     assert checkup.record.check().ok
 

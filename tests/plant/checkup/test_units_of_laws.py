@@ -51,7 +51,7 @@ def test_a_reference_that_was_not_mapped_is_named(record):
 def test_a_turned_current_may_be_a_turned_gear(record):
     turned = dataclasses.replace(record, torque=None, current=record.current * (1, -1))
     (line,) = said(turned, "drive sign")
-    assert "change the sign of the current, or of the gear. Corrected so, the motion explains" in line
+    assert "change the sign of the current, or of the gear. Corrected so, fewer checks find something." in line
 
 
 def test_a_torque_that_is_off_as_the_resolution_is(record):
