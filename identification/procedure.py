@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.excitation import advice, from_prior
+from identification.equation_error.naming import misread
 from identification.equation_error.prior import Prior
 from identification.preparation import prepare, with_gears
 from identification.results.diagnostics import Diagnostics
@@ -166,6 +167,8 @@ def _found(problem: Problem, progress: bool, started: float) -> Identification:
     except ValueError as error:
         other = _beside_model(problem, progress, started)
         if other is None or getattr(error, "name", problem.dynamics.names[0]) not in problem.dynamics.names:
+            if wrong := next(filter(None, map(misread, problem.records)), ""):
+                raise ValueError(f"{wrong[1:]} Correct that first; as it is, {error}") from error
             raise
         return other
     other = None if found.fit.fallback_reason is None else _beside_model(problem, progress, started)

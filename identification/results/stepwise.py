@@ -158,9 +158,9 @@ class _Search:
             found = tested(self.at, self._told)
         if named and named[-1].name == "disagreement" and named[-1].chi_square > named[0].chi_square:
             named = [named.pop(), *named]  # what else explains a little of it comes after
-        values = [_with_values(sign, self.at) for sign in named]
-        told = tuple(sign for sign in values if not self._tolerated(sign.values))
-        return Detection(signs=tuple(first), named=told, stated=stated, joints=self.joints)
+        values = tuple(_with_values(sign, self.at) for sign in named)
+        values = tuple(sign for sign in values if not self._tolerated(sign.values))
+        return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
 
     def _tolerated(self, values: dict[str, float]) -> bool:
         usual = priors(self._tolerances, values, self._efforts)

@@ -76,7 +76,11 @@ def said_of(found: Any, full: bool) -> Iterator[Piece]:
     if found.held_out:
         named = ", ".join(record.name or f"a record of {len(record)} samples" for record in found.held_out)
         yield f"validation, only simulated: {named}"
-    yield from [_values(found)] if full else [*_abreast(found), _links_of(found.arm.dynamics)]
+    if full:
+        yield _values(found)
+    else:
+        yield from _abreast(found)
+        yield _links_of(found.arm.dynamics)
     yield from origins(found, full)
     if 0 < len(pairs := pairs_of(found)) <= MANY:
         told = ", nor ".join(f"{one} from {other}" for one, other in pairs)
