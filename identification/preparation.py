@@ -61,7 +61,7 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
         if record.reference is None and not record.reference_pulses.any():
             why = ": no reference came with it, so its law is taken to hold 0"
             advice = "Map reference_position, or give reference=."
-        elif wrong := naming.misread(record):
+        elif wrong := naming.misread(record, limited=True):
             wrong, advice = f"{wrong[1:]} As it is, ", "Correct that first."
         raise ValueError(
             f"{wrong}a log must be below the amplifier's limit; the motor of {labels[motor]}"

@@ -107,9 +107,13 @@ def column_of(record: Record, field: str, joint: int) -> str:
     return "" if column == field else f", {column},"
 
 
-def misread(record: Record) -> str:
-    """The first sign, order, unit or statement of a record that its checkup calls wrong; "" where none is."""
-    return first_problem((dataclasses.replace(record, name=""),), _MISREAD)
+def misread(record: Record, *, limited: bool = False) -> str:
+    """The first sign, order, unit or statement of a record that its checkup calls wrong; "" where none is.
+
+    Where an amplifier `limited` the torque, nothing of its unit.
+    """
+    among = [name for name in _MISREAD if not (limited and name == "units of torque")]
+    return first_problem((dataclasses.replace(record, name=""),), among)
 
 
 def first_problem(records: Sequence[Record], among: Sequence[str] = ()) -> str:

@@ -102,7 +102,14 @@ class Diagnostics(Shown, Frozen):
         if fit.covariance is not None and not any(problem.replays):  # values that may be far off say nothing of timing
             delay, delay_std = delay_of(problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options)
         late = delay if is_late(delay, delay_std) else 0.0
-        detection = of_each(problem, detect(problem, fit, outcome, late))
+        common = detect(problem, fit, outcome, late)
+        detection = of_each(problem, common)
+        if (
+            detection.mean is not None
+            and kept is not None
+            and np.less(*(_costs(x, [kept]) for x in (fit, detection.mean)))
+        ):
+            detection = common  # which tells what is held out better
         if detection.mean is not None:
             fit = detection.mean
             objective = repeating(problem, placed(problem, fit), fit.resumptions)

@@ -3,6 +3,7 @@
 Their common fit is that of no machine: what differs between them moves its values by more than its covariance says, the
 more so where observer gains rise to follow what no model explains. The mean weighs each value of a record by what it is
 known to, and by the variance between records (`random_effects`). What a rig states wrongly is wrong in all of them.
+Where a record is held out, and the common fit repeats it better, that is what counts.
 """
 
 import contextlib
