@@ -104,12 +104,8 @@ class Diagnostics(Shown, Frozen):
         late = delay if is_late(delay, delay_std) else 0.0
         common = detect(problem, fit, outcome, late)
         detection = of_each(problem, common)
-        if (
-            detection.mean is not None
-            and kept is not None
-            and np.less(*(_costs(x, [kept]) for x in (fit, detection.mean)))
-        ):
-            detection = common  # which tells what is held out better
+        if detection.mean is not None and kept is not None and _costs(fit, [kept]) < _costs(detection.mean, [kept]):
+            detection = common  # whose values tell better what is held out
         if detection.mean is not None:
             fit = detection.mean
             objective = repeating(problem, placed(problem, fit), fit.resumptions)
