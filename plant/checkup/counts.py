@@ -158,9 +158,8 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> Any:
     off = ((size - gap[:, None] * speed) ** 2).sum(axis=1) < _ALONG * (size**2).sum(axis=1)
     several = (np.abs(size) > _SPIKE * signals.least_count).sum(axis=1) > 1
     even = (np.abs(late) < _EVEN) & (np.abs(spans / signals.interval - 1) < _EVEN)
-    lacks = (
-        np.minimum(gap, np.convolve(gap, nearby, mode="same")) > _LACKS * signals.interval
-    )  # what was late comes back
+    # What was late comes back.
+    lacks = np.minimum(gap, np.convolve(gap, nearby, mode="same")) > _LACKS * signals.interval
     alike = even & off & several & lacks
     together = [k for k in set.intersection(*(set(rows.tolist()) for rows in jumps)) if even[k - 1]]
     return np.union1d(np.flatnonzero(alike) + 1, np.array(together, int))

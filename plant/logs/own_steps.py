@@ -37,8 +37,7 @@ def _clean_step(value: NDArray[np.float64]) -> float:
         return 0.0
     apart = np.diff(levels)
     apart = apart[apart > _CLEAN * np.median(apart)]  # the rest is one level, written in other last digits
-    halves = np.round(
-        2 * apart / apart.min()
-    )  # the cell at zero of `fix` is two wide: its neighbours' are half a step on
+    # The cell at zero of `fix` is two wide: its neighbours' centres are half a step further.
+    halves = np.round(2 * apart / apart.min())
     step, off = float(2 * apart.sum() / halves.sum()), 2 * (levels - levels[0])
     return step if np.abs(off / step - np.round(off / step)).max() < _CLEAN else 0.0
