@@ -30,7 +30,7 @@ from plant.analysis.control_systems import to_control
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import cascade_gains, p_gains
 from plant.fmu.export import to_fmu
-from plant.laws.law import Law, Setpoint, StatelessLaw
+from plant.laws.law import Law, StatelessLaw
 from plant.laws.pid import PD, PID, Cascade, P
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.laws.resumed import Resumed
@@ -67,7 +67,6 @@ from plant.realtime.guards import Guards
 from plant.robots import puma560
 from plant.ros2.export import to_ros2_control
 from plant.simulation.followed_path import write_replay
-from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import replay, simulate
 from plant.simulation.stepped_arm import SteppedArm
 from plant.version import __version__ as __version__
@@ -84,11 +83,11 @@ for _name in ("identification", "ctc"):  # other distributions called `plant` an
 
 __all__ = [
     "PD", "PID", "Arm", "Body", "Cascade", "Chain", "CosineTorque", "Counterbalance", "Coupling",
-    "DivergenceError", "Drive", "Dynamics", "Elasticity", "Encoder", "FirstMotion", "FrictionCurve",
+    "Drive", "Dynamics", "Elasticity", "Encoder", "FirstMotion", "FrictionCurve",
     "FrictionDrift", "Guards", "Harmonics", "Jitter", "JointSpring", "KnownTorque", "Law", "Limits",
     "Link", "LinkReference", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "P", "Part", "Phase",
     "Placement", "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig",
-    "Robot", "Setpoint", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
+    "Robot", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
     "cascade_gains", "check_model", "everyday_motions", "fastest", "linearise", "modes", "number",
     "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate",
     "structure", "to_control", "to_fmu", "to_ros2_control", "visibility", "write_replay", "write_robot",

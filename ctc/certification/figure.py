@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.figures.errors import draw_band
 from ctc.verdict.evaluations import evaluate
-from plant import DivergenceError
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
+from plant.simulation.logged_run import DivergenceError
 
 _NAMES = 8  # sensitivities in the figure
 _LARGEST = 4  # pulses beyond the limit that have a bar of their own

@@ -5,8 +5,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
-from plant import Rig, Setpoint
-from plant.laws.law import Step
+from plant import Rig
+from plant.laws.law import Setpoint, Step
 from plant.laws.terms import filtered_difference, no_reading
 from plant.parts.arguments import array, signs
 from plant.parts.fields import Nested, Vector

@@ -13,7 +13,8 @@ from ctc.laws.gear_gains import gear_gains
 from ctc.laws.gears import Deviation, braked, gears_along, speed_share
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.turning_back import boosted, fresh_and_swings, learn, shares, unexplained
-from plant import Law, Rig, Setpoint
+from plant import Law, Rig
+from plant.laws.law import Setpoint
 from plant.machine.friction import friction_impulse
 from plant.mechanics.symmetric_inverse import Inverse
 from plant.parts.arguments import signs

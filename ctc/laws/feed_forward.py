@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw, base
-from plant import Law, Rig, Setpoint
-from plant.laws.law import Block, Step
+from plant import Law, Rig
+from plant.laws.law import Block, Setpoint, Step
 from plant.parts.part import part, structure
 
 

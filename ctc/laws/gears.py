@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from ctc.laws.observer import correct, filter_gains, regulator_gains
-from plant import Rig, Setpoint
+from plant import Rig
+from plant.laws.law import Setpoint
 from plant.machine.elasticity import joined, spring
 from plant.mechanics.symmetric_inverse import Inverse, inverse
 

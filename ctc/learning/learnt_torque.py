@@ -7,8 +7,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plant import Law, Reference, Rig, Setpoint
-from plant.laws.law import Block, Step
+from plant import Law, Reference, Rig
+from plant.laws.law import Block, Setpoint, Step
 from plant.parts.arguments import array
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import number, part, structure

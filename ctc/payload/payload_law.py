@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict, triple_pole
-from plant import Law, Rig, Setpoint
-from plant.laws.law import Block, Step
+from plant import Law, Rig
+from plant.laws.law import Block, Setpoint, Step
 from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs

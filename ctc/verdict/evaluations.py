@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.errors import plot_comparison
 from ctc.verdict.evaluation import Evaluation
-from plant import Arm, DivergenceError, Law, Reference, Rig
+from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming, of_motion
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
+from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import Injected, run
 
 _COLUMNS = (

@@ -29,16 +29,6 @@ class Setpoint(NamedTuple):
     """The reference now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
 
     For a law that replays a column of its record, also what was logged (n,).
-
-    See Also
-    --------
-    plant.Law
-
-    Examples
-    --------
-    >>> from plant import Setpoint
-    >>> Setpoint._fields
-    ('q', 'qd', 'qdd', 'pulses', 'logged')
     """
 
     q: ca.SX

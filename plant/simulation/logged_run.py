@@ -95,24 +95,7 @@ def _by_kernel(
 
 
 class DivergenceError(ValueError):
-    """A closed loop that did not stay bounded; the message says when, and which joint first.
-
-    See Also
-    --------
-    plant.simulate, plant.LoadError
-
-    Examples
-    --------
-    >>> import dataclasses
-    >>> from plant import DivergenceError, PD, puma560, simulate
-    >>> rig, law = puma560.rig(), PD(gain=(2000, 2000), derivative=(0, 0), filter=600.0)
-    >>> unlimited = dataclasses.replace(rig.drive, current_limit=(float("inf"), float("inf")))
-    >>> try:
-    ...     record = simulate(puma560.arm(), dataclasses.replace(rig, drive=unlimited), law, puma560.reference())
-    ... except DivergenceError:
-    ...     print("the loop is unstable")
-    the loop is unstable
-    """
+    """A closed loop that did not stay bounded; the message says when, and which joint first."""
 
 
 def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) -> NoReturn:

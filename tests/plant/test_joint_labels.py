@@ -8,7 +8,8 @@ import pytest
 from closed_loops import SampledP
 
 from ctc import ComputedTorque
-from plant import DivergenceError, Dynamics, Harmonics, P, Record, simulate
+from plant import Dynamics, Harmonics, P, Record, simulate
+from plant.simulation.logged_run import DivergenceError
 
 NAMES = tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"))
 LABELS = [f"{name} (q[{i}])" for i, name in enumerate(NAMES)]

@@ -8,7 +8,8 @@ import pytest
 
 from ctc import ComputedTorque, compare, evaluate
 from ctc.verdict.evaluations import Comparison
-from plant import DivergenceError, puma560
+from plant import puma560
+from plant.simulation.logged_run import DivergenceError
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 UNLIMITED = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf)))

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant import PD, Body, DivergenceError, Elasticity, SteppedArm, Transport, puma560, simulate
+from plant import PD, Body, Elasticity, SteppedArm, Transport, puma560, simulate
+from plant.simulation.logged_run import DivergenceError
 
 PATH = puma560.reference()
 
