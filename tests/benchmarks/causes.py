@@ -192,7 +192,7 @@ LABELS = {
     "gain or gear": r"check gain, motor gain and gear|its gains and period, gears",
     "rounding": r"wide cell|cell two pulses wide",
     "lost rows": r"lost|repeat(s|ed) the row|packet",
-    "late counts": r"counts (are|were) [\d.]+ samples|not logged at the same time|samples late|samples early",
+    "late counts": r"counts (are|were) [\d.]+ samples|not logged at the same time|samples? late|samples? early",
     "lag of the loop": r"torques lag",
     "speed error": r"error grows with speed",
     "elastic": r"joints are elastic",
