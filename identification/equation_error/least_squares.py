@@ -161,7 +161,7 @@ def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Float
     Inf where the rest of the groups does not determine all values.
     """
     count, k = int(groups.max()) + 1, rows.shape[1]
-    scale = np.sqrt((rows * rows).sum(axis=0))
+    scale = np.sqrt(np.einsum("mi,mi->i", rows, rows))
     whole, moves = np.zeros((k, k)), np.empty((count, k))
     for start in range(0, len(rows), _AT_ONCE):
         whole += products(rows[start : start + _AT_ONCE] / scale)

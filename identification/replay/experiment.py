@@ -20,7 +20,7 @@ from plant.parts.arguments import instance, near, several
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded, closed_loop
-from plant.simulation.followed_path import Logged, path_of, start_of
+from plant.simulation.followed_path import Logged, counts_along, path_of, start_of
 from plant.simulation.loop_kernel import LOGGED, logged_kernel, loop_kernel
 from plant.simulation.simulator import injected_beside
 
@@ -167,7 +167,7 @@ class Rounding(Experiment):
         )  # fmt: skip
         self._phase = [self.loop.number_names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
         self._kernel = logged_kernel(self.loop, self._phase, uneven=self.clock.even is None)
-        self._reference = self.driven["path"](self.clock.t)[1]
+        self._reference = counts_along(self.driven["path"], self.clock.t)
 
     def path(self, smooth: bool) -> Any:
         """The commanded path; of logged counts, the smoothest motion that they allow, rounded at every instant."""

@@ -37,7 +37,6 @@ class Followed(Experiment):
         if memory is not None:
             self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
-        self._rounding: Rounding | None = None
         self.heard = ~hardly_moving(record) | (not moving)
         self._tables = self._kernel.along(self.loop, **self.driven, data=self._measured(record.counts))
         self._weigh(record.counts)
@@ -50,7 +49,8 @@ class Followed(Experiment):
     def _weigh(self, counts: Floats) -> None:
         """Weigh samples by how counts (N, n) move."""
         record = self.record
-        moved = speed_of(np.vstack([np.zeros(record.n), np.abs(np.diff(counts, axis=0)).cumsum(axis=0)]), _WINDOW)
+        passed = np.diff(counts, axis=0, prepend=counts[:1])
+        moved = speed_of(np.cumsum(np.abs(passed, out=passed), axis=0, out=passed), _WINDOW)
         self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None]) * self.heard
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
@@ -92,10 +92,8 @@ class Followed(Experiment):
 
     def rounded(self, values: Floats, shifts: Sequence[Floats], threads: int) -> list[Floats]:
         """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding."""
-        if self._rounding is None:
-            self._rounding = Rounding(self.loop, self.record)
         start, numbers = self._start(values)
-        return self._rounding.counts(start, numbers, self.loop.number_names, shifts, threads)
+        return Rounding(self.loop, self.record).counts(start, numbers, self.loop.number_names, shifts, threads)
 
     def innovations_of(self, values: Floats, counts: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,), of a log with these counts (N, n)."""

@@ -4,8 +4,7 @@ Slopes are central differences of whole runs: friction and a quantiser have no d
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,8 @@ _JUMP = 0.01  # change of the innovations, in their own length, from which on it
 
 # Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of the slopes.
 _PER_CORE = 4
+
+_AT_ONCE = 1 << 21  # innovations of a run, beyond which runs do not go side by side
 
 _LAGS = 50  # samples over which the autocorrelation of the innovations is added up
 
@@ -70,10 +71,16 @@ def gauss_newton(
         )
     varied = np.flatnonzero(step)
     names = [prediction.unknown[i] for i in varied]
-    moved = True
+    moved, change_per_step = True, np.empty((0, 0))
+
+    def solved(moving: NDArray[np.bool_]) -> Floats:
+        """Least squares of the unknowns that move (v,)."""
+        left = [name for name, moves in zip(names, moving, strict=True) if moves]
+        columns = change_per_step if moving.all() else change_per_step[:, moving]
+        return least_squares(left, columns, residual, dependent=prediction.dependent)[0]
+
     for left in reversed(range(rounds)):
         change_per_step = slopes(prediction, values, step, varied, residual)
-        solved = functools.partial(_solved, names, change_per_step, residual, prediction.dependent)
         change = within_bounds(solved, values, step, bounds)
         cost, lengths = dot(residual, residual), 0.5 ** np.arange(8)
         tried = np.clip(values + lengths[:, None] * change, *bounds.T)
@@ -82,12 +89,13 @@ def gauss_newton(
             costs = [np.inf if not np.isfinite(r).all() else dot(r, r) for r in results]
             best = int(np.argmin(costs))
             if costs[best] < cost:
-                values, residual = tried[i + best], results[best].copy()  # the others are let go
+                values, residual = tried[i + best], results[best].copy()
                 break
+        del results  # not beside the next ones, like the slopes
         moved = dot(residual, residual) < cost
         if not left or not dot(residual, residual) < (1 - tolerance) * cost:
             break
-        change_per_step = np.empty((0, 0))  # not beside the next ones
+        change_per_step = np.empty((0, 0))
     if moved:
         change_per_step = np.empty((0, 0))
         change_per_step = slopes(prediction, values, step, varied, residual)
@@ -137,14 +145,6 @@ def within_bounds(
     return change
 
 
-def _solved(
-    names: Sequence[str], change_per_step: Floats, residual: Floats, dependent: float, moving: NDArray[np.bool_]
-) -> Floats:
-    left = [name for name, moves in zip(names, moving, strict=True) if moves]
-    columns = change_per_step if moving.all() else change_per_step[:, moving]
-    return least_squares(left, columns, residual, dependent=dependent)[0]
-
-
 def slopes(
     prediction: Any, values: Floats, step: Floats, varied: NDArray[np.intp], residual: Floats | None = None
 ) -> Floats:
@@ -154,7 +154,7 @@ def slopes(
     which innovations jump to one side.
     """
     found, waiting = np.empty((len(varied), len(prediction.weights))), list(range(len(varied)))
-    together = _PER_CORE * cores()
+    together = _PER_CORE * side_by_side(found.shape[1])
     for attempt in range(_SHORTER):
         step[varied[waiting]] *= 0.25 if attempt else 1.0
         lost, jumping = list[int](), list[int]()
@@ -179,6 +179,11 @@ def slopes(
     raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
 
 
+def side_by_side(innovations: int) -> int:
+    """How many runs with so many innovations are made at once: as many as cores; of a long log one, for its memory."""
+    return min(cores(), max(1, _AT_ONCE // innovations))
+
+
 def _jumps(up: Floats, residual: Floats, down: Floats, slope: Floats) -> bool:
     """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia.
 
@@ -196,8 +201,8 @@ def noise(prediction: Any, residual: Floats) -> float:
 
 def variance_inflation(residual: Floats) -> float:
     """By how much autocorrelation makes the variance of a mean exceed that of independent samples: 1 without any."""
-    spectrum = np.fft.rfft(residual, 1 << (len(residual) + _LAGS).bit_length())
-    own = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: _LAGS + 1]
+    lags = np.arange(min(_LAGS + 1, len(residual)))
+    own = np.array([dot(residual[: len(residual) - lag], residual[lag:]) for lag in lags])
     if not own[0] > 0:
         return 1.0
-    return float(max(1.0, 1 + 2 * np.sum(own[1:] / own[0] * (1 - np.arange(1, _LAGS + 1) / (_LAGS + 1)))))
+    return float(max(1.0, 1 + 2 * np.sum(own[1:] / own[0] * (1 - lags[1:] / (_LAGS + 1)))))

@@ -23,7 +23,7 @@ from identification.equation_error.naming import of_each, record_label
 from identification.equation_error.prior import Prior, PriorRows
 from identification.replay.experiment import as_records
 from identification.replay.followed import Followed, joined
-from identification.replay.gauss_newton import DEPENDENT, noise
+from identification.replay.gauss_newton import DEPENDENT, noise, side_by_side
 from plant import Dynamics, Record
 from plant.compiler.background import cores, shared_out
 from plant.parts.fields import Floats
@@ -196,15 +196,16 @@ class Prediction:
         of_record = list[list[Floats]]()
         for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):
             self.evaluations += 2 * len(shifts)
-            of_record.append([np.zeros(followed.weight.size) for _ in shifts])
-            if followed.rounds:
-                logs = followed.rounded(own, list(moved), self.threads)
+            if not followed.rounds:
+                of_record.append([np.zeros(followed.weight.size) for _ in shifts])
+                continue
+            logs = followed.rounded(own, list(moved), self.threads)
 
-                def run(counts: Floats, followed: Followed = followed, own: Floats = own) -> Floats:
-                    counts[:] = followed.innovations_of(own, counts).reshape(counts.shape)  # not beside a long log's
-                    return counts.ravel()
+            def run(counts: Floats, followed: Followed = followed, own: Floats = own) -> Floats:
+                counts[:] = followed.innovations_of(own, counts).reshape(counts.shape)  # not beside a long log's
+                return counts.ravel()
 
-                of_record[-1] = shared_out(run, logs, self.threads)
+            of_record.append(shared_out(run, logs, min(self.threads, side_by_side(len(self.weights)))))
         known = np.zeros(len(self._expected))
         return [
             joined([np.zeros(self.prior.count), *rows, known], self.scales) for rows in zip(*of_record, strict=True)

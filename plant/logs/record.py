@@ -119,7 +119,7 @@ class Record(FromFiles, Frozen):
         if self.columns is not None:
             instance("columns", self.columns, dict, "Give the mapping of from_table.")
         object.__setattr__(self, "notes", _noted(self.notes))
-        t = array("t", self.t, ("N",), advice="Give the time of each sample [s].")
+        t = array("t", self.t, ("N",), advice="Give the time of each sample [s].", shared=True)
         if not len(t):
             raise ValueError("t must hold samples; got none. Check that the log was written to the end.")
         stuck = np.flatnonzero(np.diff(t) <= 0)
@@ -133,7 +133,7 @@ class Record(FromFiles, Frozen):
             if value is not None:
                 some = name == "link_counts"
                 advice = "Give one row per sample, one column per joint."
-                values[name] = array(name, value, shape, advice=advice, finite=not some)
+                values[name] = array(name, value, shape, advice=advice, finite=not some, shared=True)
                 if some:
                     _require_sensors(self.rig, values[name])
         if self.error_pulses is None:
@@ -141,7 +141,7 @@ class Record(FromFiles, Frozen):
         if self.reference_pulses is None:
             values["reference_pulses"] = np.zeros(shape)
         valid = np.ones(len(t)) if self.valid is None else self.valid
-        values["valid"] = valid = array("valid", valid, shape[:1], advice="Give one weight per sample.")
+        values["valid"] = valid = array("valid", valid, shape[:1], advice="Give one weight per sample.", shared=True)
         wrong = np.flatnonzero((valid < 0) | (valid > 1))
         if len(wrong):
             got = f"got {valid[wrong[0]]:g} at index {wrong[0]}"

@@ -23,15 +23,18 @@ _UNSOLVED = "needs equations with one solution"
 
 
 def array(
-    name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True
-) -> Floats:
+    name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True,
+    shared: bool = False,
+) -> Floats:  # fmt: skip
     """`value` as a new float64 array of exactly this shape, or a refusal in one line.
 
     A string or None in the shape stands for any length; `advice` is the last part of the message, what to do instead.
+    `shared`: an array that cannot be written to is not copied.
     """
+    frozen = shared and isinstance(value, np.ndarray) and value.flags.owndata and not value.flags.writeable
     expected = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
-        result = np.array(value, dtype=float)
+        result = np.asarray(value, dtype=float) if frozen else np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be numbers of shape {expected}; got {value!r:.80}. {advice}") from None
     matches = result.ndim == len(shape) and all(

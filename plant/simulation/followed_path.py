@@ -24,6 +24,8 @@ from plant.simulation.clock import Clock
 _FEW, _MOST, _MISSED = 50, 100_000, 0.05
 """Samples of a path that is found from its counts, and the share of them that may have another count."""
 
+_AT_ONCE = 1 << 16  # samples of a path that are found at once
+
 _FIRST, _ON_A_PARABOLA = 10, 1.5
 """Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them [pulses]."""
 
@@ -106,7 +108,7 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
         centres = rig.encoder.position_in_pulses(rig.encoder.cell_centre(counts))
         return Logged(centres, smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
     path = Path(record.reference, record.rig)
-    off = np.abs(path(clock.t[clock.rows])[1] - record.reference_pulses).max(axis=1)
+    off = np.abs(counts_along(path, clock.t[clock.rows]) - record.reference_pulses).max(axis=1)
     off[record.valid == 0] = 0
     wrong = np.flatnonzero(off > 1)
     if len(wrong) and not off_reference(record)[wrong].all():
@@ -116,6 +118,11 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
         )
     whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
     return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
+
+
+def counts_along(path: Path | Logged, t: Floats) -> Floats:
+    """Counts (N, n) of a path at times t (N,), block by block: the motion of a long log takes much memory."""
+    return np.concatenate([path(part)[1] for part in np.array_split(t, -(-len(t) // _AT_ONCE))])
 
 
 def is_rounded(record: Record) -> bool:

@@ -11,6 +11,7 @@ of the clock.
 """
 
 import argparse
+import ctypes
 import dataclasses
 import os
 import resource
@@ -47,6 +48,7 @@ def identified(law, samples):
     identify(arm.dynamics, short, progress=False)
     before = held()
     arm, log = logged(law, samples)
+    ctypes.CDLL(None).malloc_trim(0)  # what the simulation has left free
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     started = time.process_time(), time.perf_counter()
     found = identify(arm.dynamics, log, seed=1, progress=False)

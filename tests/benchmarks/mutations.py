@@ -84,10 +84,12 @@ def changes(file, kinds):
 
 
 def rooms_of(tree, file):
-    """Where the tests of a file are: of its room, else of its package."""
+    """Test files of a file's room, else of its package; those first that have its name, then those that mention it."""
     package, *room = file.relative_to(tree).parts[:-1]
-    own = Path("tests", package, *room)
-    return [str(own if (tree / own).is_dir() else Path("tests", package))]
+    own = tree.joinpath("tests", package, *room)
+    tests = sorted((own if own.is_dir() else tree / "tests" / package).rglob("test_*.py"))
+    tests.sort(key=lambda test: (file.stem not in test.stem, not re.search(rf"\b{file.stem}\b", test.read_text())))
+    return [str(test.relative_to(tree)) for test in tests]
 
 
 def failing(copy, tests):
