@@ -156,7 +156,8 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> Any:
     power = np.maximum((speed**2).sum(axis=1), 1e-300)
     gap = (size * speed).sum(axis=1) / power
     off = ((size - gap[:, None] * speed) ** 2).sum(axis=1) < _ALONG * (size**2).sum(axis=1)
-    several = (np.abs(size) > _SPIKE * signals.least_count).sum(axis=1) > 1
+    usual = np.maximum(signals.least_count, np.quantile(np.abs(size), 0.9, axis=0))  # much where a loop oscillates
+    several = (np.abs(size) > _SPIKE * usual).sum(axis=1) > 1
     even = (np.abs(late) < _EVEN) & (np.abs(spans / signals.interval - 1) < _EVEN)
     # What was late comes back.
     lacks = np.minimum(gap, np.convolve(gap, nearby, mode="same")) > _LACKS * signals.interval

@@ -108,16 +108,29 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
         centres = rig.encoder.position_in_pulses(rig.encoder.cell_centre(counts))
         return Logged(centres, smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
     path = Path(record.reference, record.rig)
-    off = np.abs(counts_along(path, clock.t[clock.rows]) - record.reference_pulses).max(axis=1)
+    own = counts_along(path, clock.t[clock.rows])
+    off = np.abs(own - record.reference_pulses).max(axis=1)
     off[record.valid == 0] = 0
     wrong = np.flatnonzero(off > 1)
     if len(wrong) and not off_reference(record)[wrong].all():
         raise ValueError(
             f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
-            "pulses off. Correct the reference, or leave it out to replay the logged counts."
+            f"pulses off. {_scaled(record, own)}Correct the reference, or leave it out to replay the logged counts."
         )
     whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
     return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
+
+
+def _scaled(record: Record, own: Floats) -> str:
+    """What to look at where logged counts are a joint's own (N, n) times a number: "" where they are not."""
+    moved, logged = (each - each.mean(axis=0) for each in (own, record.reference_pulses))
+    ratio = (moved * logged).sum(axis=0) / np.maximum((moved * moved).sum(axis=0), 1.0)
+    joint = int(np.argmax(np.abs(ratio - 1)))
+    told = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()  # both are rounded, and their means
+    if not told or abs(ratio[joint] - 1) < 1e-3:
+        return ""
+    where = record.rig.joint_labels[joint]
+    return f"At {where} they are {ratio[joint]:.4g} times the reference's: check gear, pulses per turn and sign. "
 
 
 def counts_along(path: Path | Logged, t: Floats) -> Floats:

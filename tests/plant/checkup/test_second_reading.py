@@ -143,6 +143,14 @@ def test_rows_that_a_log_lacks_unseen_in_its_stamps_are_named_with_their_times(h
     assert "rows left out" not in [f.check for f in (*stamped.check().problems, *log().check().problems)]
 
 
+@pytest.mark.parametrize("hz", [60, 150])
+def test_a_loop_that_swings_wildly_lacks_no_rows(hz):
+    record = log()
+    swing = np.round(np.exp(record.t) * np.sin(2 * np.pi * hz * record.t))[:, None] * (300, 200)
+    swinging = dataclasses.replace(record, error_pulses=record.error_pulses + swing, torque=None, current=None)
+    assert "rows left out" not in [f.check for f in swinging.check().problems]
+
+
 def test_a_log_of_repeated_rows_alone_is_refused_in_one_line():
     row = np.arange(len(log())) // 3 * 3
     with pytest.raises(ValueError, match=r"most rows must be measurements; .* Log every sample once"):

@@ -295,8 +295,16 @@ def test_a_log_that_starts_off_its_reference_is_replayed_from_its_first_count(pa
 
 def test_a_reference_that_is_not_the_one_of_the_log_is_refused(paper):
     shifted = dataclasses.replace(paper, reference_pulses=paper.reference_pulses + 3 * (paper.t[:, None] > 1))
-    with pytest.raises(ValueError, match=r"sample 1429 is 3 pulses off.*leave it out"):
+    with pytest.raises(ValueError, match=r"sample 1429 is 3 pulses off. Correct.*leave it out"):
         path_of(shifted)
+
+
+@pytest.mark.parametrize("factor", [1.1, -1.0])
+def test_a_gear_that_the_reference_contradicts_is_named(paper, factor):
+    drive = dataclasses.replace(RIG.drive, gear=np.multiply(RIG.drive.gear, (1.0, factor)))
+    stated = dataclasses.replace(paper, rig=dataclasses.replace(RIG, drive=drive))
+    with pytest.raises(ValueError, match=rf"At joint q\[1\] they are {1 / factor:.4g} times the reference's"):
+        path_of(stated)
 
 
 ONE = PointToPoint(start=(0.0,), goal=(1.0,), duration=1.0)
