@@ -219,3 +219,8 @@ def test_bad_numbers_are_refused_in_one_line(name):
     if name != "integral":
         with pytest.raises(ValueError, match=f"^{name} must be positive; got 0"):
             law(**{name: 0.0})
+
+
+def test_what_errors_of_the_model_move_is_the_integral_of_each_joint():
+    """The state begins with the flag of the first reading."""
+    assert [list(some) for some in law(TUNINGS["rigid"]).model_errors(2)] == [[1, 2]]

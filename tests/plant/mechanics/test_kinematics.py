@@ -11,6 +11,7 @@ from pinocchio_arm import pinocchio_model
 
 from plant import Body, Chain, Dynamics, Link, Placement, puma560
 from plant.mechanics.newton_euler import joint_positions
+from plant.mechanics.placement import axis_frame
 
 PLACED = Placement.of_angles(0.3, -0.5, 0.7, (0.1, -0.2, 0.3))
 CHAINS = {
@@ -47,3 +48,11 @@ def test_gravity_of_a_point_mass_is_its_weight_on_the_slope_of_its_height():
 def test_a_tip_is_three_numbers():
     with pytest.raises(ValueError, match=r"tip must have shape \(3,\)"):
         joint_positions(planar(2), (0.4, 0))
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0, -2), (1e-13, 0, -1), (1, -2, 3), (0, 1, 0)])
+def test_the_frame_of_an_axis_is_a_rotation_that_turns_z_to_it(axis):
+    frame = axis_frame(np.array(axis, float))
+    np.testing.assert_allclose(frame.T @ frame, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(frame), 1)
+    np.testing.assert_allclose(frame[:, 2], np.array(axis) / np.linalg.norm(axis), atol=1e-12)
