@@ -153,9 +153,9 @@ def _freed(
         yield name, (fit[name], float(fit.std[names.index(name)]))
 
 
+# Stribeck speeds, and those at which viscous friction saturates, that are tried, in the usual speed of each joint; and
+# those tried then about a Stribeck speed that predicts better, in that: of all joints, then of one after another.
 _SHARES, _FINER = (0.02, 0.1, 0.5), (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
-"""Stribeck speeds, and those at which viscous friction saturates, that are tried, in the usual speed of each joint; and
-those tried then about a Stribeck speed that predicts better, in that: of all joints, then of one after another."""
 
 
 def _friction(task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]) -> tuple[FrictionTrial, ...]:

@@ -12,8 +12,8 @@ import numpy as np
 from plant.parts.fields import Floats
 from plant.parts.sums import product
 
+# Groups whose values differ in shares of their size.
 RELATIVE = ("drive.viscous", "drive.coulomb", "drive.elasticity.compliance")
-"""Groups whose values differ in shares of their size."""
 
 MANY = 1e6  # degrees of freedom of what is not compared
 

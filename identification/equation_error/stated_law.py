@@ -12,9 +12,9 @@ from plant.parts.fields import Floats
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
+# Distance from the logged torque with a law that began with the log, relative to that of the best state, and in the
+# largest torque, up to which it did.
 _BEGAN, _EQUAL = 1.1, 1e-3
-"""Distance from the logged torque with a law that began with the log, relative to that of the best state, and in the
-largest torque, up to which it did."""
 
 _ROUNDS = 2  # fits of the state; a law that saturates is not linear in it
 

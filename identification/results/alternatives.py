@@ -27,9 +27,9 @@ _BY_CHANCE = 1e-5  # probability with which a right model reaches a threshold
 
 _HERTZ = 200.0  # resonance by whose effect that of compliance is taken, where gears are rigid [Hz]
 
+# The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's torque (rms), and of
+# gears, motor gains and gains of the law, relative.
 _LAG, _DELAY, _FRICTION, _SHARE = 1e-5, 0.05, 0.01, 1e-4
-"""The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's torque (rms), and of
-gears, motor gains and gains of the law, relative."""
 
 _LEAD = 0.5  # samples by which a torque leads, at least, where its law has the rate of the error; less is timing
 

@@ -19,21 +19,22 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 
 _STIFF = 300.0  # resonance above which a gear is not mentioned [Hz]
+# What turns the numbers of `Extended` into those of a text, their units, and their name there.
 _LIMITS = {
     "backlash": (180 / np.pi, "degrees", "backlash"), "lag": (1e3, "ms", "lag"), "delay": (1.0, "samples", "delay"),
     "gear": (100.0, "%", "another gear"), "offset": (1.0, "N m of the motor", "an offset of the torque"),
     "cogging": (1.0, "N m of the motor", "cogging"), "length": (100.0, "%", "another length"),
     "lead": (1e3, "ms", "a derivative in the law"), "friction": (100.0, "%", "other friction"),
 }  # fmt: skip
-"""What turns the numbers of `Extended` into those of a text, their units, and their name there."""
 _BLIND, _FAR = {"%": 100.0}, 1e4  # limits from which on a joint shows nothing; in other units, of the least one
 
+# Factor and text of the numbers of a joint.
 _EACH = {
     "gear": (100.0, "{:+.2g} % at {}"), "offset": (1.0, "{:.3g} N m at {}"), "lead": (1e3, "{:.2g} ms at {}"),
     "length": (100.0, "{:+.2g} % before {}"),
 }  # fmt: skip
-"""Factor and text of the numbers of a joint."""
 
+# What contradicts the model, and what to do.
 _SAID = {
     "compliance": "the joints are elastic: locked-rotor resonance near {each} ({chance}), which biases f. Give the "
     "drive an Elasticity, and identify its stiffness too.",
@@ -59,7 +60,6 @@ _SAID = {
     "{freedom} degrees of freedom, by chance below {threshold:.0f}). The model lacks something, or the robot has "
     "changed (friction; a load, which find_load weighs). {do}.",
 }
-"""What contradicts the model, and what to do."""
 
 _MEAN = "Values are the mean of each record's own: found.fit.between tells how these differ"
 UNFITTED = ("reversals", "disagreement")  # what is told, but is no number of a model

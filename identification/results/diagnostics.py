@@ -25,8 +25,7 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 
-_WIDER = 2.0
-"""Difference over that of two runs which what the rig may lack explains at most."""
+_WIDER = 2.0  # difference over that of two runs which what the rig may lack explains at most
 
 
 @kept

@@ -6,8 +6,8 @@ from identification.replay.optimum import Optimum, fitted
 from identification.results.alternatives import Sign, delay_sign
 from plant.parts.fields import Floats
 
+# Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew.
 _LATE, _SHIFTS = 1.0, 2
-"""Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew."""
 
 
 def without_delay(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[Sign, Optimum] | None:

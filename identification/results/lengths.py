@@ -16,8 +16,8 @@ from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 
 _LEAST, _MOST = 0.05, 0.5  # by which a length may differ: less is rounding, from more nothing is estimated
+# By how much less must be missing per length that is put in, at least; what may be missing; lengths put in.
 _STEEP, _NEAR, _TRIALS = 0.5, 0.01, 3
-"""By how much less must be missing per length that is put in, at least; what may be missing; lengths put in."""
 
 
 def tested(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:

@@ -32,8 +32,8 @@ _LOSS = 0.8  # share of its extent that a body may lose in one step: the log-det
 
 _NEARLY = 1e-5  # relative difference of f below which bodies may have it after all
 
+# The last softness, and each in units of the one before; the first is |A x - f|^2 at the prior.
 _HARDEST, _HARDER = 1e-9, 0.2
-"""The last softness, and each in units of the one before; the first is |A x - f|^2 at the prior."""
 
 
 @dataclasses.dataclass(frozen=True)

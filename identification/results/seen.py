@@ -18,8 +18,7 @@ _BEYOND = 0.1  # share of a log's range, or of its largest speed, by which a pat
 
 _POINTS = 1000  # instants of a path at which it is looked at
 
-APART = 20
-"""Samples from one position to the next for a speed."""
+APART = 20  # samples from one position to the next for a speed
 
 
 @kept

@@ -22,13 +22,13 @@ from plant.parts.fields import Floats
 
 _NAMED = 3  # alternatives that are named, at most
 _EXPLAINED = 0.03  # share of what rounding does not explain that a named alternative must
+# Share of the sum of squares below which all is tested once more, in place of what is named; steps per sample then.
 _FAINT, _FINER = 0.02, 16
-"""Share of the sum of squares below which all is tested once more, in place of what is named; steps per sample then."""
 _ROUNDING = 1 / 12  # variance of the rounding of counts [pulses^2]
 _AGAIN = 2.0  # by how much the threshold of what is named beside others is higher: what they leave is not all by chance
+# Share of the best first estimate from which on an alternative is fitted, too; and of the best fit, from which on it is
+# preferred if it needs fewer numbers.
 _WORTH, _AS_GOOD = 0.2, 0.9
-"""Share of the best first estimate from which on an alternative is fitted, too; and of the best fit, from which on it
-is preferred if it needs fewer numbers."""
 _STEP, _FINE = 0.05, 0.03  # steps of the central differences, in standard deviations, and relative, of what is named
 _LEAST, _MOST = 400.0**-2, 15.0**-2  # compliances between which a first estimate is taken [1/Hz^2]
 _MINOR = 0.3  # of what a rig tolerates, which intervals count: less of it contradicts nothing

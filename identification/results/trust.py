@@ -24,9 +24,9 @@ _AT_END = 0.002  # share of a range within which a value lies at its end
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
 _WORSE = 1.5  # how much worse a record held out is repeated that asks for an explanation
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
+# Correlation, and relative deviation, from which on a pair is not separately identifiable; and up to how many are told
+# without a warning.
 _INSEPARABLE, _VAGUE, MANY = 0.995, 0.05, 3
-"""Correlation, and relative deviation, from which on a pair is not separately identifiable; and up to how many
-are told without a warning."""
 
 _ANOTHER = 0.05  # share of the logged torque by which that of the stated law may differ
 _ZERO = 0.49  # zero of a counter [rad] beyond which it is at the end of its range

@@ -12,8 +12,7 @@ from plant import Body, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 
-_SHOWN, _ORDER = 6, (0, 3, 5, 1, 2, 4)
-"""Digits; places of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the inertia of a body."""
+_SHOWN, _ORDER = 6, (0, 3, 5, 1, 2, 4)  # digits; places of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the inertia of a body
 
 
 @known_options

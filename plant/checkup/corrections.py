@@ -16,12 +16,11 @@ from plant.checkup.wiring import error_column, torque_column
 from plant.machine.rig import Rig
 from plant.parts.fields import Floats
 
+# Factor, and share, by which what is unexplained of the torque may rise: chance, and counts rounded again; and of a
+# sign, with which the sums of angles change that stand for gravity.
 _WORSE, _CHANCE, _SUMS = 1.02, 1e-3, 1e-2
-"""Factor, and share, by which what is unexplained of the torque may rise: chance, and counts rounded again; and of a
-sign, with which the sums of angles change that stand for gravity."""
 
-_TRIALS = 12
-"""Corrections that are tried of one log; a log with more to correct is wrong throughout."""
+_TRIALS = 12  # corrections that are tried of one log; a log with more to correct is wrong throughout
 
 _IN_VAIN = "; correcting that was tried and does not make the log explain more, so leave it: look for another cause."
 

@@ -11,40 +11,32 @@ from plant.checkup.signals import LEAST_MOTION, Signals
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-_SPIKE = 4.0
-"""Outlier limit of an innovation: so many pulses, and so many times the 98 % quantile."""
+_SPIKE = 4.0  # outlier limit of an innovation: so many pulses, and so many times the 98 % quantile
 
-_MANY = 20
-"""Number of equal jumps from which on they are steps of a coarse grid."""
+_MANY = 20  # number of equal jumps from which on they are steps of a coarse grid
 
-_MISTIMED = 0.2
-"""Jitter of a count's sampling [samples]; the difference of the intervals about it adds to that."""
+_MISTIMED = 0.2  # jitter of a count's sampling [samples]; the difference of the intervals about it adds to that
 
-_RUN = 0.02
-"""Standstill [s] from which on its reason is checked."""
+_RUN = 0.02  # standstill [s] from which on its reason is checked
 
-_BEYOND = 3.0
-"""An encoder is stuck if the reference moves on by so many times the error usual in this log."""
+_BEYOND = 3.0  # an encoder is stuck if the reference moves on by so many times the error usual in this log
 
+# A joint at rest holds torques over a range of twice its Coulomb friction; above so many times it should move.
 _STICTION = 2.5
-"""A joint at rest holds torques over a range of twice its Coulomb friction; above so many times it should move."""
 
-_LONG = 0.1
-"""Standstill [s] under too much torque that is more than the turning point of a motion."""
+_LONG = 0.1  # standstill [s] under too much torque that is more than the turning point of a motion
 
-_HELD = 0.2
-"""Share of the log that a joint may rest without a reason while others move."""
+_HELD = 0.2  # share of the log that a joint may rest without a reason while others move
 
-_PLATEAU = 5
-"""Samples at an extreme, and counts per sample on the way there, that make a clipped peak."""
+_PLATEAU = 5  # samples at an extreme, and counts per sample on the way there, that make a clipped peak
 
 
+# A motion of fewer counts, in units of `LEAST_MOTION`, and of less than so many times its error, excites nothing.
 _FEW, _OF_ERROR = 10, 3.0
-"""A motion of fewer counts, in units of `LEAST_MOTION`, and of less than so many times its error, excites nothing."""
 
+# Rows to each side whose speeds tell that across a gap; share by which its stamps may be off, intervals that are
+# lacking, and share of the jumps' squares that are not along the motion.
 _ASIDE, _EVEN, _LACKS, _ALONG = 4, 0.5, 0.6, 0.1
-"""Rows to each side whose speeds tell that across a gap; share by which its stamps may be off, intervals that are
-lacking, and share of the jumps' squares that are not along the motion."""
 
 _IN_STEP = 0.9999  # correlation of two speeds from which on joints move in step
 

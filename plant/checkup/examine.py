@@ -19,23 +19,21 @@ from plant.checkup.tracking import reference_findings
 from plant.checkup.units import unit_findings
 from plant.checkup.wiring import wiring_findings
 
+# Share of the amplifier's limit from which on it is saturated; and above which the limit is wrong.
 _AT_LIMIT, _BEYOND = 0.999, 1.05
-"""Share of the amplifier's limit from which on it is saturated; and above which the limit is wrong."""
 
+# Share of saturated samples [%] to look at, and above which the log shows the limit alone.
 _SATURATED, _LOST = 1.0, 50.0
-"""Share of saturated samples [%] to look at, and above which the log shows the limit alone."""
 
-_ALIKE = 0.01
-"""Share of its range by which a torque that is not clipped may differ from the commanded one."""
+_ALIKE = 0.01  # share of its range by which a torque that is not clipped may differ from the commanded one
 
+# An extreme value is clipped if it is so many times as frequent as the next ones, in so many % of the samples.
 _PILED, _LEAST_PILE = 4.0, 0.5
-"""An extreme value is clipped if it is so many times as frequent as the next ones, in so many % of the samples."""
 
-_SURE = 5.0
-"""Standard deviations from which on a sign is significant."""
+_SURE = 5.0  # standard deviations from which on a sign is significant
 
+# Reversals of the load that a log must hold; backlash [pulses], and in standard deviations, that is significant.
 _REVERSALS, _PLAY, _PLAY_SURE = 6, 0.5, 3.5
-"""Reversals of the load that a log must hold; backlash [pulses], and in standard deviations, that is significant."""
 
 
 def _of_torque(name: str, check: Callable[[Any, int], Finding]) -> Callable[[Signals], Iterator[Finding]]:
@@ -94,16 +92,15 @@ def _backlash(signals, i):
     return Finding.of(name, i, play, unit)
 
 
-_LEAST = 50
-"""Samples with weight, below which only their times are checked."""
+_LEAST = 50  # samples with weight, below which only their times are checked
 
 
+# Checks of a log whose lost rows are bridged; first what shows as noise, saturation and delay, too.
 _PARTS = (
     _of_torque("clipped torque", _clipped), oscillation_findings, quantisation_findings, rounding_findings,
     reference_findings, wiring_findings, unit_findings, _of_torque("saturation", _saturated),
     _of_torque("backlash", _backlash),
 )  # fmt: skip
-"""Checks of a log whose lost rows are bridged; first what shows as noise, saturation and delay, too."""
 
 
 def examine(record: Any) -> Checkup:

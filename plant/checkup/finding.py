@@ -9,8 +9,7 @@ from plant.parts.labels import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_ROUNDING = 1e-9
-"""Printed as 0."""
+_ROUNDING = 1e-9  # printed as 0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)

@@ -14,14 +14,14 @@ from plant.laws.resumed import FAST, AlongLog, Resumed
 from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
 
+# Samples by which counts may be late; and trials, since a joint's torque may depend on another's late counts.
 _SHIFTS, _ROUNDS = np.arange(-2, 4), 3
-"""Samples by which counts may be late; and trials, since a joint's torque may depend on another's late counts."""
 
+# What the right rows leave of the torque, relative to what any others leave, at most; and relative to the torque.
 _BETTER, _SAME = 0.25, 1e-4
-"""What the right rows leave of the torque, relative to what any others leave, at most; and relative to the torque."""
 
+# Samples along which the law is run; and its period, and the rig's, relative to the log's, at most.
 _MOST, _PERIODS = 5000, 1.01
-"""Samples along which the law is run; and its period, and the rig's, relative to the log's, at most."""
 
 
 def law_delays(signals: Signals) -> Floats:

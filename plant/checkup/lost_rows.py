@@ -16,24 +16,22 @@ from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
-BRIDGED = 10
-"""Rows of a gap up to which straight lines across it are as good as its neighbours, for filters."""
+BRIDGED = 10  # rows of a gap up to which straight lines across it are as good as its neighbours, for filters
 
+# Counts per row from which on rows cannot be equal; how far, relatively, the next count may be off the motion's; and
+# steps to each side that tell the motion.
 _FAST, _FOLLOWS, _AROUND = 2.0, 0.35, 4
-"""Counts per row from which on rows cannot be equal; how far, relatively, the next count may be off the motion's; and
-steps to each side that tell the motion."""
 
+# Pulses by which a logged reference may differ from the stated one; and share of rows that may be lost.
 _OFF, MOST = 1.0, 0.5
-"""Pulses by which a logged reference may differ from the stated one; and share of rows that may be lost."""
 
-_OTHER = 0.2
-"""Share of rows off the stated reference above which it is another one."""
+_OTHER = 0.2  # share of rows off the stated reference above which it is another one
 
+# Intervals by which a stamp is late, at least; and of that, how far off the even time its count may be.
 _ODD, _EVEN = 0.2, 0.3
-"""Intervals by which a stamp is late, at least; and of that, how far off the even time its count may be."""
 
+# Part of a turn within which a jump is a whole one; and counts after which registers begin again.
 _TURN, _REGISTERS = 0.02, (2.0**12, 2.0**16, 2.0**24, 2.0**32)
-"""Part of a turn within which a jump is a whole one; and counts after which registers begin again."""
 
 
 class LostRows(NamedTuple):

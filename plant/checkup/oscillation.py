@@ -14,30 +14,26 @@ from plant.checkup.finding import Finding, unless
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
+# Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above.
 _CONTAINED, _BEYOND, _SLOWEST = 0.999, 5.0, 3.0
-"""Share of the reference's power below the highest of its frequencies; and how many times that, and [Hz], is above."""
 
-_PARTS = 6
-"""Of the log, in whose median the error oscillates."""
+_PARTS = 6  # of the log, in whose median the error oscillates
 
+# How much wider, RMS, than the slow part of the error: stable P loops come to 0.55; and in counts.
 _SWINGS, _LEAST = 0.8, 2.0
-"""How much wider, RMS, than the slow part of the error: stable P loops come to 0.55; and in counts."""
 
+# Power there in that of the median of fast frequencies, averaged over so many neighbours; noise comes to 3.
 _PEAK, _AVERAGED = 20.0, 9
-"""Power there in that of the median of fast frequencies, averaged over so many neighbours; noise comes to 3."""
 
-_GROWN = 1.5
-"""Ratio of the last third to the first from which on it grows."""
+_GROWN = 1.5  # ratio of the last third to the first from which on it grows
 
-_DECAYED = 0.5
-"""The same ratio, below which it is what is left of the start: a loop of little damping, but stable."""
+_DECAYED = 0.5  # the same ratio, below which it is what is left of the start: a loop of little damping, but stable
 
+# How much wider, by the median over so many reversals of the loads at least, it is in so many of its periods after them
+# than before, where a gear has backlash; without it comes to 1.3.
 _FLARES, _REVERSALS, _AFTER = 1.6, 4, 4
-"""How much wider, by the median over so many reversals of the loads at least, it is in so many of its periods after
-them than before, where a gear has backlash; without it comes to 1.3."""
 
-_LIMITED = 0.01
-"""Share of the log in which commands above the limit make it another loop."""
+_LIMITED = 0.01  # share of the log in which commands above the limit make it another loop
 
 _NAME = "oscillation"
 

@@ -8,33 +8,28 @@ from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
-_COMB = 0.8
-"""Amplitude (0 to 1) of a spectral line of the counts above which they are on a coarser grid."""
+_COMB = 0.8  # amplitude (0 to 1) of a spectral line of the counts above which they are on a coarser grid
 
+# Smallest step [pulses] that still leaves a comb after rounding; a smaller one is aliased to a coarser one.
 _FINEST = 1.43
-"""Smallest step [pulses] that still leaves a comb after rounding; a smaller one is aliased to a coarser one."""
 
-_COMB_WHOLE = 1.7
-"""Largest amplitude, that of every second count, with a margin; more has another cause."""
+_COMB_WHOLE = 1.7  # largest amplitude, that of every second count, with a margin; more has another cause
 
+# Gear from which on counts within a pulse of its multiples are no coincidence: three in five, at the most.
 _GEARED = 4.0
-"""Gear from which on counts within a pulse of its multiples are no coincidence: three in five, at the most."""
 
-_CHANCE = 5.0
-"""Significance of a spectral line against random counts [standard deviations]."""
+_CHANCE = 5.0  # significance of a spectral line against random counts [standard deviations]
 
-_DISTINCT = 50
-"""Different counts needed to tell the step."""
+_DISTINCT = 50  # different counts needed to tell the step
 
-_NOISY = 0.6
-"""Noise [pulses] that rounding (0.29) does not explain."""
+_NOISY = 0.6  # noise [pulses] that rounding (0.29) does not explain
 
 
+# Note of a record whose positions were clean multiples of such a step before they were counted.
 STEP_NOTE = "step of counts [pulses], joint {}"
-"""Note of a record whose positions were clean multiples of such a step before they were counted."""
 
+# Digits of scaled counts, beyond which they are rounding; and how far off a multiple of their step they may be.
 _DIGITS, _WHOLE = 6, 0.01
-"""Digits of scaled counts, beyond which they are rounding; and how far off a multiple of their step they may be."""
 
 
 def count_unit_findings(signals: Signals) -> Iterator[Finding]:

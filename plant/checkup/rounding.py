@@ -14,23 +14,20 @@ from plant.checkup.finding import Finding
 from plant.checkup.quantisation import STEP_NOTE
 from plant.checkup.signals import Signals
 
+# Rows to each side of a crossing, and degree of the polynomial in time: the pair that tells most is taken.
 _WINDOWS = tuple((half, degree) for half in (10, 20, 40, 80) for degree in (3, 5, 7))
-"""Rows to each side of a crossing, and degree of the polynomial in time: the pair that tells most is taken."""
 
-_MOST, _FEW = 300, 20
-"""Crossings of other counts that are fitted, at most; fewer tell nothing."""
+_MOST, _FEW = 300, 20  # crossings of other counts that are fitted, at most; fewer tell nothing
 
+# Probability from which on a convention is seen; standard deviations from both at which it is neither.
 _SURE, _NEITHER = 0.95, 4.0
-"""Probability from which on a convention is seen; standard deviations from both at which it is neither."""
 
-_MOST_ODDS = 100.0
-"""Logarithm of odds beyond which it makes no difference."""
+_MOST_ODDS = 100.0  # logarithm of odds beyond which it makes no difference
 
-_COMPARABLE = 3.0
-"""Windows whose standard deviation is at most so many times that of the best one tell the same."""
+_COMPARABLE = 3.0  # windows whose standard deviation is at most so many times that of the best one tell the same
 
+# Factor within which other counts are passed at the speeds at which zero is; and counts per row that pass nothing.
 _ALIKE, _SLOW = 2.0, 0.05
-"""Factor within which other counts are passed at the speeds at which zero is; and counts per row that pass nothing."""
 
 
 def rounding_findings(signals: Signals) -> Iterator[Finding]:

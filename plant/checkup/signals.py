@@ -17,27 +17,21 @@ from plant.parts.fields import Floats
 
 T = TypeVar("T")
 
-_WINDOW, _LEAST = 0.02, 21
-"""Length of the smoothing window [s], but never less than so many samples."""
+_WINDOW, _LEAST = 0.02, 21  # length of the smoothing window [s], but never less than so many samples
 
+# Rows by which stamps and counts may be shifted; squared deviation of the intervals [noise^2] from which on a shift is
+# significant; and deviation of a count [noise] that is not one of timing.
 _SHIFTS, _SHIFT_SURE, _WILD = 2, 400.0, 5.0
-"""Rows by which stamps and counts may be shifted; squared deviation of the intervals [noise^2] from which on a shift is
-significant; and deviation of a count [noise] that is not one of timing."""
 
-TRACKING = 0.2
-"""Relative deviation of the counts' speed from the reference's above which they do not track it."""
+TRACKING = 0.2  # relative deviation of the counts' speed from the reference's above which they do not track it
 
-LEAST_MOTION = 20
-"""Counts that a motor has to move, at least."""
+LEAST_MOTION = 20  # counts that a motor has to move, at least
 
-_ANGLES = 2000
-"""Range of counts above which they cannot be angles."""
+_ANGLES = 2000  # range of counts above which they cannot be angles
 
-_MEDIAN = 0.84
-"""Median of chi-squared with four degrees of freedom, divided by four."""
+_MEDIAN = 0.84  # median of chi-squared with four degrees of freedom, divided by four
 
-_GAP = 1.5
-"""Median intervals above which samples are missing."""
+_GAP = 1.5  # median intervals above which samples are missing
 
 
 class Signals:

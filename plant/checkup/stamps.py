@@ -8,24 +8,20 @@ from plant.checkup.finding import Finding
 from plant.checkup.lost_rows import MOST, LostRows
 from plant.checkup.signals import Signals
 
-_GAP, _CROWD = 1.5, 0.5
-"""Median intervals above which a sample is missing, and below which one is repeated."""
+_GAP, _CROWD = 1.5, 0.5  # median intervals above which a sample is missing, and below which one is repeated
 
-_LOST = 5.0
-"""Missing samples [%] above which the log is broken rather than patchy."""
+_LOST = 5.0  # missing samples [%] above which the log is broken rather than patchy
 
+# Jitter of the intervals [%] to look at, and above which time stamps are not sample times.
 _JITTER, _UNTIMED = 1.0, 20.0
-"""Jitter of the intervals [%] to look at, and above which time stamps are not sample times."""
 
-_OFF, _OTHER = 1e-3, 2e-2
-"""Relative error of the period: a thousandth is one sample in a thousand by the end."""
+_OFF, _OTHER = 1e-3, 2e-2  # relative error of the period: a thousandth is one sample in a thousand by the end
 
+# Regression coefficient (`Signals.row_shift`) above which stamps and counts belong together; and below which the counts
+# were taken evenly.
 _MATCH, _EVEN = 0.7, 0.3
-"""Regression coefficient (`Signals.row_shift`) above which stamps and counts belong together; and below which the
-counts were taken evenly."""
 
-_SHORT = 200
-"""Fewer samples are too few for a fit."""
+_SHORT = 200  # fewer samples are too few for a fit
 
 
 def time_findings(signals: Signals) -> Iterator[Finding]:

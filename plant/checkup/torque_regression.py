@@ -12,16 +12,13 @@ import numpy as np
 
 from plant.parts.fields import Floats
 
-_SLOW = 0.05
-"""Share of the RMS speed below which a joint may stick, and its friction is unknown."""
+_SLOW = 0.05  # share of the RMS speed below which a joint may stick, and its friction is unknown
 
-_SINGULAR = 1e-10
-"""Relative eigenvalue below which a direction of the normal equations is not identifiable."""
+_SINGULAR = 1e-10  # relative eigenvalue below which a direction of the normal equations is not identifiable
 
 _TENTHS = 10
 
-_PER_WINDOW = 7
-"""Rows taken from a window, more are not independent; and rows that each unknown needs."""
+_PER_WINDOW = 7  # rows taken from a window, more are not independent; and rows that each unknown needs
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,8 +110,7 @@ def least_squares(columns: Floats, measured: Floats, memory: int) -> tuple[Float
     return value / scale, np.sqrt(np.maximum(variance, jackknife)) / scale
 
 
-_AVERAGE = 0.4
-"""Window [s] over which the equation is averaged; shorter where the log would not hold enough of them."""
+_AVERAGE = 0.4  # window [s] over which the equation is averaged; shorter where the log would not hold enough of them
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,27 +11,23 @@ from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.torque_regression import least_squares
 from plant.machine.rig import Rig
 
-_CLOSER = 0.5
-"""Another joint's reference is the right one if its error is smaller by this factor."""
+_CLOSER = 0.5  # another joint's reference is the right one if its error is smaller by this factor
 
+# Delay [samples] to look at, and that biases viscous friction beyond use; and in standard deviations:
 _LATE, _VERY_LATE = 0.25, 2.0
-"""Delay [samples] to look at, and that biases viscous friction beyond use; and in standard deviations:"""
 
 _SURE = 4.0
 
-_DRIVEN = 5.0
-"""Standard deviations from which on the sign of an inertia is significant."""
+_DRIVEN = 5.0  # standard deviations from which on the sign of an inertia is significant
 
 _RUBS = "Viscous friction is not the rig's: the error grows with speed, and not with the jerk that late counts add."
 
+# Delay [samples] that torque and motion alone cannot tell: torque is held, drives take time, feedback has noise.
 _HELD = 2.0
-"""Delay [samples] that torque and motion alone cannot tell: torque is held, drives take time, feedback has noise."""
 
-_ACCELERATION = 3
-"""Place of the reference's acceleration among the inputs of a law's step."""
+_ACCELERATION = 3  # place of the reference's acceleration among the inputs of a law's step
 
-_EXPLAINED = 0.8
-"""Share of a torque's variance that its law has to explain before a delay is estimated from it."""
+_EXPLAINED = 0.8  # share of a torque's variance that its law has to explain before a delay is estimated from it
 
 
 def reference_findings(signals: Signals) -> Iterator[Finding]:

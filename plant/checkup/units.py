@@ -10,27 +10,23 @@ from plant.checkup.quantisation import comb
 from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_slope
 
-_SURE = 5.0
-"""Standard deviations from which on a number is significant."""
+_SURE = 5.0  # standard deviations from which on a number is significant
 
-_EXPLAINED = 0.9
-"""Share of a torque's variance that its law explains."""
+_EXPLAINED = 0.9  # share of a torque's variance that its law explains
 
+# Factor between torques that means another unit, not noise; relative error of a gain to look at.
 _FACTOR, _GAIN_OFF = 3.0, 0.1
-"""Factor between torques that means another unit, not noise; relative error of a gain to look at."""
 
+# Share of the amplifier's limit above which the unit is wrong; and that a log usually reaches.
 _BEYOND, _USED = 1.05, 0.3
-"""Share of the amplifier's limit above which the unit is wrong; and that a log usually reaches."""
 
+# Torque per acceleration [rotor inertias]: the least possible; that of a usual arm; and above which it is to be looked
+# at, and wrong: no arm is geared so badly.
 _LIGHT, _USUAL, _HEAVY, _ABSURD = 0.5, 3.0, 300.0, 3000.0
-"""Torque per acceleration [rotor inertias]: the least possible; that of a usual arm; and above which it is to be looked
-at, and wrong: no arm is geared so badly."""
 
-_ALIKE = 0.1
-"""Relative difference of two factors that are one."""
+_ALIKE = 0.1  # relative difference of two factors that are one
 
-_RUBS = 2.0
-"""Standard deviations by which Coulomb friction must differ by that factor, too."""
+_RUBS = 2.0  # standard deviations by which Coulomb friction must differ by that factor, too
 
 
 def unit_findings(signals: Signals) -> Iterator[Finding]:

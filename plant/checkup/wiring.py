@@ -10,30 +10,24 @@ from plant.checkup.signals import Signals
 from plant.checkup.torque_regression import AveragedRegression
 from plant.checkup.tracking import correlation, law_slope
 
-_BACKWARDS = -1 / 3
-"""Logged per commanded torque below which the sign is wrong."""
+_BACKWARDS = -1 / 3  # logged per commanded torque below which the sign is wrong
 
-_SURE = 5.0
-"""Standard deviations from which on a sign is significant."""
+_SURE = 5.0  # standard deviations from which on a sign is significant
 
+# Standard deviations from which on one of two columns is named, where one of them is known to be reversed.
 _LIKELY = 3.0
-"""Standard deviations from which on one of two columns is named, where one of them is known to be reversed."""
 
-_WEAK = 0.25
-"""Share of the largest motor torque below which a motor may just be moved by the others."""
+_WEAK = 0.25  # share of the largest motor torque below which a motor may just be moved by the others
 
+# Share of a torque's variance that its law explains; and of the unexplained share, what another joint's law leaves at
+# most if the two are swapped.
 _EXPLAINED, _CLOSER = 0.9, 0.2
-"""Share of a torque's variance that its law explains; and of the unexplained share, what another joint's law leaves at
-most if the two are swapped."""
 
-_MINOR = 1.5
-"""An inertia matrix has D_ij D_ji < D_ii D_jj; with this margin."""
+_MINOR = 1.5  # an inertia matrix has D_ij D_ji < D_ii D_jj; with this margin
 
-_LIGHT = 0.5
-"""Share of the stated rotor inertia that torque per acceleration must reach."""
+_LIGHT = 0.5  # share of the stated rotor inertia that torque per acceleration must reach
 
-_UNEVEN, _EVEN = 4.0, 3.0
-"""Standard deviations from which on two numbers differ; and up to which they may be equal."""
+_UNEVEN, _EVEN = 4.0, 3.0  # standard deviations from which on two numbers differ; and up to which they may be equal
 
 
 def wiring_findings(signals: Signals) -> Iterator[Finding]:

@@ -321,5 +321,5 @@ class View:
         self.emitter.builder.store(self.emitter.value(value), self._place(r), align=8)
 
 
+# Name of an operation -> the method that emits it.
 OPERATIONS = {name.rstrip("_").upper(): f"e.{name}" for name in vars(Emitter) if not name.startswith("_")}
-"""Name of an operation -> the method that emits it."""

@@ -17,8 +17,7 @@ from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part, structure
 
-FAST = 4
-"""Steps per sample along a log, of a law without a period."""
+FAST = 4  # steps per sample along a log, of a law without a period
 
 _AT_ONCE = 1000  # steps of a law in one call
 

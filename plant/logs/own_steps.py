@@ -8,12 +8,11 @@ from plant.logs.units import Unit, factors
 from plant.machine.rig import Rig
 from plant.parts.fields import Floats
 
-_LEVELS, _CLEAN = 50, 0.05
-"""Different angles that tell; and share of a step by which each may be off its multiple."""
+_LEVELS, _CLEAN = 50, 0.05  # different angles that tell; and share of a step by which each may be off its multiple
 
+# Pulses about a whole one that tell no other gear; factor of it, at most; and distance of the logarithm of a step to a
+# power of ten, of radians or degrees, at which decimals were cut.
 _NEAR, _FACTOR, _DECIMAL = 0.02, 5.0, 1e-3
-"""Pulses about a whole one that tell no other gear; factor of it, at most; and distance of the logarithm of a step to a
-power of ten, of radians or degrees, at which decimals were cut."""
 
 
 def own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, float]:

@@ -7,11 +7,10 @@ import numpy as np
 
 from plant.parts.fields import Floats
 
-_QUINTIC = 5
-"""Degree of the splines through commanded counts: accelerations are smooth."""
+_QUINTIC = 5  # degree of the splines through commanded counts: accelerations are smooth
 
+# Ratio of the numbers of knots that are tested, and samples that each has at least.
 _MORE_KNOTS, _SAMPLES_PER_KNOT = 1.3, 8
-"""Ratio of the numbers of knots that are tested, and samples that each has at least."""
 
 _FOUND, _KEPT = dict[bytes, list[Any]](), 16  # splines of some logs: a law is run many times along one log
 

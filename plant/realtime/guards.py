@@ -25,8 +25,8 @@ _TURNS = 5.0  # speed [turns of the motor per second] that is no rise in a hold
 STOPS = ("hold", "gravity", "zero")
 
 _POSITIVE = dict.fromkeys(("jump", "stuck", "error", "late"), "Give pulses; np.inf switches it off.")
+# What is above zero where it is given -> what to give.
 _POSITIVE |= dict.fromkeys(("rest", "speed", "torque_rate", "rhythm", "braking"), "Give a number.")
-"""What is above zero where it is given -> what to give."""
 
 
 @known_options

@@ -25,12 +25,12 @@ from plant.realtime.stopping import begin_stop, bridge, copy, limit_time, oppose
 from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
 
 
+# Time [s] and calls, at least and at most twice as many, for which a torque at its limit pushes one way, and pulses
+# that the joint has moved the other way meanwhile.
 OPPOSED, OPPOSED_CALLS, OPPOSED_COUNTS = 0.004, 8.0, 8.0
-"""Time [s] and calls, at least and at most twice as many, for which a torque at its limit pushes one way, and pulses
-that the joint has moved the other way meanwhile."""
 
+# Pulses from its reference within which a joint follows it, and over which it then has proved its encoder.
 NEAR, FAR_ENOUGH = 10.0, 100.0
-"""Pulses from its reference within which a joint follows it, and over which it then has proved its encoder."""
 
 
 def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):

@@ -14,17 +14,13 @@ from plant.realtime.memory import (
 )  # fmt: skip
 
 
-GROWTH = 1.25
-"""Factor on the speed of the arm where a stop begins, or on that of its reference, that is no rise."""
+GROWTH = 1.25  # factor on the speed of the arm where a stop begins, or on that of its reference, that is no rise
 
-LAG = 0.5
-"""Share of the speed where a hold begins by which the arm may lag behind the reference of the hold."""
+LAG = 0.5  # share of the speed where a hold begins by which the arm may lag behind the reference of the hold
 
-SAGGING = 4.0
-"""Factor on `SLACK` in a ramp: a load that the model does not know sags, against the damping."""
+SAGGING = 4.0  # factor on `SLACK` in a ramp: a load that the model does not know sags, against the damping
 
-FALLING = 8.0
-"""Factor on `SLACK` in a ramp to zero: an arm without gravity compensation falls, against the damping."""
+FALLING = 8.0  # factor on `SLACK` in a ramp to zero: an arm without gravity compensation falls, against the damping
 
 
 def bridge(cause, joint, amount, too_often, own):

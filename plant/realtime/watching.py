@@ -16,29 +16,21 @@ from plant.realtime.memory import (
 from plant.realtime.stopping import bridge, release, stop
 
 
-FAR = 1e5
-"""Angle [rad] up to which the kernels' sines are exact to rounding."""
+FAR = 1e5  # angle [rad] up to which the kernels' sines are exact to rounding
 
-EXACT = 2.0**53
-"""Counts up to which whole numbers are exact."""
+EXACT = 2.0**53  # counts up to which whole numbers are exact
 
-GLITCH = 100.0
-"""Periods between two calls above which a clock is not believed."""
+GLITCH = 100.0  # periods between two calls above which a clock is not believed
 
-REMEMBERED = 0.1
-"""Weight of one sample in the mean rate of the reference."""
+REMEMBERED = 0.1  # weight of one sample in the mean rate of the reference
 
-SUDDEN = 3.0
-"""Rate of the reference, relative to its speed, that one sample may count as at most: steps happen."""
+SUDDEN = 3.0  # rate of the reference, relative to its speed, that one sample may count as at most: steps happen
 
-DEAD_TIME = 0.02
-"""Time [s] for which a torque that friction cannot bear may act without a count."""
+DEAD_TIME = 0.02  # time [s] for which a torque that friction cannot bear may act without a count
 
-SETTLED = 0.03
-"""Time [s] without a count after which the torque of a joint at rest has settled."""
+SETTLED = 0.03  # time [s] without a count after which the torque of a joint at rest has settled
 
-MODEL_ERROR = 0.5
-"""Share by which the model's change of torque may be wrong."""
+MODEL_ERROR = 0.5  # share by which the model's change of torque may be wrong
 
 
 def refused(pulses, q_r, qd_r, qdd_r, now, own):

@@ -21,13 +21,13 @@ from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 
+# Samples of a path that is found from its counts, and the share of them that may have another count.
 _FEW, _MOST, _MISSED = 50, 100_000, 0.05
-"""Samples of a path that is found from its counts, and the share of them that may have another count."""
 
 _AT_ONCE = 1 << 16  # samples of a path that are found at once
 
+# Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them [pulses].
 _FIRST, _ON_A_PARABOLA = 10, 1.5
-"""Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them [pulses]."""
 
 
 class Path:

@@ -16,12 +16,10 @@ from plant.simulation.time_tables import in_blocks, samples_of_law, time_tables
 
 K = TypeVar("K", bound="_Compiled")
 
-LANES = 40
-"""Individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py."""
+LANES = 40  # individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py
 
 
-LOGGED = 8
-"""The same where each is logged."""
+LOGGED = 8  # the same where each is logged
 
 
 _AT_ONCE = 1 << 14  # samples of a logged run of many at once: their errors stay in the processor's cache
