@@ -163,7 +163,7 @@ def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterab
     """
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
     follows = method not in ("paper", "equation_error")
-    each = 8.0 * (250 + (3.5 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 0))
+    each = 8.0 * (60 + 3.5 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 250)
     samples = sum(len(record) for record in records)
     what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"
     fewer = "Give {most} samples or fewer (record.cut), or fewer unknowns."

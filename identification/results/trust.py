@@ -22,6 +22,8 @@ from plant.parts.fields import Floats
 
 _AT_END = 0.002  # share of a range within which a value lies at its end
 _STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
+
+_FEW_LOST = 1e-3  # share of rows that no fit is biased by
 _WORSE = 1.5  # how much worse a record held out is repeated that asks for an explanation
 _BIASED = 0.08  # relative bias of least squares in a band that is tolerated
 # Correlation, and relative deviation, from which on a pair is not separately identifiable; and up to how many are told
@@ -41,7 +43,7 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
         *_of_law(found, late),
         *_of_lost(found),
-        *_of_detection(found, replayed, ("lag",) * bool(late)),  # causes before what they do
+        *([] if fits else _of_detection(found, replayed, ("lag",) * bool(late))),  # causes before what they do
         *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
         *_ends(found),
         *([] if fits else of_rotors(found)),
@@ -101,8 +103,9 @@ def _of_torques(found: Any) -> Iterator[str]:
 def _of_lost(found: Any) -> Iterator[str]:
     """Rows that are bridged where the model cannot follow the log."""
     rms = found.fit.rms_innovation
-    for i, record in enumerate(found.records if rms is not None and rms > _STRANGE else ()):
-        if lost := int(short_gaps(record.valid == 0, BRIDGED).sum()):
+    strange = rms is not None and rms > _STRANGE and found.search.method != "output_error"
+    for i, record in enumerate(found.records if strange else ()):
+        if (lost := int(short_gaps(record.valid == 0, BRIDGED).sum())) > _FEW_LOST * len(record):
             yield (
                 f"{lost} rows of {_log(found, i)} are lost, or without weight: straight lines bridge them, and "
                 "torques that change from row to row are on none, so f is biased. Log every row once."

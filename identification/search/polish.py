@@ -21,6 +21,8 @@ from plant.parts.sums import products
 
 _SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
+_FAR, _AT_BOUND = 0.4, 10.0  # RMS innovation [pulses] beyond rounding's; lower bounds that a gain is at
+
 # Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative.
 _STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
 
@@ -72,8 +74,12 @@ def polished(
     k, bounds = len(start), np.vstack([problem.bounds, prediction.nuisance_bounds])
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     first = np.append(start, prediction.nuisances)
-    gains = slice(k, k + 2 * problem.dynamics.n) if problem.memories and not simulated else None
-    solution = reweighed(prediction, by_stages(prediction, first, steps, bounds, gains), steps, bounds)
+    gains = None if simulated else slice(k, k + 2 * problem.dynamics.n)
+    solution = by_stages(prediction, first, steps, bounds, gains if problem.memories else None)
+    if not problem.memories and gains is not None and _lets_go(solution, bounds[gains], gains):
+        again = by_stages(prediction, solution.values, steps, bounds, gains)
+        solution = min(solution, again, key=lambda each: each.rms_innovation)
+    solution = reweighed(prediction, solution, steps, bounds)
     rounding = None
     if prediction.rounds:
         solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
@@ -90,6 +96,11 @@ def polished(
     outcome = outcome_of(problem, prediction, solution, solution.values, stages, **own)
     grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
     return dataclasses.replace(outcome, rounding=rounding, grouped=grouped)
+
+
+def _lets_go(solution: Solution, bounds: Floats, gains: slice) -> bool:
+    """Whether a fit far from the log has observer gains at their lower bounds (g, 2): then it no longer follows it."""
+    return solution.rms_innovation > _FAR and bool((solution.values[gains] <= _AT_BOUND * bounds[:, 0]).any())
 
 
 def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats:

@@ -1,6 +1,7 @@
 """Right logs of many robots, by every method: how many are accused?
 
     python tests/benchmarks/healthy.py [--logs 200] [--first 0] [--joints 3] [--seconds 600] [--robots PART ...]
+        [--methods seeded]
 
 The arms of the package's robot files that have masses, and of the public model files (the extra `robots`), if these are
 installed; of each its first joints, as many as are asked for. Gears, friction and encoders as in `model_files.py`; each
@@ -61,7 +62,7 @@ def gains(truth, rig, path, first):
     return p_gains(truth, rig, path, peak=200)
 
 
-def said(chain, seed):
+def said(chain, seed, method):
     """What is said of one right log: lines of the log, lines of the method."""
     draw, path = np.random.default_rng(seed), path_of(chain, seed)
     rig = rig_of(chain, path)
@@ -76,7 +77,7 @@ def said(chain, seed):
     paths = path, path_of(chain, 10_000 + seed)
     logs = [simulate(truth, rig, law, each, duration=4.0, steps_per_sample=16) for each in paths]
     try:
-        found = identify(dynamics, logs, seed=seed, method=METHODS[seed % len(METHODS)], progress=False)
+        found = identify(dynamics, logs, seed=seed, method=method, progress=False)
     except ValueError as refusal:
         return [f"refused: {refusal}"], [], None
     of_method = [line for line in found.warnings if "identify with that method" in line]
@@ -91,16 +92,17 @@ def main():
     parser.add_argument("--joints", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=np.inf)
     parser.add_argument("--robots", nargs="*", default=[], help="parts of names")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS, help="in turn")
     given = parser.parse_args()
     arms, begun = chains(given.joints, given.robots), time.monotonic()
     counts, most = collections.Counter(), np.zeros(2)
     for seed in range(given.first, given.first + given.logs):
         if time.monotonic() - begun > given.seconds:
             break
-        name, method = list(arms)[seed % len(arms)], METHODS[seed % len(METHODS)]
+        name, method = list(arms)[seed % len(arms)], given.methods[seed % len(given.methods)]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            of_log, of_method, found = said(arms[name], seed)
+            of_log, of_method, found = said(arms[name], seed, method)
         counts.update({"logs": 1, "accused": bool(of_log), "of the method": bool(of_method and not of_log)})
         if found is not None:
             told, rms = found.diagnostics, found.fit.rms_innovation or 0.0
