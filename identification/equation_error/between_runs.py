@@ -95,6 +95,12 @@ class BetweenRuns(Shown, Frozen):
         """Of the 95 % intervals (R, k) of what each log says, with what differs between logs."""
         return np.asarray(NORMAL * np.sqrt(self.std**2 + (self.deviation * wider(self.freedom)) ** 2))
 
+    @property
+    def left_out(self) -> str:
+        """What to say of logs that alone tell nothing: "" where there are none."""
+        count = int(np.isnan(self.std).all(axis=1).sum())
+        return f", but for {count} that alone do{'es' * (count == 1)} not tell all" if count else ""
+
     def among(self, places: NDArray[np.intp], count: int) -> Self:
         """The same of so many values, of which these (k,) are at places; of the others nothing is known."""
         rest = {"values": np.nan, "std": np.nan, "freedom": MANY}

@@ -61,7 +61,7 @@ _SAID = {
     "changed (friction; a load, which find_load weighs). {do}.",
 }
 
-_MEAN = "Values are the mean of each record's own: found.fit.between tells how these differ"
+_MEAN = "Values are the mean of each record's own{0.left_out}: found.fit.between tells how these differ"
 UNFITTED = ("reversals", "disagreement")  # what is told, but is no number of a model
 
 _SCALED = 0.08  # by which friction is off in all its numbers, and by which they may differ: then torques are scaled
@@ -181,7 +181,7 @@ class Detection(Shown, Frozen):
                 "value": value,
                 "lag": 1e3 * value,
                 "scaled": self._scaled(sign),
-                "do": "Identify each alone, and compare" if self.mean is None else _MEAN,
+                "do": "Identify each alone, and compare" if self.mean is None else _MEAN.format(self.between),
                 "ratio": next(iter(sign.values.values()), 0.0),
             } | {name: getattr(sign, name) for name in ("chi_square", "freedom", "threshold")}
             played = [name for name in sign.values if name.startswith("backlash")] or [""]

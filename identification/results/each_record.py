@@ -39,14 +39,18 @@ class _Own(NamedTuple):
 def of_each(problem: Problem, detection: Detection) -> Detection:
     """What is said of records that contradict each other, with the mean of their own fits.
 
-    By a rough method, or where one alone does not tell all, it is said of the common fit, and nothing of how they
-    differ: what is linear about that fit hides it.
+    One that alone does not tell all is left out of it. By a rough method, or where fewer than two, or half, alone tell
+    all, it is said of the common fit, and nothing of how they differ: what is linear about that fit hides it.
     """
     if "disagreement" not in detection.names or detection.grouped is None or len(problem.records) < 2:
         return detection
-    if problem.method not in ROUGH:
+    alone = dict[int, _Own]()
+    for k in range(len(problem.records) if problem.method not in ROUGH else 0):
         with contextlib.suppress(ValueError):
-            return _mean(problem, detection, [_alone(problem, k) for k in range(len(problem.records))])
+            alone[k] = _alone(problem, k)
+    least = len(problem.records) if problem.zeros or problem.memories else max(2, len(problem.records) / 2)
+    if len(alone) >= least:
+        return _mean(problem, detection, alone)
     return dataclasses.replace(detection, between=None)
 
 
@@ -67,8 +71,8 @@ def _alone(problem: Problem, k: int) -> _Own:
     return _Own(fit, said, noise, at_least(noise, grouped), doubt)
 
 
-def _mean(problem: Problem, detection: Detection, alone: list[_Own]) -> Detection:
-    fits, said, noise, within, doubts = map(list, zip(*alone, strict=True))
+def _mean(problem: Problem, detection: Detection, alone: dict[int, _Own]) -> Detection:
+    fits, said, noise, within, doubts = map(list, zip(*alone.values(), strict=True))
     each, std = np.array([fit.values for fit in fits]), np.sqrt([np.diag(covariance) for covariance in within])
     varied = (std > 0).all(axis=0)
     std = np.where(varied, std, np.nan)
@@ -89,9 +93,11 @@ def _mean(problem: Problem, detection: Detection, alone: list[_Own]) -> Detectio
         name: (weight * [one.assumed[name] for one in said]).sum(axis=0)
         for name in detection.assumed if all(name in one.assumed for one in said)
     }  # fmt: skip
+    every = np.full((2, len(problem.records), len(values)), np.nan)  # NaN of those that are left out
+    every[:, list(alone)] = each, std
     return dataclasses.replace(
         detection, mean=mean, doubt=doubt, grouped=np.sqrt(own + added + np.diag(doubt)), assumed=assumed,
-        between=BetweenRuns.of(each, std, apart, own, added, np.diag(doubt)),
+        between=BetweenRuns.of(every[0], every[1], apart, own, added, np.diag(doubt)),
     )  # fmt: skip
 
 

@@ -93,6 +93,17 @@ def test_of_a_record_that_alone_does_not_tell_all_no_mean_is_made():
     assert "Identify each alone, and compare" in found.warnings[0]
 
 
+@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
+def test_a_record_that_alone_does_not_tell_all_is_left_out_of_the_mean_of_the_others():
+    records = [repeated(0.1), repeated(-0.1), repeated(0.1).cut(0.0, 0.3)]
+    found = quick(records)
+    fit = found.fit
+    assert (np.abs(fit.values - TRUTH) < 2 * fit.std).all()
+    assert np.isnan(fit.between.values).all(axis=1).tolist() == [False, False, True]
+    assert fit.between.compared.all()
+    assert "each record's own, but for 1 that alone does not tell all: found.fit.between" in found.warnings[0]
+
+
 def test_one_record_says_that_a_second_would_tell():
     found = quick(log((3, 0), 0.1))
     assert found.fit.between is None
