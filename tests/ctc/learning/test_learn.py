@@ -4,10 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearntTorque, certify, evaluate, learn
 from ctc.learning.learning import Learning
-from ctc.learning.path_plant import path_plant, standing
+from ctc.learning.path_plant import _exponentials, path_plant, standing
 from plant import PID, Elasticity, P, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -218,3 +219,8 @@ def test_it_says_itself_on_one_screen(learnt):
     assert max(map(len, said.splitlines())) <= 80
     assert "learn from another repetition" in said
     assert "Coulomb" in said
+
+
+def test_exponentials_are_scipy_s():
+    matrices = np.random.default_rng(0).normal(size=(3, 6, 6)) * 0.2
+    np.testing.assert_allclose(_exponentials(matrices), expm(matrices), rtol=1e-6, atol=1e-6)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from elastic_motion import STIFFNESS, experiment
 
-from identification.equation_error.gear_fit import fit_deflection, fit_gears
+from identification.equation_error.gear_fit import _BANDS, _REPLAYED, _band, fit_deflection, fit_gears
 from identification.equation_error.prior import Known
+from identification.equation_error.pulse_fit import mode_in
 from identification.equation_error.regressor import regressor_along
-from plant import Elasticity, JointSpring, puma560, simulate
+from plant import Elasticity, JointSpring, LoggedTorque, puma560, simulate
 from plant.motion.reference import Motion
 
 
@@ -93,3 +94,9 @@ def test_counts_of_a_p_loop_show_its_resonance(hz):
     assert len(fits) == 4
     assert np.median([fit.compliance * elasticity.stiffness for fit in fits], axis=0) == pytest.approx(1, rel=0.75)
     assert (np.abs(best.torque.values - arm.f) / np.ptp(puma560.PRINTED_RANGES, axis=1)).max() < 0.06
+
+
+def test_bands_are_fixed_where_the_log_replays_its_torque_and_multiples_of_the_oscillation_elsewhere():
+    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    assert [_band(record, i) for i in range(4)] == [share * mode_in(record) for share in _BANDS]
+    assert [_band(dataclasses.replace(record, law=LoggedTorque()), i) for i in range(4)] == list(_REPLAYED)

@@ -97,6 +97,10 @@ def test_mjcf_of_a_urdf_has_the_torques_of_the_arm_with_its_armature(files, tmp_
     np.testing.assert_allclose([body.rotor for body in again.bodies], written.rotors, rtol=0, atol=0)
     for name in ("lower", "upper", "effort"):
         np.testing.assert_array_equal(getattr(again.limits, name), getattr(chain.limits, name))
+    model = mujoco.MjModel.from_xml_path(str(target))
+    for link, effort in zip(chain.links, chain.limits.effort, strict=True):
+        if np.isfinite(effort):
+            assert model.joint(link.name).actfrcrange.tolist() == [-effort, effort]
 
 
 def test_an_arm_of_the_file_itself_changes_no_byte(files, tmp_path):
