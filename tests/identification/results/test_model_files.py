@@ -100,7 +100,7 @@ def test_mjcf_of_a_urdf_has_the_torques_of_the_arm_with_its_armature(files, tmp_
     model = mujoco.MjModel.from_xml_path(str(target))
     for link, effort in zip(chain.links, chain.limits.effort, strict=True):
         if np.isfinite(effort):
-            assert model.joint(link.name).actfrcrange.tolist() == [-effort, effort]
+            assert model.jnt_actfrcrange[model.joint(link.name).id].tolist() == [-effort, effort]
 
 
 def test_an_arm_of_the_file_itself_changes_no_byte(files, tmp_path):
