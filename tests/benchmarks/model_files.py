@@ -8,8 +8,8 @@ Gears of 100, 4,096 pulses per turn of the motor, 1 ms; rotors of 0.3 of the mea
 5 % of the largest torque of the path. The log is of 6 s, under `p_gains` for a peak of 30 pulses (100 where that is
 refused), without noise but that of its counts; all that a rig states is right. Each path is of four harmonics in the
 middle of the joints' ranges. With --mujoco the log is MuJoCo's, of the same file without its meshes, friction its own
-and identified. "off" is the error of f in its own covariance, per parameter (1 where that is right); "torque" that of
-the torque on another path, rms. With --law computed torque of what was found drives the arm on two everyday motions.
+and identified. "off" is the error of f in its own covariance, per parameter (1 where that is right), "of each" in the
+standard deviation of each, rms; "torque" that of the torque on another path, rms. With --law computed torque of what was found drives the arm on two everyday motions.
 With --idle a joint in the middle hardly moves, or moves in step with the one before it, in the log and elsewhere; the
 bodies are 10 % off the file's then, which are the prior, and it must be said what does not excite all.
 Seconds are those of the processor, all threads, kernels that are built for a new arm included: they do not depend on
@@ -218,6 +218,7 @@ def row(name, seed, given):
     if found.covariance is not None:
         cell["off"] = float(np.sqrt(off @ np.linalg.solve(found.covariance[:p, :p], off) / p))
         cell["within_3"] = float(np.mean(np.abs(off) <= 3 * found.fit.std[:p]))
+        cell["of each"] = float(np.sqrt(np.mean((off / found.fit.std[:p]) ** 2)))
     other = path_of(chain, seed + 100, given.idle)(np.linspace(0, 6, 200))
     torques = [np.array([arm.inverse(*state) for state in zip(*other, strict=True)]) for arm in (found.arm, truth)]
     cell["torque"] = float(np.sqrt(np.mean((torques[0] - torques[1]) ** 2) / np.mean(torques[1] ** 2)))
