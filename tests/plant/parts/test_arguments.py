@@ -1,6 +1,7 @@
 """Checks of input: what passes unchanged, and what every refusal says."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant.parts.arguments import array, choice, known_options
+from plant.parts.user_warning import warn
 
 
 @settings(derandomize=True)
@@ -96,3 +98,28 @@ def test_singular_matrices_are_refused_in_words():
 
     with pytest.raises(ValueError, match=r"solve needs equations with one solution; they have none or many \(Singular"):
         solve(np.zeros((2, 2)))
+
+
+def test_what_cannot_be_written_to_is_shared_where_that_is_wanted_and_checked_as_ever():
+    frozen = np.arange(3.0)
+    frozen.setflags(write=False)
+    assert array("x", frozen, (3,), advice="", shared=True) is frozen
+    assert array("x", frozen, (3,), advice="").flags.writeable
+    for open_ in (np.arange(3.0), np.broadcast_to(np.arange(3.0), (3,))):  # its base can be written to
+        assert not np.shares_memory(array("x", open_, (3,), advice="", shared=True), open_)
+    bad = np.array([0.0, np.nan])
+    bad.setflags(write=False)
+    with pytest.raises(ValueError, match="x must be finite; got nan at index 1"):
+        array("x", bad, (2,), advice="", shared=True)
+
+
+def test_a_warning_points_at_the_line_of_the_user_through_our_functions():
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        warn("here")
+        # Deep inside, at the call of this file.
+        namespace = {"__name__": "plant.deep", "warn": warn}
+        exec("def ours(): warn('there')", namespace)  # noqa: S102
+        namespace["ours"]()
+    assert [each.filename for each in told] == [__file__, __file__]
+    assert told[1].lineno == told[0].lineno + 4
