@@ -16,8 +16,7 @@ from identification.equation_error.torque_logs import torque_of
 from identification.search.predictive import ROUGH
 from plant import Dynamics, Record
 from plant.checkup.signals import Signals
-from plant.machine.motor_inertia import shaft_inertias
-from plant.mechanics.lumping import STANDARD
+from plant.machine.motor_inertia import rotors_alone, shaft_inertias
 from plant.parts.fields import Floats
 
 # Share of what a chain leaves that another has to stay below, to be named: of wrong ones it is 0.74 at most, of right
@@ -89,7 +88,7 @@ def of_rotors(found: Any) -> Iterator[str]:
     rig, dynamics, f = found.rig, found.arm.dynamics, found.f
     rows = shaft_inertias(dynamics, rig, found.records[0].rig.to_angle(found.records[0].counts[0]))
     inertia, rotors = f @ rows, rig.drive.reflected_inertia()
-    alone = {} if found.covariance is None or found.search.method in ROUGH else _alone(dynamics)
+    alone = {} if found.covariance is None or found.search.method in ROUGH else rotors_alone(dynamics)
     covariance = found.fit.covariance_of(dynamics.names)
     std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
     for i, label in enumerate(dynamics.chain.joint_labels):
@@ -107,10 +106,3 @@ def of_rotors(found: Any) -> Iterator[str]:
                     f"the rotor of {label} is not as stated: {name} is {value:.3g} {unit}, {stated}. The law has what "
                     "was found; what is said of elastic joints has what is stated. Check motor_inertia and gear."
                 )
-
-
-def _alone(dynamics: Any) -> dict[int, int]:
-    """Link -> place of the parameter that is the inertia of its rotor and nothing else."""
-    rows = [(k, np.flatnonzero(row)) for k, row in enumerate(np.array(dynamics.lumping.matrix))]
-    single = [(k, *divmod(int(places[0]), len(STANDARD))) for k, places in rows if len(places) == 1]
-    return {link: k for k, link, kind in single if STANDARD[kind] == "J"}

@@ -1,5 +1,6 @@
 """What methods have in common: a start from the torque equation, and the prediction-error fit at the end."""
 
+import contextlib
 import dataclasses
 from typing import Any
 
@@ -15,13 +16,14 @@ from identification.replay.gauss_newton import Solution, gauss_newton, noise, re
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
-from plant.machine.motor_inertia import least_inertia_margin
+from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
 _SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
-_FAR, _AT_BOUND = 0.4, 10.0  # RMS innovation [pulses] beyond rounding's; lower bounds that a gain is at
+# RMS innovation [pulses] beyond rounding's; lower bounds that a gain is at; share by which a rotor is another one.
+_FAR, _AT_BOUND, _UNLIKE = 0.4, 10.0, 0.5
 
 # Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative.
 _STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
@@ -75,11 +77,7 @@ def polished(
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     first = np.append(start, prediction.nuisances)
     gains = None if simulated else slice(k, k + 2 * problem.dynamics.n)
-    solution = by_stages(prediction, first, steps, bounds, gains if problem.memories else None)
-    if not problem.memories and gains is not None and _lets_go(solution, bounds[gains], gains):
-        again = by_stages(prediction, solution.values, steps, bounds, gains)
-        solution = min(solution, again, key=lambda each: each.rms_innovation)
-    solution = reweighed(prediction, solution, steps, bounds)
+    solution = reweighed(prediction, _searched(problem, prediction, first, steps, bounds, gains), steps, bounds)
     rounding = None
     if prediction.rounds:
         solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
@@ -98,9 +96,35 @@ def polished(
     return dataclasses.replace(outcome, rounding=rounding, grouped=grouped)
 
 
-def _lets_go(solution: Solution, bounds: Floats, gains: slice) -> bool:
-    """Whether a fit far from the log has observer gains at their lower bounds (g, 2): then it no longer follows it."""
-    return solution.rms_innovation > _FAR and bool((solution.values[gains] <= _AT_BOUND * bounds[:, 0]).any())
+def _searched(
+    problem: Problem, prediction: Any, first: Floats, steps: Floats, bounds: Floats, gains: slice | None
+) -> Solution:
+    """The best of the fits from a start, and from where that one ended: by stages, and with rotors as stated.
+
+    Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The inertia of a joint that
+    is little more than its rotor's has a second optimum below zero.
+    """
+    staged = gains if problem.memories else None
+    found = by_stages(prediction, first, steps, bounds, staged)
+    far = gains is not None and staged is None and found.rms_innovation > _FAR
+    if far and (found.values[gains] <= _AT_BOUND * bounds[gains, 0]).any():
+        found = _better(found, prediction, found.values, steps, bounds, gains)
+    values, own = found.values.copy(), rotors_alone(problem.dynamics)
+    arm, rig, _ = problem.parts(values[: len(problem.unknown)])
+    places = [problem.unknown.index(problem.dynamics.names[place]) for place in own.values()]
+    stated = rig.drive.reflected_inertia()[list(own)]
+    values[places] = np.where(stated > 0, stated, values[places])
+    unlike = np.abs(values - found.values)[places] > _UNLIKE * stated
+    if unlike.any() or (own and not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0):
+        found = _better(found, prediction, np.clip(values, *bounds.T), steps, bounds, staged)
+    return found
+
+
+def _better(found: Solution, prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: Any) -> Solution:
+    """The fit, or that from these values."""
+    with contextlib.suppress(ValueError):  # that start diverges
+        return min(found, by_stages(prediction, values, steps, bounds, gains), key=lambda fit: fit.rms_innovation)
+    return found
 
 
 def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats:

@@ -16,6 +16,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
+from plant.mechanics.lumping import STANDARD
 from plant.mechanics.symmetric_inverse import pivots
 from plant.parts.fields import Floats
 
@@ -48,6 +49,13 @@ def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> Floats:
     """Diagonal (p, n) of D on the motors' shafts at a pose (n,), of each parameter alone: D is linear in f."""
     own = [rig.drive.coupling.shaft_inertia(dynamics.D(q, unit)) for unit in np.eye(dynamics.p)]
     return np.array([np.diag(matrix.full()) for matrix in own])
+
+
+def rotors_alone(dynamics: Dynamics) -> dict[int, int]:
+    """Link -> place of the parameter that is the inertia of its rotor and nothing else."""
+    rows = [(k, np.flatnonzero(row)) for k, row in enumerate(np.array(dynamics.lumping.matrix))]
+    single = [(k, *divmod(int(places[0]), len(STANDARD))) for k, places in rows if len(places) == 1]
+    return {link: k for k, link, kind in single if STANDARD[kind] == "J"}
 
 
 def require_inertia(arm: Arm, rig: Rig) -> None:
