@@ -158,12 +158,12 @@ def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> No
 def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str) -> None:
     """Refuse logs that memory does not hold.
 
-    What a sample takes at the peak was measured for two and for six joints: tables and replays, and, of methods that
-    follow the counts, some three copies of all sensitivities.
+    What a sample takes at the peak was measured for two and for six joints: tables, and two copies of the regressor, or,
+    of methods that follow the counts, some three of all sensitivities.
     """
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
     follows = method not in ("paper", "equation_error")
-    each = 8.0 * (60 + 3.5 * dynamics.n * (numbers + 2 * dynamics.n) if follows else 250)
+    each = 8.0 * (60 + dynamics.n * (3.5 * (numbers + 2 * dynamics.n) if follows else 2.0 * numbers))
     samples = sum(len(record) for record in records)
     what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"
     fewer = "Give {most} samples or fewer (record.cut), or fewer unknowns."

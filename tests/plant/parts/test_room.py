@@ -27,7 +27,7 @@ def test_a_simulation_that_does_not_fit_says_what_would(monkeypatch):
 
 def test_an_identification_that_does_not_fit_says_what_would(monkeypatch):
     record = simulate(ARM, RIG, LAW, PATH, duration=0.3)
-    monkeypatch.setattr(room, "free_memory", lambda: 0.2e9 / 0.9 + 1e6)
+    monkeypatch.setattr(room, "free_memory", lambda: 0.2e9 / 0.9 + 4.5e5)
     with pytest.raises(ValueError, match="429 samples of 2 joints with 9 unknowns must fit") as refused:
         identify(puma560.dynamics(), record, progress=False)
     most = int(re.search("Give ([0-9,]+)", str(refused.value))[1].replace(",", ""))
