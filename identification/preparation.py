@@ -158,7 +158,7 @@ def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> No
 def _require_room(dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str) -> None:
     """Refuse logs that memory does not hold.
 
-    What a sample takes at the peak was measured for two and for six joints: tables, and two copies of the regressor, or,
+    What a sample takes at the peak was measured for two and for six joints: tables and two copies of the regressor, or,
     of methods that follow the counts, some three of all sensitivities.
     """
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
