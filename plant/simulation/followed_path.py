@@ -124,7 +124,8 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
 def _scaled(record: Record, own: Floats) -> str:
     """What to look at where logged counts are a joint's own (N, n) times a number: "" where they are not."""
     moved, logged = (each - each.mean(axis=0) for each in (own, record.reference_pulses))
-    ratio = (moved * logged).sum(axis=0) / np.maximum((moved * moved).sum(axis=0), 1.0)
+    power = (moved * moved).sum(axis=0)
+    ratio = np.where(power > 0, (moved * logged).sum(axis=0) / np.maximum(power, 1.0), 1.0)
     joint = int(np.argmax(np.abs(ratio - 1)))
     told = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()  # both are rounded, and their means
     if not told or abs(ratio[joint] - 1) < 1e-3:

@@ -300,9 +300,12 @@ def test_a_reference_that_is_not_the_one_of_the_log_is_refused(paper):
 
 
 @pytest.mark.parametrize("factor", [1.1, -1.0])
-def test_a_gear_that_the_reference_contradicts_is_named(paper, factor):
+@pytest.mark.parametrize("path", [PATH, PointToPoint(start=(0.1, 0.0), goal=(0.1, 1.0), duration=0.5)])
+def test_a_gear_that_the_reference_contradicts_is_named(path, factor):
+    """Of joints that move; of one that stands still nothing is said."""
+    log = simulate(ARM, RIG, LAW, path, duration=0.5)
     drive = dataclasses.replace(RIG.drive, gear=np.multiply(RIG.drive.gear, (1.0, factor)))
-    stated = dataclasses.replace(paper, rig=dataclasses.replace(RIG, drive=drive))
+    stated = dataclasses.replace(log, rig=dataclasses.replace(RIG, drive=drive))
     with pytest.raises(ValueError, match=rf"At joint q\[1\] they are {1 / factor:.4g} times the reference's"):
         path_of(stated)
 
