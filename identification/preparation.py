@@ -25,8 +25,8 @@ from plant.checkup.oscillation import own_oscillations
 from plant.checkup.signals import LEAST_MOTION
 from plant.parts.arguments import array, choice, instance
 from plant.parts.fields import Floats
+from plant.parts.messages import warn
 from plant.parts.room import require_room
-from plant.parts.user_warning import warn
 from plant.simulation.followed_path import with_path
 
 _LEAST_SAMPLES = 200  # fewer hold no oscillation of a position loop that stands out from its noise

@@ -29,9 +29,8 @@ from identification.search.problem import Problem, Tolerances
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options
 from plant.parts.checkpoint import Checkpoint
-from plant.parts.progress import progress_bar
+from plant.parts.messages import progress_bar, warn
 from plant.parts.saved import versions
-from plant.parts.user_warning import warn
 
 
 @known_options

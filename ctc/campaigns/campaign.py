@@ -12,7 +12,7 @@ from typing import Any, cast
 from ctc.campaigns.ledger import InMemory, Ledger
 from plant.parts.arguments import known_options, whole
 from plant.parts.kinds import field_names
-from plant.parts.progress import progress_bar
+from plant.parts.messages import progress_bar
 from plant.parts.saved import fingerprint
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table

@@ -24,7 +24,7 @@ from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
-from plant.parts.progress import progress_bar
+from plant.parts.messages import progress_bar
 from plant.parts.sums import product
 
 # Numbers of the rig by which a controller reads its counts: it and the plant have the same.

@@ -11,7 +11,7 @@ import numpy as np
 
 from identification import Identification
 from plant import Record, Reference, Robot, Spline, Table, everyday_motions, read_records
-from plant.parts.user_warning import warn
+from plant.parts.messages import warn
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
 

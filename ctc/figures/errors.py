@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from plant import Record
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal, row_by_row
-from plant.parts.labels import joint_labels
+from plant.parts.messages import joint_labels
 
 _ABREAST = 4  # controllers beside each other at most; more stand below each other
 _PHASES = 3  # phase plots beside each other at most

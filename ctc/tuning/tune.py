@@ -18,7 +18,7 @@ from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig
 from plant.parts.arguments import known_options, real
-from plant.parts.progress import progress_bar
+from plant.parts.messages import progress_bar
 from plant.simulation.executors import Executor
 
 # Samples with which a search begins; with how many if some may exceed the limit; others for its best, of one path; and

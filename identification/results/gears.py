@@ -18,9 +18,9 @@ from plant.checkup.lost_rows import bridged
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
+from plant.parts.messages import warn
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
-from plant.parts.user_warning import warn
 
 _POOR = 0.2  # share of the logged torques that an arm and its friction may leave
 

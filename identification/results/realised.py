@@ -18,7 +18,7 @@ from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of
 from plant.mechanics.placement import Placement
 from plant.parts.arguments import choice, instance
 from plant.parts.fields import Floats
-from plant.parts.user_warning import warn
+from plant.parts.messages import warn
 
 _SAME = 1e-12  # relative difference of f below which bodies have it already
 

@@ -10,9 +10,8 @@ from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, fitted, nearest
 from identification.results.along_log import effects_along, efforts, torques_along
 from identification.results.alternatives import Sign, effects_of, sampled
+from identification.results.corrections import tested, with_length, without_delay
 from identification.results.detection import UNFITTED, Detection
-from identification.results.late import without_delay
-from identification.results.lengths import tested, with_length
 from identification.results.model_error import Doubt, priors
 from identification.search.memory import as_tested
 from identification.search.outcome import Fit, Outcome

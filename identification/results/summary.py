@@ -14,9 +14,9 @@ from identification.results.seen import of_prior, origins
 from identification.results.trust import MANY, pairs_of, warnings_of
 from identification.search.problem import LONG, PARTS, is_long
 from plant.mechanics.lumping import STANDARD
+from plant.parts.messages import warn
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import WIDTH, Table
-from plant.parts.user_warning import warn
 
 
 class IdentificationWarning(UserWarning):

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
-from plant.parts.labels import joint_label
+from plant.parts.messages import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plant.checkup.quantisation import STEP_NOTE
 from plant.logs.logfile import require_columns
-from plant.logs.own_steps import own_steps
 from plant.logs.units import (
     REFERENCE,
     TIME,
@@ -15,6 +15,7 @@ from plant.logs.units import (
     Unit,
     converted,
     converted_angle,
+    factors,
     path_through,
     require_period,
     require_units,
@@ -22,13 +23,20 @@ from plant.logs.units import (
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real
-from plant.parts.user_warning import warn
+from plant.parts.fields import Floats
+from plant.parts.messages import warn
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _ASKED = ("reference_position", "reference_motor_position")
 _NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}  # one number of a column
 _PARTIAL = ("link_position",)  # of some joints: None in place of the name of the column of others
 _KNOWN = (*UNITS, "valid", *_NOTED)
+
+_LEVELS, _CLEAN = 50, 0.05  # different angles that tell; and share of a step by which each may be off its multiple
+
+# Pulses about a whole one that tell no other gear; factor of it, at most; and distance of the logarithm of a step to a
+# power of ten, of radians or degrees, at which decimals were cut.
+_NEAR, _FACTOR, _DECIMAL = 0.02, 5.0, 1e-3
 
 
 def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
@@ -79,7 +87,7 @@ def record_fields(
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
     fields = {"t": t, "valid": valid, "notes": notes}
     if measured.endswith("position") and stated[measured] != "pulses":
-        notes |= own_steps(measured, values[measured], stated[measured], rig)
+        notes |= _own_steps(measured, values[measured], stated[measured], rig)
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
     if reference is None and asked is not None and known is not None and not rig.encoder.smooth:
@@ -185,3 +193,30 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
     value, wrap = value.astype(kind), wrap.astype(kind)
     turns = -np.cumsum(np.round(np.diff(value, axis=0) / wrap).astype(np.int64), axis=0)
     return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
+
+
+def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, float]:
+    """Notes of joints whose positions (N, n) are clean multiples of one step that is no whole pulse [pulses]."""
+    place = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
+    notes, pulses = dict[str, float](), np.abs(np.diagonal(place(np.eye(rig.n) * factors(unit))))
+    for i in range(0 if rig.encoder.smooth else rig.n):
+        step = _clean_step(value[:, i])
+        share = step * pulses[i]
+        decimals = np.log10(max(step, 1e-300) * np.array((1, np.pi / 180, 180 / np.pi)))
+        off = np.abs(share - np.round(share)) > _NEAR and 1 / _FACTOR < share < _FACTOR
+        if off and np.abs(decimals - np.round(decimals)).min() > _DECIMAL:
+            notes[STEP_NOTE.format(i)] = float(share)
+    return notes
+
+
+def _clean_step(value: NDArray[np.float64]) -> float:
+    """The step of which all values (N,) are multiples apart, or 0."""
+    levels = np.unique(value[np.isfinite(value)])
+    if len(levels) < _LEVELS:
+        return 0.0
+    apart = np.diff(levels)
+    apart = apart[apart > _CLEAN * np.median(apart)]  # the rest is one level, written in other last digits
+    # The cell at zero of `fix` is two wide: its neighbours' centres are half a step further.
+    halves = np.round(2 * apart / apart.min())
+    step, off = float(2 * apart.sum() / halves.sum()), 2 * (levels - levels[0])
+    return step if np.abs(off / step - np.round(off / step)).max() < _CLEAN else 0.0

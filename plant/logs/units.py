@@ -15,7 +15,7 @@ from plant.motion.reference import Reference
 from plant.motion.smooth import Spline
 from plant.parts.arguments import choice
 from plant.parts.fields import Floats
-from plant.parts.user_warning import warn
+from plant.parts.messages import warn
 
 # Of a field: one unit, or one per joint where some joints turn and others slide.
 Unit: TypeAlias = str | tuple[str, ...]

@@ -22,7 +22,7 @@ from plant.mechanics.coupling import Coupling
 from plant.mechanics.urdf_file import read_urdf
 from plant.parts.arguments import instance, per_joint, real, signs
 from plant.parts.fields import ArrayOrSymbols, Floats, Vector
-from plant.parts.labels import joint_labels
+from plant.parts.messages import joint_labels
 from plant.parts.part import Part, number, part, structure
 
 _FRICTION = ("viscous", "coulomb")  # what may be left open

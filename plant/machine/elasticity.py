@@ -10,9 +10,8 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.symmetric_inverse import Inverse, inverse, row_by_row
 from plant.parts.arguments import array, instance, signs
 from plant.parts.fields import Vector
-from plant.parts.labels import joint_label
+from plant.parts.messages import joint_label, warn
 from plant.parts.part import Part, number, part
-from plant.parts.user_warning import warn
 
 DAMPING_RATIO = 0.01  # of gears of which none is stated, against their locked motors; measured ones have 0.01 to 0.03
 

@@ -12,7 +12,7 @@ from plant.machine.known_torque import KnownTorque, require_torques, total_torqu
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import per_joint, real, signs
 from plant.parts.fields import ArrayOrSymbols
-from plant.parts.labels import joint_labels
+from plant.parts.messages import joint_labels
 from plant.parts.part import Part, number, part, structure
 
 # How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear analysis.

@@ -19,7 +19,7 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import read_urdf
 from plant.parts.arguments import array, choice, instance, real
 from plant.parts.fields import Nested
-from plant.parts.labels import joint_labels
+from plant.parts.messages import joint_labels
 from plant.parts.part import Part, part, structure
 
 _KEYS = ("alpha", "a", "d", "theta", "prismatic", "name")

@@ -16,7 +16,7 @@ from plant.mechanics.placement import Placement, axis_frame, righted
 from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice, several
 from plant.parts.fields import Floats
-from plant.parts.labels import joint_labels
+from plant.parts.messages import joint_labels
 
 HERE = Placement()  # of all that state no origin
 

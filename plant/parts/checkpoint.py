@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike
 
 from plant.parts.fields import Floats
 from plant.parts.files import read_bounded, remove_remains, write_whole
+from plant.parts.messages import warn
 from plant.parts.plain import from_plain, to_plain
 from plant.parts.saved import FORMAT, MOST, fingerprint, parsed, versions, written
-from plant.parts.user_warning import warn
 
 T = TypeVar("T")
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from plant.parts.user_warning import warn
+from plant.parts.messages import warn
 
 Topics = Mapping[str, tuple[str, Mapping[str, int]]]
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from plant.machine.rig import Rig
 from plant.mechanics.link import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
-from plant.parts.user_warning import warn
+from plant.parts.messages import warn
 
 WINDOW = 0.1  # length of the window in which time at the limit is counted [s]
 

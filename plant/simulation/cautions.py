@@ -10,8 +10,7 @@ from plant.machine.elasticity import FOLLOWED, reduced
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.fields import Floats
-from plant.parts.labels import joint_label
-from plant.parts.user_warning import warn
+from plant.parts.messages import joint_label, warn
 from plant.simulation.jacobians import jacobians
 
 _MANY = 100  # steps per sample above which none are advised

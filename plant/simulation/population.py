@@ -22,7 +22,7 @@ from plant.motion.reference import Reference
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
-from plant.parts.progress import progress_bar
+from plant.parts.messages import progress_bar
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, bounded
 from plant.simulation.executors import mapped

@@ -16,8 +16,8 @@ from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.fields import Floats
+from plant.parts.messages import warn
 from plant.parts.room import require_room
-from plant.parts.user_warning import warn
 from plant.simulation.cautions import warn_of_missing_rotors, warn_of_stiff_gears, warn_of_unstable_lag
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import closed_loop

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant.parts.arguments import array, choice, known_options
-from plant.parts.user_warning import warn
+from plant.parts.messages import warn
 
 
 @settings(derandomize=True)

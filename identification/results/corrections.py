@@ -1,4 +1,4 @@
-"""Whether the arm has a length other than its chain: by the loop of a chain that has it.
+"""The loop of another model: of counts that are not late, of a chain that has another length.
 
 Nearly all that a length changes f takes over, and what is left is less than the error of a torque along a smoothed
 motion. Each length is a loop of its own, so that they are tried where something else contradicts the model.
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from identification.replay.optimum import Optimum, fitted
-from identification.results.alternatives import Sign, linear, signs
+from identification.results.alternatives import Sign, delay_sign, linear, signs
 from identification.results.assumed import SHARE, longer
 from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
@@ -18,6 +18,8 @@ from plant.parts.fields import Floats
 _LEAST, _MOST = 0.05, 0.5  # by which a length may differ: less is rounding, from more nothing is estimated
 # By how much less must be missing per length that is put in, at least; what may be missing; lengths put in.
 _STEEP, _NEAR, _TRIALS = 0.5, 0.01, 3
+# Delay [samples] beyond which counts are not late, but something else; and how often it is estimated anew.
+_LATE, _SHIFTS = 1.0, 2
 
 
 def tested(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
@@ -60,3 +62,18 @@ def with_length(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[
         slope = min((more - missing) / (share - before), -_STEEP)
         before, missing, share = share, more, share - more / slope
     return min(tried[1:], key=lambda each: each[1].squares)
+
+
+def without_delay(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[Sign, Optimum] | None:
+    """The model of counts that are not late, fitted; None where it does not follow them. `step`, `bounds`: `fitted`."""
+    delay, found = 0.0, at
+    for _ in range(_SHIFTS):
+        delay += sign.values["delay"]
+        if abs(delay) > _LATE:
+            return None
+        try:
+            found = fitted(at.model.late(-delay), found.values, step, bounds, at)
+        except ValueError:
+            return None
+        sign = delay_sign(found) or sign
+    return dataclasses.replace(sign, values={"delay": delay}), found

@@ -1,4 +1,4 @@
-"""Progress bars: drawn on a terminal, and not one byte of them in a file or a pipe."""
+"""Progress bars on a terminal, and not one byte of them in a file or a pipe; the one name of a joint."""
 
 import io
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from plant.parts.progress import progress_bar
+from plant.parts.messages import joint_label, joint_labels, progress_bar
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -35,4 +35,24 @@ def test_a_bar_is_drawn_on_a_terminal_alone(monkeypatch, kind, shown, drawn):
 def test_no_other_file_makes_bars():
     paths = [path for package in ("plant", "identification", "ctc") for path in (ROOT / package).rglob("*.py")]
     makers = [path.name for path in paths if re.search(r"^\s*(import|from) tqdm\b", path.read_text(), re.MULTILINE)]
-    assert makers == ["progress.py"]
+    assert makers == ["messages.py"]
+
+
+@pytest.mark.parametrize(
+    ("names", "joint", "label"),
+    [
+        ((), 0, "joint q[0]"),
+        (("2", "3"), 0, "joint 2 (q[0])"),
+        (("base", "elbow_joint"), 1, "elbow_joint (q[1])"),
+        (("base", "elbow_joint"), 0, "joint base (q[0])"),
+        (("Joint_A1",), 0, "Joint_A1 (q[0])"),  # says itself that it is one
+    ],
+)
+def test_label(names, joint, label):
+    assert joint_label(names, joint) == label
+    assert joint_labels(names, len(names) or 1)[joint] == label
+
+
+def test_labels_tell_joints_apart():
+    assert joint_labels((), 3) == ["joint q[0]", "joint q[1]", "joint q[2]"]
+    assert len(set(joint_labels(("a", "a"), 2))) == 2

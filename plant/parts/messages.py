@@ -1,0 +1,38 @@
+"""What a user is told: warnings at his own line, progress, and the one name of a joint in all messages and figures."""
+
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+from tqdm import tqdm
+
+_OURS = ("plant", "identification", "ctc")
+
+
+def warn(text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line that called these packages, through however many of their functions."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OURS:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)
+
+
+def progress_bar(total: int | None, label: str, unit: str, shown: bool) -> Any:
+    """A bar on standard error, to use in a ``with`` statement; it is gone when the work is done.
+
+    Where standard error is a file or a pipe there is none, shown or not.
+    """
+    return tqdm(total=total, desc=label, unit=unit, disable=None if shown else True, leave=False)
+
+
+def joint_label(names: Sequence[str], joint: int) -> str:
+    """Label of a joint by its place from 0: ``joint 2 (q[0])``, ``elbow_joint (q[2])``; ``joint q[0]`` if unnamed."""
+    if not names:
+        return f"joint q[{joint}]"
+    return f"{'' if 'joint' in names[joint].lower() else 'joint '}{names[joint]} (q[{joint}])"
+
+
+def joint_labels(names: Sequence[str], n: int) -> list[str]:
+    """Labels of all n joints."""
+    return [joint_label(names, joint) for joint in range(n)]
