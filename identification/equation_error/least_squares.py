@@ -209,10 +209,14 @@ def wider(freedom: ArrayLike) -> Floats:
 
 
 def at_least(covariance: Floats, std: Floats) -> Floats:
-    """A covariance (k, k) with the same correlations and standard deviations of at least these (k,)."""
+    """A covariance (k, k) with standard deviations of at least these (k,).
+
+    What is added has the same correlations: no combination is known better than before.
+    """
     own = np.sqrt(np.diag(covariance))
-    wider = np.where((own > 0) & np.isfinite(std), np.maximum(std, own) / np.where(own > 0, own, 1.0), 1.0)
-    return np.asarray(covariance * np.outer(wider, wider))
+    added = np.sqrt(np.maximum(np.where((own > 0) & np.isfinite(std), std, own) ** 2 - own**2, 0.0))
+    share = np.divide(added, own, out=np.zeros_like(own), where=own > 0)
+    return np.asarray(covariance * (1 + np.outer(share, share)))
 
 
 def covariance_of(names: Sequence[str], known: Sequence[str], covariance: Floats) -> Floats:

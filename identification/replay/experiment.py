@@ -148,21 +148,22 @@ class Experiment:
         return len(self.clock) * self.loop.steps_per_sample
 
 
-_STEPS = 16  # sub-steps per sample: fast hardware feels each count when it comes
+RATES = 16, 64, 256  # sub-steps per sample: fast hardware feels each count when it comes
 
-
-_AT_ONCE = 1 << 13  # samples that are simulated at once: the tables of so many sub-steps are large
+_AT_ONCE = 1 << 17  # sub-steps that are simulated at once: their tables are large
 
 
 class Rounding(Experiment):
-    """The loop of a record, as `loop` has it, without correction and with rounding."""
+    """The loop of a record, as `loop` has it, without correction and with rounding, which it feels at so many `steps`
+    in a sample.
+    """
 
-    def __init__(self, loop: ClosedLoop, record: Record) -> None:
+    def __init__(self, loop: ClosedLoop, record: Record, steps: int) -> None:
         rig, n = record.rig, record.n
         self._own = np.zeros(n) if rig.encoder.phase is None else rig.encoder.phase.shift
         phased = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=Phase(shift=self._own)))
         super().__init__(
-            loop.dynamics, dataclasses.replace(record, rig=phased), loop.dynamics.names, steps_per_sample=_STEPS,
+            loop.dynamics, dataclasses.replace(record, rig=phased), loop.dynamics.names, steps_per_sample=steps,
             sweeps=loop.sweeps,
         )  # fmt: skip
         self._phase = [self.loop.number_names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
@@ -191,7 +192,7 @@ class Rounding(Experiment):
         lanes = np.vstack([phases, phases[-1:].repeat(LOGGED - len(phases), axis=0)]).T.copy()
         state, rows, done = start[:, None].repeat(LOGGED, axis=1), self.clock.rows, 0
         found = np.empty((len(phases), len(rows), self.loop.n))
-        for tables in self._kernel.blocks(self.loop, **self.driven, samples=_AT_ONCE):
+        for tables in self._kernel.blocks(self.loop, **self.driven, samples=_AT_ONCE // self.loop.steps_per_sample):
             state, errors = self._kernel.run(tables, len(tables[1]), state, lanes, numbers[list(self._kernel.uniform)])
             own = slice(*np.searchsorted(rows, (done, done + len(errors))).tolist())
             for j, counts in enumerate(found):

@@ -90,10 +90,12 @@ class Followed(Experiment):
         """Whether the arm of the log felt the rounding of its counts, which the model leaves out."""
         return not (self.loop.law.replays or self.record.rig.encoder.smooth)
 
-    def rounded(self, values: Floats, shifts: Sequence[Floats], threads: int) -> list[Floats]:
-        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding."""
+    def rounded(self, values: Floats, shifts: Sequence[Floats], threads: int, steps: int) -> list[Floats]:
+        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding at
+        so many `steps` in a sample.
+        """
         start, numbers = self._start(values)
-        return Rounding(self.loop, self.record).counts(start, numbers, self.loop.number_names, shifts, threads)
+        return Rounding(self.loop, self.record, steps).counts(start, numbers, self.loop.number_names, shifts, threads)
 
     def innovations_of(self, values: Floats, counts: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,), of a log with these counts (N, n)."""

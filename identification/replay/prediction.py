@@ -187,11 +187,11 @@ class Prediction:
         """Whether the arm of any record felt the rounding of its counts, which the model leaves out."""
         return any(followed.rounds for followed in self._followed)
 
-    def of_rounded(self, values: Floats, shifts: Floats) -> list[Floats]:
+    def of_rounded(self, values: Floats, shifts: Floats, steps: int) -> list[Floats]:
         """Weighted innovations (M,) of the logs that the model makes itself with these values, its encoders rounding.
 
-        Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each. Innovations of records
-        that did not feel rounding are zero.
+        Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each; its loop feels counts at
+        so many `steps` in a sample. Innovations of records that did not feel rounding are zero.
         """
         of_record = list[list[Floats]]()
         for (followed, own), moved in zip(self._each(values), np.swapaxes(shifts, 0, 1), strict=True):
@@ -199,7 +199,7 @@ class Prediction:
             if not followed.rounds:
                 of_record.append([np.zeros(followed.weight.size) for _ in shifts])
                 continue
-            logs = followed.rounded(own, list(moved), self.threads)
+            logs = followed.rounded(own, list(moved), self.threads, steps)
 
             def run(counts: Floats, followed: Followed = followed, own: Floats = own) -> Floats:
                 counts[:] = followed.innovations_of(own, counts).reshape(counts.shape)  # not beside a long log's

@@ -12,13 +12,14 @@ from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
+from identification.replay.experiment import RATES
 from identification.replay.gauss_newton import Solution, gauss_newton, noise, reweighed
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
 from plant.parts.fields import Floats
-from plant.parts.sums import products
+from plant.parts.sums import dot, products
 
 _SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
@@ -28,7 +29,8 @@ _FAR, _AT_BOUND, _UNLIKE = 0.4, 10.0, 0.5
 # Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative.
 _STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
 
-_ROUNDED = 8  # logs by which the bias of rounding is found
+# Logs by which the bias of rounding is found; share of their mean square that a log of a faster loop falls short of.
+_ROUNDED, _QUIETER = 8, 0.02
 
 _OF_ZERO = 0.02  # step of a spring's number, such as an angle, that is 0 in the record [SI]
 
@@ -164,11 +166,8 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
     """
     values, random = solution.values, np.random.default_rng([seed, _ROUNDED])
     shifts = random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape))
-    try:
-        logs = prediction.of_rounded(values, shifts)
-    except ValueError:  # what follows the counts does not reproduce the log by itself
-        return solution, None
-    if not all(np.isfinite(log).all() for log in logs):
+    logs = _rounded(prediction, values, shifts, solution.residual / prediction.scales)
+    if not logs:
         return solution, None
     names = [prediction.unknown[i] for i in solution.varied]
     inverse = least_squares(names, solution.slopes, logs[0], dependent=prediction.dependent)[1]
@@ -185,6 +184,28 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
     covariance = scale * solution.covariance
     unbiased = dataclasses.replace(solution, values=np.clip(values, *bounds.T), covariance=covariance)
     return unbiased, sum(logs) / len(logs) * prediction.scales
+
+
+def _rounded(prediction: Prediction, values: Floats, shifts: Floats, residual: Floats) -> list[Floats]:
+    """Weighted innovations (M,) of the logs that the model makes itself; none where it does not reproduce the log.
+
+    How often a loop feels single counts moves its values. Other noise adds to a log's: where it has less than logs of
+    a loop have, its own is faster.
+    """
+    found, nearest, square = list[Floats](), np.inf, dot(residual, residual)
+    for steps in RATES:
+        try:
+            logs = prediction.of_rounded(values, shifts, steps)
+        except ValueError:
+            return found
+        own = sum(dot(log, log) for log in logs) / len(logs)
+        if not np.isfinite(own):
+            return found
+        if abs(own - square) < nearest:
+            found, nearest = logs, abs(own - square)
+        if square > (1 - _QUIETER) * own:
+            break
+    return found
 
 
 def by_stages(prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice | None) -> Solution:

@@ -23,7 +23,7 @@ def test_the_log_that_the_model_makes_is_that_of_the_simulator(reference):
     record = simulate(ARM, RIG, LAW, PATH, duration=1.0)
     prediction = Prediction(ARM.dynamics, dataclasses.replace(record, reference=reference))
     (followed, values), *_ = prediction._each(np.append(ARM.f, prediction.nuisances))
-    counts, again = followed.rounded(values, [shift, shift], threads=2)
+    counts, again = followed.rounded(values, [shift, shift], threads=2, steps=16)
     np.testing.assert_array_equal(counts, again)
     expected = simulate(ARM, phased, LAW, PATH, duration=1.0, steps_per_sample=16).counts
     off = np.abs(counts - expected)
@@ -42,9 +42,9 @@ def test_a_log_that_is_made_in_blocks_has_the_same_bits(law, monkeypatch):
     record = simulate(ARM, rig, law, PATH, duration=0.3)
     followed = next(iter(Prediction(ARM.dynamics, record)._followed))
     values = np.append(ARM.f, followed.loop.correction.number_values()[:4])
-    whole = followed.rounded(values, [np.zeros(2)], threads=1)
-    monkeypatch.setattr(experiment, "_AT_ONCE", 100)
-    np.testing.assert_array_equal(followed.rounded(values, [np.zeros(2)], threads=1), whole)
+    whole = followed.rounded(values, [np.zeros(2)], threads=1, steps=16)
+    monkeypatch.setattr(experiment, "_AT_ONCE", 100 * 16)
+    np.testing.assert_array_equal(followed.rounded(values, [np.zeros(2)], threads=1, steps=16), whole)
 
 
 def test_innovations_in_parts_have_the_same_bits(monkeypatch):
