@@ -8,6 +8,7 @@ import pytest
 from identification import identify
 from identification.replay import experiment
 from identification.replay.prediction import Prediction
+from identification.search import polish
 from plant import PID, Jitter, Phase, Record, puma560, simulate
 from plant.simulation import loop_kernel
 
@@ -59,6 +60,16 @@ def test_innovations_in_parts_have_the_same_bits(monkeypatch):
     monkeypatch.setattr(loop_kernel, "_AT_ONCE", 100)
     np.testing.assert_array_equal(prediction.all_innovations(values), whole)
     assert np.isfinite(whole).all()
+
+
+@pytest.mark.parametrize("steps", [16, 64])
+def test_it_rounds_as_often_as_the_loop_of_the_log(steps):
+    """A stiff loop hunts by counts, the less the more often it feels them."""
+    record = simulate(ARM, RIG, puma560.p_law((1.5, 1.2)), PATH, duration=1.0, steps_per_sample=steps)
+    prediction = Prediction(ARM.dynamics, record)
+    values, shifts = np.append(ARM.f, prediction.nuisances), np.random.default_rng(1).uniform(-0.5, 0.5, (4, 1, 2))
+    found = polish._rounded(prediction, values, shifts, prediction.innovations(values))
+    np.testing.assert_array_equal(found, prediction.of_rounded(values, shifts, steps))
 
 
 @pytest.mark.slow
