@@ -15,7 +15,7 @@ from ctc.laws.observer import correct, filter_gains, regulator_gains
 from plant import Rig
 from plant.laws.law import Setpoint
 from plant.machine.elasticity import joined, spring
-from plant.mechanics.symmetric_inverse import Inverse, inverse
+from plant.mechanics.symmetric_inverse import Inverse, eliminated, inverse
 
 Deviation = tuple[ca.SX, ...]
 # (mobility of the motors, rate without dry friction) -> impulse of dry friction (n, 1) [N m s].
@@ -35,7 +35,8 @@ class RigidGears:
     """
 
     def __init__(self, D: ca.SX, drag: ca.SX, observer: ca.SX, dt: ca.SX) -> None:
-        self.mobility = inverse(D + ca.diag(drag))
+        inertia = D + ca.diag(drag)
+        self.mobility, (self._carried, _) = inverse(inertia), eliminated(inertia)
         self._observer, self._dt = observer, dt
 
     def moved(self, deviation: Deviation, push: ca.SX, friction: Friction, time: ca.SX) -> tuple[Deviation, ca.SX]:
@@ -53,9 +54,12 @@ class RigidGears:
         return (e, rate), self.mobility.alone * found
 
     def feedback(self, deviation: Deviation, bandwidth: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] against a deviation, of a regulator with this bandwidth [rad/s]."""
+        """Torque (n, 1) [N m] against a deviation, of a regulator with this bandwidth [rad/s].
+
+        Of each joint alone, and what carries those after it along: what moves a shoulder does not shake the wrist.
+        """
         stiffness, damping = regulator_gains(bandwidth, self._dt)
-        return self.mobility.alone * (stiffness * deviation[0] + damping * deviation[1])
+        return self._carried @ (self.mobility.alone * (stiffness * deviation[0] + damping * deviation[1]))
 
 
 class Springs(NamedTuple):

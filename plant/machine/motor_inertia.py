@@ -17,7 +17,7 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.coupling import Coupling
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.lumping import STANDARD
-from plant.mechanics.symmetric_inverse import pivots
+from plant.mechanics.symmetric_inverse import eliminated
 from plant.parts.fields import Floats
 
 LEAST_MOTOR_INERTIA = 0.5  # jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2.
@@ -75,7 +75,7 @@ def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, 
     """Compiled (q, least, f) -> smallest pivot, and the poses at which it is taken."""
     n = dynamics.n
     q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
-    found = pivots(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
+    _, found = eliminated(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
     # A pivot after one that is not positive means nothing, so the first bad one decides.
     smallest = found[n - 1]
     for i in reversed(range(n - 1)):

@@ -36,7 +36,8 @@ def error_loops(mobility, bandwidth, omega, T, delay=0):
     that acted last, and with a delay the one that acts next.
     """
     M, n = mobility * T**2, len(mobility)
-    felt = np.diag(1 / np.diag(M))
+    felt, root = np.diag(1 / np.diag(M)), np.linalg.cholesky(np.linalg.inv(M))
+    carried = root / np.diag(root) @ felt
     g, k = observer_gains(omega, T), regulator_gains(bandwidth, T)
     size = (6 + delay) * n
     e, rate, e_hat, rate_hat, lacking, acted, *coming = np.eye(size).reshape(6 + delay, n, size)
@@ -60,7 +61,7 @@ def error_loops(mobility, bandwidth, omega, T, delay=0):
     error, speed = plus((one, error), (g[0] * one, innovation)), plus((one, speed), (g[1] * one, innovation))
     delta = plus((one, of(lacking)), (g[2] * felt, innovation))
     then = ahead(error, speed, of(coming[0]), delta) if delay else (error, speed)
-    wanted = plus((one, delta), (k[0] * felt, then[0]), (k[1] * felt, then[1]))
+    wanted = plus((one, delta), (k[0] * carried, then[0]), (k[1] * carried, then[1]))
     acts = of(coming[0]) if delay else wanted
     truly = ahead(of(e), of(rate), acts, of(np.zeros((n, size))))
     following = (*truly, error, speed, delta, acts, *([wanted] if delay else []))
