@@ -32,14 +32,15 @@ _MOST = 0.5  # bandwidth times period, of a boosted regulator
 
 @part
 class ComputedTorque(ModelLaw):
-    """tau = D-hat qdd_r + h-hat + friction + delta + J (k1 e + k2 edot): an observer that knows dry friction and cells.
+    """tau = D-hat qdd_r + h-hat + friction + delta + L J (k1 e + k2 edot): an observer that knows friction and cells.
 
     Once per sample an observer predicts the error e = q_r - q from the torque that was really applied, with D-hat,
     h-hat and friction as a set: a joint that sticks is predicted to stick. Only by what the counts show beyond a share
     of their quantisation cell it corrects the error, its rate, and a disturbance torque delta, joint by joint, with a
     Kalman filter's gains. The feedback is a linear-quadratic regulator's, with the inertia J that each joint feels,
-    1 / (D^-1)_jj. Coulomb friction is fed forward without jumps. On elastic gears of the rig, stated or identified,
-    links are predicted apart from their motors, which follow q_r.
+    1 / (D^-1)_jj, and carries the joints after it along, by L of D = L P L^T. Coulomb friction is fed forward without
+    jumps. On elastic gears of the rig, stated or identified, links are predicted apart from their motors, which follow
+    q_r; L is left out there.
 
     Parameters
     ----------
@@ -260,10 +261,12 @@ class ComputedTorque(ModelLaw):
         bandwidth = ca.fmin(self.bandwidth * boost, ca.fmax(self.bandwidth, _MOST / dt))
         ahead = braked(ahead, self.rig, coupling.shaft_torque(needed + delta), gears, self.bandwidth)
         sliding = speed_share(self.rig, speed + bandwidth * ahead[0] / 2, _SLIDES)
-        feedback = gears.feedback(ahead, bandwidth) + level * sliding
         # What is needed moves on to the middle of the sample in which it acts.
         coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
-        wanted = needed + coming + delta + coupling.joint_torque(feedback)
+        planned = coupling.shaft_torque(needed + coming + delta) + level * sliding
+        limit = ca.fabs(self.rig.drive.torque_limit())
+        planned = planned + gears.feedback(ahead, bandwidth, (-limit - planned, limit - planned))
+        wanted = coupling.joint_torque(planned)
         turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
         after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self)
         fresh, *kept = after if rigid else (fresh, *deviation[2:], *link)

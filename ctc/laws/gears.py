@@ -53,13 +53,20 @@ class RigidGears:
         e, rate, found = correct(deviation[0], deviation[1], ca.SX(0), outside, gains, self._dt)
         return (e, rate), self.mobility.alone * found
 
-    def feedback(self, deviation: Deviation, bandwidth: ca.SX) -> ca.SX:
+    def feedback(self, deviation: Deviation, bandwidth: ca.SX, room: tuple[ca.SX, ca.SX]) -> ca.SX:
         """Torque (n, 1) [N m] against a deviation, of a regulator with this bandwidth [rad/s].
 
-        Of each joint alone, and what carries those after it along: what moves a shoulder does not shake the wrist.
+        Of each joint alone, and what carries those after it along: what moves a shoulder does not shake the wrist. What
+        the amplifier has no `room` for, between these two (n, 1), does not act, and carries none along.
         """
         stiffness, damping = regulator_gains(bandwidth, self._dt)
-        return self._carried @ (self.mobility.alone * (stiffness * deviation[0] + damping * deviation[1]))
+        alone = self.mobility.alone * (stiffness * deviation[0] + damping * deviation[1])
+        acts, carried = ca.SX(0, 1), ca.SX(0, 1)
+        for i in range(alone.numel()):
+            carried = ca.vertcat(carried, self._carried[i, :i] @ acts)
+            low, high = (side[i] - carried[i] for side in room)
+            acts = ca.vertcat(acts, ca.fmin(ca.fmax(alone[i], low), high))
+        return carried + alone
 
 
 class Springs(NamedTuple):
@@ -127,7 +134,7 @@ class ElasticGears:
         corrected = tuple(each + gain * outside for each, gain in zip(deviation, gains, strict=True))
         return corrected, self.mobility.alone * found * outside
 
-    def feedback(self, deviation: Deviation, _: ca.SX) -> ca.SX:
+    def feedback(self, deviation: Deviation, *_: Any) -> ca.SX:
         """As of `RigidGears`, with the bandwidth of the table."""
         return self.mobility.alone * sum(gain * each for gain, each in zip(self._regulator, deviation, strict=True))
 

@@ -169,7 +169,7 @@ def test_ends_of_the_scale(monkeypatch):
 @pytest.mark.parametrize("bandwidth", [60, 150, 250])
 @pytest.mark.parametrize("ratio", [0.01, 0.02, 0.03])
 def test_the_linear_loop_is_unstable_just_below_its_lowest_resonance(bandwidth, ratio):
-    """And near what two masses on a spring predict: bandwidth [rad/s] below 1.4, 1.8, 2.1 times the resonance [Hz]."""
+    """And near what two masses on a spring predict: bandwidth [rad/s] below 1.3, 1.7, 2.0 times the resonance [Hz]."""
     law = ComputedTorque(ARM, RIG, bandwidth=bandwidth)
     lowest = margins(ARM, RIG, law, pose=START, damping_ratio=ratio).lowest_resonance
     radius = [
@@ -178,7 +178,7 @@ def test_the_linear_loop_is_unstable_just_below_its_lowest_resonance(bandwidth, 
     ]
     assert radius[0] < 1 < radius[1]
     if bandwidth > 60:  # below 100 Hz viscous friction of the motors damps too
-        assert bandwidth / lowest == pytest.approx({0.01: 1.39, 0.02: 1.78, 0.03: 2.09}[ratio], rel=0.05)
+        assert bandwidth / lowest == pytest.approx({0.01: 1.33, 0.02: 1.7, 0.03: 2.0}[ratio], rel=0.05)
 
 
 def test_margins_of_elastic_gears_are_those_of_the_stiff_limit():

@@ -412,7 +412,8 @@ def test_a_delayed_torque_acts_one_sample_later():
     T, D = RIG.period, arm().D(q)
     gained = T * np.linalg.solve(D, at_once)
     k = regulator_gains(100.0, T)
-    feedback = (k[0] * gained / 2 + k[1] * gained) / T / np.diag(np.linalg.inv(D))
+    root = np.linalg.cholesky(D)
+    feedback = root / np.diag(root) @ ((k[0] * gained / 2 + k[1] * gained) / T / np.diag(np.linalg.inv(D)))
     np.testing.assert_allclose(second, at_once + feedback, rtol=0, atol=1e-9)
 
 

@@ -52,10 +52,10 @@ def test_what_lasts_a_moment_is_bridged(name, status, bridged):
 @pytest.mark.parametrize(
     ("name", "status", "error"),
     [
-        # The 800 pulses are the fault's own, less one that the joint moved: it is the counts that are held.
+        # The 800 pulses are the fault's own: it is the counts that are held.
         (
             "slip",
-            "safe stop, holding: a jump of 799 pulses of joint 2 (q[0]), 4 times in a row, at call 1004",
+            "safe stop, holding: a jump of 800 pulses of joint 2 (q[0]), 4 times in a row, at call 1004",
             (802, 2),
         ),
         ("too late", "safe stop, holding: a call that came 10.5 ms late, at call 1001", (8, 8)),
@@ -64,7 +64,7 @@ def test_what_lasts_a_moment_is_bridged(name, status, bridged):
             "safe stop, holding: a reference that is no finite position, 4 times in a row, at call 1004",
             (1, 1),
         ),
-        ("leap", "safe stop, holding: joint 2 (q[0]) is 1372 pulses from its reference, at call 1001", (4, 4)),
+        ("leap", "safe stop, holding: joint 2 (q[0]) is 1373 pulses from its reference, at call 1001", (4, 4)),
     ],
 )
 def test_what_lasts_stops_the_arm_under_the_law(name, status, error):

@@ -115,7 +115,7 @@ def test_two_changes_within_one_window(change):
 
 def test_saturation_does_no_harm():
     """The applied torque is what counts. The limit is that of the amplifier, which the law keeps to."""
-    limit = np.array([150.0, 35.0])
+    limit = np.array([155.0, 36.0])
     estimator = PayloadEstimator(LAW, position=PLACE, beside=False)
     controller, _ = worked(estimator, {TAKE: 2.5}, 1900, torque_limit=limit, guards=None)
     assert (np.abs(controller._torque) >= limit - 1e-9).any(axis=1).mean() > 0.3  # of the last 200 ms

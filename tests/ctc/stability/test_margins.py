@@ -87,12 +87,13 @@ def test_margins_are_where_the_closed_loop_becomes_unstable(index):
             assert (radius_of(delayed) < 1) == stable
 
 
-@pytest.mark.parametrize(("factor", "grows"), [(0.93, False), (1.07, True)])
+@pytest.mark.parametrize(("factor", "grows"), [(0.9, False), (1.07, True)])
 def test_the_simulation_agrees_on_the_gain_margin(factor, grows):
     """The model too heavy by the margin, both joints at once: their loops are nearly one. No limit, no rounding.
 
-    At 7 % from the margin the mode at 96 Hz decays with 7 1/s or grows with 17 1/s, as its pole says within 2 1/s: the
-    peaks of 50 samples hold five periods of it, and some of the other joint's mode, which decays 5 to 7 1/s sooner.
+    At 10 % below the margin of one joint alone the mode at 89 Hz decays with 9 1/s, at 7 % above it grows with 19 1/s,
+    as its pole says within 2 1/s: the peaks of 50 samples hold five periods of it, and some of the other joint's mode,
+    which decays 16 1/s sooner.
     """
     rig = rig_with(viscous=(0.0, 0.0), coulomb=(0.0, 0.0), current_limit=(np.inf, np.inf))
     rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
