@@ -38,9 +38,8 @@ class ComputedTorque(ModelLaw):
     h-hat and friction as a set: a joint that sticks is predicted to stick. Only by what the counts show beyond a share
     of their quantisation cell it corrects the error, its rate, and a disturbance torque delta, joint by joint, with a
     Kalman filter's gains. The feedback is a linear-quadratic regulator's, with the inertia J that each joint feels,
-    1 / (D^-1)_jj, and carries the joints after it along, by L of D = L P L^T. Coulomb friction is fed forward without
-    jumps. On elastic gears of the rig, stated or identified, links are predicted apart from their motors, which follow
-    q_r; L is left out there.
+    1 / (D^-1)_jj, on rigid gears carrying the joints after it along (D = L P L^T). Coulomb friction is fed forward
+    without jumps. On elastic gears, stated or identified, links are predicted apart from motors, which follow q_r.
 
     Parameters
     ----------
@@ -264,9 +263,7 @@ class ComputedTorque(ModelLaw):
         # What is needed moves on to the middle of the sample in which it acts.
         coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
         planned = coupling.shaft_torque(needed + coming + delta) + level * sliding
-        limit = ca.fabs(self.rig.drive.torque_limit())
-        planned = planned + gears.feedback(ahead, bandwidth, (-limit - planned, limit - planned))
-        wanted = coupling.joint_torque(planned)
+        wanted = coupling.joint_torque(planned + gears.feedback(ahead, bandwidth, planned))
         turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
         after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self)
         fresh, *kept = after if rigid else (fresh, *deviation[2:], *link)

@@ -32,12 +32,13 @@ class RigidGears:
     """An arm whose motors carry the inertia D of their joints.
 
     `drag`, viscous friction times `dt`, adds to it: friction acts with the rate at the end, so that it may be faster.
+    `limit` [N m] is the amplifiers'.
     """
 
-    def __init__(self, D: ca.SX, drag: ca.SX, observer: ca.SX, dt: ca.SX) -> None:
+    def __init__(self, D: ca.SX, drag: ca.SX, observer: ca.SX, dt: ca.SX, limit: ca.SX) -> None:
         inertia = D + ca.diag(drag)
         self.mobility, (self._carried, _) = inverse(inertia), eliminated(inertia)
-        self._observer, self._dt = observer, dt
+        self._observer, self._dt, self._limit = observer, dt, ca.fabs(limit)
 
     def moved(self, deviation: Deviation, push: ca.SX, friction: Friction, time: ca.SX) -> tuple[Deviation, ca.SX]:
         """The deviation after `time` under a push (n, 1) [N m], and the impulse of dry friction [N m s]."""
@@ -53,18 +54,18 @@ class RigidGears:
         e, rate, found = correct(deviation[0], deviation[1], ca.SX(0), outside, gains, self._dt)
         return (e, rate), self.mobility.alone * found
 
-    def feedback(self, deviation: Deviation, bandwidth: ca.SX, room: tuple[ca.SX, ca.SX]) -> ca.SX:
+    def feedback(self, deviation: Deviation, bandwidth: ca.SX, planned: ca.SX) -> ca.SX:
         """Torque (n, 1) [N m] against a deviation, of a regulator with this bandwidth [rad/s].
 
         Of each joint alone, and what carries those after it along: what moves a shoulder does not shake the wrist. What
-        the amplifier has no `room` for, between these two (n, 1), does not act, and carries none along.
+        the amplifier has no room for beside what is `planned` (n, 1) [N m] does not act, and carries none along.
         """
         stiffness, damping = regulator_gains(bandwidth, self._dt)
         alone = self.mobility.alone * (stiffness * deviation[0] + damping * deviation[1])
         acts, carried = ca.SX(0, 1), ca.SX(0, 1)
         for i in range(alone.numel()):
             carried = ca.vertcat(carried, self._carried[i, :i] @ acts)
-            low, high = (side[i] - carried[i] for side in room)
+            low, high = (side * self._limit[i] - planned[i] - carried[i] for side in (-1, 1))
             acts = ca.vertcat(acts, ca.fmin(ca.fmax(alone[i], low), high))
         return carried + alone
 
@@ -179,7 +180,8 @@ def gears_along(
     D, h = law.arm.dynamics.D(q, law.arm.f), law.h(q, qd)
     inertia, drag = coupling.shaft_inertia(D), dt * drive.joint_viscous() * law.friction
     if not of_links:
-        return RigidGears(inertia, drag, law.observer_ratio * law.bandwidth, dt), D @ setpoint.qdd + h, ()
+        observer = law.observer_ratio * law.bandwidth
+        return RigidGears(inertia, drag, observer, dt, drive.torque_limit()), D @ setpoint.qdd + h, ()
     gears = ElasticGears(inertia, drag, rotors, drive.elasticity, law.gear_gains)
     *motion, carried = gears.followed(before, along, coupling.shaft_torque(h), begun, dt)
     return gears, coupling.joint_torque(carried + rotors * along[2]), tuple(motion)

@@ -15,7 +15,7 @@ from ctc import ComputedTorque, evaluate
 from ctc.laws.computed_torque import _BEGINS, _SLIDES
 from ctc.laws.observer import DRIFT
 from ctc.laws.turning_back import _REMEMBERED, _WITHIN
-from plant import PD, Harmonics, Rig, puma560, simulate
+from plant import PD, Body, Drive, Encoder, Harmonics, Rig, everyday_motions, puma560, simulate
 from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.link import Link
@@ -415,6 +415,20 @@ def test_a_delayed_torque_acts_one_sample_later():
     root = np.linalg.cholesky(D)
     feedback = root / np.diag(root) @ ((k[0] * gained / 2 + k[1] * gained) / T / np.diag(np.linalg.inv(D)))
     np.testing.assert_allclose(second, at_once + feedback, rtol=0, atol=1e-9)
+
+
+def test_a_shoulder_does_not_shake_the_wrist():
+    """Its links are 200 times lighter: of 4,500 samples 79 were beyond a pulse where torques carried no joint along."""
+    drive = Drive(gear=(100, 100), motor_inertia=(5e-5, 3e-7), viscous=(2e-4, 2e-6), coulomb=(8e-3, 1e-4),
+                  motor_gain=(1, 1), current_limit=(10, 0.5))  # fmt: skip
+    rig, rotors = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3), drive.reflected_inertia()
+    bodies = [Body(mass=8.0, com=(0.25, 0, 0), inertia=(0, 0, 0, 0.1, 0, 1.2), rotor=rotors[0]),
+              Body(mass=0.6, com=(0.12, 0, 0), inertia=(0, 0, 0, 0.002, 0, 5e-4), rotor=rotors[1])]  # fmt: skip
+    dynamics = Dynamics.from_chain(Chain(links=(Link(name="shoulder"), Link(name="wrist", a=0.6)), bodies=bodies))
+    arm = dynamics.arm(dynamics.f())
+    slowly = everyday_motions(arm, rig)["all slowly"]
+    record = simulate(arm, rig, ComputedTorque(arm, rig, bandwidth=145, dead_zone=0.2), slowly)
+    assert (np.abs(record.error_pulses) > 1).sum() < 20
 
 
 # -- the start -------------------------------------------------------------------------------------------------------
