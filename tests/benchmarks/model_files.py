@@ -285,7 +285,7 @@ def draw(rows):
             places = [names.index(cell["arm"]) + (0.12 if source == "own" else -0.12) for cell in shown]
             axes.plot([factor * cell[key] for cell in shown], places, marker, ms=5, mfc="none", label=f"{source} log")
     left.axvspan(0.7, 1.3, color="0.92", zorder=0)
-    left.set(xlabel="error of f in its covariance, per parameter [-]", xlim=(0, None))
+    left.set(xlabel="error of f in its covariance, per parameter [-] (shaded: 0.7 to 1.3)", xlim=(0, None))
     left.set_yticks(range(len(names)), names)
     right.axvline(1, color="0.8", zorder=0)
     right.set(xlabel="torque on another path, rms error [%]", xscale="log")
