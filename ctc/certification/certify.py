@@ -201,7 +201,7 @@ def certify(
     >>> path = puma560.reference()
     >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path)
     >>> found = identify(puma560.dynamics(), record, progress=False)
-    >>> law = ComputedTorque(found, bandwidth=150)
+    >>> law = ComputedTorque(found)
     >>> stated = Uncertainty(friction=0.02)
     >>> certificate = certify(found, found.rig, law, path, stated, samples=64, progress=False)
     >>> certificate.failures
