@@ -15,6 +15,7 @@ from identification.equation_error.law_memory import along_log
 from identification.equation_error.torque_logs import torque_of
 from identification.search.predictive import ROUGH
 from plant import Dynamics, Record
+from plant.checkup.counts import hardly_moving
 from plant.checkup.signals import Signals
 from plant.machine.motor_inertia import rotors_alone, shaft_inertias
 from plant.parts.fields import Floats
@@ -73,6 +74,7 @@ def _left(
     own = (qd, dry, np.ones_like(qd)) if integrated else (qd, dry)
     rubs = [np.eye(signals.n)[None] * each[:, :, None] for each in own]
     scale = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
+    scale[hardly_moving(signals.record)] = np.inf  # friction holds these, with any torque
     A, b = np.concatenate([Y, *rubs], axis=2) / scale[:, None], (torque / scale).ravel()
     A = A.reshape(torque.size, -1)
     A = A / np.maximum(np.abs(A).max(axis=0), 1e-300)

@@ -48,6 +48,11 @@ def hardly_moving(record: Any) -> NDArray[np.bool_]:
     return np.asarray((moved < LEAST_MOTION) | (hunting & (record.injected is None)))
 
 
+def hardly_asked(record: Any) -> NDArray[np.bool_]:
+    """Those of them (n,) whose reference asks for no more: friction may hold them beside it, which is no mistake."""
+    return hardly_moving(record) & (np.ptp(record.reference_pulses, axis=0) < _FEW * LEAST_MOTION)
+
+
 def in_step(speeds: Floats, least: float = _IN_STEP) -> list[tuple[int, int]]:
     """Pairs of columns of speeds (N, n) that are proportional all along, from this correlation on."""
     lengths = np.sqrt((speeds**2).sum(axis=0))

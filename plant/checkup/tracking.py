@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plant.checkup.counts import hardly_asked
 from plant.checkup.finding import Finding, unless
 from plant.checkup.law_delay import law_delays
 from plant.checkup.signals import TRACKING, Signals
@@ -43,6 +44,8 @@ def _sign(signals, i):
     name, unit, slope = "gear sign", "of the reference", signals.tracking_slope[i]
     if not np.isfinite(slope):
         return Finding.unknown(name, i, "the reference does not move")
+    if hardly_asked(signals.record)[i]:
+        return Finding.unknown(name, i, "the reference hardly moves")
     if not _swapped(signals, i).ok:
         return Finding.unknown(name, i, "the counts are another joint's")
     alike = [

@@ -81,7 +81,7 @@ class ModelFile:
         end = {joint.child: joint for joint in self.joints.values()}.get(choice("tip", tip, tuple(self.bodies)))
         way = [] if end is None else _way({joint.child: joint for joint in self.joints.values()}, base, end)
         if base is not None and (not way or way[0].parent != base):
-            raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Give a link further out.")
+            raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Take a link of its branch.")
         found = [joint.name for joint in way if joint.kind in MOVING and not joint.mimics]
         _require_own([joint for joint in way if joint.mimics in found])
         if not found:

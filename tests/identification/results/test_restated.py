@@ -8,8 +8,9 @@ import pytest
 
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
-from identification.results.restated import restated
-from plant import PID, Chain, Dynamics, Link, Placement, puma560, simulate
+from identification.results.restated import _left, restated
+from plant import PID, Chain, Dynamics, Harmonics, Link, Placement, puma560, simulate
+from plant.checkup.signals import Signals
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
 DYNAMICS = Dynamics.from_chain(CHAIN)
@@ -23,6 +24,25 @@ def log():
 def test_a_right_log_is_not_restated():
     assert restated(DYNAMICS, log()) == []
     assert restated(DYNAMICS, dataclasses.replace(log(), torque=None, current=None)) == []
+
+
+def held():
+    """A log in which joint 3 is asked for 20 pulses, and friction holds it beside them."""
+    path = puma560.reference()(np.linspace(0, 3.65, 200)).q
+    little = Harmonics(
+        period=3.65, offset=path.mean(axis=0), cosine=((-0.6, 0.1), (1e-3, 0.0)), sine=((0.3, 0.1), (0.0, 5e-4))
+    )
+    return simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law((0.1, 0.03)), little)
+
+
+def test_what_friction_holds_tells_no_sign():
+    """Its torque may be any that friction can carry."""
+    record = held()
+    other = dataclasses.replace(record, torque=record.torque * (1.0, -3.0), current=None)
+    every = np.ones(2)
+    assert _left(DYNAMICS, Signals(other), every) == pytest.approx(_left(DYNAMICS, Signals(record), every), rel=1e-6)
+    (sign,) = (each for each in record.check().findings if each.check == "gear sign" and each.joint == 1)
+    assert sign.verdict == "cannot tell: the reference hardly moves"
 
 
 def test_gravity_the_other_way_is_named():
