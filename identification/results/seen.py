@@ -89,7 +89,8 @@ _TOLD = 0.5  # share of its prior standard deviation below which a combination o
 
 _TERMS, _SMALL = 3, 0.2  # parameters that name a combination, at most, and the least coefficient of one
 
-_CHANCE = 1e-4  # probability with which a log contradicts a prior that is right
+# Probability with which a log contradicts a prior that is right; least variance of what it moves a narrow one by.
+_CHANCE, _PULL = 1e-4, 1e-3
 
 
 class Told(NamedTuple):
@@ -156,9 +157,12 @@ def contradicted(found: Any) -> Iterator[str]:
     """A line where the log contradicts the prior by more than its spread."""
     from scipy.special import chdtrc
 
-    if (told_of := told(found)) is None or not (seen_ones := told_of.shares < _TOLD).any():
+    if (told_of := told(found)) is None:
         return
-    chi_square = float((told_of.off[seen_ones] ** 2 / (1 - told_of.shares[seen_ones] ** 2)).sum())
+    seen_ones, room = told_of.shares < _TOLD, 1 - told_of.shares**2
+    if not seen_ones.any():  # then little pull from the log is much
+        seen_ones, room = np.ones(len(room), bool), np.maximum(room, _PULL)
+    chi_square = float((told_of.off[seen_ones] ** 2 / room[seen_ones]).sum())
     if chdtrc(seen_ones.sum(), chi_square) < _CHANCE:
         off = (found.f - found.fit.prior.mean) / np.sqrt(np.diag(found.fit.prior.covariance))
         most = ", ".join(f"{told_of.names[k]} by {off[k]:+.1f}" for k in np.argsort(-np.abs(off))[:_TERMS])

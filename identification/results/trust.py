@@ -42,6 +42,7 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
     lines = [
         *of_statements(found.rig, found.records, found.arm.dynamics.chain),
         *_of_law(found, late),
+        *contradicted(found),  # a prior that is wrong looks like a rig that is
         *_of_lost(found),
         *([] if fits else _of_detection(found, replayed, ("lag",) * bool(late))),  # causes before what they do
         *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
@@ -54,7 +55,6 @@ def warnings_of(found: Any, always: bool = True) -> list[str]:
         *_of_loops(found),
         *_of_repeats(found, replayed),
         *_of_pairs(found),
-        *contradicted(found),
     ]
     causes = [wrong[1:] for record in found.records if lines and (wrong := misread(record))]
     return [*dict.fromkeys(causes), *restated(found.arm.dynamics, found.records[0]), *lines]

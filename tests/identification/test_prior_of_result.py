@@ -169,6 +169,13 @@ def test_a_contradicted_prior_is_said():
     assert "\n" not in line
 
 
+def test_a_prior_that_holds_the_log_down_is_said_first():
+    """So narrow that nothing comes from the log: what is left over looks like the rig's."""
+    half = tuple(dataclasses.replace(body, mass=body.mass / 2, inertia=body.inertia / 2) for body in BODIES)
+    found, _ = found_of(logged(np.diag([0.8, 0.6, 0.7])), prior=(half, 0.001), method="equation_error")
+    assert found.warnings[0].startswith("the log contradicts the prior: ")
+
+
 def test_by_default_the_model_s_bodies_fill_in_for_a_joint_that_stands_still(still):
     """The chain's own, to 0.3, to the bit; a chain without bodies is refused, with the way out."""
     record = logged(np.diag([0.8, 0.6, 1e-4]))
