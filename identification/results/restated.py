@@ -46,7 +46,7 @@ def restated(dynamics: Dynamics, record: Record) -> list[str]:
         said = f"{label} turns the other way: its axis, or the signs of all its columns, are wrong"
         tried[said] = left(np.where(np.arange(dynamics.n) == i, -1.0, 1.0))
     best = min(tried, key=tried.__getitem__)
-    if tried[best] > _CLOSER * before:
+    if not tried[best] < _CLOSER * before:  # nor where nothing moves
         return []
     return [
         f"{best}. So stated, the equation of motion leaves {tried[best]:.1%} of the torques (rms); as it is, "
