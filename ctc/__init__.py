@@ -1,20 +1,23 @@
-"""Computed torque: from an identified arm to a controller, and its tracking error in encoder pulses.
+"""Computed torque: from an identified arm to a controller, and its tracking error in encoder
+pulses.
 
-Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
+Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it
+imports:
 
-=============== ====================================================================================================
+===============
+====================================================================================================
 `commandline`   ``onepulse check | identify | certify | campaign | report | robots | demo``
-`campaigns`     `campaign`: many tasks on one machine or many; `Fleet`: what was found of many robots over weeks
-`report`        `write_report`: an identification and its controller as one page
-`tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated uncertainty
-`learning`      `learn`: the torque that was missing along a path, from repetitions of it
-`certification` `certify`: Monte Carlo probability of exceeding a pulse limit under parameter uncertainty
-`stability`     the error loop linearised, its margins, gains by design (python-control)
-`verdict`       `evaluate` one arm under one controller, `compare` several, animate
-`payload`       a load in the gripper, identified and taken into the model while the arm runs
-`laws`          computed torque (observer, PID), feed-forward, adaptive ...
-`figures`       figures of records and results, in one style
-=============== ====================================================================================================
+`campaigns`     `campaign`: many tasks on one machine or many; `Fleet`: what was found of many
+robots over weeks `report`        `write_report`: an identification and its controller as one page
+`tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated
+uncertainty `learning`      `learn`: the torque that was missing along a path, from repetitions of
+it `certification` `certify`: Monte Carlo probability of exceeding a pulse limit under parameter
+uncertainty `stability`     the error loop linearised, its margins, gains by design (python-control)
+`verdict`       `evaluate` one arm under one controller, `compare` several, animate `payload`
+a load in the gripper, identified and taken into the model while the arm runs `laws`
+computed torque (observer, PID), feed-forward, adaptive ... `figures`       figures of records and
+results, in one style ===============
+====================================================================================================
 
 ``onepulse demo``, or ``python -m ctc``, runs the paper from end to end.
 """
@@ -25,10 +28,15 @@ from pathlib import Path
 _home = Path(__file__).resolve().parent.parent
 for _name in ("plant", "identification"):
     _found = find_spec(_name)
-    if _found is None or _found.origin is None or Path(_found.origin).resolve().parent.parent != _home:
+    if (
+        _found is None
+        or _found.origin is None
+        or Path(_found.origin).resolve().parent.parent != _home
+    ):
         raise ImportError(
-            f"package {_name!r} must be beside {_home / 'ctc'}; it would be imported from "
-            f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
+            f"package {_name!r} must be beside {_home / 'ctc'}; it would be imported from"
+            f" {_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put"
+            f" {_home} first."
         )
 
 from ctc.campaigns.campaign import campaign
@@ -55,9 +63,32 @@ from ctc.verdict.evaluations import compare, evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 __all__ = [
-    "Adaptive", "Certificate", "ComputedTorque", "ComputedTorquePID", "Evaluation",
-    "FeedForward", "Fleet", "LearntTorque", "PDGravity", "PayloadEstimator", "SlidingMode", "Uncertainty",
-    "animate", "campaign", "certify", "compare", "error_loop", "evaluate", "learn", "margins",
-    "motor_gain", "observer_gains", "pid_gains", "plot_arm", "plot_record", "sweep_resonance",
-    "tune", "write_report",
-]  # fmt: skip
+    "Adaptive",
+    "Certificate",
+    "ComputedTorque",
+    "ComputedTorquePID",
+    "Evaluation",
+    "FeedForward",
+    "Fleet",
+    "LearntTorque",
+    "PDGravity",
+    "PayloadEstimator",
+    "SlidingMode",
+    "Uncertainty",
+    "animate",
+    "campaign",
+    "certify",
+    "compare",
+    "error_loop",
+    "evaluate",
+    "learn",
+    "margins",
+    "motor_gain",
+    "observer_gains",
+    "pid_gains",
+    "plot_arm",
+    "plot_record",
+    "sweep_resonance",
+    "tune",
+    "write_report",
+]

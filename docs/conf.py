@@ -1,4 +1,6 @@
-"""Sphinx configuration: pages in MyST, executed when they are built, offline; a page of the API per public name."""
+"""Sphinx configuration: pages in MyST, executed when they are built, offline; a page of the API
+per public name.
+"""
 
 import importlib
 import inspect
@@ -13,7 +15,8 @@ from sphinx.addnodes import download_reference
 from sphinx.util.docutils import ReferenceRole
 
 sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
-os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"  # figures appear below their cell
+# figures appear below their cell
+os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 
 script = importlib.import_module("script")  # docs/script.py, which the line above lets Python find
 
@@ -39,7 +42,8 @@ napoleon_use_param = False  # parameters that share a line share its words
 napoleon_use_ivar = True  # attributes are read, not linked to: many classes have an f and an n
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-copybutton_exclude = ".linenos, .gp, .go"  # an example of the reference is copied without its output
+# an example of the reference is copied without its output
+copybutton_exclude = ".linenos, .gp, .go"
 templates_path = ["templates"]
 html_theme = "furo"
 html_title = "onepulse"
@@ -56,20 +60,38 @@ def parts(thing):
     for base in reversed(thing.__mro__):
         if base.__module__.split(".")[0] in ("plant", "identification", "ctc"):
             ours |= {
-                key: value for key, value in vars(base).items() if not key.startswith("_") and inspect.getdoc(value)
+                key: value
+                for key, value in vars(base).items()
+                if not key.startswith("_") and inspect.getdoc(value)
             }
     callable_ones = (classmethod, staticmethod)
-    methods = [key for key, value in ours.items() if inspect.isfunction(value) or isinstance(value, callable_ones)]
-    return sorted(methods), sorted(key for key, value in ours.items() if isinstance(value, property))
+    methods = [
+        key
+        for key, value in ours.items()
+        if inspect.isfunction(value) or isinstance(value, callable_ones)
+    ]
+    return sorted(methods), sorted(
+        key for key, value in ours.items() if isinstance(value, property)
+    )
 
 
 PACKAGES = [importlib.import_module(package) for package in ("plant", "identification", "ctc")]
-PUBLIC = {f"{package.__name__}.{name}": getattr(package, name) for package in PACKAGES for name in package.__all__}
+PUBLIC = {
+    f"{package.__name__}.{name}": getattr(package, name)
+    for package in PACKAGES
+    for name in package.__all__
+}
 PAGE = Path(__file__).with_name("reference") / "api.md"
-for place in re.findall(r"^   ~([\w.]+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE):  # what functions return
-    PUBLIC[place] = getattr(importlib.import_module(place.rpartition(".")[0]), place.rpartition(".")[2])
-autosummary_context = {"parts": {name: parts(thing) for name, thing in PUBLIC.items() if inspect.isclass(thing)}}
-autosummary_filename_map = {  # names that differ in capitals alone would be one file on some machines
+# what functions return
+for place in re.findall(r"^   ~([\w.]+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE):
+    PUBLIC[place] = getattr(
+        importlib.import_module(place.rpartition(".")[0]), place.rpartition(".")[2]
+    )
+autosummary_context = {
+    "parts": {name: parts(thing) for name, thing in PUBLIC.items() if inspect.isclass(thing)}
+}
+# names that differ in capitals alone would be one file on some machines
+autosummary_filename_map = {
     f"{package.__name__}.{name}": f"{package.__name__}.{name}-function"
     for package in PACKAGES
     for name in package.__all__
@@ -78,14 +100,20 @@ autosummary_filename_map = {  # names that differ in capitals alone would be one
 
 
 class ScriptDownload(ReferenceRole):
-    """{script-download}`name.py`: write the page as a script beside its executed notebook, and link to it."""
+    """{script-download}`name.py`: write the page as a script beside its executed notebook, and
+    link to it.
+    """
 
     def run(self):
-        target = Path(self.env.mystnb_config.output_folder, *self.env.docname.split("/")[:-1], self.target)
+        target = Path(
+            self.env.mystnb_config.output_folder, *self.env.docname.split("/")[:-1], self.target
+        )
         target.parent.mkdir(parents=True, exist_ok=True)
         page = Path(self.env.doc2path(self.env.docname)).read_text(encoding="utf-8")
         target.write_text(script.script(page), encoding="utf-8")
-        node = download_reference(self.rawtext, reftarget="/" + os.path.relpath(target, self.env.srcdir))
+        node = download_reference(
+            self.rawtext, reftarget="/" + os.path.relpath(target, self.env.srcdir)
+        )
         self.set_source_info(node)
         node += nodes.literal(self.rawtext, self.target, classes=["xref", "download"])
         return [node], []
@@ -103,7 +131,9 @@ def setup(app):
         raise nodes.SkipNode
 
     def source_first(app, what, name, obj, options, lines):
-        """Move a closing "Source: ..." above the sections, where it is a sentence and not a parameter."""
+        """Move a closing "Source: ..." above the sections, where it is a sentence and not a
+        parameter.
+        """
         starts = [i for i, line in enumerate(lines) if line.startswith("Source:")]
         sections = [i for i, line in enumerate(lines) if i and line and set(line) == {"-"}]
         if starts and sections and starts[-1] > sections[0]:

@@ -15,11 +15,13 @@ SHOW = "# %%\nimport matplotlib.pyplot as plt\n\nplt.show()\n"
 
 
 def script(page):
-    """The text of a page as a script: prose in comments, cells as they are, figures shown at the end.
+    """The text of a page as a script: prose in comments, cells as they are, figures shown at the
+    end.
 
     Editors that know the mark ``# %%`` run it cell by cell.
     """
-    body = page.split("---\n", 2)[2].split("\n---\n")[0]  # without the head, and the line of downloads at the foot
+    # without the head, and the line of downloads at the foot
+    body = page.split("---\n", 2)[2].split("\n---\n")[0]
     pieces, cells = PARTS.split(body), []
     for i, piece in enumerate(pieces):
         if i % 2:
@@ -33,7 +35,8 @@ def script(page):
 
 
 def linked(text, folder, titles, address):
-    """Markdown of a page in `folder` with links to the site's `address`; without one their words alone.
+    """Markdown of a page in `folder` with links to the site's `address`; without one their words
+    alone.
 
     `titles` are those of all pages, for links that have no words of their own.
     """
@@ -47,7 +50,9 @@ def linked(text, folder, titles, address):
 
 
 def standing_alone(notebook, folder, titles, address):
-    """An executed notebook for download: links as in `linked`, no line of downloads, and each output once."""
+    """An executed notebook for download: links as in `linked`, no line of downloads, and each
+    output once.
+    """
     for cell in notebook["cells"]:
         if cell["cell_type"] == "markdown":
             text = FOOT.sub("", "\n" + "".join(cell["source"]))[1:]
@@ -56,7 +61,8 @@ def standing_alone(notebook, folder, titles, address):
             kept, last = [], ""
             for output in cell["outputs"]:
                 text = "".join(output.get("text", ""))
-                if output.get("name") != "stderr" and not (text and last.endswith(text)):  # streams that were merged
+                # streams that were merged
+                if output.get("name") != "stderr" and not (text and last.endswith(text)):
                     kept.append(output)
                     last = text
             cell["outputs"] = kept
@@ -64,11 +70,17 @@ def standing_alone(notebook, folder, titles, address):
 
 
 def notebooks_for_download(app, env):
-    """Before the pages are written: the notebooks of all tutorials, as they are copied for download."""
+    """Before the pages are written: the notebooks of all tutorials, as they are copied for
+    download.
+    """
     titles = {name: title.astext() for name, title in env.titles.items()}
     folder = Path(env.mystnb_config.output_folder)
     for path in sorted(folder.rglob("*.ipynb")):
         if (page := path.relative_to(folder).with_suffix("").as_posix()) in titles:
             notebook = json.loads(path.read_text(encoding="utf-8"))
-            alone = standing_alone(notebook, posixpath.dirname(page), titles, app.config.html_baseurl)
-            path.write_text(json.dumps(alone, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            alone = standing_alone(
+                notebook, posixpath.dirname(page), titles, app.config.html_baseurl
+            )
+            path.write_text(
+                json.dumps(alone, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+            )

@@ -1,4 +1,6 @@
-"""A UR5e from its URDF to a verdict, and back: identified from pulses, and its inertials written into the file."""
+"""A UR5e from its URDF to a verdict, and back: identified from pulses, and its inertials written
+into the file.
+"""
 
 import tempfile
 
@@ -8,7 +10,8 @@ from ctc import ComputedTorque, evaluate
 from identification import identify, write_model
 from plant import Body, Chain, Harmonics, read_robot, simulate
 
-robot = read_robot("ur5e")  # published lengths and masses; the drives are partly assumed, as noted in the file
+# published lengths and masses; the drives are partly assumed, as noted in the file
+robot = read_robot("ur5e")
 rig, law, drawn = robot.rig, robot.law, robot.dynamics
 random, n = np.random.default_rng(1), 6
 waves = random.uniform(-0.4, 0.4, (2, n, 4)) / np.arange(1, 5)
@@ -28,5 +31,11 @@ with (
 ):  # noise leaves an f that no bodies have exactly, so the nearest is written
     written = write_model(found, robot.model, f"{folder}/ur5e_found.urdf", nearest=True)
     again = Chain.from_urdf(written.path)
-mass = sum(body.mass for body in drawn.chain.bodies[1:]), sum(body.mass for body in again.bodies[1:])
-print(f"mass behind the shoulder: {mass[0]:.2f} kg in the file, {mass[1]:.2f} kg written, 1.5 kg of them the tool's")
+mass = (
+    sum(body.mass for body in drawn.chain.bodies[1:]),
+    sum(body.mass for body in again.bodies[1:]),
+)
+print(
+    f"mass behind the shoulder: {mass[0]:.2f} kg in the file, {mass[1]:.2f} kg written, 1.5 kg of"
+    " them the tool's"
+)

@@ -16,7 +16,8 @@ for duration in (3.65, 2.5, 2.0):
     for each in (p, law):
         print(evaluate(robot, rig, each, puma560.reference(duration)))
 
-# The same controller, sample by sample, as a control script runs it; here with the pulses of the simulation.
+# The same controller, sample by sample, as a control script runs it; here with the pulses of the
+# simulation.
 report = evaluate(robot, rig, law, path)
 record = report.record
 counts = record.counts
@@ -24,6 +25,8 @@ motion = path(record.t)
 controller = law.start(rig, counts[0])
 torque = np.array([controller.step(*row) for row in zip(counts, *motion, strict=True)])
 print(
-    "\nstep by step, the torque differs from the simulation's by", np.abs(torque - record.torque).max(), "N m at most"
+    "\nstep by step, the torque differs from the simulation's by",
+    np.abs(torque - record.torque).max(),
+    "N m at most",
 )
 assert report.within(1)

@@ -1,9 +1,9 @@
 """Time-optimal paths: the fastest time law within the amplifiers' limits, and its tracking error.
 
-Three paths of the paper's arm: its trajectory (6), a point-to-point move, and a spline. For each: the shortest duration
-by uniform scaling, the fastest time law along the same path, and the same path uniformly scaled to that duration. All
-are run under computed torque with the true f; peak share is the motion's peak torque over the amplifier's limit. The
-GIF of the first goes to figures/.
+Three paths of the paper's arm: its trajectory (6), a point-to-point move, and a spline. For each:
+the shortest duration by uniform scaling, the fastest time law along the same path, and the same
+path uniformly scaled to that duration. All are run under computed torque with the true f; peak
+share is the motion's peak torque over the amplifier's limit. The GIF of the first goes to figures/.
 """
 
 from pathlib import Path
@@ -29,7 +29,9 @@ def row(name, motion, report):
 
 
 def main():
-    print(f"{'':<30}{'time [s]':>9} {'peak share':>11} {'within 1':>8} {'peak':>8} {'at limit':>10}")
+    print(
+        f"{'':<30}{'time [s]':>9} {'peak share':>11} {'within 1':>8} {'peak':>8} {'at limit':>10}"
+    )
     for name, path in PATHS.items():
         fast = fastest(arm, rig, path, share=SHARE, torque_rate=RATE)
         shortest = fastest(arm, rig, path, share=SHARE, uniform=True).duration
@@ -47,7 +49,9 @@ def main():
         if name == "trajectory (6)":
             Path("figures").mkdir(exist_ok=True)
             file = Path("figures", "fastest_path.gif")
-            count = animate(reports["fastest time law"], file, arm=arm, tip=(0, -0.43, 0), speed=0.25)
+            count = animate(
+                reports["fastest time law"], file, arm=arm, tip=(0, -0.43, 0), speed=0.25
+            )
             print(f"  {count} pictures in {file}")
 
 

@@ -1,6 +1,8 @@
-"""A load in the gripper, identified during operation: pick 2.5 kg, carry, drop, ten cycles; then the whole PUMA 560.
+"""A load in the gripper, identified during operation: pick 2.5 kg, carry, drop, ten cycles; then
+the whole PUMA 560.
 
-The figure ``payload.png`` in the folder where this runs shows error and estimated mass over the first two cycles.
+The figure ``payload.png`` in the folder where this runs shows error and estimated mass over the
+first two cycles.
 """
 
 import sys
@@ -22,7 +24,9 @@ def work(arm, rig, path, estimator, load, cycles):
     stepped = SteppedArm(arm, rig, motion.q[0], motion.qd[0])
     controller, pulses = estimator.start(rig, stepped.pulses), stepped.pulses
     errors, masses = np.zeros((samples, rig.n)), np.zeros(samples)
-    takes, drops = ({round((k * CYCLE + t) / rig.period) for k in range(cycles)} for t in (TAKES, DROPS))
+    takes, drops = (
+        {round((k * CYCLE + t) / rig.period) for k in range(cycles)} for t in (TAKES, DROPS)
+    )
     for k, state in enumerate(zip(*motion, strict=True)):
         if k in takes or k in drops:
             stepped.carry(load if k in takes else None)
@@ -36,8 +40,8 @@ def told(controller):
     """One line per event."""
     for event in controller.events:
         print(
-            f"  {event.time:6.3f} s  {event.kind:8} {event.before:5.2f} -> {event.after:5.2f} kg, in the model at "
-            f"{event.swapped:6.3f} s"
+            f"  {event.time:6.3f} s  {event.kind:8} {event.before:5.2f} -> {event.after:5.2f} kg,"
+            f" in the model at {event.swapped:6.3f} s"
         )
 
 
@@ -49,7 +53,9 @@ def drawn(rig, errors, masses, controller, seconds, true):
     above, below = figure.subplots(2, 1, sharex=True)
     t = np.arange(len(errors)) * rig.period
     some = t < seconds
-    above.plot(t[some], errors[some], lw=0.6, label=[f"joint {name}" for name in ("2", "3")[: rig.n]])
+    above.plot(
+        t[some], errors[some], lw=0.6, label=[f"joint {name}" for name in ("2", "3")[: rig.n]]
+    )
     above.axhspan(-1, 1, color="0.9", zorder=0)
     above.set_ylabel("tracking error [pulses]")
     above.legend(loc="upper right")
@@ -62,7 +68,11 @@ def drawn(rig, errors, masses, controller, seconds, true):
         if event.time < seconds and np.isfinite(event.swapped):
             for axis in (above, below):
                 axis.axvspan(
-                    event.time, event.swapped, color="#e69f00", alpha=0.25, label=None if named else "collecting"
+                    event.time,
+                    event.swapped,
+                    color="#e69f00",
+                    alpha=0.25,
+                    label=None if named else "collecting",
                 )
                 axis.axvline(event.swapped, color="#009e73", lw=1, label=None if named else "swap")
             named = True
@@ -80,8 +90,11 @@ def main(folder="."):
     print("links 2 and 3, ten cycles:")
     told(controller)
     late = max(event.swapped - event.time for event in controller.events[1:])
-    print(f"  {np.mean(np.abs(errors).max(axis=1) <= 1):.2%} of the samples within 1 pulse, largest "
-          f"{np.abs(errors).max():.0f}; each load in the model {late * 1e3:.0f} ms after its detection")  # fmt: skip
+    print(
+        f"  {np.mean(np.abs(errors).max(axis=1) <= 1):.2%} of the samples within 1 pulse, largest"
+        f" {np.abs(errors).max():.0f}; each load in the model {late * 1e3:.0f} ms after its"
+        " detection"
+    )
     taken = [event.after for event in controller.events if event.kind == "taken"]
     assert len(taken) == 10
     assert np.abs(np.array(taken) - 2.5).max() < 0.05

@@ -2,26 +2,29 @@
 
 Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above all that it imports:
 
-================ ===================================================================================================
-`payload`        a load in the gripper, from logs (`find_load`) or from a short window under computed torque
-`repeatability`  `spread` of the result over seeds (4.2)
-`procedure`      `identify`: prepare, search, assess (3.2)
-`results`        `Identification`, its warnings and figures; what contradicts the model; Figs. 10-11
-`search`         the genetic algorithm (3.7), six methods behind one interface
-`planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
-`replay`         the experiment repeated with other numbers: objective (4), prediction error, Gauss-Newton
-`equation_error` least squares on the torque equation, from logged torques or from counts alone
-================ ===================================================================================================
+================
+===================================================================================================
+`payload`        a load in the gripper, from logs (`find_load`) or from a short window under
+computed torque `repeatability`  `spread` of the result over seeds (4.2) `procedure`
+`identify`: prepare, search, assess (3.2) `results`        `Identification`, its warnings and
+figures; what contradicts the model; Figs. 10-11 `search`         the genetic algorithm (3.7), six
+methods behind one interface `planning`       before the experiment: ranges (3.6), pulse budget,
+excitation, motor tests `replay`         the experiment repeated with other numbers: objective (4),
+prediction error, Gauss-Newton `equation_error` least squares on the torque equation, from logged
+torques or from counts alone ================
+===================================================================================================
 """
 
 from importlib.util import find_spec
 from pathlib import Path
 
-_home, _found = Path(__file__).resolve().parent.parent, find_spec("plant")
+_home = Path(__file__).resolve().parent.parent
+_found = find_spec("plant")
 if _found is None or _found.origin is None or Path(_found.origin).resolve().parent.parent != _home:
     raise ImportError(
-        f"package 'plant' must be beside {_home / 'identification'}; it would be imported from "
-        f"{_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
+        f"package 'plant' must be beside {_home / 'identification'}; it would be imported from"
+        f" {_found.origin if _found else 'nowhere'}. Uninstall the other distribution, or put"
+        f" {_home} first."
     )
 
 from identification.equation_error.logged_torques import fit_torque
@@ -51,8 +54,27 @@ from plant.parts.arguments import known_options
 known_options(GeneticSettings)
 
 __all__ = [
-    "GeneticSettings", "Identification", "IdentificationWarning", "LinkSize", "Objective", "RecordError",
-    "Tolerances", "design_motion", "find_gears", "find_load", "fit_torque", "frequency_response", "identify",
-    "minimize_genetic", "motor_test", "nearest_physical", "oscillation", "pulse_budget", "ranges", "spread",
-    "to_urscript", "without_delay", "write_model",
-]  # fmt: skip
+    "GeneticSettings",
+    "Identification",
+    "IdentificationWarning",
+    "LinkSize",
+    "Objective",
+    "RecordError",
+    "Tolerances",
+    "design_motion",
+    "find_gears",
+    "find_load",
+    "fit_torque",
+    "frequency_response",
+    "identify",
+    "minimize_genetic",
+    "motor_test",
+    "nearest_physical",
+    "oscillation",
+    "pulse_budget",
+    "ranges",
+    "spread",
+    "to_urscript",
+    "without_delay",
+    "write_model",
+]

@@ -41,12 +41,22 @@ class Spread(Shown, Frozen):
     published: Floats | None
 
     def _short(self) -> str:
-        return f"{len(self.runs)} runs of {len(self.names)} values, alteration up to {self.alteration.max():.0%}"
+        return (
+            f"{len(self.runs)} runs of {len(self.names)} values, alteration up to"
+            f" {self.alteration.max():.0%}"
+        )
 
     def _shown(self) -> Iterator[Piece]:
-        first, last = (np.median([getattr(r, k) for r in self.runs]) for k in ("initial_objective", "objective"))
-        yield Verdict(f"objective, median of {len(self.runs)} runs: {first:.0f} -> {last:.0f} pulses^2")
-        dynamics, f, rows = self.runs[0].arm.dynamics, self.f, []
+        first, last = (
+            np.median([getattr(r, k) for r in self.runs])
+            for k in ("initial_objective", "objective")
+        )
+        yield Verdict(
+            f"objective, median of {len(self.runs)} runs: {first:.0f} -> {last:.0f} pulses^2"
+        )
+        dynamics = self.runs[0].arm.dynamics
+        f = self.f
+        rows = []
         for i, (name, *numbers) in enumerate(
             zip(dynamics.short_names, f.mean(axis=0), f.min(axis=0), f.max(axis=0), strict=True)
         ):
@@ -58,10 +68,16 @@ class Spread(Shown, Frozen):
 
 
 def spread(
-    dynamics: Dynamics, records: Record | Sequence[Record], *, seeds: Iterable[int] = range(10),
-    published: ArrayLike | None = None, method: str = "paper", checkpoint: str | Path | None = None,
-    executor: Any = None, **options: Any,
-) -> Spread:  # fmt: skip
+    dynamics: Dynamics,
+    records: Record | Sequence[Record],
+    *,
+    seeds: Iterable[int] = range(10),
+    published: ArrayLike | None = None,
+    method: str = "paper",
+    checkpoint: str | Path | None = None,
+    executor: Any = None,
+    **options: Any,
+) -> Spread:
     """Identify the same records with several seeds and say how much each f varies.
 
     Parameters
@@ -72,12 +88,14 @@ def spread(
     published : (p,) array_like, optional
         Alterations to print beside the result, such as `plant.robots.puma560.PUBLISHED_ALTERATION`.
     method : str
-        The paper's by default: it is its series that varies; the default of `identify` varies far less.
+        The paper's by default: it is its series that varies; the default of `identify` varies far
+        less.
     checkpoint : str or Path, optional
-        File in which finished stages of the runs are kept, as of `identify`; more seeds go on from those that it has.
+        File in which finished stages of the runs are kept, as of `identify`; more seeds go on from
+        those that it has.
     executor : optional
-        Where the runs are made, side by side: a `concurrent.futures.Executor`, a Dask ``Client``, or a function that
-        makes one. It takes no checkpoint.
+        Where the runs are made, side by side: a `concurrent.futures.Executor`, a Dask ``Client``,
+        or a function that makes one. It takes no checkpoint.
     **options
         Of `identify`.
 
@@ -105,9 +123,13 @@ def spread(
     """
     seeds = tuple(seeds) if isinstance(seeds, Iterable) else (seeds,)
     if len(seeds) < 2:
-        raise ValueError(f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs.")
+        raise ValueError(
+            f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs."
+        )
     if published is not None:
-        published = array("published", published, (dynamics.p,), advice="Give one alteration per f.")
+        published = array(
+            "published", published, (dynamics.p,), advice="Give one alteration per f."
+        )
     if executor is not None and checkpoint is not None:
         raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
     run = functools.partial(_run, dynamics, records, {"method": method, **options})
@@ -117,8 +139,12 @@ def spread(
     else:
         runs = tuple(mapped(run, seeds, executor))
     f = np.array([run.f for run in runs])
-    return Spread(names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published)
+    return Spread(
+        names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published
+    )
 
 
-def _run(dynamics: Dynamics, records: Any, options: dict[str, Any], seed: int, **kept: Any) -> Identification:
+def _run(
+    dynamics: Dynamics, records: Any, options: dict[str, Any], seed: int, **kept: Any
+) -> Identification:
     return identify(dynamics, records, seed=seed, **options, **kept)

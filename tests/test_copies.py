@@ -1,4 +1,6 @@
-"""Copies and other processes: the same descriptions, the same arrays, and the same bits out of what is made of them."""
+"""Copies and other processes: the same descriptions, the same arrays, and the same bits out of
+what is made of them.
+"""
 
 import copy
 import multiprocessing

@@ -1,4 +1,6 @@
-"""README and docs: code that runs, links and files that are there, every public name in the reference."""
+"""README and docs: code that runs, links and files that are there, every public name in the
+reference.
+"""
 
 import ast
 import importlib
@@ -18,7 +20,9 @@ PAGES = [page for page in PAGES if "_build" not in page.parts]
 
 
 def blocks(page):
-    return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    return re.findall(
+        r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
 
 
 def test_the_code_of_the_architecture_page_runs():
@@ -31,7 +35,9 @@ def test_the_code_of_the_architecture_page_runs():
 def test_the_readme_s_code_runs_from_its_first_block_to_its_last(capsys):
     names = {}
     for block in blocks(ROOT / "README.md"):
-        exec(block.replace("(found, rig, law, path)", "(found, rig, law, path, samples=200)"), names)  # noqa: S102
+        exec(  # noqa: S102
+            block.replace("(found, rig, law, path)", "(found, rig, law, path, samples=200)"), names
+        )
     out = capsys.readouterr().out
     assert "200" in out
     assert out.rstrip().endswith("running")
@@ -44,16 +50,25 @@ def test_links_and_files_are_there(page):
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[\w-]*)?\)", text):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
-    for path in re.findall(r"`((?:tests|examples|docs|plant|identification|ctc|\.ci)/[\w./]*\w)`", text):
+    for path in re.findall(
+        r"`((?:tests|examples|docs|plant|identification|ctc|\.ci)/[\w./]*\w)`", text
+    ):
         assert (ROOT / path).exists(), f"{page.name}: {path}"
     for path in re.findall(r"(?:python|bash) ((?:tests|examples|docs|\.ci)/[\w./]*\w)", text):
         assert (ROOT / path).exists(), f"{page.name}: {path}"
 
 
-@pytest.mark.parametrize("package", [plant, identification, ctc], ids=lambda package: package.__name__)
+@pytest.mark.parametrize(
+    "package", [plant, identification, ctc], ids=lambda package: package.__name__
+)
 def test_every_public_name_is_in_the_reference(package):
-    page = "".join((ROOT / "docs/reference" / name).read_text(encoding="utf-8") for name in ("api.md", "robots.md"))
-    listed = re.findall(rf"^(?:\.\. automodule::|  ) {package.__name__}\.(\w+)$", page, re.MULTILINE)
+    page = "".join(
+        (ROOT / "docs/reference" / name).read_text(encoding="utf-8")
+        for name in ("api.md", "robots.md")
+    )
+    listed = re.findall(
+        rf"^(?:\.\. automodule::|  ) {package.__name__}\.(\w+)$", page, re.MULTILINE
+    )
     assert sorted(listed) == sorted(package.__all__)
 
 
@@ -61,14 +76,22 @@ def test_what_pages_import_is_public():
     """A user's script never names a room."""
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        code = blocks(page) + re.findall(r"^```{code-cell}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        code = blocks(page) + re.findall(
+            r"^```{code-cell}\n(.*?)^```", text, re.DOTALL | re.MULTILINE
+        )
         for block in code:
-            for line in re.findall(r"^(?:from|import) (?:plant|identification|ctc)\b.*$", block, re.MULTILINE):
+            for line in re.findall(
+                r"^(?:from|import) (?:plant|identification|ctc)\b.*$", block, re.MULTILINE
+            ):
                 module = re.match(r"(?:from|import) ([\w.]+)", line)[1]
                 assert "." not in module, f"{page.name}: {line}"
     for script in (ROOT / "examples").glob("*.py"):
         for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("plant", "identification", "ctc"):
+            if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in (
+                "plant",
+                "identification",
+                "ctc",
+            ):
                 assert "." not in node.module, f"{script.name}: {node.module}"
 
 
@@ -79,7 +102,11 @@ def test_the_picture_shows_every_room():
     finally:
         sys.path.pop(0)
     for package, rows in house.floors().items():
-        folders = {path.name for path in (ROOT / package).iterdir() if path.is_dir() and path.name != "__pycache__"}
+        folders = {
+            path.name
+            for path in (ROOT / package).iterdir()
+            if path.is_dir() and path.name != "__pycache__"
+        }
         assert folders <= {room for row in rows for room in row}
         assert all(house.sentence(package, room) for row in rows for room in row)
 
@@ -96,7 +123,11 @@ def test_code_of_a_page_is_executed_when_the_page_is_built(page):
 
 def test_the_contents_name_every_page():
     index = set((ROOT / "docs" / "index.md").read_text(encoding="utf-8").splitlines())
-    pages = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in PAGES if "docs" in page.parts}
+    pages = {
+        page.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        for page in PAGES
+        if "docs" in page.parts
+    }
     assert pages - index == {"index"}
 
 
@@ -112,22 +143,32 @@ def test_the_script_of_a_tutorial_holds_its_cells_and_its_prose(monkeypatch):
     script = importlib.import_module("script").script
     for page in sorted((ROOT / "docs" / "tutorials").glob("*.md")):
         text = page.read_text(encoding="utf-8")
-        cells = re.findall(r"^```{code-cell}\n(?::[^\n]*\n)*(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        cells = re.findall(
+            r"^```{code-cell}\n(?::[^\n]*\n)*(.*?)^```", text, re.DOTALL | re.MULTILINE
+        )
         given, expected = script(text), ast.parse("\n".join(cells)).body
         shown = 2 if "plt.show()" in given else 0
-        assert ast.dump(ast.Module(ast.parse(given).body[: len(expected)], [])) == ast.dump(ast.Module(expected, []))
+        assert ast.dump(ast.Module(ast.parse(given).body[: len(expected)], [])) == ast.dump(
+            ast.Module(expected, [])
+        )
         assert len(ast.parse(given).body) == len(expected) + shown
         assert re.search(r"^# # .+", given, re.MULTILINE)
         assert "-download}" not in given
         assert "file_format" not in given
-    plain = "---\nfile_format: mystnb\n---\n\n# A\n\nText.\n\n```{code-cell}\n:tags: [x]\na = 1\n```\n\n---\n\nfoot\n"
+    plain = (
+        "---\nfile_format: mystnb\n---\n\n# A\n\nText.\n\n```{code-cell}\n:tags: [x]\na ="
+        " 1\n```\n\n---\n\nfoot\n"
+    )
     assert script(plain) == "# %% [markdown]\n# # A\n#\n# Text.\n\n# %%\na = 1\n"
 
 
 def test_a_downloaded_notebook_stands_alone(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     standing_alone = importlib.import_module("script").standing_alone
-    source = "See [the\nchecks](../guides/check.md#a-1), [](own_log.md), [numba](https://numba.org/a.md).\n"
+    source = (
+        "See [the\nchecks](../guides/check.md#a-1), [](own_log.md),"
+        " [numba](https://numba.org/a.md).\n"
+    )
     foot = "\n---\n\nThis page as a notebook, {nb-download}`a.ipynb`, and more."
     streams = [{"name": "stdout", "text": ["a\n", "b\n"]}, {"name": "stdout", "text": "b\n"}]
     streams += [{"name": "stderr", "text": "w"}, {"data": {}}, {"name": "stdout", "text": "b\n"}]
@@ -135,12 +176,17 @@ def test_a_downloaded_notebook_stands_alone(monkeypatch):
         ("", "See the\nchecks, Logs, [numba](https://numba.org/a.md).\n"),
         (
             "https://x.org/en/",
-            "See [the\nchecks](https://x.org/en/guides/check.html#a-1), "
-            "[Logs](https://x.org/en/tutorials/own_log.html), [numba](https://numba.org/a.md).\n",
+            (
+                "See [the\nchecks](https://x.org/en/guides/check.html#a-1),"
+                " [Logs](https://x.org/en/tutorials/own_log.html),"
+                " [numba](https://numba.org/a.md).\n"
+            ),
         ),
     ):
         cells = [{"cell_type": "markdown", "source": (source + foot).splitlines(keepends=True)}]
         cells += [{"cell_type": "code", "source": "", "outputs": list(streams)}]
-        first, second = standing_alone({"cells": cells}, "tutorials", {"tutorials/own_log": "Logs"}, address)["cells"]
+        first, second = standing_alone(
+            {"cells": cells}, "tutorials", {"tutorials/own_log": "Logs"}, address
+        )["cells"]
         assert "".join(first["source"]) == text
         assert second["outputs"] == [streams[0], streams[3], streams[4]]

@@ -1,4 +1,6 @@
-"""The example of every public name: it is there, it runs as it is printed, and what it refers to is public."""
+"""The example of every public name: it is there, it runs as it is printed, and what it refers to
+is public.
+"""
 
 import doctest
 import importlib
@@ -11,7 +13,11 @@ import ctc
 import identification
 import plant
 
-NAMES = [f"{package.__name__}.{name}" for package in (plant, identification, ctc) for name in package.__all__]
+NAMES = [
+    f"{package.__name__}.{name}"
+    for package in (plant, identification, ctc)
+    for name in package.__all__
+]
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.REPORT_ONLY_FIRST_FAILURE
 
 
@@ -35,7 +41,9 @@ def test_the_example_runs(name, tmp_path, monkeypatch):
     for place, text in texts.items():
         said = []
         test = doctest.DocTestParser().get_doctest(text, {"__name__": "__main__"}, place, None, 0)
-        failed, _ = doctest.DocTestRunner(optionflags=OPTIONS, verbose=False).run(test, out=said.append)
+        failed, _ = doctest.DocTestRunner(optionflags=OPTIONS, verbose=False).run(
+            test, out=said.append
+        )
         assert not failed, "".join(said)
 
 

@@ -1,4 +1,6 @@
-"""Long work that is killed goes on and ends in the same bits; 20 kills of each kind: tests/benchmarks/kills.py."""
+"""Long work that is killed goes on and ends in the same bits; 20 kills of each kind:
+tests/benchmarks/kills.py.
+"""
 
 import os
 

@@ -11,10 +11,15 @@ NAMES = ("$x_{$", "50 % \\frac")
 
 
 def test_a_joint_with_dollars_and_braces_is_drawn():
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.02)
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.02
+    )
     figure = plot_record(record, NAMES)[0, 0].figure
     figure.canvas.draw()
-    assert any("$x_{$" in text.get_text() for text in figure.findobj(lambda artist: hasattr(artist, "get_text")))
+    assert any(
+        "$x_{$" in text.get_text()
+        for text in figure.findobj(lambda artist: hasattr(artist, "get_text"))
+    )
 
 
 def test_numbers_at_ticks_keep_their_mathematics_and_names_at_ticks_are_literal():

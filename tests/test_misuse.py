@@ -1,4 +1,6 @@
-"""Calls that a new user gets wrong: each is refused in one line that says what was expected, what came, what to do."""
+"""Calls that a new user gets wrong: each is refused in one line that says what was expected,
+what came, what to do.
+"""
 
 import numpy as np
 import pytest
@@ -23,33 +25,54 @@ CALLS = {
         "arm must be of type Arm; got a value of type Rig",
     ),
     "swapped law and path": (lambda r: simulate(ARM, RIG, PATH, LAW), "law must be of type Law"),
-    "equations, not an arm": (lambda r: simulate(DYNAMICS, RIG, LAW, PATH), "arm must be of type Arm"),
+    "equations, not an arm": (
+        lambda r: simulate(DYNAMICS, RIG, LAW, PATH),
+        "arm must be of type Arm",
+    ),
     "points, not a reference": (
         lambda r: simulate(ARM, RIG, LAW, np.zeros((9, 2))),
         "reference must be of type Reference",
     ),
     "a class, not a law": (lambda r: simulate(ARM, RIG, P, PATH), "got the class P"),
-    "nothing to follow": (lambda r: simulate(ARM, RIG, LAW), "missing a required argument: 'reference'"),
+    "nothing to follow": (
+        lambda r: simulate(ARM, RIG, LAW),
+        "missing a required argument: 'reference'",
+    ),
     "an arm, not equations": (lambda r: identify(ARM, r), "dynamics must be of type Dynamics"),
     "a name, not names": (lambda r: identify(DYNAMICS, r, unknown="f1"), r"Write \('f1',\)"),
-    "part of f": (lambda r: identify(DYNAMICS, r, unknown=["f1"], ranges=[(0, 1)]), "equal ends of its range"),
+    "part of f": (
+        lambda r: identify(DYNAMICS, r, unknown=["f1"], ranges=[(0, 1)]),
+        "equal ends of its range",
+    ),
     "one seed": (lambda r: spread(DYNAMICS, r, seeds=5), "seeds must be two or more"),
     "an arm, not a rig": (lambda r: LAW.start(ARM, (0, 0)), "rig must be of type Rig"),
     "swapped parts": (
         lambda r: Rig(drive=RIG.encoder, encoder=RIG.drive, period=1e-3),
         "drive of Rig must be of type Drive",
     ),
-    "a name, not a lumping": (lambda r: Dynamics(chain=DYNAMICS.chain, lumping="standard"), "must be of type Lumping"),
+    "a name, not a lumping": (
+        lambda r: Dynamics(chain=DYNAMICS.chain, lumping="standard"),
+        "must be of type Lumping",
+    ),
     "numbers, not bodies": (lambda r: DYNAMICS.f([1, 2]), "must be of type Body"),
-    "a body too few": (lambda r: DYNAMICS.f([Body(mass=1, com=(0, 0, 0), inertia=(0,) * 6)]), "bodies must be 2"),
-    "negative mass": (lambda r: Body(mass=-1, com=(0, 0, 0), inertia=(0,) * 6), "mass must not be negative"),
+    "a body too few": (
+        lambda r: DYNAMICS.f([Body(mass=1, com=(0, 0, 0), inertia=(0,) * 6)]),
+        "bodies must be 2",
+    ),
+    "negative mass": (
+        lambda r: Body(mass=-1, com=(0, 0, 0), inertia=(0,) * 6),
+        "mass must not be negative",
+    ),
     "negative gain": (lambda r: P(gain=(-1, 1)), "gain must not be negative"),
     "no names": (lambda r: Link("1", 0, 0, 0), "too many positional arguments"),
     "half a drive": (lambda r: Drive(gear=(1,)), "missing a required argument: 'motor_inertia'"),
     "no rig": (lambda r: ComputedTorque(ARM), "rig of ComputedTorque must be of type Rig"),
     "text for a flag": (lambda r: ComputedTorque(ARM, RIG, friction="no"), "must be of type bool"),
     "no laws": (lambda r: plot_comparison({}), "got none"),
-    "no samples": (lambda r: Record(t=[], reference_pulses=NOTHING, error_pulses=NOTHING, rig=RIG), "got none"),
+    "no samples": (
+        lambda r: Record(t=[], reference_pulses=NOTHING, error_pulses=NOTHING, rig=RIG),
+        "got none",
+    ),
     "misspelt column": (lambda r: Record.from_csv("log.csv", rigg=RIG), "Did you mean 'rig'"),
 }
 

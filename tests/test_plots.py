@@ -1,4 +1,6 @@
-"""Every public plot: draws on the axes that it is given and returns them, names every axis, writes on no curve."""
+"""Every public plot: draws on the axes that it is given and returns them, names every axis,
+writes on no curve.
+"""
 
 import dataclasses
 import functools
@@ -62,13 +64,21 @@ def found():
 @functools.cache
 def certificate(**options):
     drawn = {"covariance": np.diag((0.02 * ARM.f) ** 2), "samples": 40, "progress": False}
-    return certify(ARM, RIG, LAW, PATH, **with_uncertainty(**drawn, **SHORT | {"steps_per_sample": 8}, **options))
+    return certify(
+        ARM,
+        RIG,
+        LAW,
+        PATH,
+        **with_uncertainty(**drawn, **SHORT | {"steps_per_sample": 8}, **options),
+    )
 
 
 @functools.cache
 def response():
     lines = 0.01 * np.eye(2)[:, :, None] * np.ones(3)
-    paths = [Harmonics(period=0.7, offset=(0.3, -0.4), cosine=each, sine=0 * each) for each in lines]
+    paths = [
+        Harmonics(period=0.7, offset=(0.3, -0.4), cosine=each, sine=0 * each) for each in lines
+    ]
     return frequency_response([simulate(ARM, RIG, P_LAW, path, duration=2.8) for path in paths])
 
 
@@ -80,7 +90,9 @@ def fleet():
         log = dataclasses.replace(record(), t=record().t * (1 + 1e-6 * i))
         values = fit.values * (1 + 0.5 * (i == 7))
         made.add(
-            log, dataclasses.replace(fit, values=values), notes={"robot": f"$r_{{{i % 2}}}$", "time": 1e9 + 1e6 * i}
+            log,
+            dataclasses.replace(fit, values=values),
+            notes={"robot": f"$r_{{{i % 2}}}$", "time": 1e9 + 1e6 * i},
         )
     return made
 
@@ -101,10 +113,14 @@ PLOTS = {
     "Comparison.plot, many": (lambda ax=None: compared(5).plot(ax=ax), (5, 2)),
     "Margins.plot": (lambda ax=None: margins(ARM, RIG, LAW).plot(ax=ax), (3,)),
     "ResonanceSweep.plot": (
-        lambda ax=None: sweep_resonance(ARM, RIG, {"P": P_LAW}, PATH, **FAR).plot(ax=ax), (2,),
+        lambda ax=None: sweep_resonance(ARM, RIG, {"P": P_LAW}, PATH, **FAR).plot(ax=ax),
+        (2,),
     ),
     "Certificate.plot": (lambda ax=None: certificate().plot(ax=ax), (3,)),
-    "Certificate.plot, resonances": (lambda ax=None: certificate(resonance=(200, 300)).plot(ax=ax), (4,)),
+    "Certificate.plot, resonances": (
+        lambda ax=None: certificate(resonance=(200, 300)).plot(ax=ax),
+        (4,),
+    ),
     "Identification.plot": (lambda ax=None: found().plot(ax=ax), (8,)),
     "FrequencyResponse.plot": (lambda ax=None: response().plot(ax=ax), (2,)),
     "Oscillation.plot": (lambda ax=None: oscillation(record(), ARM).plot(ax=ax), (3,)),
@@ -114,7 +130,7 @@ PLOTS = {
     "plot_record, models": (models, (2, 2)),
     "plot_arm": (lambda ax=None: plot_arm(ARM, (0.3, -0.6), tip=(0, -0.4, 0), ax=ax), ()),
     "plot_arm, in space": (whole_arm, ()),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(autouse=True)
@@ -124,12 +140,25 @@ def closed():
 
 
 def test_all_that_draws_is_here():
-    public = {getattr(package, name) for package in (plant, identification, ctc) for name in package.__all__
-              if not inspect.ismodule(getattr(package, name))}  # fmt: skip
-    classes = {each for name, module in sys.modules.items() if name.split(".")[0] in ("plant", "identification", "ctc")
-               for each in vars(module).values() if inspect.isclass(each) and each.__module__ == name}  # fmt: skip
+    public = {
+        getattr(package, name)
+        for package in (plant, identification, ctc)
+        for name in package.__all__
+        if not inspect.ismodule(getattr(package, name))
+    }
+    classes = {
+        each
+        for name, module in sys.modules.items()
+        if name.split(".")[0] in ("plant", "identification", "ctc")
+        for each in vars(module).values()
+        if inspect.isclass(each) and each.__module__ == name
+    }
     drawing = {f"{each.__name__}.plot" for each in classes if hasattr(each, "plot")}
-    drawing |= {each.__name__ for each in public if inspect.isfunction(each) and each.__name__.startswith("plot")}
+    drawing |= {
+        each.__name__
+        for each in public
+        if inspect.isfunction(each) and each.__name__.startswith("plot")
+    }
     assert drawing == {name.split(",")[0] for name in PLOTS}
 
 
@@ -169,14 +198,18 @@ def test_another_number_of_axes_is_refused_before_anything_is_drawn(name, more):
     count = int(np.prod(shape)) + more
     _, axes = plt.subplots(1, max(count, 1), squeeze=False)
     wanted = f"{count - more} matplotlib Axes" if shape else "a matplotlib Axes"
-    with pytest.raises(ValueError, match=rf"^ax must be {wanted}; got {count}\. .*, or leave ax out\.$"):
+    with pytest.raises(
+        ValueError, match=rf"^ax must be {wanted}; got {count}\. .*, or leave ax out\.$"
+    ):
         draw(ax=axes.ravel()[:count])
     assert not any(axis.has_data() for axis in axes.flat)
 
 
 def test_an_arm_in_space_needs_axes_in_space():
     flat, deep = plt.figure().add_subplot(), plt.figure().add_subplot(projection="3d")
-    with pytest.raises(ValueError, match=r"three-dimensional for this arm; got a rectilinear one.*projection='3d'"):
+    with pytest.raises(
+        ValueError, match=r"three-dimensional for this arm; got a rectilinear one.*projection='3d'"
+    ):
         whole_arm(ax=flat)
     with pytest.raises(ValueError, match="flat for this arm, which lies in a plane; got a 3d one"):
         plot_arm(ARM, (0.3, -0.6), tip=(0, -0.4, 0), ax=deep)
@@ -190,7 +223,11 @@ def test_every_axis_has_a_name_and_a_unit(name):
     categories = [axis for axis in grid.flat if axis.get_title(loc="left").startswith(listed)]
     for axis in grid[:, 0]:
         label = axis.get_ylabel()
-        assert axis in categories or ("[" in label and len(label.splitlines()[-1]) > 5) or name.startswith("plot_arm")
+        assert (
+            axis in categories
+            or ("[" in label and len(label.splitlines()[-1]) > 5)
+            or name.startswith("plot_arm")
+        )
     for axis in np.ravel(axes) if name.startswith("plot_arm") else ():
         assert axis.get_xlabel() == "x [m]"
         assert axis.get_ylabel() in ("z [m]", "y [m]")
@@ -205,19 +242,31 @@ def test_no_text_and_no_legend_lies_on_a_curve(name):
     for axis in axes if "space" not in name else ():
         assert not axis.texts or not axis.lines
         for text in axis.texts:
-            assert not any(text.get_window_extent().shrunk(0.9, 0.5).overlaps(bar.get_window_extent())
-                           for bar in axis.patches if bar.get_zorder() > 0.5)  # fmt: skip
+            assert not any(
+                text.get_window_extent().shrunk(0.9, 0.5).overlaps(bar.get_window_extent())
+                for bar in axis.patches
+                if bar.get_zorder() > 0.5
+            )
         if axis.get_legend() is not None:
             box, inside = axis.get_legend().get_window_extent(), axis.get_window_extent()
-            curves = [axis.transData.transform(line.get_xydata()) for line in axis.lines if len(line.get_xydata()) > 2]
-            assert not any(box.contains(*point) and inside.contains(*point) for curve in curves for point in curve)
+            curves = [
+                axis.transData.transform(line.get_xydata())
+                for line in axis.lines
+                if len(line.get_xydata()) > 2
+            ]
+            assert not any(
+                box.contains(*point) and inside.contains(*point)
+                for curve in curves
+                for point in curve
+            )
 
 
 def test_the_robot_is_seen_beside_the_model_that_lies_on_it():
     """The same curve twice: the lower one is wider, and pale."""
     for axis in models()[:, 1]:
         robot, model = (
-            next(line for line in axis.lines if line.get_label() == name) for name in ("robot", "best model")
+            next(line for line in axis.lines if line.get_label() == name)
+            for name in ("robot", "best model")
         )
         assert robot.get_linewidth() > 2 * model.get_linewidth()
         assert [*axis.lines].index(robot) < [*axis.lines].index(model)

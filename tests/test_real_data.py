@@ -1,4 +1,6 @@
-"""Real logs, in the folder CTC_DATA where there is one; examples/5_real_tx40.py says where the originals are."""
+"""Real logs, in the folder CTC_DATA where there is one; examples/5_real_tx40.py says where the
+originals are.
+"""
 
 import importlib.util
 import os
@@ -30,7 +32,9 @@ def folder(name):
 
 
 def test_tx40_fit_is_the_published_one():
-    """At least 55 of the 60 published values within one published standard deviation, all within 3; error <= 5.4 %."""
+    """At least 55 of the 60 published values within one published standard deviation, all within
+    3; error <= 5.4 %.
+    """
     table, found = example("5_real_tx40").compare(folder("staubli_tx40"))
     off = np.array([abs(ours - value) / std for _, ours, value, std in table])
     assert len(off) == 60
@@ -50,16 +54,22 @@ def pendulum(request):
 
 
 def test_double_pendulum_repeats_the_runs_kept_aside(pendulum):
-    """10 s in open loop from t = 0, pooled over the runs; the authors' models: 0.049, 0.076 and a turn of the elbow."""
+    """10 s in open loop from t = 0, pooled over the runs; the authors' models: 0.049, 0.076 and
+    a turn of the elbow.
+    """
     module, design, found, kept = pendulum
-    assert (module.misses(found, kept) <= {"C.0": (0.0345, 0.0579), "A.0": (0.053, 0.129)}[design]).all()
+    assert (
+        module.misses(found, kept) <= {"C.0": (0.0345, 0.0579), "A.0": (0.053, 0.129)}[design]
+    ).all()
     for record in kept:
         free = replay(found.arm, record, rig=found.rig)
         assert np.abs(free.counts - record.counts).max() * module.STEP < 1.0  # no elbow turns over
 
 
 def test_double_pendulum_has_the_published_terms(pendulum):
-    """All within 7 %, and three of four within 5 %: m2 r2 of A.0 is 6.5 % and I2 of C.0 5.7 % above the published."""
+    """All within 7 %, and three of four within 5 %: m2 r2 of A.0 is 6.5 % and I2 of C.0 5.7 %
+    above the published.
+    """
     module, design, found, _ = pendulum
     ours, theirs = module.four_terms(design, found)
     off = np.abs(ours / theirs - 1)
@@ -68,16 +78,26 @@ def test_double_pendulum_has_the_published_terms(pendulum):
 
 
 def test_double_pendulum_began_where_friction_held_it(pendulum):
-    """What the fit does not know: at rest in the zeros that it found, gravity is less than dry friction."""
+    """What the fit does not know: at rest in the zeros that it found, gravity is less than dry
+    friction.
+    """
     _, _, found, _ = pendulum
-    held = [np.abs(found.arm.h(zero, np.zeros(2))) / found.rig.drive.joint_coulomb() for zero in found.fit.zeros]
+    held = [
+        np.abs(found.arm.h(zero, np.zeros(2))) / found.rig.drive.joint_coulomb()
+        for zero in found.fit.zeros
+    ]
     assert np.max(held) < 1
 
 
 def test_double_pendulum_warns_of_least_squares_above_some_hertz(pendulum):
-    """By comparison, band by band: nearly right from 2 to 4 Hz, 10 % short at 5.7 Hz, a third missing at 11 Hz."""
+    """By comparison, band by band: nearly right from 2 to 4 Hz, 10 % short at 5.7 Hz, a third
+    missing at 11 Hz.
+    """
     *_, found, _ = pendulum
-    assert any("least squares on these torques is biased in bands above 4 Hz" in text for text in found.warnings)
+    assert any(
+        "least squares on these torques is biased in bands above 4 Hz" in text
+        for text in found.warnings
+    )
     assert min(abs(share - 1) for share in found.diagnostics.bands.values()) < 0.08
     assert found.diagnostics.bands[16.0] < 0.5
 
@@ -85,7 +105,8 @@ def test_double_pendulum_warns_of_least_squares_above_some_hertz(pendulum):
 @pytest.mark.slow
 @pytest.mark.parametrize("pendulum", ["C.0", "A.0"], indirect=True)
 def test_double_pendulum_is_controlled_to_a_pulse(pendulum):
-    """On the arm that the runs kept aside show, which is another: dry friction differs by up to 29 %.
+    """On the arm that the runs kept aside show, which is another: dry friction differs by up to 29
+    %.
 
     The example, which .ci/run runs, asserts it of both designs.
     """

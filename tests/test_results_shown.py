@@ -1,4 +1,6 @@
-"""Every result in a notebook, a terminal and a list: HTML that is whole and escaped, 80 columns, one short line."""
+"""Every result in a notebook, a terminal and a list: HTML that is whole and escaped, 80 columns,
+one short line.
+"""
 
 import dataclasses
 import functools
@@ -50,7 +52,9 @@ SHORT = {"duration": 0.3, "steps_per_sample": 4}
 def arm():
     """The paper's, with joints of such names and so with parameters of such names."""
     chain = puma560.dynamics().chain
-    links = tuple(dataclasses.replace(link, name=name) for link, name in zip(chain.links, NASTY, strict=True))
+    links = tuple(
+        dataclasses.replace(link, name=name) for link, name in zip(chain.links, NASTY, strict=True)
+    )
     dynamics = Dynamics.from_chain(dataclasses.replace(chain, links=links))
     rotors = RIG.drive.reflected_inertia()
     bodies = (((17.4, 0.068, 0.539), rotors[0]), ((7.6, 0.0, 0.3), rotors[1]))
@@ -72,9 +76,18 @@ def found():
 
 @functools.cache
 def certificate():
-    drawn = {"covariance": np.diag((0.02 * arm().f) ** 2), "samples": 40, "resonance": (60, 80), "progress": False}
+    drawn = {
+        "covariance": np.diag((0.02 * arm().f) ** 2),
+        "samples": 40,
+        "resonance": (60, 80),
+        "progress": False,
+    }
     return certify(
-        arm(), RIG, ComputedTorque(arm(), RIG), PATH, **with_uncertainty(**drawn, **SHORT | {"steps_per_sample": 8})
+        arm(),
+        RIG,
+        ComputedTorque(arm(), RIG),
+        PATH,
+        **with_uncertainty(**drawn, **SHORT | {"steps_per_sample": 8}),
     )
 
 
@@ -83,14 +96,31 @@ def compared(laws):
 
 
 def trial():
-    return Trial(family=NASTY[0], law=LAW, numbers={f"a_variable_{i}": 150.0 for i in range(5)}, left=3,
-                 of=2000, allowed=0, peak=2.0, chatter=np.array([1.0, 2.0]), noise=0.1)  # fmt: skip
+    return Trial(
+        family=NASTY[0],
+        law=LAW,
+        numbers={f"a_variable_{i}": 150.0 for i in range(5)},
+        left=3,
+        of=2000,
+        allowed=0,
+        peak=2.0,
+        chatter=np.array([1.0, 2.0]),
+        noise=0.1,
+    )
 
 
 def gears():
-    numbers = dict.fromkeys(("pose", "damping_ratio", "damping_low", "damping_high"), np.array([0.1, 0.1]))
-    ends = {"hz": np.array([40.0, 50]), "low": np.array([39.0, 45]), "high": np.array([41.0, np.inf])}
-    return GearResonance(joints=NASTY, searched=np.array([True, True]), played=NASTY[:1], **ends, **numbers)
+    numbers = dict.fromkeys(
+        ("pose", "damping_ratio", "damping_low", "damping_high"), np.array([0.1, 0.1])
+    )
+    ends = {
+        "hz": np.array([40.0, 50]),
+        "low": np.array([39.0, 45]),
+        "high": np.array([41.0, np.inf]),
+    }
+    return GearResonance(
+        joints=NASTY, searched=np.array([True, True]), played=NASTY[:1], **ends, **numbers
+    )
 
 
 def seen():
@@ -101,84 +131,178 @@ def seen():
 
 def load(**options):
     place = {"com": np.array([0.1, 0, np.nan]), "com_std": np.array([0.01, 0, np.inf])}
-    numbers = {"names": ("mass", "drive.coulomb[0]"), "values": np.array([2.0, 0.1]), "covariance": np.eye(2) * 1e-4}
-    return Load(mass=2.0, std=0.01, arm=arm(), rig=RIG, rms_innovation=0.3, warnings=(NASTY[0],), **place, **numbers)
+    numbers = {
+        "names": ("mass", "drive.coulomb[0]"),
+        "values": np.array([2.0, 0.1]),
+        "covariance": np.eye(2) * 1e-4,
+    }
+    return Load(
+        mass=2.0,
+        std=0.01,
+        arm=arm(),
+        rig=RIG,
+        rms_innovation=0.3,
+        warnings=(NASTY[0],),
+        **place,
+        **numbers,
+    )
 
 
 def estimate():
     zeros = {"parameters": np.zeros(10), "position": np.zeros(3)}
-    return PayloadEstimate(mass=2.0, std=0.1, interval=np.array([1.8, 2.2]), sufficient=False, explained=True,
-                           misfit=1.0, message=NASTY[0], **zeros)  # fmt: skip
+    return PayloadEstimate(
+        mass=2.0,
+        std=0.1,
+        interval=np.array([1.8, 2.2]),
+        sufficient=False,
+        explained=True,
+        misfit=1.0,
+        message=NASTY[0],
+        **zeros,
+    )
 
 
 def learning():
     law = LearntTorque(law=ComputedTorque(arm(), RIG), rig=RIG, reference=PATH, terms=np.ones(8))
-    two, many = np.ones((2, 2)), {"missing": (np.ones(2),), "beyond": (0.1,), "peak": (3.0,), "innovations": (1.0,)}
-    return Learning(law=law, arm=arm(), rig=RIG, covariance=np.diag(arm().f ** 2), friction_std=two, rest=0.1, gain=0.5,
-                    left_out=(NASTY[0],), diverged=False, before=np.zeros(8), wanted=np.zeros(8), **many)  # fmt: skip
+    two, many = (
+        np.ones((2, 2)),
+        {"missing": (np.ones(2),), "beyond": (0.1,), "peak": (3.0,), "innovations": (1.0,)},
+    )
+    return Learning(
+        law=law,
+        arm=arm(),
+        rig=RIG,
+        covariance=np.diag(arm().f ** 2),
+        friction_std=two,
+        rest=0.1,
+        gain=0.5,
+        left_out=(NASTY[0],),
+        diverged=False,
+        before=np.zeros(8),
+        wanted=np.zeros(8),
+        **many,
+    )
 
 
 BODY = Body(mass=1.0, com=(0, 0, 0.1))
 RESULTS = {
     "Assumed": lambda: found().assumed(),
     "Budget": lambda: pulse_budget(arm(), RIG, LAW, PATH, duration=0.5),
-    "Campaign": lambda: Campaign(results={NASTY[0]: 1.0}, errors={NASTY[1]: f"ValueError: {NASTY[0]}"}),
+    "Campaign": lambda: Campaign(
+        results={NASTY[0]: 1.0}, errors={NASTY[1]: f"ValueError: {NASTY[0]}"}
+    ),
     "Certificate": certificate,
     "Certificates": lambda: certify(
-        arm(), RIG, LAW, {NASTY[0]: PATH, NASTY[1]: PATH.later(1.0)},
-        **with_uncertainty(covariance=np.diag((0.02 * arm().f) ** 2), samples=20, progress=False, after=0.1, **SHORT),
+        arm(),
+        RIG,
+        LAW,
+        {NASTY[0]: PATH, NASTY[1]: PATH.later(1.0)},
+        **with_uncertainty(
+            covariance=np.diag((0.02 * arm().f) ** 2),
+            samples=20,
+            progress=False,
+            after=0.1,
+            **SHORT,
+        ),
     ),
-    "Checkup": lambda: dataclasses.replace(record(), error_pulses=2 * record().error_pulses).check(),
+    "Checkup": (
+        lambda: dataclasses.replace(record(), error_pulses=2 * record().error_pulses).check()
+    ),
     "Comparison": lambda: compared({NASTY[0]: LAW, NASTY[1]: ComputedTorque(arm(), RIG)}),
     "Detection": lambda: found().diagnostics.detection,
     "Diagnostics": lambda: found().diagnostics,
     "Evaluation": lambda: compared({"P": LAW}).evaluations["P"],
-    "Evaluations": lambda: evaluate(arm(), RIG, LAW, {NASTY[0]: PATH, "b": PATH.later(1)}, backend="numba", **SHORT),
+    "Evaluations": lambda: evaluate(
+        arm(), RIG, LAW, {NASTY[0]: PATH, "b": PATH.later(1)}, backend="numba", **SHORT
+    ),
     "BetweenRuns": lambda: BetweenRuns(
-        values=np.ones((2, 3)), std=np.ones((2, 3)), compared=np.ones(3, bool), agree=np.ones(3, bool),
-        groups={"f": 0.5}, deviation=np.ones(3), freedom=np.ones(3), further=4, never=1),
+        values=np.ones((2, 3)),
+        std=np.ones((2, 3)),
+        compared=np.ones(3, bool),
+        agree=np.ones(3, bool),
+        groups={"f": 0.5},
+        deviation=np.ones(3),
+        freedom=np.ones(3),
+        further=4,
+        never=1,
+    ),
     "Finding": lambda: record().check().findings[0],
     "Fit": lambda: found().fit,
-    "FitTrial": lambda: FitTrial(at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True),
-    "FrictionTrial": lambda: FrictionTrial(kind="asymmetric", share=None, better=0.4, errors=9.0, levels=np.ones(2),
-                                           usual=np.ones(2)),
+    "FitTrial": lambda: FitTrial(
+        at=40.0, unit="Hz", rows=99, worse=1.0, against=20.0, passed=True, chosen=True
+    ),
+    "FrictionTrial": lambda: FrictionTrial(
+        kind="asymmetric", share=None, better=0.4, errors=9.0, levels=np.ones(2), usual=np.ones(2)
+    ),
     "GearResonance": gears,
     "Gears": seen,
     "Identification": found,
     "Judgement": lambda: Judgement(
-        robot=NASTY[0], time=0.0, level=0.01, looked=(Change(NASTY[1], NASTY[1], "N m", 1.0, 1.2, 0.01, 1e-9, 0.0),),
+        robot=NASTY[0],
+        time=0.0,
+        level=0.01,
+        looked=(Change(NASTY[1], NASTY[1], "N m", 1.0, 1.2, 0.01, 1e-9, 0.0),),
     ),
     "Learning": learning,
     "Load": load,
     "LowestResonance": lambda: LowestResonance(hz=60.0, damping_ratio=0.01, within=1),
     "Margins": lambda: margins(arm(), RIG, ComputedTorque(arm(), RIG)),
-    "ModelCheck": lambda: ModelCheck(path=Path(f"{NASTY[1]}.urdf"), findings=(RESULTS["ModelFinding"](),)),
+    "ModelCheck": lambda: ModelCheck(
+        path=Path(f"{NASTY[1]}.urdf"), findings=(RESULTS["ModelFinding"](),)
+    ),
     "ModelFinding": lambda: ModelFinding(link=NASTY[0], mistake="grams", evidence=9.0, repair=BODY),
     "FrequencyResponse": lambda: FrequencyResponse(
-        frequency=np.array([1.0, 20.0]), plant=np.full((2, 2, 2), 1e-3 + 0j), plant_std=np.full((2, 2, 2), 1e-5),
-        loop=np.ones((2, 2, 2), complex), loop_std=np.full((2, 2, 2), 0.01), period=1e-3, joints=NASTY,
+        frequency=np.array([1.0, 20.0]),
+        plant=np.full((2, 2, 2), 1e-3 + 0j),
+        plant_std=np.full((2, 2, 2), 1e-5),
+        loop=np.ones((2, 2, 2), complex),
+        loop_std=np.full((2, 2, 2), 0.01),
+        period=1e-3,
+        joints=NASTY,
         held=1e-3,
     ),
-    "MotorFit": lambda: MotorFit(names=("law.gain[0]",), values=np.array([0.3]), std=np.array([0.01])),
+    "MotorFit": lambda: MotorFit(
+        names=("law.gain[0]",), values=np.array([0.3]), std=np.array([0.01])
+    ),
     "Oscillation": lambda: oscillation(record(), arm()),
     "PayloadEstimate": estimate,
-    "PayloadEvent": lambda: PayloadEvent(time=1.0, kind="taken", before=0.0, after=2.5, windows=3, message=NASTY[0]),
+    "PayloadEvent": lambda: PayloadEvent(
+        time=1.0, kind="taken", before=0.0, after=2.5, windows=3, message=NASTY[0]
+    ),
     "Physical": lambda: Physical(arm=arm(), bodies=(BODY, BODY), distance=2.5),
-    "Reserves": lambda: Reserves(samples=40, allowed=0.0, holds=True, bandwidth=100.0, period=1e-3,
-                                 tried=[("bandwidth", 100.0, 0), ("period", 1e-3, 0)]),
-    "ResonanceSweep": lambda: sweep_resonance(arm(), RIG, {NASTY[0]: LAW}, PATH, hz=(50, 100), **SHORT),
+    "Reserves": lambda: Reserves(
+        samples=40,
+        allowed=0.0,
+        holds=True,
+        bandwidth=100.0,
+        period=1e-3,
+        tried=[("bandwidth", 100.0, 0), ("period", 1e-3, 0)],
+    ),
+    "ResonanceSweep": lambda: sweep_resonance(
+        arm(), RIG, {NASTY[0]: LAW}, PATH, hz=(50, 100), **SHORT
+    ),
     "Search": lambda: found().search,
     "Sign": lambda: found().diagnostics.detection.signs[0],
-    "Spread": lambda: Spread(names=arm().dynamics.names, runs=(found(), found()), f=np.array([arm().f] * 2),
-                             alteration=np.full(arm().dynamics.p, 0.1), published=np.full(arm().dynamics.p, 0.1)),
+    "Spread": lambda: Spread(
+        names=arm().dynamics.names,
+        runs=(found(), found()),
+        f=np.array([arm().f] * 2),
+        alteration=np.full(arm().dynamics.p, 0.1),
+        published=np.full(arm().dynamics.p, 0.1),
+    ),
     "Uncertainty": lambda: Uncertainty(resonance=(40, 80)),
     "TorqueFit": lambda: fit_torque(arm().dynamics, record()),
     "Trial": trial,
     "Tuning": lambda: Tuning(law=LAW, trials=(trial(),), certificate=certificate(), fresh=200),
     "Visibility": lambda: visibility(arm().dynamics, PATH),
-    "WrittenModel": lambda: WrittenModel(path=Path("arm.urdf"), bodies={NASTY[0]: BODY}, rotors=np.zeros(2), arm=arm(),
-                                         difference=np.zeros(7)),
-}  # fmt: skip
+    "WrittenModel": lambda: WrittenModel(
+        path=Path("arm.urdf"),
+        bodies={NASTY[0]: BODY},
+        rotors=np.zeros(2),
+        arm=arm(),
+        difference=np.zeros(7),
+    ),
+}
 
 
 class Page(HTMLParser):
@@ -205,12 +329,17 @@ class Page(HTMLParser):
 
 def results(of=Shown):
     """Names of all classes of the packages that are shown."""
-    ours = [each for each in of.__subclasses__() if each.__module__.split(".")[0] in ("plant", "identification", "ctc")]
+    ours = [
+        each
+        for each in of.__subclasses__()
+        if each.__module__.split(".")[0] in ("plant", "identification", "ctc")
+    ]
     return {name for each in ours for name in (each.__name__, *results(each))}
 
 
 def test_every_result_is_here():
-    assert results() - {"Worst", "Certified"} == set(RESULTS)  # shown in a Certificate, and its base
+    # shown in a Certificate, and its base
+    assert results() - {"Worst", "Certified"} == set(RESULTS)
 
 
 def test_what_is_printed_for_a_table_is_one_of_them():
@@ -228,7 +357,8 @@ def test_html_is_whole_escaped_and_small(name):
     page = Page(html)
     assert "src" not in page.names
     assert "href" not in page.names
-    assert html.count("<b>") == html.count("</b>") == html.count('<p class="verdict')  # none of a joint's name
+    # none of a joint's name
+    assert html.count("<b>") == html.count("</b>") == html.count('<p class="verdict')
     assert NASTY[0] not in html
     assert len(html) < 40_000
     assert page.words.strip()
@@ -289,7 +419,9 @@ def test_a_list_of_results_is_a_list_of_lines():
 
 def test_a_comparison_of_many_laws_is_still_one_line():
     one = compared({"P": LAW}).evaluations["P"]
-    many = Comparison(evaluations={f"a law of a long name {i}": one for i in range(9)}, diverged={"x": "why"})
+    many = Comparison(
+        evaluations={f"a law of a long name {i}": one for i in range(9)}, diverged={"x": "why"}
+    )
     assert repr(many) == "Comparison(9 controllers, 1 diverged)"
 
 

@@ -1,4 +1,6 @@
-"""The public faces are typed: strictly where they are defined, and as a user's script sees them (mypy of all: CI)."""
+"""The public faces are typed: strictly where they are defined, and as a user's script sees them
+(mypy of all: CI).
+"""
 
 import inspect
 import re
@@ -15,7 +17,9 @@ import plant
 
 ROOT = Path(__file__).resolve().parent.parent
 MYPY = Path(sys.executable).with_name("mypy")
-FACES = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["overrides"][1]["module"]
+FACES = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["overrides"][1][
+    "module"
+]
 pytestmark = pytest.mark.skipif(not MYPY.exists(), reason="mypy is not installed")
 
 SCRIPT = """
@@ -68,7 +72,9 @@ def test_mypy_is_strict_where_public_things_are_defined():
         for name in package.__all__:
             thing = getattr(package, name)
             defined.add(thing.__name__ if inspect.ismodule(thing) else thing.__module__)
-    assert {name for name in defined if name.split(".")[0] in ("plant", "identification", "ctc")} <= set(FACES)
+    assert {
+        name for name in defined if name.split(".")[0] in ("plant", "identification", "ctc")
+    } <= set(FACES)
 
 
 def test_a_user_s_script_has_types(tmp_path):
@@ -77,13 +83,18 @@ def test_a_user_s_script_has_types(tmp_path):
     settings = tmp_path / "mypy.ini"
     settings.write_text(f"[mypy]\nstrict = true\nmypy_path = {ROOT}\nfollow_imports = silent\n")
     command = [MYPY, "--config-file", settings, path]
-    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stdout  # noqa: S603 - ours
+    # ours
+    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stdout  # noqa: S603
     revealed = re.findall(r"Revealed type is \"(.*)\"", said)
     array = "numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float64]]"
     assert [each.replace("builtins.", "") for each in revealed] == [
         "plant.logs.record.Record", array, "float", "plant.machine.rig.Rig", "bool", array, array,
     ], said  # fmt: skip
-    expected = {i: m[1] for i, line in enumerate(SCRIPT.splitlines(), 1) if (m := re.search(r"# error: (\S+)$", line))}
+    expected = {
+        i: m[1]
+        for i, line in enumerate(SCRIPT.splitlines(), 1)
+        if (m := re.search(r"# error: (\S+)$", line))
+    }
     errors = re.findall(r"script\.py:(\d+): error: .*\[(.*)\]", said)
     assert {int(line) for line, _ in errors} == set(expected), said
     assert all((str(line), code) in errors for line, code in expected.items()), said

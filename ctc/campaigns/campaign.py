@@ -1,4 +1,6 @@
-"""Many independent tasks by name: results as they come, failures named, and a folder from which it goes on."""
+"""Many independent tasks by name: results as they come, failures named, and a folder from which
+it goes on.
+"""
 
 import functools
 import inspect
@@ -51,22 +53,29 @@ class Campaign(Shown):
 
 @known_options
 def campaign(
-    tasks: Tasks, *, executor: Any = None, folder: str | Path | None = None, retries: int = 1,
-    each: Callable[[str, Any], Any] | None = None, progress: bool = True,
-) -> Campaign:  # fmt: skip
+    tasks: Tasks,
+    *,
+    executor: Any = None,
+    folder: str | Path | None = None,
+    retries: int = 1,
+    each: Callable[[str, Any], Any] | None = None,
+    progress: bool = True,
+) -> Campaign:
     """Run many independent tasks, on this machine or many; with a folder, what is killed goes on.
 
     Parameters
     ----------
     tasks : mapping, or iterable of pairs
-        Name -> (function, args, kwargs). An iterable is read as workers become free, so a million need not be listed.
+        Name -> (function, args, kwargs). An iterable is read as workers become free, so a million
+        need not be listed.
     executor : optional
-        Where they run: a `concurrent.futures.Executor`, a Dask ``Client``, or a function that makes one, which is
-        called again when a worker was killed. By default threads, one per core.
+        Where they run: a `concurrent.futures.Executor`, a Dask ``Client``, or a function that makes
+        one, which is called again when a worker was killed. By default threads, one per core.
     folder : str or Path, optional
-        Where results are kept: those that have `save` in files of their own, plain values and arrays as JSON in
-        ``ledger.sqlite``. Called again with the same tasks in the same order, and maybe more after them, it does those
-        that are not done. Memory then does not grow with the number of tasks.
+        Where results are kept: those that have `save` in files of their own, plain values and
+        arrays as JSON in ``ledger.sqlite``. Called again with the same tasks in the same order, and
+        maybe more after them, it does those that are not done. Memory then does not grow with the
+        number of tasks.
     retries : int
         How often a task that fails, or kills its worker, is tried again.
     each : callable, optional
@@ -82,13 +91,15 @@ def campaign(
     Raises
     ------
     ValueError
-        Bad input; a folder of other tasks, another version or processor, or in use by another campaign; a folder that
-        is full; an executor that is closed, or whose workers were killed where no function makes another.
+        Bad input; a folder of other tasks, another version or processor, or in use by another
+        campaign; a folder that is full; an executor that is closed, or whose workers were killed
+        where no function makes another.
 
     Notes
     -----
-    Results do not depend on the number of workers. Arguments that a file can hold are compared with those of a folder
-    value by value; functions by their text, and what they hold; other objects by class and attributes.
+    Results do not depend on the number of workers. Arguments that a file can hold are compared with
+    those of a folder value by value; functions by their text, and what they hold; other objects by
+    class and attributes.
 
     See Also
     --------
@@ -105,13 +116,18 @@ def campaign(
     """
     retries = whole("retries", retries, "Give 0 or more.", least=0)
     if not isinstance(tasks, Iterable) or isinstance(tasks, str):
-        raise ValueError(f"tasks must be a mapping or pairs; got a value of type {type(tasks).__name__}. {_FORM}")
-    total, where = len(tasks) if isinstance(tasks, Sized) else None, Executor(executor)
+        raise ValueError(
+            f"tasks must be a mapping or pairs; got a value of type {type(tasks).__name__}. {_FORM}"
+        )
+    total = len(tasks) if isinstance(tasks, Sized) else None
+    where = Executor(executor)
     with (
         InMemory() if folder is None else Ledger(folder) as kept,
         progress_bar(total, "campaign", "task", progress) as bar,
     ):
-        for (number, name), result, error in finished(_open(tasks, kept, bar.update), where, retries):
+        for (number, name), result, error in finished(
+            _open(tasks, kept, bar.update), where, retries
+        ):
             if error is None:
                 try:
                     result = kept.done(number, name, result)
@@ -140,25 +156,41 @@ def _open(tasks: Tasks, kept: Any, skipped: Callable[[], Any]) -> Iterator[Any]:
 
 def _checked(pair: Any) -> tuple[str, Any]:
     """Name and (function, args, kwargs) of a task."""
-    if not isinstance(pair, tuple | list) or len(pair) != 2 or not isinstance(pair[0], str) or not pair[0]:
-        raise ValueError(f"a task must be a name and (function, args, kwargs); got {pair!r:.80}. {_FORM}")
+    if (
+        not isinstance(pair, tuple | list)
+        or len(pair) != 2
+        or not isinstance(pair[0], str)
+        or not pair[0]
+    ):
+        raise ValueError(
+            f"a task must be a name and (function, args, kwargs); got {pair!r:.80}. {_FORM}"
+        )
     name, parts = pair
     sound = isinstance(parts, tuple | list) and len(parts) == 3 and callable(parts[0])
     if not sound or not isinstance(parts[1], tuple | list) or not isinstance(parts[2], Mapping):
-        raise ValueError(f"task {name!r:.60} must be (function, args, kwargs); got {parts!r:.80}. {_FORM}")
+        raise ValueError(
+            f"task {name!r:.60} must be (function, args, kwargs); got {parts!r:.80}. {_FORM}"
+        )
     return name, parts
 
 
 class _Fingerprints:
-    """SHA-256 of tasks; what does not change, and comes again with the next task, is worked out once."""
+    """SHA-256 of tasks; what does not change, and comes again with the next task, is worked out
+    once.
+    """
 
     def __init__(self) -> None:
         self._last: dict[int, tuple[Any, Any]] = {}
-        self._within: list[int] = []  # objects that are being told: one that holds itself ends there
+        # objects that are being told: one that holds itself ends there
+        self._within: list[int] = []
 
     def of(self, parts: Any) -> str:
         function, args, kwargs = parts
-        called = self._told(function), *map(self._one, args), {k: self._one(v) for k, v in kwargs.items()}
+        called = (
+            self._told(function),
+            *map(self._one, args),
+            {k: self._one(v) for k, v in kwargs.items()},
+        )
         return fingerprint(called)
 
     def _one(self, value: Any) -> Any:
@@ -176,7 +208,9 @@ class _Fingerprints:
         return made
 
     def _told(self, thing: Any) -> str:
-        """Of a function its text, and what a method, closure or `partial` holds; of an object class and attributes."""
+        """Of a function its text, and what a method, closure or `partial` holds; of an object
+        class and attributes.
+        """
         if id(thing) in self._within:
             return ""
         self._within.append(id(thing))
@@ -185,8 +219,12 @@ class _Fingerprints:
                 return self.of((thing.func, thing.args, thing.keywords))
             if inspect.ismethod(thing):
                 return self.of((thing.__func__, (thing.__self__,), {}))
-            if inspect.isfunction(thing) and (thing.__closure__ or thing.__defaults__ or thing.__kwdefaults__):
-                cells = [cell.cell_contents for cell in thing.__closure__ or () if cell != CellType()]
+            if inspect.isfunction(thing) and (
+                thing.__closure__ or thing.__defaults__ or thing.__kwdefaults__
+            ):
+                cells = [
+                    cell.cell_contents for cell in thing.__closure__ or () if cell != CellType()
+                ]
                 held = _text_of(thing), *cells, *(thing.__defaults__ or ())
                 return self.of((type(thing), held, thing.__kwdefaults__ or {}))
             if inspect.isroutine(thing) or inspect.isclass(thing):

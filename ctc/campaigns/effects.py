@@ -1,9 +1,12 @@
-"""One parameter over a fleet: mean, what robots differ by, what logs of one robot differ by, slope with temperature.
+"""One parameter over a fleet: mean, what robots differ by, what logs of one robot differ by, slope
+with temperature.
 
-value = mean + robot + slope (temperature - its mean) + week + error, robot and week random, error of known variance:
-the variances by restricted maximum likelihood (`identification.equation_error.random_effects`), that of weeks about the
-means of the robots, that of robots on these means; the slope by weighted least squares within robots, in turn with it.
-Robots that scatter beyond the others (chi-square), or lie apart from them (Student), count in neither variance.
+value = mean + robot + slope (temperature - its mean) + week + error, robot and week random, error
+of known variance: the variances by restricted maximum likelihood
+(`identification.equation_error.random_effects`), that of weeks about the means of the robots, that
+of robots on these means; the slope by weighted least squares within robots, in turn with it. Robots
+that scatter beyond the others (chi-square), or lie apart from them (Student), count in neither
+variance.
 """
 
 from collections.abc import Iterable, Iterator
@@ -23,7 +26,9 @@ _FEWEST = 4  # robots of which one can lie apart from the others
 
 
 class Values(NamedTuple):
-    """One parameter in all logs of a fleet (M,), in the order of time; `robot` is a place in `robots`."""
+    """One parameter in all logs of a fleet (M,), in the order of time; `robot` is a place in
+    `robots`.
+    """
 
     name: str
     label: str
@@ -37,8 +42,9 @@ class Values(NamedTuple):
 
 
 class Effect(NamedTuple):
-    """Of one parameter: standard deviations between weeks and robots, NaN where not known; of each robot (J,) mean,
-    its standard deviation, and the probability that one of all would lie so far apart from the others by chance.
+    """Of one parameter: standard deviations between weeks and robots, NaN where not known; of each
+    robot (J,) mean, its standard deviation, and the probability that one of all would lie so far
+    apart from the others by chance.
     """
 
     of: Values
@@ -62,20 +68,27 @@ def values_of(rows: Iterable[Any]) -> Iterator[Values]:
     for name, own in told.items():
         robots = {robot: i for i, robot in enumerate(dict.fromkeys(row.robot for row in own))}
         at = np.array([robots[row.robot] for row in own], dtype=np.intp)
-        columns = np.array([(row.time, row.temperature, row.value, row.std) for row in own], dtype=float).T
+        columns = np.array(
+            [(row.time, row.temperature, row.value, row.std) for row in own], dtype=float
+        ).T
         yield Values(name, own[-1].label, own[-1].unit, tuple(robots), at, *columns)
 
 
 def effect_of(values: Values) -> Effect:
     """The mixed-effects view of one parameter."""
-    count, robot = len(values.robots), values.robot
+    count = len(values.robots)
+    robot = values.robot
     warm = np.isfinite(values.temperature)
-    temperature, slope, slope_std = np.where(warm, values.temperature, 0.0), 0.0, np.nan
+    temperature = np.where(warm, values.temperature, 0.0)
+    slope = 0.0
+    slope_std = np.nan
 
     def mean(weight: Floats, what: Floats) -> Floats:
         """Weighted mean of each robot (J,)."""
         total = np.bincount(robot, weight, count)
-        return np.asarray(np.bincount(robot, weight * what, count) / np.where(total > 0, total, 1.0))
+        return np.asarray(
+            np.bincount(robot, weight * what, count) / np.where(total > 0, total, 1.0)
+        )
 
     for _ in range(_ROUNDS if warm.any() else 1):
         weeks, freedom = _between_weeks(values, values.value - slope * temperature)
@@ -96,7 +109,9 @@ def effect_of(values: Values) -> Effect:
 
 
 def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
-    """Standard deviation between logs of one robot, and degrees of freedom of it; NaN, 0 where no robot has two."""
+    """Standard deviation between logs of one robot, and degrees of freedom of it; NaN, 0 where
+    no robot has two.
+    """
     from scipy.special import chdtri
 
     logs = np.bincount(values.robot, minlength=len(values.robots))
@@ -105,7 +120,11 @@ def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
     place[order] = np.arange(len(y)) - np.repeat(np.cumsum(logs) - logs, logs)
     each, std, share = np.zeros((3, logs.max(), len(logs)))
     std += 1.0
-    each[place, values.robot], std[place, values.robot], share[place, values.robot] = y, values.std, 1.0
+    each[place, values.robot], std[place, values.robot], share[place, values.robot] = (
+        y,
+        values.std,
+        1.0,
+    )
     kept = np.flatnonzero(logs > 1)
     limit = chdtri(np.maximum(logs - 1, 1), APART / max(len(kept), 1))
     while len(kept):
@@ -121,7 +140,8 @@ def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
 
 
 def _between_robots(name: str, own: Floats, std: Floats) -> tuple[float, float, Floats]:
-    """Mean of a fleet, standard deviation between its robots, and the chance of each of lying so far apart.
+    """Mean of a fleet, standard deviation between its robots, and the chance of each of lying so
+    far apart.
 
     The robot that is farthest from the others is tested, and set apart, one after the other.
     """
@@ -134,7 +154,9 @@ def _between_robots(name: str, own: Floats, std: Floats) -> tuple[float, float, 
         weight = 1 / (std[some] ** 2 + np.nan_to_num(between))
         return float((weight * own[some]).sum() / weight.sum()), 1 / float(weight.sum()), between
 
-    kept, chance, found = np.arange(len(own)), np.ones(len(own)), fitted(np.arange(len(own)))
+    kept = np.arange(len(own))
+    chance = np.ones(len(own))
+    found = fitted(np.arange(len(own)))
     while len(kept) >= max(_FEWEST, 3 * len(own) // 4):
         worst = kept[np.argmax(np.abs(own[kept] - found[0]) / np.sqrt(std[kept] ** 2 + found[2]))]
         rest = kept[kept != worst]
@@ -143,5 +165,6 @@ def _between_robots(name: str, own: Floats, std: Floats) -> tuple[float, float, 
         chance[worst] = min(1.0, len(own) * 2 * float(stdtr(len(rest) - 1, -apart)))
         if chance[worst] >= APART:
             break
-        kept, found = rest, (mean, variance, between)
+        kept = rest
+        found = (mean, variance, between)
     return found[0], float(np.sqrt(found[2])), chance

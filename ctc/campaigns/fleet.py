@@ -42,17 +42,26 @@ _HEAD = """select application_id, user_version, not exists (select * from sqlite
 _ROWS = """select robots.name, time, temperature, parameters.name, label, value, std, unit from parameters
     join identifications on identifications.id = identification join robots on robots.id = robot
     order by time, identification, place"""
-_REPLACED = "delete from identifications where id in (select identification from logs where sha256 = ?)"
+_REPLACED = (
+    "delete from identifications where id in (select identification from logs where sha256 = ?)"
+)
 _OF = """select robots.name from logs join identifications on identifications.id = identification
     join robots on robots.id = robot where sha256 = ? and robots.name != ?"""
-_IDENTIFIED = "insert into identifications select null, id, ?, ?, ?, ?, ? from robots where name = ?"
+_IDENTIFIED = (
+    "insert into identifications select null, id, ?, ?, ?, ?, ? from robots where name = ?"
+)
 _WORDS = {
-    "drive.viscous": "viscous friction", "drive.coulomb": "Coulomb friction", "drive.motor_inertia": "motor inertia",
-    "drive.motor_gain": "motor gain", "drive.curve.offset": "torque offset",
-    "drive.elasticity.stiffness": "gear stiffness", "drive.elasticity.damping": "gear damping",
+    "drive.viscous": "viscous friction",
+    "drive.coulomb": "Coulomb friction",
+    "drive.motor_inertia": "motor inertia",
+    "drive.motor_gain": "motor gain",
+    "drive.curve.offset": "torque offset",
+    "drive.elasticity.stiffness": "gear stiffness",
+    "drive.elasticity.damping": "gear damping",
     "drive.elasticity.backlash": "backlash of the gear",
-}  # fmt: skip
-LEVEL = 1e-3  # probability of a false alarm, over all parameters of a log, below which a change is called one
+}
+# probability of a false alarm, over all parameters of a log, below which a change is called one
+LEVEL = 1e-3
 
 
 _FEW = 30  # robots; of more, a log that is judged weighs little in what weeks differ by
@@ -86,8 +95,9 @@ class Fleet:
 
     Notes
     -----
-    Iterating gives the judgement of each robot's last log, the one that needs attention first in front; ``len`` is the
-    number of identifications. What is judged, and how, stands in ``docs/guides/campaigns.md``.
+    Iterating gives the judgement of each robot's last log, the one that needs attention first in
+    front; ``len`` is the number of identifications. What is judged, and how, stands in
+    ``docs/guides/campaigns.md``.
 
     See Also
     --------
@@ -115,12 +125,20 @@ class Fleet:
             with self._base() as base:
                 mark, made, fresh = base.execute(_HEAD).fetchone()
                 if fresh:
-                    base.executescript(f"{_SCHEMA} pragma application_id = {_MARK}; pragma user_version = {_FORMAT};")
+                    base.executescript(
+                        f"{_SCHEMA} pragma application_id = {_MARK}; pragma user_version ="
+                        f" {_FORMAT};"
+                    )
         except (sqlite3.DatabaseError, OSError) as error:
-            raise ValueError(f"path must be a file of a Fleet, or a new one; {self.path}: {error}. Name it.") from None
+            raise ValueError(
+                f"path must be a file of a Fleet, or a new one; {self.path}: {error}. Name it."
+            ) from None
         if not fresh and (mark != _MARK or made != _FORMAT):
             got = f"of format {made}" if mark == _MARK else "another database"
-            raise ValueError(f"path must be a file of a Fleet of format {_FORMAT}; {self.path} is {got}. Name another.")
+            raise ValueError(
+                f"path must be a file of a Fleet of format {_FORMAT}; {self.path} is {got}. Name"
+                " another."
+            )
 
     @contextlib.contextmanager
     def _base(self) -> Iterator[sqlite3.Connection]:
@@ -136,7 +154,8 @@ class Fleet:
         Parameters
         ----------
         *found : Identification, or Record and what was identified of it
-            Of `identification.identify` or `identification.fit_torque`; a record beside it says robot and time.
+            Of `identification.identify` or `identification.fit_torque`; a record beside it says
+            robot and time.
         notes : dict, optional
             ``robot``, ``time`` and ``temperature`` in place of those of the record.
 
@@ -148,21 +167,31 @@ class Fleet:
         log, source = logged(found, notes)
         sums = [fingerprint(record) for record in source.records]
         warm = log.temperature if math.isfinite(log.temperature) else None
-        texts = source.method, json.dumps(versions()), json.dumps(np.nan_to_num(source.covariance).tolist())
+        texts = (
+            source.method,
+            json.dumps(versions()),
+            json.dumps(np.nan_to_num(source.covariance).tolist()),
+        )
         labels = _labels(source.dynamics, source.names), units(source.dynamics, source.names)
         with self._base() as base:
             for known in sums:
                 for (other,) in base.execute(_OF, (known, log.robot)):
-                    raise ValueError(f"a log must be of one robot; this one is of {other!r} already. Name it so.")
+                    raise ValueError(
+                        f"a log must be of one robot; this one is of {other!r} already. Name it so."
+                    )
             base.executemany(_REPLACED, [(each,) for each in sums])
             base.execute("insert or ignore into robots (name) values (?)", (log.robot,))
             number = base.execute(_IDENTIFIED, (log.time, warm, *texts, log.robot)).lastrowid
-            rows = [(None, number, record.name, len(record), float(np.ptp(record.t)), each)
-                    for record, each in zip(source.records, sums, strict=True)]  # fmt: skip
+            rows = [
+                (None, number, record.name, len(record), float(np.ptp(record.t)), each)
+                for record, each in zip(source.records, sums, strict=True)
+            ]
             base.executemany("insert into logs values (?, ?, ?, ?, ?, ?)", rows)
             each = enumerate(zip(*labels, log.values.items(), strict=True))
-            values = [(number, i, name, label, unit, value, std if 0 < std < math.inf else None)
-                      for i, (label, unit, (name, (value, std))) in each]  # fmt: skip
+            values = [
+                (number, i, name, label, unit, value, std if 0 < std < math.inf else None)
+                for i, (label, unit, (name, (value, std))) in each
+            ]
             base.executemany("insert into parameters values (?, ?, ?, ?, ?, ?, ?)", values)
 
     def __len__(self) -> int:
@@ -178,7 +207,9 @@ class Fleet:
             return [FleetRow(*row) for row in base.execute(_ROWS)]
 
     def effects(self) -> tuple[Effect, ...]:
-        """Of each parameter: mean of the fleet, what robots and weeks differ by, slope with temperature."""
+        """Of each parameter: mean of the fleet, what robots and weeks differ by, slope with
+        temperature.
+        """
         with self._base() as base:
             state = base.execute("select count(*), max(id) from identifications").fetchone()
         if self._known[0] != state:
@@ -186,7 +217,9 @@ class Fleet:
         return self._known[1]
 
     @known_options
-    def judge(self, *found: Any, notes: Mapping[str, Any] | None = None, level: float = LEVEL) -> Judgement:
+    def judge(
+        self, *found: Any, notes: Mapping[str, Any] | None = None, level: float = LEVEL
+    ) -> Judgement:
         """A robot's new log against its own past: "same arm", or what changed.
 
         Parameters
@@ -194,33 +227,42 @@ class Fleet:
         *found, notes
             As of `add`; it need not have been added.
         level : float
-            Probability of a false alarm below which a change is called one, over all parameters of a log.
+            Probability of a false alarm below which a change is called one, over all parameters of
+            a log.
 
         Returns
         -------
         Judgement
-            ``.verdict``, ``.changes`` with their probabilities, and ``.looked``, all that was compared.
+            ``.verdict``, ``.changes`` with their probabilities, and ``.looked``, all that was
+            compared.
         """
         if not 0 < real("level", level, "Give a probability, such as 1e-3.") < 1:
-            raise ValueError(f"level must be between 0 and 1; got {level:g}. Give a probability, such as 1e-3.")
+            raise ValueError(
+                f"level must be between 0 and 1; got {level:g}. Give a probability, such as 1e-3."
+            )
         log = logged(found, notes)[0]
         return judged(log, self._before(log, self.parameters()), level)
 
     def _before(self, log: Logged, rows: Sequence[FleetRow]) -> tuple[Effect, ...]:
-        """As `effects`, of all but this log and what its robot did after it; in large fleets it hardly counts."""
+        """As `effects`, of all but this log and what its robot did after it; in large fleets it
+        hardly counts.
+        """
         past = [row for row in rows if row.robot != log.robot or row.time < log.time]
         alone = len(past) < len(rows) and len({row.robot for row in rows}) <= _FEW
         return tuple(effect_of(each) for each in values_of(past)) if alone else self.effects()
 
     def __iter__(self) -> Iterator[Judgement]:
-        last, rows = dict[str, Logged](), self.parameters()
+        last = dict[str, Logged]()
+        rows = self.parameters()
         for row in rows:
             if row.robot not in last or row.time > last[row.robot].time:
                 warm = math.nan if row.temperature is None else row.temperature
                 last[row.robot] = Logged(row.robot, row.time, warm, {})
             last[row.robot].values[row.name] = row.value, row.std or 0.0
         found = [judged(log, self._before(log, rows), LEVEL) for log in last.values()]
-        yield from sorted(found, key=lambda each: (each.looked[0].false_alarm if each.looked else 1.0, each.robot))
+        yield from sorted(
+            found, key=lambda each: (each.looked[0].false_alarm if each.looked else 1.0, each.robot)
+        )
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write `parameters` as CSV."""
@@ -236,19 +278,27 @@ class Fleet:
         except ImportError:
             raise ValueError("to_parquet needs pyarrow: pip install 'onepulse[parquet]'.") from None
         rows = [row._asdict() for row in self.parameters()]
-        kinds = {name: pyarrow.string() if kind is str else pyarrow.float64()
-                 for name, kind in FleetRow.__annotations__.items()}  # fmt: skip
+        kinds = {
+            name: pyarrow.string() if kind is str else pyarrow.float64()
+            for name, kind in FleetRow.__annotations__.items()
+        }
         stream = io.BytesIO()
         parquet.write_table(pyarrow.Table.from_pylist(rows, pyarrow.schema(kinds)), stream)
         write_whole(require_new(path, overwrite), [stream.getvalue()])
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the parameters that changed most, of the robots that need attention, over the fleet."""
+        """Draw the parameters that changed most, of the robots that need attention, over the
+        fleet.
+        """
         return plot_fleet(self.effects(), list(self), ax)
 
-    def report(self, path: str | Path, *, title: str = "Fleet of robot arms", overwrite: bool = False) -> None:
+    def report(
+        self, path: str | Path, *, title: str = "Fleet of robot arms", overwrite: bool = False
+    ) -> None:
         """Write one HTML page, whose size does not grow with the number of logs or robots."""
-        page = fleet_page(instance("title", title, str, "Give a line."), self.effects(), list(self), len(self))
+        page = fleet_page(
+            instance("title", title, str, "Give a line."), self.effects(), list(self), len(self)
+        )
         write_whole(require_new(path, overwrite), [page])
 
 

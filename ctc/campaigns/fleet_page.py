@@ -12,19 +12,30 @@ from ctc.report.page import figure, page, section
 from plant.parts.figures import BAND, colour_of, dressed, legend_above, literal, row_by_row
 from plant.parts.shown import table, text
 
-_PANELS, _CURVES, _PLACES, _FIRST = 3, 3, 60, 3  # of the figure; and logs of a robot that it is compared with
+# of the figure; and logs of a robot that it is compared with
+_PANELS = 3
+_CURVES = 3
+_PLACES = 60
+_FIRST = 3
 _ROWS = 15  # robots in a table
 _CAPTION = (
-    "Change of each robot against its own first logs: the band holds nine in ten of all robots, curves with 95 % "
-    "intervals, if there are any, are the robots that need attention first."
+    "Change of each robot against its own first logs: the band holds nine in ten of all robots,"
+    " curves with 95 % intervals, if there are any, are the robots that need attention first."
 )
 
 
 @literal
-def plot_fleet(effects: Sequence[Effect], order: Sequence[Judgement], ax: Any = None) -> NDArray[Any]:
+def plot_fleet(
+    effects: Sequence[Effect], order: Sequence[Judgement], ax: Any = None
+) -> NDArray[Any]:
     """The parameters that changed most, over time; Axes (panels, 1)."""
-    surest = sorted((each for judgement in order for each in judgement.looked), key=lambda each: each.false_alarm)
-    names = [*dict.fromkeys([*(each.name for each in surest), *(effect.of.name for effect in effects)])][:_PANELS]
+    surest = sorted(
+        (each for judgement in order for each in judgement.looked),
+        key=lambda each: each.false_alarm,
+    )
+    names = [
+        *dict.fromkeys([*(each.name for each in surest), *(effect.of.name for effect in effects)])
+    ][:_PANELS]
     if not names:
         raise ValueError("the fleet must hold identifications; it is empty. Add some first.")
     shown = [judgement.robot for judgement in order if judgement.changes][:_CURVES]
@@ -40,7 +51,8 @@ def _panel(axis: Any, effect: Effect, shown: Sequence[str]) -> None:
     of = effect.of
     known = np.median(np.abs(of.value)) > 3 * np.median(of.std)
     dressed(axis, of.label).set_ylabel("change [%]" if known else f"change [{of.unit}]")
-    change, std = np.empty_like(of.value), np.empty_like(of.value)
+    change = np.empty_like(of.value)
+    std = np.empty_like(of.value)
     for robot in range(len(of.robots)):
         own = np.flatnonzero(of.robot == robot)
         first = of.value[own[:_FIRST]].mean()
@@ -59,8 +71,17 @@ def _panel(axis: Any, effect: Effect, shown: Sequence[str]) -> None:
             at = [p for p in places if (own & (place == p)).any()]
             middle = np.array([change[own & (place == p)].mean() for p in at])
             wide = np.array([1.96 * std[own & (place == p)].mean() for p in at])
-            axis.errorbar(when[np.isin(places, at)], middle, wide, color=colour_of(i), marker="o", markersize=3,
-                          linewidth=1.2, elinewidth=0.7, label=name)  # fmt: skip
+            axis.errorbar(
+                when[np.isin(places, at)],
+                middle,
+                wide,
+                color=colour_of(i),
+                marker="o",
+                markersize=3,
+                linewidth=1.2,
+                elinewidth=0.7,
+                label=name,
+            )
     axis.tick_params(axis="x", labelsize=7)
 
 
@@ -68,46 +89,74 @@ def fleet_page(title: str, effects: Sequence[Effect], order: Sequence[Judgement]
     """The page."""
     if not effects:
         raise ValueError("the fleet must hold identifications; it is empty. Add some first.")
-    ends = [day_of(time) for each in effects[:1] for time in (each.of.time.min(), each.of.time.max())]
+    ends = [
+        day_of(time) for each in effects[:1] for time in (each.of.time.min(), each.of.time.max())
+    ]
     subtitle = f"{len(order)} robots, {logs} identifications, {ends[0]} to {ends[1]}"
     return page(title, subtitle, _parts(effects, order))
 
 
 def _parts(effects: Sequence[Effect], order: Sequence[Judgement]) -> Iterator[str]:
     changed = [each for each in order if each.changes]
-    lines = [f'<li class="bad"><b>✗ {text(each.robot)}, {each.day}</b>{text(each.verdict)}</li>'
-             for each in changed[:_ROWS]]  # fmt: skip
+    lines = [
+        f'<li class="bad"><b>✗ {text(each.robot)}, {each.day}</b>{text(each.verdict)}</li>'
+        for each in changed[:_ROWS]
+    ]
     unknown = sum(bool(each.unknown) for each in order)
-    rest = f"{len(order) - len(changed) - unknown} of {len(order)} robots: the last log shows the same arm"
+    rest = (
+        f"{len(order) - len(changed) - unknown} of {len(order)} robots: the last log shows the"
+        " same arm"
+    )
     rest += f"; {unknown} cannot be judged yet." if unknown else "."
     more = f" {len(changed) - _ROWS} more changed." * (len(changed) > _ROWS)
     lines.append(f'<li class="good"><b>✓ {text(rest + more)}</b></li>')
     level = order[0].level
-    said = f"Each robot's last log against its own past, at a probability of a false alarm of {level:g} a log."
-    yield section("What needs attention first", '<ul class="verdict">', *lines, "</ul>", f"<p>{said}</p>")
+    said = (
+        "Each robot's last log against its own past, at a probability of a false alarm of"
+        f" {level:g} a log."
+    )
+    yield section(
+        "What needs attention first", '<ul class="verdict">', *lines, "</ul>", f"<p>{said}</p>"
+    )
     yield section("Changes", figure(plot_fleet(effects, order), "changes of the fleet", _CAPTION))
-    rows = [(each.robot, each.day, each.looked[0] if each.looked else each.unknown,
-             chance_of(each.looked[0].false_alarm) if each.looked else "") for each in order[:_ROWS]]  # fmt: skip
+    rows = [
+        (
+            each.robot,
+            each.day,
+            each.looked[0] if each.looked else each.unknown,
+            chance_of(each.looked[0].false_alarm) if each.looked else "",
+        )
+        for each in order[:_ROWS]
+    ]
     head = ("robot", "last log", "surest change", "probability of a false alarm")
     yield section("Robots", table(head, rows, words=(0, 1, 2)), _first_of(len(order)))
-    parts = table(_HEAD, [_row(each) for each in effects]), f"<p>{text(_MEANING)}</p>", *_apart(effects)
+    parts = (
+        table(_HEAD, [_row(each) for each in effects]),
+        f"<p>{text(_MEANING)}</p>",
+        *_apart(effects),
+    )
     yield section("The fleet", *parts)
 
 
 _HEAD = ("", "mean", "unit", "robots differ by", "weeks of a robot by", "per °C, 95 % from", "to")
 _MEANING = (
-    "Standard deviations, by restricted maximum likelihood; a slope with temperature is of logs of one robot at "
-    "several temperatures, and is taken out before a log is judged."
+    "Standard deviations, by restricted maximum likelihood; a slope with temperature is of logs of"
+    " one robot at several temperatures, and is taken out before a log is judged."
 )
 
 
 def _row(effect: Effect) -> tuple[str, ...]:
-    scale, unit = (100 / abs(effect.mean), " %") if abs(effect.mean) > np.median(effect.std) else (1.0, "")
+    scale, unit = (
+        (100 / abs(effect.mean), " %") if abs(effect.mean) > np.median(effect.std) else (1.0, "")
+    )
     slope = ("", "")
     if np.isfinite(effect.slope):
         ends = effect.slope + 1.96 * effect.slope_std * np.array([-1, 1])
         slope = tuple(f"{scale * each:+.2g}{unit}" for each in ends)  # type: ignore[assignment]  # two of them
-    spread = [f"{scale * each:.2g}{unit}" if np.isfinite(each) else "" for each in (effect.robots, effect.weeks)]
+    spread = [
+        f"{scale * each:.2g}{unit}" if np.isfinite(each) else ""
+        for each in (effect.robots, effect.weeks)
+    ]
     return (effect.of.label, f"{effect.mean:.4g}", effect.of.unit, *spread, *slope)
 
 
@@ -119,12 +168,17 @@ def _apart(effects: Sequence[Effect]) -> Iterator[str]:
         for j, chance in enumerate(effect.apart * len(effects))
         if chance < APART
     )
-    rows = [(robot, label, f"{own:.4g}", f"{mean:.4g}", chance_of(chance)) for chance, robot, label, own, mean in found]
+    rows = [
+        (robot, label, f"{own:.4g}", f"{mean:.4g}", chance_of(chance))
+        for chance, robot, label, own, mean in found
+    ]
     yield "<h3>Robots unlike the others</h3>"
     if not rows:
         yield "<p>None.</p>"
     else:
-        yield table(("robot", "", "its mean", "the fleet's", "false alarm"), rows[:_ROWS], words=(0, 1))
+        yield table(
+            ("robot", "", "its mean", "the fleet's", "false alarm"), rows[:_ROWS], words=(0, 1)
+        )
         yield _first_of(len(rows))
 
 

@@ -1,4 +1,6 @@
-"""A robot's log against its own past: which parameters changed, each with its probability of a false alarm."""
+"""A robot's log against its own past: which parameters changed, each with its probability of a
+false alarm.
+"""
 
 import contextlib
 import dataclasses
@@ -18,15 +20,22 @@ from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_NOTES = 'Give notes={"robot": "cell_7", "time": "2026-05-12"}; of files, or in a plan, notes="{robot}_{time}".'
-_EARLIEST, _LATEST = 1e8, 1e11  # Unix s: neither parts of a date nor milliseconds
+_NOTES = (
+    'Give notes={"robot": "cell_7", "time": "2026-05-12"}; of files, or in a plan,'
+    ' notes="{robot}_{time}".'
+)
+# Unix s: neither parts of a date nor milliseconds
+_EARLIEST = 1e8
+_LATEST = 1e11
 _TAIL = 1e-6  # probability below which none is told
 _LINE = 3  # logs before it from which on a line is laid through a robot's
 _KNOWN = 3.0  # standard deviations of the past from which on a change is told as a share of it
 
 
 class Logged(NamedTuple):
-    """What one identification says of a robot at a time [Unix s]; `temperature` NaN where not known."""
+    """What one identification says of a robot at a time [Unix s]; `temperature` NaN where not
+    known.
+    """
 
     robot: str
     time: float
@@ -45,33 +54,58 @@ class Source(NamedTuple):
 
 
 def logged(found: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Logged, Source]:
-    """What `Fleet` takes: an Identification, or a record and what was identified of it, with notes of both."""
-    fit, advice = found[-1] if found else None, "Give found, or record and found."
+    """What `Fleet` takes: an Identification, or a record and what was identified of it, with
+    notes of both.
+    """
+    fit = found[-1] if found else None
+    advice = "Give found, or record and found."
     beside = len(found) == 2 and isinstance(found[0], Record)
     if isinstance(fit, Identification) and (beside or len(found) == 1):
         if fit.covariance is None:
             why = fit.fit.fallback_reason or f"method {fit.search.method!r} gives none"
-            raise ValueError(f"found must have a covariance; it has none: {why}. Identify with method 'seeded'.")
+            raise ValueError(
+                f"found must have a covariance; it has none: {why}. Identify with method 'seeded'."
+            )
         own = fit.arm.dynamics, fit.search.method, tuple(fit.fit.unknown), fit.covariance
-        values, records = fit.fit.values, fit.records
+        values = fit.fit.values
+        records = fit.records
     elif isinstance(fit, TorqueFit) and beside:
-        own, values, records = (fit.dynamics, "fit_torque", fit.names, fit.covariance), fit.values, ()
+        own = (fit.dynamics, "fit_torque", fit.names, fit.covariance)
+        values = fit.values
+        records = ()
     else:
         got = ", ".join(type(each).__name__ for each in found) or "nothing"
-        raise ValueError(f"a fleet takes what identify found, or a Record and what was found; got {got}. {advice}")
+        raise ValueError(
+            f"a fleet takes what identify found, or a Record and what was found; got {got}."
+            f" {advice}"
+        )
     records = (found[0],) if beside else records
     said = [{**(record.notes or {}), **(notes or {})} for record in records]
     robots = {str(each.get("robot", "")) for each in said}
     missing = "robot" if robots == {""} else "time" if "time" not in said[0] else ""
     if missing:
-        raise ValueError(f"the record must have notes of robot and time; {missing} is missing. {_NOTES}")
+        raise ValueError(
+            f"the record must have notes of robot and time; {missing} is missing. {_NOTES}"
+        )
     if len(robots) > 1:
-        raise ValueError(f"records must be of one robot; got {', '.join(sorted(robots))}. Identify each by itself.")
-    warm = [real("temperature", each["temperature"], "Give °C.") for each in said if "temperature" in each]
+        raise ValueError(
+            f"records must be of one robot; got {', '.join(sorted(robots))}. Identify each by"
+            " itself."
+        )
+    warm = [
+        real("temperature", each["temperature"], "Give °C.")
+        for each in said
+        if "temperature" in each
+    ]
     std = np.sqrt(np.diag(own[-1]))
-    known = {name: (value, s) for name, value, s in zip(own[2], values.tolist(), std.tolist(), strict=True)}
+    known = {
+        name: (value, s)
+        for name, value, s in zip(own[2], values.tolist(), std.tolist(), strict=True)
+    }
     temperature = float(np.mean(warm)) if warm else np.nan
-    return Logged(robots.pop(), seconds_of(said[0]["time"]), temperature, known), Source(tuple(records), *own)
+    return Logged(robots.pop(), seconds_of(said[0]["time"]), temperature, known), Source(
+        tuple(records), *own
+    )
 
 
 def seconds_of(time: Any) -> float:
@@ -84,12 +118,15 @@ def seconds_of(time: Any) -> float:
     with contextlib.suppress(TypeError, ValueError):
         if _EARLIEST <= float(time) < _LATEST:
             return float(time)
-    raise ValueError(f"time must be Unix seconds after 1973, or a date such as 2026-05-12; got {time!r:.40}. Give one.")
+    raise ValueError(
+        f"time must be Unix seconds after 1973, or a date such as 2026-05-12; got {time!r:.40}."
+        " Give one."
+    )
 
 
 class Change(NamedTuple):
-    """A parameter now and before, or, where it drifts, at the robot's first log, a time [Unix s]; `std` of the
-    difference, and the probability of a false alarm.
+    """A parameter now and before, or, where it drifts, at the robot's first log, a time [Unix s];
+    `std` of the difference, and the probability of a false alarm.
     """
 
     name: str
@@ -105,8 +142,14 @@ class Change(NamedTuple):
         by = abs(self.after) - abs(self.before)
         said = "" if self.since is None else f" since {day_of(self.since)}"
         if abs(self.before) > _KNOWN * self.std:
-            return f"{self.label} {'up' if by > 0 else 'down'} {100 * abs(by / self.before):.2g} %{said}"
-        return f"{self.label} changed by {f'{self.after - self.before:+.2g} {self.unit}'.rstrip()}{said}"
+            return (
+                f"{self.label} {'up' if by > 0 else 'down'} {100 * abs(by / self.before):.2g}"
+                f" %{said}"
+            )
+        return (
+            f"{self.label} changed by"
+            f" {f'{self.after - self.before:+.2g} {self.unit}'.rstrip()}{said}"
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -119,9 +162,10 @@ class Judgement(Shown):
     time : float
         Of the log [Unix s].
     looked : tuple of Change
-        Of all parameters that can be compared, the surest change first: against the mean of the past, or along a line
-        through all logs, whichever is surer. The probability of a false alarm is that of a change so large by chance in
-        any of them: Student's, of noise and of what weeks differ by, times the number of tests.
+        Of all parameters that can be compared, the surest change first: against the mean of the
+        past, or along a line through all logs, whichever is surer. The probability of a false alarm
+        is that of a change so large by chance in any of them: Student's, of noise and of what weeks
+        differ by, times the number of tests.
     changes : tuple of Change
         Those below `level`.
     level : float
@@ -147,7 +191,9 @@ class Judgement(Shown):
             return f"not judged: {self.unknown}"
         if not self.changes:
             return "same arm"
-        return ", ".join(f"{change} (false alarm {chance_of(change.false_alarm)})" for change in self.changes)
+        return ", ".join(
+            f"{change} (false alarm {chance_of(change.false_alarm)})" for change in self.changes
+        )
 
     @property
     def day(self) -> str:
@@ -158,14 +204,24 @@ class Judgement(Shown):
         return f"{self.robot}: {self.verdict}"
 
     def _shown(self) -> Iterator[Piece]:
-        yield Verdict(f"{self.robot}, {self.day}: {self.verdict}", None if self.unknown else not self.changes)
+        yield Verdict(
+            f"{self.robot}, {self.day}: {self.verdict}", None if self.unknown else not self.changes
+        )
         rows = [
-            (each.label, f"{each.before:.4g}", f"{each.after:.4g}", each.unit,
-             f"{(each.after - each.before) / each.std:+.1f}", chance_of(each.false_alarm))
+            (
+                each.label,
+                f"{each.before:.4g}",
+                f"{each.after:.4g}",
+                each.unit,
+                f"{(each.after - each.before) / each.std:+.1f}",
+                chance_of(each.false_alarm),
+            )
             for each in self.looked
-        ]  # fmt: skip
+        ]
         if rows:
-            yield Table(("", "before", "now", "unit", "in standard deviations", "false alarm"), rows)
+            yield Table(
+                ("", "before", "now", "unit", "in standard deviations", "false alarm"), rows
+            )
 
 
 def chance_of(probability: float) -> str:
@@ -180,7 +236,8 @@ def day_of(time: float) -> str:
 
 def judged(log: Logged, effects: Sequence[Effect], level: float) -> Judgement:
     """A log against those of the same robot before it."""
-    tests, unknown = list[Change](), "it has no log before this one of the same parameters"
+    tests = list[Change]()
+    unknown = "it has no log before this one of the same parameters"
     for effect in effects:
         of = effect.of
         if log.robot not in of.robots or not 0 < log.values.get(of.name, (0.0, 0.0))[1] < np.inf:
@@ -192,36 +249,54 @@ def judged(log: Logged, effects: Sequence[Effect], level: float) -> Judgement:
             unknown = "no robot has two logs yet, so what weeks differ by is not known"
     surest = dict[str, Change]()
     for each in sorted(tests, key=lambda each: each.false_alarm):
-        surest.setdefault(each.name, each._replace(false_alarm=min(1.0, len(tests) * each.false_alarm)))
+        surest.setdefault(
+            each.name, each._replace(false_alarm=min(1.0, len(tests) * each.false_alarm))
+        )
     said = "" if surest else unknown
-    return Judgement(robot=log.robot, time=log.time, looked=tuple(surest.values()), level=level, unknown=said)
+    return Judgement(
+        robot=log.robot, time=log.time, looked=tuple(surest.values()), level=level, unknown=said
+    )
 
 
 def _tests(log: Logged, effect: Effect, past: NDArray[np.bool_]) -> Iterator[Change]:
-    """One parameter against its past (M,), at the temperature of the new log where all are known."""
+    """One parameter against its past (M,), at the temperature of the new log where all are
+    known.
+    """
     of = effect.of
     (value, std), weight = log.values[of.name], 1 / (of.std[past] ** 2 + effect.weeks**2)
-    warmer, y = log.temperature - of.temperature[past], of.value[past]
+    warmer = log.temperature - of.temperature[past]
+    y = of.value[past]
     cold = not (np.isfinite(effect.slope) and np.isfinite(warmer).all())
     y, own = (y, 0.0) if cold else (y + effect.slope * warmer, effect.slope_std)
-    total, now = float(weight.sum()), 1 / (std**2 + effect.weeks**2)
+    total = float(weight.sum())
+    now = 1 / (std**2 + effect.weeks**2)
     before = float((weight * y).sum()) / total
-    variance = 1 / now + 1 / total + (0.0 if cold else own * float((weight * warmer).sum()) / total) ** 2
+    variance = (
+        1 / now + 1 / total + (0.0 if cold else own * float((weight * warmer).sum()) / total) ** 2
+    )
     yield _change(effect, before, value, float(np.sqrt(variance)))
     if len(y) < _LINE:
         return
     time = np.append(of.time[past], log.time)
-    y, weight = np.append(y, value), np.append(weight, now)
-    lasts, time = np.ptp(time), time - (weight * time).sum() / weight.sum()
+    y = np.append(y, value)
+    weight = np.append(weight, now)
+    lasts = np.ptp(time)
+    time = time - (weight * time).sum() / weight.sum()
     lever = weight * time / (weight * time**2).sum() * lasts
-    by, middle = float((lever * y).sum()), float((weight * y).sum() / weight.sum())
-    begin, apart = middle + by * time.min() / lasts, 0.0 if cold else own * float((lever[:-1] * warmer).sum())
+    by = float((lever * y).sum())
+    middle = float((weight * y).sum() / weight.sum())
+    begin = middle + by * time.min() / lasts
+    apart = 0.0 if cold else own * float((lever[:-1] * warmer).sum())
     variance = float((lever**2 / weight).sum()) + apart**2
     yield _change(effect, begin, begin + by, float(np.sqrt(variance)), float(of.time[past].min()))
 
 
-def _change(effect: Effect, before: float, after: float, std: float, since: float | None = None) -> Change:
+def _change(
+    effect: Effect, before: float, after: float, std: float, since: float | None = None
+) -> Change:
     from scipy.special import stdtr
 
     chance = 2 * float(stdtr(effect.freedom, -abs(after - before) / std))
-    return Change(effect.of.name, effect.of.label, effect.of.unit, before, after, std, chance, since)
+    return Change(
+        effect.of.name, effect.of.label, effect.of.unit, before, after, std, chance, since
+    )

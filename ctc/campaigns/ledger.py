@@ -1,10 +1,11 @@
 """What a campaign has finished: in memory, or in a folder that outlives the process.
 
-The folder has ``ledger.sqlite`` and ``results/``. Table ``campaign`` (key, value) holds format, versions and processor;
-table ``tasks`` one row per task that was begun: ``number`` (place in the order given), ``name``, ``work`` (SHA-256 of
-function and arguments), ``state`` (open, done, failed), ``seconds`` (from its beginning to its end, waiting included),
-``error``, and of results ``file`` (written by their `save`, relative to the folder) or ``value`` (JSON). The
-coordinator alone writes; other tools may read at any time.
+The folder has ``ledger.sqlite`` and ``results/``. Table ``campaign`` (key, value) holds format,
+versions and processor; table ``tasks`` one row per task that was begun: ``number`` (place in the
+order given), ``name``, ``work`` (SHA-256 of function and arguments), ``state`` (open, done,
+failed), ``seconds`` (from its beginning to its end, waiting included), ``error``, and of results
+``file`` (written by their `save`, relative to the folder) or ``value`` (JSON). The coordinator
+alone writes; other tools may read at any time.
 """
 
 import contextlib
@@ -62,7 +63,9 @@ def _twice(name: str) -> ValueError:
 
 
 class Ledger:
-    """In a folder, made if it is not there; use it in a ``with`` statement. `work` of a task is its SHA-256."""
+    """In a folder, made if it is not there; use it in a ``with`` statement. `work` of a task is
+    its SHA-256.
+    """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = path_of("folder", folder)
@@ -72,7 +75,8 @@ class Ledger:
     def __enter__(self) -> "Ledger":
         with self._writing():
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = sqlite3.connect(self.folder / "lock.sqlite", timeout=0)  # ends with the process that holds it
+            # ends with the process that holds it
+            self._lock = sqlite3.connect(self.folder / "lock.sqlite", timeout=0)
             try:
                 self._lock.execute("begin exclusive")
             except sqlite3.OperationalError:
@@ -88,15 +92,23 @@ class Ledger:
         return self
 
     def _open(self) -> None:
-        head = {"format": _FORMAT, "versions": json.dumps(versions()), "processor": get_host_cpu_name()}
+        head = {
+            "format": _FORMAT,
+            "versions": json.dumps(versions()),
+            "processor": get_host_cpu_name(),
+        }
         try:
             self._base.execute("pragma journal_mode = wal")
             self._base.execute("pragma synchronous = normal")
-            self._base.execute("create table if not exists campaign (key text primary key, value text not null)")
+            self._base.execute(
+                "create table if not exists campaign (key text primary key, value text not null)"
+            )
             self._base.execute(_TASKS)
             held = dict(self._base.execute("select key, value from campaign"))
         except sqlite3.DatabaseError as error:
-            raise ValueError(f"{self.path} must be a ledger of campaign; {error}. Give another folder.") from None
+            raise ValueError(
+                f"{self.path} must be a ledger of campaign; {error}. Give another folder."
+            ) from None
         for key, value in head.items():
             if held.setdefault(key, value) != value:
                 got = f"{value:.200}; got {held[key]:.200}"
@@ -114,24 +126,38 @@ class Ledger:
         except (OSError, sqlite3.OperationalError) as error:
             said = error.strerror if isinstance(error, OSError) else error
             kept = "What was finished is kept: make room, or give access, and call again."
-            raise ValueError(f"folder {self.folder} must be one that can be written; {said}. {kept}") from None
+            raise ValueError(
+                f"folder {self.folder} must be one that can be written; {said}. {kept}"
+            ) from None
 
     def begins(self, number: int, name: str, work: Any) -> bool:
-        """Whether a task is still to be done; another than that of before at this place is refused."""
+        """Whether a task is still to be done; another than that of before at this place is
+        refused.
+        """
         query = "select name, work, state, file from tasks where number = ?"
-        self._given, held = max(self._given, number + 1), self._base.execute(query, (number,)).fetchone()
+        self._given, held = (
+            max(self._given, number + 1),
+            self._base.execute(query, (number,)).fetchone(),
+        )
         if held is None:
             with self._writing():
                 try:
-                    self._base.execute("insert into tasks (number, name, work, began) values (?, ?, ?, ?)",
-                                       (number, name, work, time.time()))  # fmt: skip
+                    self._base.execute(
+                        "insert into tasks (number, name, work, began) values (?, ?, ?, ?)",
+                        (number, name, work, time.time()),
+                    )
                 except sqlite3.IntegrityError:
                     raise _twice(name) from None
             return True
         if held[:2] != (name, work):
             what = f"{held[0]!r:.80}" if held[0] != name else "other work of this name"
-            differs = f"its task {number} is {what}, got {name!r:.80}. Give the same tasks in the same order"
-            raise ValueError(f"folder {self.folder} must be of the same campaign; {differs}, or another folder.")
+            differs = (
+                f"its task {number} is {what}, got {name!r:.80}. Give the same tasks in the same"
+                " order"
+            )
+            raise ValueError(
+                f"folder {self.folder} must be of the same campaign; {differs}, or another folder."
+            )
         return held[2] != "done" or not (held[3] is None or (self.folder / held[3]).is_file())
 
     def done(self, number: int, name: str, result: Any) -> Any:
@@ -156,36 +182,48 @@ class Ledger:
     def _end(self, number: int, *ends: Any) -> None:
         with self._writing():
             self._base.execute(
-                "update tasks set state = ?, error = ?, file = ?, value = ?, seconds = ? - began where number = ?",
+                "update tasks set state = ?, error = ?, file = ?, value = ?, seconds = ? - began"
+                " where number = ?",
                 (*ends, time.time(), number),
             )
 
     def ended(self, state: str) -> Mapping[str, Any]:
-        """Name -> result of those that are done, or why it failed; read from the folder when it is asked for."""
+        """Name -> result of those that are done, or why it failed; read from the folder when it
+        is asked for.
+        """
         return _Rows(self.path, state, self._given)
 
 
 def rows_of(path: Path, query: str, *values: Any) -> Iterator[tuple[Any, ...]]:
     """Rows of a ledger, which is only read."""
     try:
-        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+        with contextlib.closing(
+            sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+        ) as base:
             yield from base.execute(query, values)
     except sqlite3.DatabaseError as error:
-        raise ValueError(f"{path} must be a ledger of campaign; {error}. Give another folder.") from None
+        raise ValueError(
+            f"{path} must be a ledger of campaign; {error}. Give another folder."
+        ) from None
 
 
 class _Rows(Mapping[str, Any]):
     """Rows of one state, in the order of the tasks, of the first that many."""
 
     def __init__(self, path: Path, state: str, given: int) -> None:
-        self._path, self._those = path, (state, given)
+        self._path = path
+        self._those = (state, given)
 
     def __getitem__(self, name: str) -> Any:
         query = "select error, file, value from tasks where state = ? and number < ? and name = ?"
         for error, file, value in rows_of(self._path, query, *self._those, name):
             if error is not None:
                 return error
-            return from_plain(parsed(value.encode())) if file is None else Saved.load(self._path.parent / file)
+            return (
+                from_plain(parsed(value.encode()))
+                if file is None
+                else Saved.load(self._path.parent / file)
+            )
         raise KeyError(name)
 
     def __iter__(self) -> Iterator[str]:

@@ -20,14 +20,15 @@ from plant.simulation.population import Runs
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Certificates(Certified, Mapping[str, Certificate]):
-    """Probability of exceeding a pulse limit in a set of motions: name -> `Certificate`. Print it for a table.
+    """Probability of exceeding a pulse limit in a set of motions: name -> `Certificate`. Print it
+    for a table.
 
-    Every sample makes every motion; `failures`, `probability`, `upper` and `sensitivities` are of those that exceed the
-    limit in any of them. `Certificate.load` reads its files, too.
+    Every sample makes every motion; `failures`, `probability`, `upper` and `sensitivities` are of
+    those that exceed the limit in any of them. `Certificate.load` reads its files, too.
 
-    `law`, `plants`, `within`, `confidence`, `threads`, `seconds`, `versions`: as of `Certificate`. `motions`: of each
-    certificate: reference, runs, settings, and what the logs show beside the motion. `rare`: of failures in any of the
-    motions.
+    `law`, `plants`, `within`, `confidence`, `threads`, `seconds`, `versions`: as of `Certificate`.
+    `motions`: of each certificate: reference, runs, settings, and what the logs show beside the
+    motion. `rare`: of failures in any of the motions.
     """
 
     _read_by: ClassVar[tuple[type, ...]] = (Certificate,)
@@ -36,7 +37,9 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     @functools.cached_property
     def _each(self) -> dict[str, Certificate]:
-        same = {field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)} | {"rare": None}
+        same = {
+            field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)
+        } | {"rare": None}
         return {
             name: Certificate(reference=path, runs=runs, settings=settings, seen=seen, **same)
             for name, (path, runs, settings, seen) in self.motions.items()
@@ -59,11 +62,16 @@ class Certificates(Certified, Mapping[str, Certificate]):
     @property
     def settings(self) -> dict[str, Any]:  # type: ignore[override]  # follows from the motions
         """``steps_per_sample``, and the largest ``after``."""
-        return {**self[self.worst].settings, "after": max(each.settings["after"] for each in self.values())}
+        return {
+            **self[self.worst].settings,
+            "after": max(each.settings["after"] for each in self.values()),
+        }
 
     @property
     def worst(self) -> str:
-        """Name of the motion in which the most samples exceed the limit; among equals, that with the largest error."""
+        """Name of the motion in which the most samples exceed the limit; among equals, that with
+        the largest error.
+        """
         return max(self, key=lambda name: (self[name].failures, self[name].runs.unrounded.max()))
 
     @property
@@ -73,12 +81,16 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     @property
     def holds(self) -> bool:
-        """Whether no sample exceeds the limit in any motion, nor the nominal arm from rest, and as `Certificate`."""
+        """Whether no sample exceeds the limit in any motion, nor the nominal arm from rest, and
+        as `Certificate`.
+        """
         return all(each.holds for each in self.values()) and (self.rare is None or self.rare.met)
 
     @property
     def lowest_resonance(self) -> float | None:
-        """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on gears, in all motions."""
+        """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on
+        gears, in all motions.
+        """
         found = [hz for hz in (each.lowest_resonance for each in self.values()) if hz is not None]
         return max(found, default=None)
 
@@ -91,7 +103,10 @@ class Certificates(Certified, Mapping[str, Certificate]):
     def from_hold(self, *, samples: int | None = None) -> "Certificates":
         """`Certificate.from_hold` of every motion."""
         held = {name: each.from_hold(samples=samples) for name, each in self.items()}
-        motions = {name: (each.reference, each.runs, each.settings, each.seen) for name, each in held.items()}
+        motions = {
+            name: (each.reference, each.runs, each.settings, each.seen)
+            for name, each in held.items()
+        }
         return dataclasses.replace(self, plants=held[self.worst].plants, motions=motions, rare=None)
 
     def _shown(self) -> Iterator[Piece]:

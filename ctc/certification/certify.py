@@ -1,8 +1,10 @@
-"""Monte Carlo probability that an arm exceeds a pulse limit under a controller, given its parameters' uncertainty.
+"""Monte Carlo probability that an arm exceeds a pulse limit under a controller, given its
+parameters' uncertainty.
 
-A controller is designed for one estimate, and the arm differs from it. Arms are sampled from the uncertainty
-(`ctc.certification.uncertainty`), each is simulated under the controller (`plant.simulation.population`), and those
-that exceed the limit are counted (`ctc.certification.certified`). It holds for the uncertainty that was sampled alone.
+A controller is designed for one estimate, and the arm differs from it. Arms are sampled from the
+uncertainty (`ctc.certification.uncertainty`), each is simulated under the controller
+(`plant.simulation.population`), and those that exceed the limit are counted
+(`ctc.certification.certified`). It holds for the uncertainty that was sampled alone.
 """
 
 import dataclasses
@@ -36,23 +38,44 @@ Motions = Reference | Mapping[str, Reference]
 class Task:
     """Arguments of `certify` and `tune`, `work`, checked; `laws` are those that the user gave.
 
-    `motions` is name -> (reference, duration [s]); a reference alone has the name "". `checkpoint` is bound to all that
-    decides the result, and `settings` of the work.
+    `motions` is name -> (reference, duration [s]); a reference alone has the name "". `checkpoint`
+    is bound to all that decides the result, and `settings` of the work.
     """
 
     def __init__(
-        self, work: str, found: Identification | Arm, rig: Rig, laws: tuple[Law, ...], reference: Motions,
-        uncertainty: Uncertainty | None, *, within: float, after: float | None, duration: float | None, samples: int,
-        seed: int, threads: int | None, progress: bool, checkpoint: str | Path | Checkpoint | None,
-        steps_per_sample: int, executor: Any, settings: tuple[Any, ...] = (), inputs: Mapping[str, Any] = {},
-    ) -> None:  # fmt: skip
+        self,
+        work: str,
+        found: Identification | Arm,
+        rig: Rig,
+        laws: tuple[Law, ...],
+        reference: Motions,
+        uncertainty: Uncertainty | None,
+        *,
+        within: float,
+        after: float | None,
+        duration: float | None,
+        samples: int,
+        seed: int,
+        threads: int | None,
+        progress: bool,
+        checkpoint: str | Path | Checkpoint | None,
+        steps_per_sample: int,
+        executor: Any,
+        settings: tuple[Any, ...] = (),
+        inputs: Mapping[str, Any] = {},
+    ) -> None:
         if executor is not None and checkpoint is not None:
-            raise ValueError("checkpoint must be left out with an executor; got both. Or use campaign(folder=).")
+            raise ValueError(
+                "checkpoint must be left out with an executor; got both. Or use campaign(folder=)."
+            )
         order = f"The order is found, rig, {'law, ' if laws else ''}reference, uncertainty."
         instance("rig", rig, Rig, order)
         for law in laws:
             if instance("law", law, Law, order).replays:
-                raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use another.")
+                raise ValueError(
+                    f"the law must be a controller; {type(law).__name__} repeats a log. Use"
+                    " another."
+                )
         motions = motions_of(getattr(found, "arm", found), rig, reference, order)
         whole("samples", samples, "Leave it out.")
         self.seed = whole("seed", seed, "Leave it out.", least=0)
@@ -62,84 +85,158 @@ class Task:
         for name, motion in motions.items():
             lasts = motion.duration if duration is None else duration
             with naming(name):
-                lasts = real("duration", lasts, "Leave it out for one period of the reference.", positive=True)
-                if after is not None and not 0 <= real("after", after, "Give seconds, or 0.") < lasts:
+                lasts = real(
+                    "duration",
+                    lasts,
+                    "Leave it out for one period of the reference.",
+                    positive=True,
+                )
+                if (
+                    after is not None
+                    and not 0 <= real("after", after, "Give seconds, or 0.") < lasts
+                ):
                     raise ValueError(
-                        f"after must be from 0 to below the duration {lasts:g} s; got {after:g}. Give less."
+                        f"after must be from 0 to below the duration {lasts:g} s; got {after:g}."
+                        " Give less."
                     )
             self.motions[name] = motion, lasts
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
-        instance("uncertainty", self.uncertainty, Uncertainty, "Give Uncertainty(friction=0.1, ...).")
+        instance(
+            "uncertainty", self.uncertainty, Uncertainty, "Give Uncertainty(friction=0.1, ...)."
+        )
         if self.uncertainty.resonance is not None:
             require_followed("resonance", self.uncertainty.resonance, rig.period / steps_per_sample)
         if isinstance(found, Identification):
             warn_of_doubts(found, work)
-        self.found, self.rig, self.progress, self.several = found, rig, progress, isinstance(reference, Mapping)
+        self.found, self.rig, self.progress, self.several = (
+            found,
+            rig,
+            progress,
+            isinstance(reference, Mapping),
+        )
         self.first = next(iter(motions.values()))
         inputs = {
-            "identification": found, "rig": rig, **inputs, "reference": motions if self.several else reference,
-            "seed": self.seed, "uncertainty": self.uncertainty,
+            "identification": found,
+            "rig": rig,
+            **inputs,
+            "reference": motions if self.several else reference,
+            "seed": self.seed,
+            "uncertainty": self.uncertainty,
             "settings": (self.within, steps_per_sample, duration, after, *settings),
-        }  # fmt: skip
+        }
         self.checkpoint = Checkpoint(checkpoint, work).bind(lambda: inputs)
 
     def sampled(self, count: int, further: int = 0, normals: Any = None) -> Plants:
-        """Monte Carlo samples, the same for all motions; resonances are those at the pose where the first begins."""
+        """Monte Carlo samples, the same for all motions; resonances are those at the pose where
+        the first begins.
+        """
         pose = self.first(np.zeros(1)).q[0]
         return draw(
-            self.uncertainty, self.found, self.rig, int(count), self.seed + further, pose, self.progress,
-            self.checkpoint, normals,
-        )  # fmt: skip
+            self.uncertainty,
+            self.found,
+            self.rig,
+            int(count),
+            self.seed + further,
+            pose,
+            self.progress,
+            self.checkpoint,
+            normals,
+        )
 
 
 @overload
 def certify(
-    found: Identification | Arm, rig: Rig, law: Law, reference: Reference, uncertainty: Uncertainty | None = ..., *,
-    samples: int = ..., seed: int = ..., within: float = ..., confidence: float = ..., after: float | None = ...,
-    steps_per_sample: int = ..., duration: float | None = ..., threads: int | None = ..., progress: bool = ...,
-    checkpoint: str | Path | Checkpoint | None = ..., rare: float | None = ..., proved: bool = ...,
+    found: Identification | Arm,
+    rig: Rig,
+    law: Law,
+    reference: Reference,
+    uncertainty: Uncertainty | None = ...,
+    *,
+    samples: int = ...,
+    seed: int = ...,
+    within: float = ...,
+    confidence: float = ...,
+    after: float | None = ...,
+    steps_per_sample: int = ...,
+    duration: float | None = ...,
+    threads: int | None = ...,
+    progress: bool = ...,
+    checkpoint: str | Path | Checkpoint | None = ...,
+    rare: float | None = ...,
+    proved: bool = ...,
     executor: Any = ...,
-) -> Certificate: ...  # fmt: skip
+) -> Certificate: ...
 @overload
 def certify(
-    found: Identification | Arm, rig: Rig, law: Law, reference: Mapping[str, Reference],
-    uncertainty: Uncertainty | None = ..., *,
-    samples: int = ..., seed: int = ..., within: float = ..., confidence: float = ..., after: float | None = ...,
-    steps_per_sample: int = ..., duration: float | None = ..., threads: int | None = ..., progress: bool = ...,
-    checkpoint: str | Path | Checkpoint | None = ..., rare: float | None = ..., proved: bool = ...,
+    found: Identification | Arm,
+    rig: Rig,
+    law: Law,
+    reference: Mapping[str, Reference],
+    uncertainty: Uncertainty | None = ...,
+    *,
+    samples: int = ...,
+    seed: int = ...,
+    within: float = ...,
+    confidence: float = ...,
+    after: float | None = ...,
+    steps_per_sample: int = ...,
+    duration: float | None = ...,
+    threads: int | None = ...,
+    progress: bool = ...,
+    checkpoint: str | Path | Checkpoint | None = ...,
+    rare: float | None = ...,
+    proved: bool = ...,
     executor: Any = ...,
-) -> Certificates: ...  # fmt: skip
+) -> Certificates: ...
 @known_options
 def certify(
-    found: Identification | Arm, rig: Rig, law: Law, reference: Motions, uncertainty: Uncertainty | None = None, *,
-    samples: int = 10_000, seed: int = 0, within: float = 1, confidence: float = 0.95, after: float | None = None,
-    steps_per_sample: int = 16, duration: float | None = None, threads: int | None = None, progress: bool = True,
-    checkpoint: str | Path | Checkpoint | None = None, rare: float | None = None, proved: bool = False,
+    found: Identification | Arm,
+    rig: Rig,
+    law: Law,
+    reference: Motions,
+    uncertainty: Uncertainty | None = None,
+    *,
+    samples: int = 10_000,
+    seed: int = 0,
+    within: float = 1,
+    confidence: float = 0.95,
+    after: float | None = None,
+    steps_per_sample: int = 16,
+    duration: float | None = None,
+    threads: int | None = None,
+    progress: bool = True,
+    checkpoint: str | Path | Checkpoint | None = None,
+    rare: float | None = None,
+    proved: bool = False,
     executor: Any = None,
-) -> Certificate | Certificates:  # fmt: skip
+) -> Certificate | Certificates:
     """Monte Carlo probability of exceeding a pulse limit under parameter uncertainty.
 
     Parameters
     ----------
     found : Identification or Arm
-        What is sampled: ``found.fit.values`` with ``found.covariance``. An arm needs an uncertainty with `covariance`
-        or `plants`.
+        What is sampled: ``found.fit.values`` with ``found.covariance``. An arm needs an uncertainty
+        with `covariance` or `plants`.
     rig : Rig
-        Of the samples, such as ``found.rig``; what was identified of it is taken from `found` in any case.
+        Of the samples, such as ``found.rig``; what was identified of it is taken from `found` in
+        any case.
     law : Law
         As designed, the same for all samples.
     reference : Reference, or mapping of str -> Reference
-        The path to be driven, or several by name, such as `plant.everyday_motions`, each inside limits and torque. The
-        arms begin with it, at its position and speed. All motions have the same samples, those of a single call with
-        this seed; a stated resonance is that at the pose where the first of them begins.
+        The path to be driven, or several by name, such as `plant.everyday_motions`, each inside
+        limits and torque. The arms begin with it, at its position and speed. All motions have the
+        same samples, those of a single call with this seed; a stated resonance is that at the pose
+        where the first of them begins.
     uncertainty : Uncertainty, optional
-        What is not known beside the covariance; by default friction that was not identified, by 10 %, and the
-        encoders' zeros. With no `resonance` the gears are the rig's, and the verdict on rigid ones states the lowest
-        resonance on which it holds (all that is stated at its end farther from zero).
+        What is not known beside the covariance; by default friction that was not identified, by 10
+        %, and the encoders' zeros. With no `resonance` the gears are the rig's, and the verdict on
+        rigid ones states the lowest resonance on which it holds (all that is stated at its end
+        farther from zero).
     samples : int
-        Their number, each a closed loop. Without a failure the bound is about 3 / samples at 95 %, and to see one
-        that has a probability p takes some 3 / p. Of stated ranges the bound is that of the worst cell: 3 over the
-        samples in it, of which 10,000 leave some 170 in each of the 60 cells of 15 to 100 Hz.
+        Their number, each a closed loop. Without a failure the bound is about 3 / samples at 95 %,
+        and to see one that has a probability p takes some 3 / p. Of stated ranges the bound is that
+        of the worst cell: 3 over the samples in it, of which 10,000 leave some 170 in each of the
+        60 cells of 15 to 100 Hz.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     within : float
@@ -147,9 +244,9 @@ def certify(
     confidence : float
         Of the bounds.
     after : float, optional
-        Sampling instants before this time do not count [s]; the certificate says how many samples exceed the limit
-        there. On rigid gears all count by default, also the first, at which the arm is up to half a pulse off its
-        reference; on elastic ones those after 20 ms do.
+        Sampling instants before this time do not count [s]; the certificate says how many samples
+        exceed the limit there. On rigid gears all count by default, also the first, at which the
+        arm is up to half a pulse off its reference; on elastic ones those after 20 ms do.
     steps_per_sample : int
         Integration steps between two samples; 16 is what `evaluate` takes.
     duration : float, optional
@@ -159,35 +256,40 @@ def certify(
     progress : bool
         Show progress bars, of the fits below and of the loops, where standard error is a terminal.
     checkpoint : str or Path, optional
-        File in which these fits and finished loops are kept: killed and called again with it, the work goes on, to the
-        same bits. One of other inputs, versions or another processor is refused.
+        File in which these fits and finished loops are kept: killed and called again with it, the
+        work goes on, to the same bits. One of other inputs, versions or another processor is
+        refused.
     rare : float, optional
-        Probability, such as 1e-6, to which that of an error before rounding beyond the limit is pursued by subset
-        simulation: ``certificate.rare``, with its coefficient of variation. Where the counts exceed the limit, so does
-        this error. It ends early where it is commoner; of several motions it is that of any.
+        Probability, such as 1e-6, to which that of an error before rounding beyond the limit is
+        pursued by subset simulation: ``certificate.rare``, with its coefficient of variation. Where
+        the counts exceed the limit, so does this error. It ends early where it is commoner; of
+        several motions it is that of any.
     proved : bool
-        Print what is proved beside what was sampled: ``certificate.proved``, bounds of the error before rounding that
-        hold for any rounding and for every arm of a box, with what they assume. Half a minute and more per motion.
+        Print what is proved beside what was sampled: ``certificate.proved``, bounds of the error
+        before rounding that hold for any rounding and for every arm of a box, with what they
+        assume. Half a minute and more per motion.
     executor : optional
-        Where the samples are simulated, as of `campaign`, in place of `threads`; the same bits. It takes no checkpoint.
+        Where the samples are simulated, as of `campaign`, in place of `threads`; the same bits. It
+        takes no checkpoint.
 
     Returns
     -------
     Certificate
-        Of a mapping `Certificates`: a row for each motion, `Certificate` by name, and ``.worst``, its name.
+        Of a mapping `Certificates`: a row for each motion, `Certificate` by name, and ``.worst``,
+        its name.
 
     Raises
     ------
     ValueError
-        Bad input; no covariance to sample from; a motion of a mapping that exceeds limits or torque, with the factor by
-        which to slow it down.
+        Bad input; no covariance to sample from; a motion of a mapping that exceeds limits or
+        torque, with the factor by which to slow it down.
 
     Notes
     -----
-    With a `resonance`, the records of an identification on rigid gears are fitted again on such gears: 2 fits for one
-    resonance, 8 for a range of 2.3 or more from end to end, 3 to 6 s each for the record of path (6) on two busy cores
-    (7 to 45 s together). They are kept with `found`: other controllers over the same range and middle of
-    `damping_ratio` take them as they are.
+    With a `resonance`, the records of an identification on rigid gears are fitted again on such
+    gears: 2 fits for one resonance, 8 for a range of 2.3 or more from end to end, 3 to 6 s each for
+    the record of path (6) on two busy cores (7 to 45 s together). They are kept with `found`: other
+    controllers over the same range and middle of `damping_ratio` take them as they are.
 
     See Also
     --------
@@ -209,34 +311,80 @@ def certify(
     """
     started = time.perf_counter()
     task = Task(
-        "certify", found, rig, (law,), reference, uncertainty, within=within, after=after, duration=duration,
-        samples=samples, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint,
-        steps_per_sample=steps_per_sample, executor=executor, inputs={"law": law, "number of samples": samples},
+        "certify",
+        found,
+        rig,
+        (law,),
+        reference,
+        uncertainty,
+        within=within,
+        after=after,
+        duration=duration,
+        samples=samples,
+        seed=seed,
+        threads=threads,
+        progress=progress,
+        checkpoint=checkpoint,
+        steps_per_sample=steps_per_sample,
+        executor=executor,
+        inputs={"law": law, "number of samples": samples},
         settings=() if rare is None else (rare,),
-    )  # fmt: skip
-    if task.within < 0 or not 0.5 < real("confidence", confidence, "Give a share, such as 0.95.") < 1:
-        got = f"got {within:g} and {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
+    )
+    if (
+        task.within < 0
+        or not 0.5 < real("confidence", confidence, "Give a share, such as 0.95.") < 1
+    ):
+        got = (
+            f"got {within:g} and {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
+        )
         raise ValueError(f"within must not be negative and confidence between 0.5 and 1; {got}")
     if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
-        raise ValueError(f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6.")
+        raise ValueError(
+            f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6."
+        )
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
-    driven, found_rare = dict[str, tuple[Reference, dict[str, Any]]](), None
+    driven = dict[str, tuple[Reference, dict[str, Any]]]()
+    found_rare = None
     more = {"proved": True} if proved else {}
     with task.checkpoint as kept:
         plants = task.sampled(samples)
         elastic = plants.rig.drive.elasticity is not None
         for name, (path, lasts) in task.motions.items():
-            begins = (min(SETTLED, lasts / 2) if elastic else 0.0) if after is None else float(after)
-            settings: dict[str, Any] = {"steps_per_sample": steps_per_sample, "duration": lasts, "after": begins}
+            begins = (
+                (min(SETTLED, lasts / 2) if elastic else 0.0) if after is None else float(after)
+            )
+            settings: dict[str, Any] = {
+                "steps_per_sample": steps_per_sample,
+                "duration": lasts,
+                "after": begins,
+            }
             driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
-            runs = population.run(task.threads, kept.part(name) if name else kept, progress=progress, executor=executor)
+            runs = population.run(
+                task.threads,
+                kept.part(name) if name else kept,
+                progress=progress,
+                executor=executor,
+            )
             of_log = seen(found, path, lasts) if isinstance(found, Identification) else None
-            motions[name] = path, runs, settings | more | {"law_steps": population.law_steps}, of_log
+            motions[name] = (
+                path,
+                runs,
+                settings | more | {"law_steps": population.law_steps},
+                of_log,
+            )
         if rare is not None:
-            found_rare = kept.stage("rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence)))
+            found_rare = kept.stage(
+                "rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence))
+            )
     made = Certificates(
-        rare=found_rare, law=law, plants=plants, within=task.within, confidence=float(confidence), motions=motions,
-        threads=task.threads, seconds=time.perf_counter() - started,
-    )  # fmt: skip
+        rare=found_rare,
+        law=law,
+        plants=plants,
+        within=task.within,
+        confidence=float(confidence),
+        motions=motions,
+        threads=task.threads,
+        seconds=time.perf_counter() - started,
+    )
     return made if task.several else dataclasses.replace(made[""], rare=found_rare)

@@ -21,11 +21,12 @@ _USUAL = 400  # of what runs many times
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Worst(Shown):
-    """The plant with the largest error: ``evaluate(worst.arm, worst.rig, law, reference)`` runs it again.
+    """The plant with the largest error: ``evaluate(worst.arm, worst.rig, law, reference)`` runs it
+    again.
 
-    `arm`, `rig`: the rig with its friction, phase, delay and lost samples; the arm with its load. `peak`: largest
-    encoder error [pulses]; inf if the loop diverged. `index`: which of the plants it is. `values`: of the numbers
-    sampled for it, by name.
+    `arm`, `rig`: the rig with its friction, phase, delay and lost samples; the arm with its load.
+    `peak`: largest encoder error [pulses]; inf if the loop diverged. `index`: which of the plants
+    it is. `values`: of the numbers sampled for it, by name.
     """
 
     arm: Arm
@@ -39,7 +40,9 @@ class Worst(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short())
-        yield Table(("sampled", ""), [(name, f"{value:.5g}") for name, value in self.values.items()])
+        yield Table(
+            ("sampled", ""), [(name, f"{value:.5g}") for name, value in self.values.items()]
+        )
 
 
 @kept
@@ -47,14 +50,15 @@ class Worst(Shown):
 class Plants(Frozen):
     """Plants sampled from an `Uncertainty`.
 
-    `arm`, `rig`: the nominal ones; the rig has a place for all that is sampled. `f` (P, p): parameters of each, with
-    its load. `names`: names of the numbers that differ; ``load`` [kg] is the mass in the gripper. `values` (P, K):
-    their values; f without the load. `dropped`: probability that the counts of a sample are lost. `redrawn`: how many
-    samples were no arm, and were drawn again. `projected`: how many of all were none again and again, and were moved
-    towards the identified arm until they are one. `own`: the nominal rig without what is sampled of gears and drives.
-    `uncertainty`: what was stated. `derived` (P, L): numbers of the loop that follow from those sampled. `said`: what
-    is sampled, and what is not. `expected` (P, K): of the values, what follows from the resonance: the centres of f
-    fitted there; zero of all others.
+    `arm`, `rig`: the nominal ones; the rig has a place for all that is sampled. `f` (P, p):
+    parameters of each, with its load. `names`: names of the numbers that differ; ``load`` [kg] is
+    the mass in the gripper. `values` (P, K): their values; f without the load. `dropped`:
+    probability that the counts of a sample are lost. `redrawn`: how many samples were no arm, and
+    were drawn again. `projected`: how many of all were none again and again, and were moved towards
+    the identified arm until they are one. `own`: the nominal rig without what is sampled of gears
+    and drives. `uncertainty`: what was stated. `derived` (P, L): numbers of the loop that follow
+    from those sampled. `said`: what is sampled, and what is not. `expected` (P, K): of the values,
+    what follows from the resonance: the centres of f fitted there; zero of all others.
     """
 
     arm: Arm
@@ -84,32 +88,46 @@ class Plants(Frozen):
         """The rig without the encoders' offsets, where these are sampled about zero."""
         if not self.uncertainty.phase:
             return self.rig
-        return dataclasses.replace(self.rig, encoder=dataclasses.replace(self.rig.encoder, phase=None))
+        return dataclasses.replace(
+            self.rig, encoder=dataclasses.replace(self.rig.encoder, phase=None)
+        )
 
     def first(self, count: int | None) -> Self:
         """The first so many of them, by default 400 or all; more than there are is refused."""
         count = min(_USUAL, len(self)) if count is None else count
         if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(self):
-            raise ValueError(f"samples must be a whole number from 1 to {len(self)}; got {count!r}. Sample more.")
-        first = {name: getattr(self, name)[:count] for name in ("f", "values", "derived", "expected")}
+            raise ValueError(
+                f"samples must be a whole number from 1 to {len(self)}; got {count!r}. Sample more."
+            )
+        first = {
+            name: getattr(self, name)[:count] for name in ("f", "values", "derived", "expected")
+        }
         return dataclasses.replace(self, **first)
 
     def numbers(self) -> tuple[tuple[str, ...], NDArray[np.float64]]:
-        """Names of the numbers of a closed loop that differ, and their values (P, L); all of f among them."""
+        """Names of the numbers of a closed loop that differ, and their values (P, L); all of f
+        among them.
+        """
         own = [i for i, name in enumerate(self.names) if name in self.rig.number_names()]
         names = (*self.arm.dynamics.names, *(self.names[i] for i in own), *self.derived_names)
         return names, np.hstack([self.f, self.values[:, own], self.derived])
 
-    def under(self, law: Law, reference: Reference, numbers: Any = None, **options: Any) -> Population:
+    def under(
+        self, law: Law, reference: Reference, numbers: Any = None, **options: Any
+    ) -> Population:
         """All of them under a controller on a reference, ready to run; options as of `Population`.
 
         Or loops of other `numbers`, their names and values (P', L'), which lose samples as often.
         """
         lost = functools.partial(_lost, self.seed, self.dropped) if self.dropped else None
-        return Population(self.arm, self.rig, law, reference, *(numbers or self.numbers()), lost=lost, **options)
+        return Population(
+            self.arm, self.rig, law, reference, *(numbers or self.numbers()), lost=lost, **options
+        )
 
     def lost(self, block: int, width: int, steps: int) -> NDArray[np.bool_]:
-        """Whether the counts of each step of the controller are lost, (steps, width), in a block of so many loops."""
+        """Whether the counts of each step of the controller are lost, (steps, width), in a block
+        of so many loops.
+        """
         return _lost(self.seed, self.dropped, block, width, steps)
 
     def plant(self, i: int, width: int, steps: int) -> tuple[Arm, Rig]:

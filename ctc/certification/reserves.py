@@ -1,8 +1,9 @@
-"""The samples of a certificate run again: at lower bandwidths, longer sampling periods, and from a hold.
+"""The samples of a certificate run again: at lower bandwidths, longer sampling periods, and from a
+hold.
 
-The bandwidths and periods down, and up, to which it holds are its robustness reserves. The sampling period is that of
-rig and controller together: the controller is designed for it (its observer and its limits know of it), it is not the
-old one called late.
+The bandwidths and periods down, and up, to which it holds are its robustness reserves. The sampling
+period is that of rig and controller together: the controller is designed for it (its observer and
+its limits know of it), it is not the old one called late.
 """
 
 import dataclasses
@@ -36,11 +37,14 @@ class Reserves(Shown):
     holds : bool
         Whether the controller as it is holds with these plants; where not, there are no reserves.
     bandwidth : float or None
-        Lowest bandwidth at which it still holds [rad/s], of those tested from above; None for a controller without.
+        Lowest bandwidth at which it still holds [rad/s], of those tested from above; None for a
+        controller without.
     period : float or None
-        Longest sampling period at which it still holds [s], of those tested from below; None for a controller without.
+        Longest sampling period at which it still holds [s], of those tested from below; None for a
+        controller without.
     tried : list of (str, float, int)
-        Everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the limit.
+        Everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the
+        limit.
     """
 
     samples: int
@@ -65,7 +69,10 @@ class Reserves(Shown):
         yield f"allowed: {exceed} (95 % confidence: below {upper:.2%} of all)"
         units = {"bandwidth": (1, "rad/s"), "period": (1e3, "ms")}
         tried = sorted(self.tried, key=lambda each: each[0])
-        rows = [(kind, f"{value * units[kind][0]:.4g} {units[kind][1]}", f"{left}") for kind, value, left in tried]
+        rows = [
+            (kind, f"{value * units[kind][0]:.4g} {units[kind][1]}", f"{left}")
+            for kind, value, left in tried
+        ]
         yield Table(("tested", "", "violations"), rows)
 
 
@@ -81,7 +88,8 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
         return count <= allowed * len(plants)
 
     rig = plants.rig
-    bandwidth, period = getattr(law, "bandwidth", None), rig.period if law.period else None
+    bandwidth = getattr(law, "bandwidth", None)
+    period = rig.period if law.period else None
     holds = left("bandwidth" if bandwidth else "period", bandwidth or rig.period, law, plants)
     for share in _BANDWIDTHS if holds and bandwidth else ():
         lower = law.bandwidth * share
@@ -94,15 +102,21 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
             break
         period = slow.rig.period
     return Reserves(
-        samples=len(plants), allowed=float(allowed), holds=holds, bandwidth=bandwidth if holds else None,
-        period=period if holds else None, tried=tried,
-    )  # fmt: skip
+        samples=len(plants),
+        allowed=float(allowed),
+        holds=holds,
+        bandwidth=bandwidth if holds else None,
+        period=period if holds else None,
+        tried=tried,
+    )
 
 
 def _slower(law: Any, factor: float) -> Any:
     """The same design of a law, or the rig, for a period that is longer by a factor."""
     changes = {}
-    for name, value in ((field.name, getattr(law, field.name)) for field in dataclasses.fields(law)):
+    for name, value in (
+        (field.name, getattr(law, field.name)) for field in dataclasses.fields(law)
+    ):
         if isinstance(value, (Rig, Law)):
             changes[name] = _slower(value, factor)
         elif name == "period" and value:
@@ -111,26 +125,34 @@ def _slower(law: Any, factor: float) -> Any:
 
 
 def held(certificate: Any, samples: int | None) -> Any:
-    """The certificate of the first samples, each from a hold: the disturbance torque is what the model lacks at rest,
-    and of Coulomb friction any share from -1 to 1, uniform, of each joint.
+    """The certificate of the first samples, each from a hold: the disturbance torque is what the
+    model lacks at rest, and of Coulomb friction any share from -1 to 1, uniform, of each joint.
     """
     law, path, plants = certificate.law, certificate.reference, certificate.plants.first(samples)
-    arm, drive = plants.arm, plants.rig.drive
+    arm = plants.arm
+    drive = plants.rig.drive
     errors = law.torque_errors(arm.n) if hasattr(law, "torque_errors") else ()
     if not errors:
         name = type(law).__name__
-        raise ValueError(f"the controller must learn a disturbance torque; {name} does not. Use ComputedTorque.")
-    motion, still = path(np.zeros(1)), np.zeros(arm.n)
+        raise ValueError(
+            f"the controller must learn a disturbance torque; {name} does not. Use ComputedTorque."
+        )
+    motion = path(np.zeros(1))
+    still = np.zeros(arm.n)
     if np.abs(plants.rig.position_in_pulses(motion.qd[0])).max() > _AT_REST:
-        raise ValueError(f"the path must begin at rest; this one begins with {motion.qd[0]} rad/s. Take another.")
+        raise ValueError(
+            f"the path must begin at rest; this one begins with {motion.qd[0]} rad/s. Take another."
+        )
     shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (len(plants), arm.n))
     weight = np.asarray(arm.dynamics.Y(motion.q[0], still, still))
     friction = [drive.coupling.joint_torque(row) for row in shares * drive.joint_coulomb()]
     lacking = (plants.f - law.arm.f) @ weight.T + friction
     begun = dataclasses.replace(
-        plants, derived_names=(*plants.derived_names, *(f"law.state[{i}]" for i in errors[0])),
+        plants,
+        derived_names=(*plants.derived_names, *(f"law.state[{i}]" for i in errors[0])),
         derived=np.hstack([plants.derived, lacking]),
-    )  # fmt: skip
+    )
     runs = certificate.run(begun, Resumed(law=law, state=law.initial_state(arm.n)))
-    settings = certificate.settings | {"held": True, "proved": False}  # no bound is proved of such a start
+    # no bound is proved of such a start
+    settings = certificate.settings | {"held": True, "proved": False}
     return dataclasses.replace(certificate, plants=plants, runs=runs, settings=settings, rare=None)

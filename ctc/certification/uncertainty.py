@@ -1,4 +1,6 @@
-"""What is not known of an arm and its rig, beside the covariance of what was identified: one part, `Uncertainty`."""
+"""What is not known of an arm and its rig, beside the covariance of what was identified: one
+part, `Uncertainty`.
+"""
 
 from collections.abc import Iterator
 from typing import Any
@@ -21,20 +23,22 @@ Range = Any  # one number, or the two ends of a range
 
 @part
 class Uncertainty(Shown, Part):
-    """What is not known of an arm and its rig: `certify` and `tune` take their Monte Carlo samples from it.
+    """What is not known of an arm and its rig: `certify` and `tune` take their Monte Carlo samples
+    from it.
 
-    Where two numbers may be given, they are the ends of a range, of which each sample has a place of its own
-    (uniform); of joints, each joint its own. Print it for a table.
+    Where two numbers may be given, they are the ends of a range, of which each sample has a place
+    of its own (uniform); of joints, each joint its own. Print it for a table.
 
     Parameters
     ----------
     covariance : (k, k) array_like, optional
-        Of ``found.fit.values``, normal; by default ``found.covariance``. With an `Arm` in place of ``found``, of its f.
+        Of ``found.fit.values``, normal; by default ``found.covariance``. With an `Arm` in place of
+        ``found``, of its f.
     plants : (M, p) array_like, optional
         Instead: f of given arms, taken in turn.
     friction : float
-        Relative standard deviation of every viscous coefficient and Coulomb level, normal, each on its own; for those
-        that were identified, their covariance is used instead.
+        Relative standard deviation of every viscous coefficient and Coulomb level, normal, each on
+        its own; for those that were identified, their covariance is used instead.
     load : float or (2,) array_like
         Point mass in the gripper [kg].
     load_position : (3,) array_like, optional
@@ -44,11 +48,12 @@ class Uncertainty(Shown, Part):
     delay : float or (2,) array_like
         Of the torque [s], constant during a run; at most one period of the controller.
     dropped : float
-        Probability that the counts of a sample do not arrive; the controller then reads those of the sample before.
+        Probability that the counts of a sample do not arrive; the controller then reads those of
+        the sample before.
     resonance : (2,) or (n, 2) array_like, optional
-        Lowest and highest locked-rotor resonance at the reference's first pose [Hz]: one pair for all joints alike, or
-        one for each. None for the rig's own gears. It is a range, not a distribution: bounds hold for its worst cell
-        of 10 %.
+        Lowest and highest locked-rotor resonance at the reference's first pose [Hz]: one pair for
+        all joints alike, or one for each. None for the rig's own gears. It is a range, not a
+        distribution: bounds hold for its worst cell of 10 %.
     damping_ratio : float or (2,) array_like, optional
         Of that resonance; 0.01 to 0.03 by default.
     backlash : float or (2,) array_like
@@ -110,11 +115,17 @@ class Uncertainty(Shown, Part):
     __repr__ = Shown.__repr__
 
     def __post_init__(self) -> None:
-        made: dict[str, Any] = {name: between(name, getattr(self, name), *of) for name, of in _RANGES.items()}
+        made: dict[str, Any] = {
+            name: between(name, getattr(self, name), *of) for name, of in _RANGES.items()
+        }
         if not 0 <= self.friction <= 1:
-            raise ValueError(f"friction must be a share from 0 to 1; got {self.friction}. 0.1 is 10 %.")
+            raise ValueError(
+                f"friction must be a share from 0 to 1; got {self.friction}. 0.1 is 10 %."
+            )
         if not 0 <= self.dropped < 1:
-            raise ValueError(f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability.")
+            raise ValueError(
+                f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability."
+            )
         if made["load"][1] > 0 and self.load_position is None:
             raise ValueError(f"load_position must be given with a load; got None. {_PLACE}")
         if self.covariance is not None and self.plants is not None:
@@ -123,8 +134,14 @@ class Uncertainty(Shown, Part):
             if getattr(self, name) is not None:
                 made[name] = array(name, getattr(self, name), shape, advice=advice)
         made["resonance"] = None if self.resonance is None else _pairs(self.resonance)
-        stated = _USUAL if self.damping_ratio is None and self.resonance is not None else self.damping_ratio
-        made["damping_ratio"] = None if stated is None else between("damping_ratio", stated, "a ratio")
+        stated = (
+            _USUAL
+            if self.damping_ratio is None and self.resonance is not None
+            else self.damping_ratio
+        )
+        made["damping_ratio"] = (
+            None if stated is None else between("damping_ratio", stated, "a ratio")
+        )
         require_swinging(max(made["damping_ratio"] or (0.0,)))
         for name, value in made.items():
             object.__setattr__(self, name, value)
@@ -180,12 +197,17 @@ def spread(ends: tuple[float, float]) -> str:
 def _pairs(resonance: Any) -> tuple[tuple[float, float], ...]:
     """Ends of each range of resonances."""
     if np.ndim(resonance) == 0:
-        raise ValueError(f"resonance must be (lowest, highest) [Hz]; got {resonance!r:.60}. Give a range.")
+        raise ValueError(
+            f"resonance must be (lowest, highest) [Hz]; got {resonance!r:.60}. Give a range."
+        )
     pairs = np.atleast_2d(np.asarray(resonance, float))
     pairs = array("resonance", pairs, ("m", 2), advice="Give the lowest and the highest [Hz].")
     if not (good := (pairs[:, 0] > 0) & (pairs[:, 0] <= pairs[:, 1])).all():
         low, high = pairs[np.flatnonzero(~good)[0]]
-        raise ValueError(f"resonance must be (lowest, highest), above 0 Hz; got ({low:g}, {high:g}). Swap or correct.")
+        raise ValueError(
+            f"resonance must be (lowest, highest), above 0 Hz; got ({low:g}, {high:g}). Swap or"
+            " correct."
+        )
     if pairs[:, 0].min() < _SLOWEST:
         soft = f"got {pairs.min():g}. No gear is so soft: is it in kHz?"
         raise ValueError(f"resonance must be {_SLOWEST:g} Hz or more; {soft}")

@@ -1,1 +1,3 @@
-"""The command line: ``onepulse check LOG``, ``onepulse identify LOG --robot arm.toml -o found.json``, ..."""
+"""The command line: ``onepulse check LOG``, ``onepulse identify LOG --robot arm.toml -o
+found.json``, ...
+"""

@@ -29,13 +29,18 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """An argument that a command does not know is refused by the command, with the option that speaks of it."""
+        """An argument that a command does not know is refused by the command, with the option
+        that speaks of it.
+        """
         given, rest = super().parse_known_args(args, namespace)
         if not rest:
             return given, rest
         word = rest[0].lstrip("-")
-        near = [f"; {each.option_strings[-1]} is: {each.help}" for each in self._actions
-                if each.option_strings and word in re.findall(r"\w+", each.help or "")]  # fmt: skip
+        near = [
+            f"; {each.option_strings[-1]} is: {each.help}"
+            for each in self._actions
+            if each.option_strings and word in re.findall(r"\w+", each.help or "")
+        ]
         self.error(f"unrecognized arguments: {' '.join([*rest, *near[:1]]).replace(' ;', ';')}")
 
     def error(self, message: str) -> NoReturn:
@@ -49,15 +54,24 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", IdentificationWarning)  # they are part of the answer
-            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, of numbers whose finiteness is checked
+            # numpy's, of numbers whose finiteness is checked
+            warnings.simplefilter("ignore", RuntimeWarning)
             warnings.showwarning = _said
             if given.command == "campaign":
                 answer = run_campaign(given, _parser().parse_args)
             else:
                 answer = COMMANDS[given.command](given)
     except KeyboardInterrupt:
-        kept = f" What was finished is in {given.checkpoint}: call again." if getattr(given, "checkpoint", None) else ""
-        kept = " What was finished is kept: go on with --resume." if given.command == "campaign" else kept
+        kept = (
+            f" What was finished is in {given.checkpoint}: call again."
+            if getattr(given, "checkpoint", None)
+            else ""
+        )
+        kept = (
+            " What was finished is kept: go on with --resume."
+            if given.command == "campaign"
+            else kept
+        )
         return _failed(f"interrupted.{kept}", 130)
     except (ValueError, OSError, ImportError, MemoryError) as error:
         said = in_the_shell(" ".join(str(error).split()), set(vars(given)) - _PLACES)
@@ -69,9 +83,13 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         _print(in_the_shell(text, set(vars(given)) - _PLACES))
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing is left for Python's own last flush
+        # nothing is left for Python's own last flush
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):  # whoever reads a pipe may have seen enough
-            return _failed(f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.", 2)
+            return _failed(
+                f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.",
+                2,
+            )
     return 0 if answer.good else 1
 
 
@@ -79,7 +97,11 @@ def _print(text: str) -> None:
     """Print, with what the output's encoding does not have as "?"."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     if text:
-        print(text.replace("±", "+-").encode(encoding, "replace").decode(encoding) if encoding != "utf-8" else text)
+        print(
+            text.replace("±", "+-").encode(encoding, "replace").decode(encoding)
+            if encoding != "utf-8"
+            else text
+        )
     sys.stdout.flush()
 
 
@@ -93,10 +115,15 @@ def _said(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "From logged encoder pulses to an arm's inertial parameters, and to computed torque within one pulse."
+    about = (
+        "From logged encoder pulses to an arm's inertial parameters, and to computed torque within"
+        " one pulse."
+    )
     parser = _Parser(prog="onepulse", description=about, epilog=_CODES)
     parser.add_argument("--version", action="version", version=f"onepulse {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="COMMAND", parser_class=_Parser
+    )
     for name, (said, options) in _COMMANDS.items():
         command = commands.add_parser(name, help=said, description=said.capitalize() + ".")
         for names, settings in (*_EVERY, *options):
@@ -119,7 +146,10 @@ class _Ends(argparse.Action):
 
     def __call__(self, parser: Any, given: Any, values: Any, option: Any = None) -> None:
         if len(values) > 2:
-            parser.error(f"argument {option}: expected one number, or the two ends of a range; got {len(values)}")
+            parser.error(
+                f"argument {option}: expected one number, or the two ends of a range; got"
+                f" {len(values)}"
+            )
         setattr(given, self.dest, values[0] if len(values) == 1 else tuple(values))
 
 
@@ -131,7 +161,9 @@ def _seed(text: str) -> int:
 
 _EVERY = (
     _option("--json", action="store_true", help="answer in JSON, for programs"),
-    _option("--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)"),
+    _option(
+        "--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)"
+    ),
 )
 _LOGS = (
     _option("logs", nargs="+", metavar="LOG", help="CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2"),
@@ -139,71 +171,162 @@ _LOGS = (
 )
 _SEED = _option("--seed", type=_seed, default=0, help="same seed, same result")
 _FOUND = _option("found", help="file of identify -o")
-_PATH = _option("--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)")
-_BANDWIDTH = _option("--bandwidth", type=float, help="of computed torque [rad/s] (default: the controller's own)")
-_CHECKPOINT = _option("--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on")
+_PATH = _option(
+    "--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)"
+)
+_BANDWIDTH = _option(
+    "--bandwidth", type=float, help="of computed torque [rad/s] (default: the controller's own)"
+)
+_CHECKPOINT = _option(
+    "--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on"
+)
 _ROBOT: Any = {"metavar": "TOML"}
 _ENDS: Any = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
 _PLACE: Any = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
 _UNCERTAIN = (
-    _SEED, _FOUND,
-    _option("--robot", **_ROBOT, help="robot file with a table [uncertainty]; options go before it"),
+    _SEED,
+    _FOUND,
+    _option(
+        "--robot", **_ROBOT, help="robot file with a table [uncertainty]; options go before it"
+    ),
     _option("--friction", type=float, metavar="SHARE", help="by which it may differ (default 0.1)"),
     _option("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]"),
-    _option("--damping-ratio", **_ENDS, help="of that resonance, as all below one number or two ends"),
+    _option(
+        "--damping-ratio", **_ENDS, help="of that resonance, as all below one number or two ends"
+    ),
     _option("--load", **_ENDS, help="in the gripper [kg]"),
     _option("--load-position", **_PLACE, help="its centre in the last link's frame [m]"),
     _option("--delay", **_ENDS, help="of the torque [s]"),
-    *(_option(f"--{name.replace('_', '-')}", **_ENDS, help=f"{row.words} [{row.unit}]")
-      for name, row in IMPERFECTIONS.items()),
+    *(
+        _option(f"--{name.replace('_', '-')}", **_ENDS, help=f"{row.words} [{row.unit}]")
+        for name, row in IMPERFECTIONS.items()
+    ),
     _option("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost"),
     _option("--within", type=float, default=1.0, help="limit [pulses] (default 1)"),
-    _option("--after", type=float, metavar="SECONDS", help="instants before it are left out, and reported"),
-    _option("--everyday", action="store_true", help="everyday motions, with --path one more; a row each"),
+    _option(
+        "--after",
+        type=float,
+        metavar="SECONDS",
+        help="instants before it are left out, and reported",
+    ),
+    _option(
+        "--everyday", action="store_true", help="everyday motions, with --path one more; a row each"
+    ),
     _option("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)"),
-    *_output("file for report", required=False), _CHECKPOINT,
-)  # fmt: skip
+    *_output("file for report", required=False),
+    _CHECKPOINT,
+)
 
 # Name of each command -> what it is for, and its arguments.
 _COMMANDS: dict[str, tuple[str, Any]] = {
-    "demo": ("the paper from end to end: measure, identify, control", (
-        _option("--seed", **_SEED[1] | {"default": 1}),
-        _option("--figures", type=Path, default=Path("figures"), help="folder for the figures"),
-    )),
-    "robots": ("robot files of the package, to start from", (
-        _option("name", nargs="?", help="one of them, or new: of a URDF file, to complete; without a name, a list"),
-        _option("model", nargs="?", metavar="URDF", help="of new"),
-        _option("--base", metavar="LINK", help="of new: where the arm begins (default: the file's root)"),
-        _option("--tip", metavar="LINK", help="of new: where it ends"),
-        *_output("write it there (default: print it)", required=False),
-    )),
-    "check": ("examine logs before anything is identified", (
-        *_LOGS, _option("--robot", **_ROBOT, help="robot file, or the name of one of the package"),
-    )),
-    "identify": ("find the parameters, with intervals, from logs", (
-        _SEED, *_LOGS, _option("--robot", **_ROBOT, required=True, help="robot file, or the name of one"),
-        _option("--method", default="seeded", help="seeded (default), paper, prediction_error, ..."),
-        _option("--unknown", nargs="+", metavar="NAME",
-                help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]"),
-        _option("--prior", type=float, metavar="SHARE",
-                help="standard deviation of the model's own bodies, as 0.3, for what the log does not excite"),
-        _option("--elasticity", action="store_true", help="stiffness and damping of the gears, too"),
-        _option("--held-out", nargs="+", metavar="LOG", help="logs for validation, only simulated"),
-        *_output("file for certify and report"), _CHECKPOINT,
-    )),
-    "certify": ("the probability that computed torque exceeds the pulse limit", (
-        *_UNCERTAIN, _BANDWIDTH, _PATH,
-        _option("--hold", action="store_true", help="from a hold, static friction anywhere inside its cone"),
-    )),
-    "tune": ("the controller of least activity within the pulse limit, and its certificate", (*_UNCERTAIN, _PATH)),
-    "campaign": ("the commands above over the logs of many robots, as a plan says", (
-        _option("plan", metavar="PLAN.toml", help="robots, logs, what to do, and where results are kept"),
-        _option("--executor", metavar="WHERE", help="threads (default), processes, or dask:ADDRESS"),
-        _option("--resume", action="store_true", help="go on with what the folder of the plan holds"),
-        _option("--status", action="store_true", help="how far it is; runs nothing"),
-    )),
-    "report": ("one page of an identification and its controller (HTML)", (
-        _FOUND, _option("--certificate", metavar="FILE", help="file of certify -o or tune -o"),
-        _BANDWIDTH, _PATH, *_output("the page, such as page.html"),
-    )),
-}  # fmt: skip
+    "demo": (
+        "the paper from end to end: measure, identify, control",
+        (
+            _option("--seed", **_SEED[1] | {"default": 1}),
+            _option("--figures", type=Path, default=Path("figures"), help="folder for the figures"),
+        ),
+    ),
+    "robots": (
+        "robot files of the package, to start from",
+        (
+            _option(
+                "name",
+                nargs="?",
+                help="one of them, or new: of a URDF file, to complete; without a name, a list",
+            ),
+            _option("model", nargs="?", metavar="URDF", help="of new"),
+            _option(
+                "--base",
+                metavar="LINK",
+                help="of new: where the arm begins (default: the file's root)",
+            ),
+            _option("--tip", metavar="LINK", help="of new: where it ends"),
+            *_output("write it there (default: print it)", required=False),
+        ),
+    ),
+    "check": (
+        "examine logs before anything is identified",
+        (
+            *_LOGS,
+            _option("--robot", **_ROBOT, help="robot file, or the name of one of the package"),
+        ),
+    ),
+    "identify": (
+        "find the parameters, with intervals, from logs",
+        (
+            _SEED,
+            *_LOGS,
+            _option("--robot", **_ROBOT, required=True, help="robot file, or the name of one"),
+            _option(
+                "--method", default="seeded", help="seeded (default), paper, prediction_error, ..."
+            ),
+            _option(
+                "--unknown",
+                nargs="+",
+                metavar="NAME",
+                help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]",
+            ),
+            _option(
+                "--prior",
+                type=float,
+                metavar="SHARE",
+                help=(
+                    "standard deviation of the model's own bodies, as 0.3, for what the log does"
+                    " not excite"
+                ),
+            ),
+            _option(
+                "--elasticity", action="store_true", help="stiffness and damping of the gears, too"
+            ),
+            _option(
+                "--held-out", nargs="+", metavar="LOG", help="logs for validation, only simulated"
+            ),
+            *_output("file for certify and report"),
+            _CHECKPOINT,
+        ),
+    ),
+    "certify": (
+        "the probability that computed torque exceeds the pulse limit",
+        (
+            *_UNCERTAIN,
+            _BANDWIDTH,
+            _PATH,
+            _option(
+                "--hold",
+                action="store_true",
+                help="from a hold, static friction anywhere inside its cone",
+            ),
+        ),
+    ),
+    "tune": (
+        "the controller of least activity within the pulse limit, and its certificate",
+        (*_UNCERTAIN, _PATH),
+    ),
+    "campaign": (
+        "the commands above over the logs of many robots, as a plan says",
+        (
+            _option(
+                "plan",
+                metavar="PLAN.toml",
+                help="robots, logs, what to do, and where results are kept",
+            ),
+            _option(
+                "--executor", metavar="WHERE", help="threads (default), processes, or dask:ADDRESS"
+            ),
+            _option(
+                "--resume", action="store_true", help="go on with what the folder of the plan holds"
+            ),
+            _option("--status", action="store_true", help="how far it is; runs nothing"),
+        ),
+    ),
+    "report": (
+        "one page of an identification and its controller (HTML)",
+        (
+            _FOUND,
+            _option("--certificate", metavar="FILE", help="file of certify -o or tune -o"),
+            _BANDWIDTH,
+            _PATH,
+            *_output("the page, such as page.html"),
+        ),
+    ),
+}

@@ -1,9 +1,10 @@
-"""``onepulse campaign PLAN.toml``: the other commands over the logs of many robots, kept in a folder as they end.
+"""``onepulse campaign PLAN.toml``: the other commands over the logs of many robots, kept in a
+folder as they end.
 
-A plan names robots, each with a robot file and a pattern of logs; what to `do`, of check, identify, certify, report;
-and the options of these commands, a table for each. Every log is a task, ``ROBOT/LOG``. With ``fleet``, what was
-identified goes into a file of a `Fleet`, and onto its page; robot and time are the plan's, and the log's own or those
-of a pattern of file names in ``notes``.
+A plan names robots, each with a robot file and a pattern of logs; what to `do`, of check, identify,
+certify, report; and the options of these commands, a table for each. Every log is a task,
+``ROBOT/LOG``. With ``fleet``, what was identified goes into a file of a `Fleet`, and onto its page;
+robot and time are the plan's, and the log's own or those of a pattern of file names in ``notes``.
 """
 
 import contextlib
@@ -33,7 +34,8 @@ from plant.models.robot_file import read_robot
 from plant.parts.arguments import choice, instance
 
 _DO = ("check", "identify", "certify", "report")
-_KEYS, _ROBOT_KEYS = ("folder", "do", "robots", "executor", "fleet", "notes", *_DO), ("robot", "logs")
+_KEYS = ("folder", "do", "robots", "executor", "fleet", "notes", *_DO)
+_ROBOT_KEYS = ("robot", "logs")
 _OWN = {"checkpoint", "certificate", "force", "found", "help", "json", "output", "quiet", "robot"}
 _EXECUTORS = "threads, processes or dask:ADDRESS, such as dask:tcp://10.0.0.5:8786"
 
@@ -44,31 +46,55 @@ def run_campaign(given: Namespace, parse: Parse) -> Answer:
     """What a plan asks for; `parse` reads the options of the other commands."""
     plan = _read(Path(given.plan))
     folder = Path(given.plan).parent / plan["folder"]
-    ledger, logs = folder / "ledger.sqlite", _tasks(plan, Path(given.plan), folder, parse)
+    ledger = folder / "ledger.sqlite"
+    logs = _tasks(plan, Path(given.plan), folder, parse)
     if given.status:
         return _status(ledger, logs)
     if ledger.exists() and not given.resume:
-        raise ValueError(f"{folder} holds a campaign. Pass --resume to go on with it, or name another folder.")
+        raise ValueError(
+            f"{folder} holds a campaign. Pass --resume to go on with it, or name another folder."
+        )
     tasks: dict[str, Any] = {}
     for name, steps, stamp in logs:
         if name in tasks:
-            raise ValueError(f"logs of a robot must differ in name; two are {name!r:.80}. Rename one of the files.")
+            raise ValueError(
+                f"logs of a robot must differ in name; two are {name!r:.80}. Rename one of the"
+                " files."
+            )
         tasks[name] = _worked, (steps, stamp), {}
     if ledger.exists():  # what is new comes after what it knows
         known: dict[str, int] = dict(rows_of(ledger, "select name, number from tasks"))
         tasks = dict(sorted(tasks.items(), key=lambda task: known.get(task[0], len(known))))
     where = given.executor or plan.get("executor", "threads")
     with _executor(where) as executor:
-        done = campaign(tasks, executor=executor, folder=folder, retries=0, progress=not given.quiet)
+        done = campaign(
+            tasks, executor=executor, folder=folder, retries=0, progress=not given.quiet
+        )
     results = dict(done.results)
     judged = _fleet(plan, Path(given.plan), tasks, results) if "fleet" in plan else {}
-    negative = [name for name, result in results.items() if not all(each["good"] for each in result.values())]
-    said = [f"{name}: {command}: {each['said']}" for name in negative
-            for command, each in results[name].items() if not each["good"]]  # fmt: skip
+    negative = [
+        name
+        for name, result in results.items()
+        if not all(each["good"] for each in result.values())
+    ]
+    said = [
+        f"{name}: {command}: {each['said']}"
+        for name in negative
+        for command, each in results[name].items()
+        if not each["good"]
+    ]
     said += [f"{name}: failed: {error}" for name, error in done.errors.items()]
     said += [f"{name}: {each}" for name, each in judged.items()]
-    counts = f"{len(results)} logs done, {len(negative)} with a negative verdict, {len(done.errors)} failed"
-    data = {"results": results, "errors": dict(done.errors), "negative": negative, "folder": str(folder)}
+    counts = (
+        f"{len(results)} logs done, {len(negative)} with a negative verdict, {len(done.errors)}"
+        " failed"
+    )
+    data = {
+        "results": results,
+        "errors": dict(done.errors),
+        "negative": negative,
+        "folder": str(folder),
+    }
     data |= {"fleet": judged} if "fleet" in plan else {}
     return Answer("\n".join([counts, *said, f"results are in {folder}"]), data, not said)
 
@@ -83,34 +109,60 @@ def _read(path: Path) -> dict[str, Any]:
     for key, value in plan.items():
         choice(f"a key of {path}", key, _KEYS)
         if isinstance(value, dict) != (key in ("robots", *_DO)):
-            raise ValueError(f"{key} of {path} must be {'no ' * isinstance(value, dict)}a table; got {value!r:.60}.")
+            raise ValueError(
+                f"{key} of {path} must be {'no ' * isinstance(value, dict)}a table; got"
+                f" {value!r:.60}."
+            )
         if key == "executor":
             instance(key, value, str, f"Give {_EXECUTORS}.")
     for command in _DO:
         for key in _OWN & set(plan.get(command, {})):
-            raise ValueError(f"[{command}] of {path} must not have {key!r}, which the plan gives itself. Drop it.")
-    robots, do = plan.get("robots"), plan.get("do")
+            raise ValueError(
+                f"[{command}] of {path} must not have {key!r}, which the plan gives itself."
+                " Drop it."
+            )
+    robots = plan.get("robots")
+    do = plan.get("do")
     if not isinstance(plan.get("folder"), str) or not isinstance(robots, dict) or not robots:
-        raise ValueError(f'{path} must have folder = "..." and a table [robots.NAME] for each robot. Add them.')
+        raise ValueError(
+            f'{path} must have folder = "..." and a table [robots.NAME] for each robot. Add them.'
+        )
     if not isinstance(do, list) or not do or [each for each in _DO if each in do] != do:
-        raise ValueError(f"do of {path} must be some of {', '.join(_DO)}, in this order; got {do!r:.80}. Correct it.")
+        raise ValueError(
+            f"do of {path} must be some of {', '.join(_DO)}, in this order; got {do!r:.80}."
+            " Correct it."
+        )
     if "identify" not in do and do != ["check"]:
         raise ValueError(f"do of {path} must have identify before {do[-1]}; it has not. Add it.")
     for key in ("fleet", "notes"):
-        if key in plan and (not isinstance(plan[key], str) or "identify" not in do or "fleet" not in plan):
+        if key in plan and (
+            not isinstance(plan[key], str) or "identify" not in do or "fleet" not in plan
+        ):
             asked = 'fleet = "..." and "identify" in do' if isinstance(plan[key], str) else "text"
-            raise ValueError(f"{key} of {path} must come with {asked}; got {plan[key]!r:.60}. Add what is missing.")
+            raise ValueError(
+                f"{key} of {path} must come with {asked}; got {plan[key]!r:.60}. Add what is"
+                " missing."
+            )
     for name, robot in robots.items():
-        sound = isinstance(robot, dict) and set(robot) == set(_ROBOT_KEYS) and isinstance(robot["robot"], str)
-        logs = (robot["logs"] if isinstance(robot["logs"], list) else [robot["logs"]]) if sound else []
+        sound = (
+            isinstance(robot, dict)
+            and set(robot) == set(_ROBOT_KEYS)
+            and isinstance(robot["robot"], str)
+        )
+        logs = (
+            (robot["logs"] if isinstance(robot["logs"], list) else [robot["logs"]]) if sound else []
+        )
         if not logs or not all(isinstance(pattern, str) for pattern in logs):
             raise ValueError(
-                f"[robots.{name}] of {path} must have texts robot and logs; got {robot!r:.80}. Correct it."
+                f"[robots.{name}] of {path} must have texts robot and logs; got {robot!r:.80}."
+                " Correct it."
             )
     return plan
 
 
-def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iterator[tuple[str, Any, Any]]:
+def _tasks(
+    plan: dict[str, Any], path: Path, folder: Path, parse: Parse
+) -> Iterator[tuple[str, Any, Any]]:
     """Name, arguments of its commands, and size and time of the log, of each log."""
     for name, of_robot in plan["robots"].items():
         own = path.parent / of_robot["robot"]
@@ -120,19 +172,32 @@ def _tasks(plan: dict[str, Any], path: Path, folder: Path, parse: Parse) -> Iter
         for pattern in patterns:
             logs = sorted(glob.glob(str(path.parent / pattern)))
             if not logs:
-                raise ValueError(f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct it.")
+                raise ValueError(
+                    f"logs of robot {name} must be there; {pattern!r} matches nothing. Correct it."
+                )
             for log in logs:
                 place = folder / name / Path(log).stem
                 if "notes" in plan:
                     seconds_of(notes_of(plan["notes"], log).get("time", 1e9))
-                steps = [vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]]
+                steps = [
+                    vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]
+                ]
                 with open(log, "rb") as content:
-                    yield f"{name}/{Path(log).stem}", steps, hashlib.file_digest(content, "sha256").hexdigest()
+                    yield (
+                        f"{name}/{Path(log).stem}",
+                        steps,
+                        hashlib.file_digest(content, "sha256").hexdigest(),
+                    )
 
 
-def _fleet(plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dict[str, Any]) -> dict[str, str]:
-    """What was identified, into the fleet and onto its page; robots that changed, and logs that are no part of it."""
-    place, said = path.parent / plan["fleet"], {}
+def _fleet(
+    plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dict[str, Any]
+) -> dict[str, str]:
+    """What was identified, into the fleet and onto its page; robots that changed, and logs that
+    are no part of it.
+    """
+    place = path.parent / plan["fleet"]
+    said = {}
     fleet = Fleet(place)
     for name in results:
         step = next(each for each in tasks[name][1][0] if each["command"] == "identify")
@@ -148,14 +213,20 @@ def _fleet(plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dic
 
 def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:
     """One command as it would be typed."""
-    found, certificate = str(place / "found.json"), str(place / "certificate.json")
+    found = str(place / "found.json")
+    certificate = str(place / "certificate.json")
     own = {
         "check": [log, "--robot", robot],
         "identify": [log, "--robot", robot, "-o", found, "--force"],
         "certify": [found, "-o", certificate, "--force"],
-        "report": [found, "-o", str(place / "page.html"), "--force",
-                   *(["--certificate", certificate] if "certify" in plan["do"] else [])],
-    }  # fmt: skip
+        "report": [
+            found,
+            "-o",
+            str(place / "page.html"),
+            "--force",
+            *(["--certificate", certificate] if "certify" in plan["do"] else []),
+        ],
+    }
     more = []
     for key, value in plan.get(command, {}).items():
         if value is False:
@@ -187,16 +258,22 @@ def _executor(where: str) -> Iterator[Any]:
         context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
         if hasattr(context, "set_forkserver_preload"):
             context.set_forkserver_preload(["ctc.commandline.plan"])
-        yield functools.partial(ProcessPoolExecutor, cores(), mp_context=context, initializer=_ends_with_its_parent)
+        yield functools.partial(
+            ProcessPoolExecutor, cores(), mp_context=context, initializer=_ends_with_its_parent
+        )
     elif where.startswith("dask:"):
         try:
             from distributed import Client
         except ImportError:
-            raise ValueError("executor dask needs distributed: pip install 'onepulse[dask]'.") from None
+            raise ValueError(
+                "executor dask needs distributed: pip install 'onepulse[dask]'."
+            ) from None
         try:
             client = Client(where.removeprefix("dask:"), timeout=10)
         except (OSError, ValueError) as error:
-            raise ValueError(f"executor must be a scheduler that runs; {where}: {error}. Start one.") from None
+            raise ValueError(
+                f"executor must be a scheduler that runs; {where}: {error}. Start one."
+            ) from None
         with client:
             yield client
     else:
@@ -212,9 +289,20 @@ def _ends_with_its_parent() -> None:
 def _status(ledger: Path, logs: Iterator[Any]) -> Answer:
     """How many tasks are in which state, from the ledger, of how many."""
     if not ledger.is_file():
-        raise ValueError(f"{ledger.parent} must hold a campaign; there is none. Run it without --status first.")
+        raise ValueError(
+            f"{ledger.parent} must hold a campaign; there is none. Run it without --status first."
+        )
     states = dict(rows_of(ledger, "select state, count(*) from tasks group by state"))
-    failed = dict(rows_of(ledger, "select name, error from tasks where state = 'failed' order by number"))
-    data = {state: states.get(state, 0) for state in ("done", "open", "failed")} | {"logs": sum(1 for _ in logs)}
-    text = ", ".join(f"{count} {state}" for state, count in data.items()).replace(" failed, ", " failed, of ")
-    return Answer("\n".join([text, *(f"{name}: {error}" for name, error in failed.items())]), data | {"errors": failed})
+    failed = dict(
+        rows_of(ledger, "select name, error from tasks where state = 'failed' order by number")
+    )
+    data = {state: states.get(state, 0) for state in ("done", "open", "failed")} | {
+        "logs": sum(1 for _ in logs)
+    }
+    text = ", ".join(f"{count} {state}" for state, count in data.items()).replace(
+        " failed, ", " failed, of "
+    )
+    return Answer(
+        "\n".join([text, *(f"{name}: {error}" for name, error in failed.items())]),
+        data | {"errors": failed},
+    )

@@ -25,10 +25,14 @@ _SAID = {
 
 
 def in_the_shell(text: str, own: Iterable[str] = ()) -> str:
-    """A text with options, `own` of the command that says it, in place of the keyword arguments of their names."""
+    """A text with options, `own` of the command that says it, in place of the keyword arguments
+    of their names.
+    """
     for python, said in _SAID.items():
         text = re.sub(python.replace(" ", r"\s+"), said, text)
-    text = re.sub(r"must hold a (\w+); it holds a '[\w.]*?(\w+)'\. Use \w+\.load\.", _other_file, text)
+    text = re.sub(
+        r"must hold a (\w+); it holds a '[\w.]*?(\w+)'\. Use \w+\.load\.", _other_file, text
+    )
     names = "|".join({*own, *_ELSEWHERE})
     text = re.sub(rf"\b({names})=\(([^,()]+),\s+([^,()]+)\)", r"\1=\2 \3", text)
     text = re.sub(rf"\b({names})=(?=[\d.'-])", r"\1= ", text)

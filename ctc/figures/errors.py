@@ -1,7 +1,8 @@
 """Figures of tracking errors, torques and phase; the paper's Figs. 6-9 and 12-15 redrawn.
 
-matplotlib is imported only when a figure is drawn. Every function draws on the Axes that ``ax=`` gives it, or on a new
-figure, returns the Axes and leaves saving to the caller: ``axes.flat[0].figure.savefig(...)``.
+matplotlib is imported only when a figure is drawn. Every function draws on the Axes that ``ax=``
+gives it, or on a new figure, returns the Axes and leaves saving to the caller:
+``axes.flat[0].figure.savefig(...)``.
 """
 
 from collections.abc import Sequence
@@ -11,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant import Record
-from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal, row_by_row
+from plant.parts.figures import (
+    BAND,
+    LOGS,
+    axes_of,
+    colour_of,
+    dressed,
+    legend_above,
+    literal,
+    row_by_row,
+)
 from plant.parts.messages import joint_labels
 
 _ABREAST = 4  # controllers beside each other at most; more stand below each other
@@ -34,7 +44,9 @@ def _pulses(axis: Any, t: NDArray[Any], error: NDArray[Any], colour: str) -> Non
 
 
 def _limit(axis: Any, drive: Any, joint: int) -> bool:
-    """The amplifier's limit as dashed lines, where it has one; coupled motors have theirs on the shafts."""
+    """The amplifier's limit as dashed lines, where it has one; coupled motors have theirs on the
+    shafts.
+    """
     limit = drive.torque_limit()[joint]
     if not np.isfinite(limit) or drive.coupling.matrix:
         return False
@@ -45,7 +57,9 @@ def _limit(axis: Any, drive: Any, joint: int) -> bool:
 
 
 def equal_rows(axes: NDArray[Any], headroom: float = 1.0) -> None:
-    """One scale per row, so that columns can be compared; `headroom` above one leaves place for a legend."""
+    """One scale per row, so that columns can be compared; `headroom` above one leaves place for
+    a legend.
+    """
     for row in axes:
         largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
         for axis in row:
@@ -54,7 +68,10 @@ def equal_rows(axes: NDArray[Any], headroom: float = 1.0) -> None:
 
 def _require_evaluation(name: str, evaluation: Any) -> None:
     if not hasattr(evaluation, "true_error_pulses"):
-        raise ValueError(f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate gave.")
+        raise ValueError(
+            f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate"
+            " gave."
+        )
 
 
 def titled(axes: NDArray[Any], head: str, labels: Sequence[str] = ()) -> None:
@@ -65,9 +82,12 @@ def titled(axes: NDArray[Any], head: str, labels: Sequence[str] = ()) -> None:
 
 @literal
 def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
-    """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one row per joint."""
+    """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one
+    row per joint.
+    """
     _require_evaluation("evaluation", evaluation)
-    record, limited = evaluation.record, False
+    record = evaluation.record
+    limited = False
     axes = row_by_row(ax, record.n, 2, width=11)
     for joint, (left, right) in enumerate(axes):
         _pulses(left, record.t, record.error_pulses[:, joint], colour_of(joint))
@@ -76,16 +96,23 @@ def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
         right.plot(record.t, record.torque[:, joint], color=colour_of(joint), linewidth=0.7)
         right.set_ylabel("torque [N m]")
         limited |= _limit(right, record.rig.drive, joint)
-    titled(axes[:, 0], f"{evaluation.share_within(1)} of the samples within ±1 pulse (shaded)", evaluation.joint_labels)
+    titled(
+        axes[:, 0],
+        f"{evaluation.share_within(1)} of the samples within ±1 pulse (shaded)",
+        evaluation.joint_labels,
+    )
     titled(axes[:, 1], f"joint torque{'; dashed: the amplifier limit' * limited}")
     return axes
 
 
 @literal
 def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
-    """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle shows as a ring."""
+    """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle
+    shows as a ring.
+    """
     _require_evaluation("evaluation", evaluation)
-    record, error = evaluation.record, evaluation.true_error_pulses
+    record = evaluation.record
+    error = evaluation.true_error_pulses
     rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
 
     def new() -> Any:
@@ -117,10 +144,14 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
     """Tracking errors of several controllers on the same arm."""
     if not isinstance(evaluations, dict) or not evaluations:
         given = f"{evaluations!r:.40}" if evaluations else "none"
-        raise ValueError(f"evaluations must be a dict, one per controller; got {given}. Pass {{name: evaluate(...)}}.")
+        raise ValueError(
+            f"evaluations must be a dict, one per controller; got {given}. Pass {{name:"
+            " evaluate(...)}."
+        )
     for name, evaluation in evaluations.items():
         _require_evaluation(f"evaluation {name!r}", evaluation)
-    n, laws = next(iter(evaluations.values())).record.n, len(evaluations)
+    n = next(iter(evaluations.values())).record.n
+    laws = len(evaluations)
     if abreast := laws <= _ABREAST:
         drawn = axes = row_by_row(ax, n, laws, width=5.2 * laws)
     else:
@@ -146,9 +177,14 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
 
 @literal
 def plot_record(
-    record: Record, joints: Sequence[str] = (), *, models: tuple[Sequence[Record], Record] | None = None, ax: Any = None
+    record: Record,
+    joints: Sequence[str] = (),
+    *,
+    models: tuple[Sequence[Record], Record] | None = None,
+    ax: Any = None,
 ) -> NDArray[Any]:
-    """Tracking error and motor current of every joint, or the errors beside those of models. Source: paper Figs. 6-15.
+    """Tracking error and motor current of every joint, or the errors beside those of models.
+    Source: paper Figs. 6-15.
 
     Parameters
     ----------
@@ -156,7 +192,8 @@ def plot_record(
     joints : sequence of str, optional
         Names of the joints; by default those of the rig's drive.
     models : (sequence of Record, Record), optional
-        What models of the initial population give, the best first and the others thin; and the best of the last one.
+        What models of the initial population give, the best first and the others thin; and the best
+        of the last one.
     ax : (n, 2) array of matplotlib Axes, optional
         Where to draw, (n, 1) of a record without currents; a new figure by default.
 
@@ -200,16 +237,27 @@ def plot_record(
     return axes
 
 
-def _beside(record: Record, initial: Sequence[Record], best: Record, labels: list[str], ax: Any) -> NDArray[Any]:
+def _beside(
+    record: Record, initial: Sequence[Record], best: Record, labels: list[str], ax: Any
+) -> NDArray[Any]:
     """Measured tracking errors beside those of models."""
     axes = row_by_row(ax, record.n, 2, width=11)
-    titles = ("initial population (paper: Figs. 12, 13)", "after identification (paper: Figs. 14, 15)")
+    titles = (
+        "initial population (paper: Figs. 12, 13)",
+        "after identification (paper: Figs. 14, 15)",
+    )
     (_, robot), (_, thin) = LOGS
     for column, ((model, *others), title) in enumerate(zip((initial, [best]), titles, strict=True)):
         for joint, axis in enumerate(axes[:, column]):
             for i, other in enumerate(others):
                 label = f"next {len(others)} models" if i == 0 else None
-                axis.plot(other.t, other.error_pulses[:, joint], color=colour_of(5), linewidth=0.5, label=label)
+                axis.plot(
+                    other.t,
+                    other.error_pulses[:, joint],
+                    color=colour_of(5),
+                    linewidth=0.5,
+                    label=label,
+                )
             axis.plot(record.t, record.error_pulses[:, joint], label="robot", **robot)
             axis.plot(model.t, model.error_pulses[:, joint], label="best model", **thin)
             axis.set_ylabel("error [pulses]" if column == 0 else "")

@@ -1,4 +1,6 @@
-"""Adaptive computed torque on the passivity of the arm: f-hat is adapted from the tracking error."""
+"""Adaptive computed torque on the passivity of the arm: f-hat is adapted from the tracking
+error.
+"""
 
 import casadi as ca
 import numpy as np
@@ -12,7 +14,8 @@ from plant.parts.arguments import array, signs
 from plant.parts.fields import Nested, Vector
 from plant.parts.part import number, part, structure
 
-# Share of the amplifier's limit above which a cut of the torque counts; rounding errors are far below.
+# Share of the amplifier's limit above which a cut of the torque counts; rounding errors are far
+# below.
 _AT_THE_LIMIT = 1e-9
 
 
@@ -20,14 +23,15 @@ _AT_THE_LIMIT = 1e-9
 class Adaptive(ModelLaw):
     """tau = Y(q, qd, v, vd) f-hat + K s + friction(qd_r), d f-hat / dt = Gamma Y' s.
 
-    v = qd_r + w e is the reference velocity, corrected by the error e = q_r - q, and s = v - qd = edot + w e. Once per
-    sample: q is the middle of the encoder's cell, edot the filtered difference of e and qd = qd_r - edot. While a
-    torque is at the amplifier's limit, f-hat stays as it is.
+    v = qd_r + w e is the reference velocity, corrected by the error e = q_r - q, and s = v - qd =
+    edot + w e. Once per sample: q is the middle of the encoder's cell, edot the filtered difference
+    of e and qd = qd_r - edot. While a torque is at the amplifier's limit, f-hat stays as it is.
 
     Parameters
     ----------
     arm, rig
-        As of `ComputedTorque`: f-hat starts at the arm's, friction and springs are fed forward, and not adapted.
+        As of `ComputedTorque`: f-hat starts at the arm's, friction and springs are fed forward, and
+        not adapted.
     bandwidth : float
         w: how fast e goes to zero once s is zero [rad/s].
     gain : (n,) array_like
@@ -71,32 +75,53 @@ class Adaptive(ModelLaw):
         signs(self, positive=("bandwidth", "filter"), not_negative=("gain", "adaptation"))
         names = self.arm.dynamics.names
         if len(self.adaptation) != len(names):
-            each = f"{len(names)} numbers, one for each of {names[0]}..{names[-1]}; got {len(self.adaptation)}"
+            each = (
+                f"{len(names)} numbers, one for each of {names[0]}..{names[-1]}; got"
+                f" {len(self.adaptation)}"
+            )
             raise ValueError(f"adaptation must have {each}. Zero keeps a parameter as it is.")
         if self.ranges is not None:
-            ranges = array("ranges", self.ranges, (len(names), 2), advice="Give a low and a high end for each f.")
+            ranges = array(
+                "ranges",
+                self.ranges,
+                (len(names), 2),
+                advice="Give a low and a high end for each f.",
+            )
             outside = np.flatnonzero((self.arm.f < ranges[:, 0]) | (self.arm.f > ranges[:, 1]))
             if len(outside):
                 i = outside[0]
-                which = f"{names[i]} = {self.arm.f[i]:g} is not in [{ranges[i, 0]:g}, {ranges[i, 1]:g}]. Widen them."
-                raise ValueError(f"ranges must hold the arm's f, where the adaptation starts; {which}")
+                which = (
+                    f"{names[i]} = {self.arm.f[i]:g} is not in [{ranges[i, 0]:g},"
+                    f" {ranges[i, 1]:g}]. Widen them."
+                )
+                raise ValueError(
+                    f"ranges must hold the arm's f, where the adaptation starts; {which}"
+                )
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """The arm's f, no reading yet, no torque commanded."""
         return np.concatenate([self.arm.f, no_reading(n), np.zeros(n)])
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """One sample: error and its rate -> s -> torque with f-hat as it was -> f-hat."""
-        n, model = self.arm.n, self.arm.dynamics
-        f, memory, commanded = state[: model.p], state[model.p : -n], state[-n:]
+        n = self.arm.n
+        model = self.arm.dynamics
+        f = state[: model.p]
+        memory = state[model.p : -n]
+        commanded = state[-n:]
         q = rig.cell_centre(pulses)
         e = setpoint.q - q
         rate, memory = filtered_difference(e, memory, self.filter, dt)
         s = rate + self.bandwidth * e
-        v, vd = setpoint.qd + self.bandwidth * e, setpoint.qdd + self.bandwidth * rate
+        v = setpoint.qd + self.bandwidth * e
+        vd = setpoint.qdd + self.bandwidth * rate
         Y = model.Y(q, setpoint.qd - rate, v, vd)
-        wanted = Y @ f + self.gain * s + self.rig.drive.friction(setpoint.qd) - self.rig.spring_torque(q)
+        wanted = (
+            Y @ f + self.gain * s + self.rig.drive.friction(setpoint.qd) - self.rig.spring_torque(q)
+        )
         cut = ca.fabs(torque - commanded) > _AT_THE_LIMIT * rig.drive.torque_limit()
         learning = ca.if_else(ca.sum1(cut) > 0, 0, dt)
         f = f + learning * self.adaptation * (Y.T @ s)

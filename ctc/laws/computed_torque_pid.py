@@ -14,9 +14,16 @@ from plant.parts.part import number, part
 
 
 def rolled_off(
-    signal: ca.SX, before: ca.SX, value: ca.SX, rate: ca.SX, corner: ca.SX, damping: ca.SX, dt: ca.SX
+    signal: ca.SX,
+    before: ca.SX,
+    value: ca.SX,
+    rate: ca.SX,
+    corner: ca.SX,
+    damping: ca.SX,
+    dt: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
-    """Filtered signal (n, 1) and its rate, one step later; of the step before it has signal, value and rate.
+    """Filtered signal (n, 1) and its rate, one step later; of the step before it has signal, value
+    and rate.
 
     Source: Tustin's method, which is the trapezoidal rule: s = 2 / dt (z - 1) / (z + 1).
     """
@@ -28,20 +35,22 @@ def rolled_off(
 
 @part
 class ComputedTorquePID(ModelLaw):
-    """tau = D-hat(q_r) (qdd_r + a(e)) + h-hat(q_r, qd_r) + friction(qd_r), with a PID a(s) that rolls off.
+    """tau = D-hat(q_r) (qdd_r + a(e)) + h-hat(q_r, qd_r) + friction(qd_r), with a PID a(s) that
+    rolls off.
 
-    a(s) = w (s + w/r) (s + i) / s / ((s/f)^2 + 2 z s/f + 1), sampled by Tustin's method, once per sample; e is q_r
-    minus the middle of the encoder's cell. From its upper zero to its roll-off the phase of a(s) leads, so a resonance
-    between motor and link is damped there; an observer's lag (`ComputedTorque`) would excite it. The first error that
-    is read makes no kick: it counts as if it had been there before. What the amplifier cuts off is taken back from the
-    integral.
+    a(s) = w (s + w/r) (s + i) / s / ((s/f)^2 + 2 z s/f + 1), sampled by Tustin's method, once per
+    sample; e is q_r minus the middle of the encoder's cell. From its upper zero to its roll-off the
+    phase of a(s) leads, so a resonance between motor and link is damped there; an observer's lag
+    (`ComputedTorque`) would excite it. The first error that is read makes no kick: it counts as if
+    it had been there before. What the amplifier cuts off is taken back from the integral.
 
     Parameters
     ----------
     arm, rig
         As of `ComputedTorque`.
     bandwidth : float
-        w, where the loop's gain is about one [rad/s]: far above its zeros, and below f, a(s) is w s.
+        w, where the loop's gain is about one [rad/s]: far above its zeros, and below f, a(s) is w
+        s.
     ratio : float
         r, of the bandwidth over the upper zero.
     integral : float
@@ -81,7 +90,11 @@ class ComputedTorquePID(ModelLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        signs(self, positive=("bandwidth", "ratio", "roll_off", "roll_off_damping"), not_negative=("integral",))
+        signs(
+            self,
+            positive=("bandwidth", "ratio", "roll_off", "roll_off_damping"),
+            not_negative=("integral",),
+        )
 
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """No reading yet (the first number), nothing integrated, no torque commanded."""
@@ -91,21 +104,39 @@ class ComputedTorquePID(ModelLaw):
         """The integral."""
         return (range(1, 1 + n),)
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
-        """One sample: what was cut off -> integral -> filtered error and its rate -> acceleration -> torque."""
-        n, model, f = self.arm.n, self.arm.dynamics, self.arm.f
-        read, integral, before, value, rate, commanded = ca.vertsplit(state, [0, *range(1, 5 * n + 2, n)])
-        e, D = setpoint.q - rig.cell_centre(pulses), model.D(setpoint.q, f)
-        before, value = ca.if_else(read > 0, before, e), ca.if_else(read > 0, value, e)
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
+        """One sample: what was cut off -> integral -> filtered error and its rate ->
+        acceleration -> torque.
+        """
+        n = self.arm.n
+        model = self.arm.dynamics
+        f = self.arm.f
+        read, integral, before, value, rate, commanded = ca.vertsplit(
+            state, [0, *range(1, 5 * n + 2, n)]
+        )
+        e = setpoint.q - rig.cell_centre(pulses)
+        D = model.D(setpoint.q, f)
+        before = ca.if_else(read > 0, before, e)
+        value = ca.if_else(read > 0, value, e)
 
         # a(s) = slow / s + (one + fast s) / ((s/f)^2 + 2 z s/f + 1), in partial fractions.
-        w, lower, corner, z = self.bandwidth, self.integral, self.roll_off, self.roll_off_damping
+        w = self.bandwidth
+        lower = self.integral
+        corner = self.roll_off
+        z = self.roll_off_damping
         upper = w / self.ratio
         slow = w * upper * lower
-        one, fast = w * (upper + lower) - 2 * z / corner * slow, w - slow / corner**2
+        one = w * (upper + lower) - 2 * z / corner * slow
+        fast = w - slow / corner**2
         missing = inverse(D).solve(torque - commanded)
-        integral = integrated(integral, slow * (e + before) / 2, missing, ca.sqrt(upper * lower), dt)
+        integral = integrated(
+            integral, slow * (e + before) / 2, missing, ca.sqrt(upper * lower), dt
+        )
         value, rate = rolled_off(e, before, value, rate, corner, z, dt)
-        wanted = D @ (setpoint.qdd + integral + one * value + fast * rate) + self.h(setpoint.q, setpoint.qd)
+        wanted = D @ (setpoint.qdd + integral + one * value + fast * rate) + self.h(
+            setpoint.q, setpoint.qd
+        )
         wanted = wanted + self.rig.drive.friction(setpoint.qd)
         return wanted, ca.vertcat(1, integral, e, value, rate, wanted)

@@ -1,4 +1,6 @@
-"""A simple feedback with torque from the model added: gravity alone, or all that the reference needs."""
+"""A simple feedback with torque from the model added: gravity alone, or all that the reference
+needs.
+"""
 
 import abc
 
@@ -14,10 +16,11 @@ from plant.parts.part import part, structure
 
 @base
 class Aided(ModelLaw):
-    """Base: tau = feedback + what `aid` gives of the setpoint and the counts, as often as the feedback runs.
+    """Base: tau = feedback + what `aid` gives of the setpoint and the counts, as often as the
+    feedback runs.
 
-    `feedback`: a simple law, such as `plant.PD`, whose period is that of the whole; of what the amplifier cuts off it
-    is told its own part.
+    `feedback`: a simple law, such as `plant.PD`, whose period is that of the whole; of what the
+    amplifier cuts off it is told its own part.
 
     Raises
     ------
@@ -31,7 +34,10 @@ class Aided(ModelLaw):
         super().__post_init__()
         if isinstance(self.feedback, ModelLaw) or self.feedback.replays:
             given = type(self.feedback).__name__
-            raise ValueError(f"feedback must be a simple law, such as PD; got {given}. Its model would count twice.")
+            raise ValueError(
+                f"feedback must be a simple law, such as PD; got {given}. Its model would count"
+                " twice."
+            )
         self.feedback.block(self.rig)  # refuses gains for other joints
 
     @property
@@ -47,10 +53,14 @@ class Aided(ModelLaw):
         """The feedback's, and no aid given yet."""
         return np.concatenate([self.feedback.initial_state(n), np.zeros(n)])
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """Tau = feedback + aid."""
         n = rig.n
-        commanded, memory = self.feedback.equations(rig, state[:-n], setpoint, pulses, torque - state[-n:], dt)
+        commanded, memory = self.feedback.equations(
+            rig, state[:-n], setpoint, pulses, torque - state[-n:], dt
+        )
         aid = self.aid(rig, setpoint, pulses)
         return commanded + aid, ca.vertcat(memory, aid)
 
@@ -61,7 +71,8 @@ class Aided(ModelLaw):
 
 @part
 class PDGravity(Aided):
-    """tau = feedback + g-hat(q), with q the middle of the encoder's cell: PD control with gravity compensation.
+    """tau = feedback + g-hat(q), with q the middle of the encoder's cell: PD control with gravity
+    compensation.
 
     Parameters
     ----------
@@ -97,7 +108,8 @@ class PDGravity(Aided):
 
 @part
 class FeedForward(Aided):
-    """tau = feedback + D-hat(q_r) qdd_r + h-hat(q_r, qd_r) + friction(qd_r): the whole model, of the reference alone.
+    """tau = feedback + D-hat(q_r) qdd_r + h-hat(q_r, qd_r) + friction(qd_r): the whole model, of
+    the reference alone.
 
     Parameters
     ----------

@@ -1,4 +1,6 @@
-"""Gains of computed torque on elastic gears: each joint's filter and regulator, as functions of its inertia."""
+"""Gains of computed torque on elastic gears: each joint's filter and regulator, as functions of
+its inertia.
+"""
 
 import functools
 from typing import Any
@@ -12,7 +14,8 @@ from plant import Arm, Rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.fields import Floats
 
-# (omega dt)^2 of motors against their links, at most poses: faster ones a filter of this period takes for rigid.
+# (omega dt)^2 of motors against their links, at most poses: faster ones a filter of this period
+# takes for rigid.
 _FOLLOWED = 1.0
 
 _POSES = 200  # that give the range of a joint's inertia
@@ -21,29 +24,38 @@ _DOUBLINGS = 20  # of the horizon over which a Riccati equation is followed: 2^2
 
 
 def gear_gains(arm: Arm, rig: Rig, bandwidth: float, observer: float) -> Floats | None:
-    """Table of `ElasticGears`, or None where gears are rigid, swing too fast for the period, or rotors are all of D.
+    """Table of `ElasticGears`, or None where gears are rigid, swing too fast for the period, or
+    rotors are all of D.
 
-    Gains of each joint alone, with the inertia 1 / (D^-1)_jj that it feels at a pose: Kalman filter and
-    linear-quadratic regulator of motor, link and their speeds, the filter with a disturbance torque on the motor. Noise
-    of the torque, on both, and cost are those for which rigid gears give the bandwidths [rad/s].
+    Gains of each joint alone, with the inertia 1 / (D^-1)_jj that it feels at a pose: Kalman filter
+    and linear-quadratic regulator of motor, link and their speeds, the filter with a disturbance
+    torque on the motor. Noise of the torque, on both, and cost are those for which rigid gears give
+    the bandwidths [rad/s].
     """
-    n, dt, drive = arm.n, rig.period, rig.drive
-    rotors, elasticity = drive.reflected_inertia(), _followed(rig)
+    n = arm.n
+    dt = rig.period
+    drive = rig.drive
+    rotors = drive.reflected_inertia()
+    elasticity = _followed(rig)
     if elasticity is None:
         return None
     D = _inertias(arm, rig)
     D = D[np.linalg.eigvalsh(D - np.diag(rotors)).min(axis=1) > 0]
     if len(D) < _POSES / 2:
         return None
-    mobility = np.linalg.inv(D - np.diag(rotors)) + np.diag(1 / rotors)  # of motors against their links
+    # of motors against their links
+    mobility = np.linalg.inv(D - np.diag(rotors)) + np.diag(1 / rotors)
     swings = np.linalg.eigvals(elasticity.stiffness[:, None] * mobility).real
     if np.median(swings.max(axis=1)) * dt**2 > _FOLLOWED:
         return None
     shares = rotors * np.diagonal(np.linalg.inv(D), axis1=1, axis2=2)
-    least, most = shares.min(axis=0), shares.max(axis=0)
-    middle, half = (most + least) / 2, np.maximum(most - least, 0.1 * (1 - most)) / 2
+    least = shares.min(axis=0)
+    most = shares.max(axis=0)
+    middle = (most + least) / 2
+    half = np.maximum(most - least, 0.1 * (1 - most)) / 2
     nodes = np.cos(np.pi * (np.arange(POWERS) + 0.5) / POWERS)
-    one_joint, fits = _one_joint(), np.empty((GAINS, POWERS, n))
+    one_joint = _one_joint()
+    fits = np.empty((GAINS, POWERS, n))
     for j in range(n):
         gains = []
         for inertia in rotors[j] / (middle[j] + half[j] * nodes):
@@ -64,53 +76,71 @@ def _followed(rig: Rig) -> Any:
 
 def _inertias(arm: Arm, rig: Rig) -> Floats:
     """D (poses, n, n) on the shafts, at poses all over."""
-    poses, n = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, arm.n)), arm.n
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, arm.n))
+    n = arm.n
     columns = _inertia(arm.dynamics, rig.drive.coupling).map(_POSES)(poses.T, arm.f).full()
     return columns.reshape(n, _POSES, n).transpose(1, 0, 2)
 
 
 @functools.lru_cache(maxsize=32)
 def _inertia(dynamics: Dynamics, coupling: Any) -> ca.Function:
-    q, f = ca.SX.sym("q", dynamics.n), ca.SX.sym("f", dynamics.p)
+    q = ca.SX.sym("q", dynamics.n)
+    f = ca.SX.sym("f", dynamics.p)
     return ca.Function("inertia", [q, f], [ca.densify(coupling.shaft_inertia(dynamics.D(q, f)))])
 
 
 @functools.cache
 def _one_joint() -> ca.Function:
-    """(rotor, D, stiffness, damping, viscous friction, dt) -> A (4, 4) of its deviation, B (4, 2) of its torques.
+    """(rotor, D, stiffness, damping, viscous friction, dt) -> A (4, 4) of its deviation, B (4, 2)
+    of its torques.
 
     The torques push motor and link.
     """
     names = "rotor", "D", "stiffness", "damping", "viscous", "dt"
     numbers = rotor, D, stiffness, damping, viscous, dt = [ca.SX.sym(name) for name in names]
-    x, push = ca.SX.sym("x", 4), ca.SX.sym("push", 2)
+    x = ca.SX.sym("x", 4)
+    push = ca.SX.sym("push", 2)
     e, rate, e_l, rate_l = ca.vertsplit(x)
     pushed = e, rate, e_l, rate_l - dt * push[1] / (D - rotor)
     gears = ElasticGears(D, dt * viscous, rotor, Springs(stiffness, damping))
     after, _ = gears.moved(pushed, push[0] + viscous * rate, lambda *_: ca.SX(0), dt)
-    return ca.Function("joint", numbers, [ca.densify(ca.jacobian(ca.vertcat(*after), each)) for each in (x, push)])
+    return ca.Function(
+        "joint", numbers, [ca.densify(ca.jacobian(ca.vertcat(*after), each)) for each in (x, push)]
+    )
 
 
 def _joint_gains(A: Floats, B: Floats, dt: float, bandwidth: float, observer: float) -> Floats:
-    """Gains (9,) of a joint, whose torques are in units of its inertia, and whose pulse has the variance 1."""
-    units = np.array([1, 1 / dt, 1, 1 / dt, 1 / dt**2])  # of what comes within a sample: Riccati's equation is scaled
-    A, B = A * units[:4] / units[:4, None], B * units[4] / units[:4, None]
-    grown, noises = np.eye(5), np.zeros((5, 5))
-    grown[:4, :4], grown[:4, 4] = A, -B[:, 0]  # the disturbance torque is what the feedback has to add
+    """Gains (9,) of a joint, whose torques are in units of its inertia, and whose pulse has the
+    variance 1.
+    """
+    # of what comes within a sample: Riccati's equation is scaled
+    units = np.array([1, 1 / dt, 1, 1 / dt, 1 / dt**2])
+    A = A * units[:4] / units[:4, None]
+    B = B * units[4] / units[:4, None]
+    grown = np.eye(5)
+    noises = np.zeros((5, 5))
+    # the disturbance torque is what the feedback has to add
+    grown[:4, :4], grown[:4, 4] = A, -B[:, 0]
     step = observer * dt
     noises[:4, :4], noises[4, 4] = step**4 * B @ B.T, (DRIFT * step) ** 6
     covariance = _riccati(grown.T, np.eye(5)[:, :1], noises)
     torque = B[:, :1]
     cost = _riccati(A, torque, np.diag([(bandwidth * dt) ** 4, 0, 0, 0]))
     regulator = np.linalg.solve(1 + torque.T @ cost @ torque, torque.T @ cost @ A).ravel()
-    return np.append(covariance[:, 0] / (covariance[0, 0] + 1) * units, -regulator * units[4] / units[:4])
+    return np.append(
+        covariance[:, 0] / (covariance[0, 0] + 1) * units, -regulator * units[4] / units[:4]
+    )
 
 
 def _riccati(A: Floats, B: Floats, Q: Floats) -> Floats:
-    """P = A' (P - P B (1 + B' P B)^-1 B' P) A + Q, by doubling, which stiff gears do not upset (as they do scipy's)."""
-    G, P = B @ B.T, Q
+    """P = A' (P - P B (1 + B' P B)^-1 B' P) A + Q, by doubling, which stiff gears do not upset
+    (as they do scipy's).
+    """
+    G = B @ B.T
+    P = Q
     for _ in range(_DOUBLINGS):
         turned = np.linalg.solve(np.eye(len(A)) + G @ P, np.hstack([A, G]))
-        onward, beside = turned[:, : len(A)], turned[:, len(A) :]
+        onward = turned[:, : len(A)]
+        beside = turned[:, len(A) :]
         A, G, P = A @ onward, G + A @ beside @ A.T, P + A.T @ P @ onward
     return P

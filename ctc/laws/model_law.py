@@ -1,4 +1,6 @@
-"""What all laws that hold an identified arm share: which arms they refuse, which rigs they fit, how often they run."""
+"""What all laws that hold an identified arm share: which arms they refuse, which rigs they fit,
+how often they run.
+"""
 
 import dataclasses
 from typing import Any, TypeVar, dataclass_transform
@@ -20,10 +22,17 @@ from plant.realtime.running import Running
 
 T = TypeVar("T")
 
-_FAST = 0.5  # bandwidth times period from which on stability is looked at before a start; at 1 computed torque loses it
+# bandwidth times period from which on stability is looked at before a start; at 1 computed torque
+# loses it
+_FAST = 0.5
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(number, structure))
+@dataclass_transform(
+    frozen_default=True,
+    kw_only_default=True,
+    eq_default=False,
+    field_specifiers=(number, structure),
+)
 def base(cls: type[T]) -> type[T]:
     """Class decorator: fields that the parts derived from this class have in common."""
     return dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
@@ -33,27 +42,34 @@ def base(cls: type[T]) -> type[T]:
 class ModelLaw(Law):
     """Base of the laws that work out torques from an arm; runs once per sample of its rig.
 
-    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``, and is not taken
-    silently if it is in doubt (`IdentificationWarning`). `rig`: the identified rig, ``found.rig``.
+    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``, and
+    is not taken silently if it is in doubt (`IdentificationWarning`). `rig`: the identified rig,
+    ``found.rig``.
 
     Raises
     ------
     ValueError
-        An arm whose D(q) does not exceed the motors' own inertia everywhere (no feedback would be stable), joints that
-        do not match; later, a rig with other joints than the arm's.
+        An arm whose D(q) does not exceed the motors' own inertia everywhere (no feedback would be
+        stable), joints that do not match; later, a rig with other joints than the arm's.
     """
 
     arm: Arm | Any = structure(kw_only=False)  # an Identification goes in, too; its arm is kept
     rig: Rig = structure(kw_only=False, default=None)
 
     def __post_init__(self) -> None:
-        found, name = self.arm, type(self).__name__
+        found = self.arm
+        name = type(self).__name__
         if isinstance(found, Identification):
             object.__setattr__(self, "arm", found.arm)
             object.__setattr__(self, "rig", found.rig if self.rig is None else self.rig)
             warn_of_doubts(found, name)
         instance(f"arm of {name}", self.arm, Arm, "Pass an identification, or an arm and its rig.")
-        instance(f"rig of {name}", self.rig, Rig, "Pass the arm's rig, or an identification in place of the arm.")
+        instance(
+            f"rig of {name}",
+            self.rig,
+            Rig,
+            "Pass the arm's rig, or an identification in place of the arm.",
+        )
         super().__post_init__()
         if self.arm.n != self.rig.n:
             both = f"{self.arm.n} and {self.rig.n}. Pass found.arm and found.rig."
@@ -67,7 +83,9 @@ class ModelLaw(Law):
         return self.rig.period
 
     def model_errors(self, n: int) -> tuple[range, ...]:
-        """Places in the state of accelerations (n each) that stand for what the model lacks, to be re-based with it."""
+        """Places in the state of accelerations (n each) that stand for what the model lacks, to
+        be re-based with it.
+        """
         return ()
 
     def torque_errors(self, n: int) -> tuple[range, ...]:
@@ -83,10 +101,11 @@ class ModelLaw(Law):
         return dataclasses.replace(self, rig=sliding_rig(self.rig))
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
-        """This law as a running controller, as `Law.start`; refused where its linearised loop is unstable.
+        """This law as a running controller, as `Law.start`; refused where its linearised loop is
+        unstable.
 
-        That is looked at where the rig, or the law's own, states elastic gears, and where the bandwidth is high for the
-        period.
+        That is looked at where the rig, or the law's own, states elastic gears, and where the
+        bandwidth is high for the period.
 
         Raises
         ------
@@ -102,39 +121,59 @@ class ModelLaw(Law):
         fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
         if self.period is None or not (fast or stated.drive.elasticity is not None):
             return
-        counts = array("pulses", pulses, (stated.n,), advice="Give the encoder count of each joint.")
+        counts = array(
+            "pulses", pulses, (stated.n,), advice="Give the encoder count of each joint."
+        )
         try:
             pole = SampledLoops(self.arm, stated, self, stated.cell_centre(counts)).unstable_pole()
         except ValueError:  # it cannot hold this pose at rest, so there is no loop to linearise
             return
         if pole is not None:
-            own, bandwidth = "", getattr(self, "bandwidth", None)
+            own = ""
+            bandwidth = getattr(self, "bandwidth", None)
             if bandwidth is not None:
-                own = f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * stated.period:.2g} times the period"
-            name, hz, time = type(self).__name__, abs(pole.imag) / (2 * np.pi), 1 / pole.real
+                own = (
+                    f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * stated.period:.2g} times"
+                    " the period"
+                )
+            name = type(self).__name__
+            hz = abs(pole.imag) / (2 * np.pi)
+            time = 1 / pole.real
             swings = f"it swings up at {hz:.3g} Hz with the time constant {time:.2g} s{own}"
             advice = "Lower it, or take what tune finds."
             raise ValueError(f"{name} must be stable on this rig; linearised {swings}. {advice}")
 
     def h(self, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] that the arm takes at q, qd beside inertia and friction: h-hat less the rig's springs."""
+        """Torque (n, 1) [N m] that the arm takes at q, qd beside inertia and friction: h-hat
+        less the rig's springs.
+        """
         return self.arm.dynamics.h(q, qd, self.arm.f) - self.rig.spring_torque(q)
 
     def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
-        """Gravity, friction (if the law knows that) and inertia (n, 1) [N m] of the identified arm and rig."""
-        model, f = self.arm.dynamics, self.arm.f
-        friction = {"friction": self.rig.drive.friction(qd)} if getattr(self, "friction", True) else {}
+        """Gravity, friction (if the law knows that) and inertia (n, 1) [N m] of the identified
+        arm and rig.
+        """
+        model = self.arm.dynamics
+        f = self.arm.f
+        friction = (
+            {"friction": self.rig.drive.friction(qd)} if getattr(self, "friction", True) else {}
+        )
         return {"gravity": model.gravity(q, f), **friction, "inertia": model.D(q, f) @ qdd}
 
     def block(self, rig: Rig) -> Block:
         rig.require_fit(self.arm.dynamics.chain)
         if abs(rig.period - self.rig.period) > 1e-9 * self.rig.period:
             periods = f"every {self.rig.period:.6g} s; got {rig.period:.6g} s"
-            raise ValueError(f"the rig must be sampled as the law's own, {periods}. Make the law for this rig.")
+            raise ValueError(
+                f"the rig must be sampled as the law's own, {periods}. Make the law for this rig."
+            )
         turned = np.flatnonzero(np.sign(rig.drive.gear) != np.sign(self.rig.drive.gear))
         if len(turned):
             i = int(turned[0])
-            which = f"that of {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, the law's {self.rig.drive.gear[i]:g}"
+            which = (
+                f"that of {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, the law's"
+                f" {self.rig.drive.gear[i]:g}"
+            )
             advice = "Correct the sign, or make the law for this rig."
             raise ValueError(f"gears of rig and law must turn the same way; {which}. {advice}")
         return super().block(rig)

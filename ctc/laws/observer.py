@@ -1,19 +1,23 @@
-"""Observer and regulator of one joint's tracking error: prediction, and gains that put their poles where they belong.
+"""Observer and regulator of one joint's tracking error: prediction, and gains that put their poles
+where they belong.
 
-The error obeys edd = x3 - v: v is the feedback acceleration that really acted, x3 the disturbance acceleration, all
-that the model does not know. Between two samples both are constant. Gains are those of the Kalman filter and of the
-linear-quadratic regulator of that double integrator, whose poles have a fixed pattern for a given ratio of the noises
-(docs/background/computed_torque.md), so that one number, a bandwidth, places them.
+The error obeys edd = x3 - v: v is the feedback acceleration that really acted, x3 the disturbance
+acceleration, all that the model does not know. Between two samples both are constant. Gains are
+those of the Kalman filter and of the linear-quadratic regulator of that double integrator, whose
+poles have a fixed pattern for a given ratio of the noises (docs/background/computed_torque.md), so
+that one number, a bandwidth, places them.
 """
 
 import casadi as ca
 import numpy as np
 
-DRIFT = 2 / 3  # bandwidth with which the disturbance's random walk is followed, over that of the random torque
+# bandwidth with which the disturbance's random walk is followed, over that of the random torque
+DRIFT = 2 / 3
 
 # The filter's poles are the stable zeros of s^6 + w^4 s^2 - (DRIFT w)^6: one real, one pair.
 _SQUARE = float(max(np.roots((1, 0, 1, -(DRIFT**6))).real))
-_REAL, _PRODUCT = np.sqrt(_SQUARE), np.sqrt(DRIFT**6 / _SQUARE)
+_REAL = np.sqrt(_SQUARE)
+_PRODUCT = np.sqrt(DRIFT**6 / _SQUARE)
 _SUM = np.sqrt(2 * _PRODUCT - _SQUARE)
 
 
@@ -26,10 +30,16 @@ def predict(
 
 
 def correct(
-    error: ca.SX, rate: ca.SX, disturbance: ca.SX, innovation: ca.SX, gains: tuple[ca.SX, ca.SX, ca.SX], dt: ca.SX
+    error: ca.SX,
+    rate: ca.SX,
+    disturbance: ca.SX,
+    innovation: ca.SX,
+    gains: tuple[ca.SX, ca.SX, ca.SX],
+    dt: ca.SX,
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """The prediction corrected by the innovation, measured minus predicted error [rad]."""
-    error, rate = error + gains[0] * innovation, rate + gains[1] / dt * innovation
+    error = error + gains[0] * innovation
+    rate = rate + gains[1] / dt * innovation
     return error, rate, disturbance + gains[2] / (dt * dt) * innovation
 
 
@@ -40,20 +50,26 @@ def triple_pole(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def filter_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Gains of the Kalman filter whose process noise is a random torque of bandwidth omega [rad/s], and a drift."""
+    """Gains of the Kalman filter whose process noise is a random torque of bandwidth omega
+    [rad/s], and a drift.
+    """
     real = 2 * _REAL * omega * dt / (2 + _REAL * omega * dt)  # 1 - z
     at_one, less = _sampled(_SUM, _PRODUCT, omega * dt)
     return real + less - real * less, at_one + real * (less - at_one / 2), real * at_one
 
 
 def regulator_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Feedback accelerations per error and per rate: poles at omega [rad/s], damping 1/sqrt(2), torque held."""
+    """Feedback accelerations per error and per rate: poles at omega [rad/s], damping 1/sqrt(2),
+    torque held.
+    """
     at_one, less = _sampled(np.sqrt(2), 1.0, omega * dt)
     return at_one / (dt * dt), (less + at_one / 2) / dt
 
 
 def _sampled(damping: float, stiffness: float, step: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(1 - z1) (1 - z2) and 1 - z1 z2 for the zeros of s^2 + damping s + stiffness, by Tustin's rule over a step."""
+    """(1 - z1) (1 - z2) and 1 - z1 z2 for the zeros of s^2 + damping s + stiffness, by Tustin's
+    rule over a step.
+    """
     square = stiffness * step**2
     common = 4 + 2 * damping * step + square
     return 4 * square / common, 4 * damping * step / common

@@ -14,11 +14,13 @@ from plant.parts.part import number, part
 
 @part
 class SlidingMode(ModelLaw):
-    """tau = D-hat(q) (qdd_r + w edot + reach sat(s / layer)) + h-hat(q, qd) + friction(qd_r), s = edot + w e.
+    """tau = D-hat(q) (qdd_r + w edot + reach sat(s / layer)) + h-hat(q, qd) + friction(qd_r), s =
+    edot + w e.
 
-    Once per sample: q is the middle of the encoder's cell, e = q_r - q, edot its filtered difference and
-    qd = qd_r - edot. Outside the layer s goes to it at `reach`, whatever the model has wrong by less than that; inside
-    it is held by a proportional feedback of reach / layer [1/s].
+    Once per sample: q is the middle of the encoder's cell, e = q_r - q, edot its filtered
+    difference and qd = qd_r - edot. Outside the layer s goes to it at `reach`, whatever the model
+    has wrong by less than that; inside it is held by a proportional feedback of reach / layer
+    [1/s].
 
     Parameters
     ----------
@@ -65,9 +67,12 @@ class SlidingMode(ModelLaw):
         """No reading yet."""
         return no_reading(n)
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """One sample: error and its rate -> s -> torque."""
-        model, f = self.arm.dynamics, self.arm.f
+        model = self.arm.dynamics
+        f = self.arm.f
         q = rig.cell_centre(pulses)
         e = setpoint.q - q
         rate, state = filtered_difference(e, state, self.filter, dt)

@@ -1,5 +1,5 @@
 """Torque that was missing along a path, learnt from repetitions of it.
 
-Read `path_plant` (the plant linearised along the path, and the torque that a log misses), `learnt_torque` (the law that
-adds it), then `learning` (what of it is f and friction) and `learn`.
+Read `path_plant` (the plant linearised along the path, and the torque that a log misses),
+`learnt_torque` (the law that adds it), then `learning` (what of it is f and friction) and `learn`.
 """

@@ -1,4 +1,6 @@
-"""What was learnt from repetitions of a path; what of the torque is f and friction, which serves other paths too."""
+"""What was learnt from repetitions of a path; what of the torque is f and friction, which serves
+other paths too.
+"""
 
 import dataclasses
 from collections.abc import Iterator
@@ -18,11 +20,15 @@ from plant.parts.saved import Saved
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table, by_joint
 
-_SETTLED = 1e-3  # missing torque, as a share of the amplifier's limit, below which nothing more is to be learnt
+# missing torque, as a share of the amplifier's limit, below which nothing more is to be learnt
+_SETTLED = 1e-3
 
-_F, _FRICTION = 0.05, 0.2  # relative standard deviations of f and of friction before, where no covariance is known
+# relative standard deviations of f and of friction before, where no covariance is known
+_F = 0.05
+_FRICTION = 0.2
 
-_CORRELATED = 0.02  # time [s] over which the rest of the torque is taken to be alike: two constants of the smoother
+# time [s] over which the rest of the torque is taken to be alike: two constants of the smoother
+_CORRELATED = 0.02
 
 
 @kept
@@ -43,7 +49,8 @@ class Learning(Shown, Saved, Frozen):
     missing : tuple of (n,) numpy.ndarray
         Torque that was missing, rms where joints move [N m]: of each call that learnt.
     beyond, peak : tuple of float
-        Of the same calls: share of the samples beyond ±1 pulse, and largest tracking error [pulses].
+        Of the same calls: share of the samples beyond ±1 pulse, and largest tracking error
+        [pulses].
     innovations : tuple of float
         Mean normalised innovation of every repetition so far; 1 where model and log agree.
     left_out : tuple of str
@@ -76,11 +83,16 @@ class Learning(Shown, Saved, Frozen):
 
     @property
     def converged(self) -> bool:
-        """Whether less than a thousandth of the amplifiers' torque was missing in the last repetition.
+        """Whether less than a thousandth of the amplifiers' torque was missing in the last
+        repetition.
 
         Of ±1 pulse `beyond` tells: what does not repeat, or comes too fast for the law, stays.
         """
-        return bool(self.missing) and not self.diverged and share(self.missing[-1], self.rig) <= _SETTLED
+        return (
+            bool(self.missing)
+            and not self.diverged
+            and share(self.missing[-1], self.rig) <= _SETTLED
+        )
 
     @property
     def uncertainty(self) -> Uncertainty:
@@ -96,24 +108,48 @@ class Learning(Shown, Saved, Frozen):
         if not self.missing:
             return "nothing learnt: every repetition was left out"
         done = "nothing more to learn" if self.converged else "learn from another repetition"
-        error = f"{percent(self.beyond[-1])} of the samples beyond ±1 pulse, {self.peak[-1]:.0f} at most"
+        error = (
+            f"{percent(self.beyond[-1])} of the samples beyond ±1 pulse, {self.peak[-1]:.0f} at"
+            " most"
+        )
         return f"{error}; missing torque {np.linalg.norm(self.missing[-1]):.3g} N m rms: {done}"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), self.converged and not self.beyond[-1])
         if self.missing:
-            first, last = self.missing[0], self.missing[-1]
-            added = np.sqrt(np.mean(self.law.torque(np.linspace(0, self.law.reference.duration, 1000)) ** 2, axis=0))
-            quantities = [("missing at first, rms [N m]", first), ("in the last [N m]", last), ("added [N m]", added)]
-            yield by_joint(self.rig.joint_labels, [[name, *(f"{x:.3g}" for x in row)] for name, row in quantities])
-        yield f"innovations: {', '.join(f'{x:.2f}' for x in self.innovations)} (1: as the model says)"
+            first = self.missing[0]
+            last = self.missing[-1]
+            added = np.sqrt(
+                np.mean(
+                    self.law.torque(np.linspace(0, self.law.reference.duration, 1000)) ** 2, axis=0
+                )
+            )
+            quantities = [
+                ("missing at first, rms [N m]", first),
+                ("in the last [N m]", last),
+                ("added [N m]", added),
+            ]
+            yield by_joint(
+                self.rig.joint_labels,
+                [[name, *(f"{x:.3g}" for x in row)] for name, row in quantities],
+            )
+        yield (
+            f"innovations: {', '.join(f'{x:.2f}' for x in self.innovations)} (1: as the model says)"
+        )
         yield from (f"left out: {each}" for each in self.left_out)
         if not self.missing:
             return
-        drive, std = self.rig.drive, np.sqrt(np.diag(self.covariance))
+        drive = self.rig.drive
+        std = np.sqrt(np.diag(self.covariance))
         names = [*self.arm.dynamics.short_names]
-        rows = [(name, f"{f:.4g}", f"{s:.2g}") for name, f, s in zip(names, self.arm.f, std, strict=True)]
-        kinds = ("viscous", drive.joint_viscous()), ("Coulomb", drive.joint_coulomb(np.zeros(drive.n)))
+        rows = [
+            (name, f"{f:.4g}", f"{s:.2g}")
+            for name, f, s in zip(names, self.arm.f, std, strict=True)
+        ]
+        kinds = (
+            ("viscous", drive.joint_viscous()),
+            ("Coulomb", drive.joint_coulomb(np.zeros(drive.n))),
+        )
         for (kind, values), deviations in zip(kinds, self.friction_std, strict=True):
             labels = zip(self.rig.joint_labels, values, deviations, strict=True)
             rows += [(f"{kind}, {label}", f"{value:.4g}", f"{s:.2g}") for label, value, s in labels]
@@ -123,34 +159,54 @@ class Learning(Shown, Saved, Frozen):
 
 def share(missing: Floats, rig: Rig) -> float:
     """Missing torque (n,) as a share of the amplifiers' limits, the largest of the joints."""
-    return float(np.max(np.abs(rig.drive.coupling.shaft_torque(missing)) / np.abs(rig.drive.torque_limit())))
+    return float(
+        np.max(np.abs(rig.drive.coupling.shaft_torque(missing)) / np.abs(rig.drive.torque_limit()))
+    )
 
 
 def mended(
     arm: Arm, rig: Rig, plant: PathPlant, learnt: Floats, moves: Any, speed: Floats, prior: Any
 ) -> tuple[Arm, Rig, Floats, float]:
-    """Arm and rig corrected by a learnt torque (N, n) in a ridge regression, where joints move, at speeds of shafts;
-    the covariance of f, viscous and Coulomb friction (joint side), and the torque that is left, rms [N m].
+    """Arm and rig corrected by a learnt torque (N, n) in a ridge regression, where joints move, at
+    speeds of shafts; the covariance of f, viscous and Coulomb friction (joint side), and the torque
+    that is left, rms [N m].
     """
-    n, p, drive = arm.n, len(arm.f), rig.drive
+    n = arm.n
+    p = len(arm.f)
+    drive = rig.drive
     N = len(learnt)
-    Y = np.asarray(arm.dynamics._regressor.function.map(N)(plant.q.T, plant.qd.T, plant.qdd.T).full())
+    Y = np.asarray(
+        arm.dynamics._regressor.function.map(N)(plant.q.T, plant.qd.T, plant.qdd.T).full()
+    )
     shafts = np.asarray(drive.coupling.joint_torque(np.eye(n))).T
     friction = [each[:, None, :] * shafts for each in (speed, np.sign(speed))]
     rows = np.concatenate([Y.reshape(n, N, p).transpose(1, 0, 2), *friction], axis=2)[moves]
-    wanted, before = learnt[moves], np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
-    P = prior if prior is not None else np.diag((np.append(np.full(p, _F), np.full(2 * n, _FRICTION)) * before) ** 2)
+    wanted = learnt[moves]
+    before = np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
+    P = (
+        prior
+        if prior is not None
+        else np.diag((np.append(np.full(p, _F), np.full(2 * n, _FRICTION)) * before) ** 2)
+    )
     alike = max(_CORRELATED / rig.period, 1.0)
-    change, variance = np.zeros(len(before)), float(np.mean(wanted**2)) + 1e-12
+    change = np.zeros(len(before))
+    variance = float(np.mean(wanted**2)) + 1e-12
     for _ in range(3):  # the rest is what the regression leaves
         S = P @ rows.T @ rows / (variance * alike)
         covariance = np.linalg.solve(np.eye(len(P)) + S, P)
         change = covariance @ (rows.T @ wanted) / (variance * alike)
         variance = float(np.mean((wanted - rows @ change) ** 2)) + 1e-12
     after = before + change
-    gear2, gear = drive.gear**2, np.abs(drive.gear)
+    gear2 = drive.gear**2
+    gear = np.abs(drive.gear)
     corrected = dataclasses.replace(
-        drive, viscous=np.maximum(after[p : p + n] / gear2, 0),
+        drive,
+        viscous=np.maximum(after[p : p + n] / gear2, 0),
         coulomb=np.maximum(drive.coulomb + change[p + n :] / gear, 0),
-    )  # fmt: skip
-    return arm.dynamics.arm(after[:p]), dataclasses.replace(rig, drive=corrected), covariance, variance**0.5
+    )
+    return (
+        arm.dynamics.arm(after[:p]),
+        dataclasses.replace(rig, drive=corrected),
+        covariance,
+        variance**0.5,
+    )

@@ -19,7 +19,8 @@ _NEAR = 3.0  # pulses within which the arm stands where the path begins, when th
 
 @part
 class LearntTorque(Law):
-    """tau = tau of a law + sum over k of a_k cos(k pi t / T), learnt by `learn` along one path of duration T.
+    """tau = tau of a law + sum over k of a_k cos(k pi t / T), learnt by `learn` along one path of
+    duration T.
 
     t is the time since the law began; from T on the torque stays as it is there.
 
@@ -35,7 +36,8 @@ class LearntTorque(Law):
     Raises
     ------
     ValueError
-        Terms that are not a whole number per joint; later, another rig, or a path that is another one.
+        Terms that are not a whole number per joint; later, another rig, or a path that is another
+        one.
 
     See Also
     --------
@@ -59,9 +61,14 @@ class LearntTorque(Law):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.law.replays or isinstance(self.law, LearntTorque):
-            raise ValueError(f"law must be a controller; got {type(self.law).__name__}. Give the law below it.")
+            raise ValueError(
+                f"law must be a controller; got {type(self.law).__name__}. Give the law below it."
+            )
         if not len(self.terms) or len(self.terms) % self.rig.n:
-            raise ValueError(f"terms must be some for each of {self.rig.n} joints; got {len(self.terms)}. Add zeros.")
+            raise ValueError(
+                f"terms must be some for each of {self.rig.n} joints; got {len(self.terms)}. Add"
+                " zeros."
+            )
 
     @property
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the law's
@@ -89,16 +96,23 @@ class LearntTorque(Law):
     def require_reference(self, reference: Reference) -> None:
         """Refuse another path."""
         if reference != self.reference:
-            got = f"got another {type(reference).__name__}. Learn along it, or use the mended arm and rig."
+            got = (
+                f"got another {type(reference).__name__}. Learn along it, or use the mended arm and"
+                " rig."
+            )
             raise ValueError(f"reference must be the path along which it was learnt; {got}")
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for the rig on which it was learnt."""
         for name, of in (
-            ("period", lambda r: r.period), ("gear", lambda r: r.drive.gear),
-            ("motor gain", lambda r: r.drive.motor_gain), ("resolution", lambda r: r.encoder.resolution),
-        ):  # fmt: skip
-            if np.shape(of(rig)) != np.shape(of(self.rig)) or not np.allclose(of(rig), of(self.rig), rtol=1e-9, atol=0):
+            ("period", lambda r: r.period),
+            ("gear", lambda r: r.drive.gear),
+            ("motor gain", lambda r: r.drive.motor_gain),
+            ("resolution", lambda r: r.encoder.resolution),
+        ):
+            if np.shape(of(rig)) != np.shape(of(self.rig)) or not np.allclose(
+                of(rig), of(self.rig), rtol=1e-9, atol=0
+            ):
                 differs = f"{name} {of(self.rig)}; got {of(rig)}. Learn on this one."
                 raise ValueError(f"rig must be that on which the torque was learnt, {differs}")
         self.law.block(rig)  # refuses a rig that is not the law's
@@ -113,9 +127,14 @@ class LearntTorque(Law):
             As the law's own; an arm that stands elsewhere.
         """
         begins = self.rig.counts(self.reference([0.0]).q[0])
-        given = array("pulses", pulses, (self.rig.n,), advice="Give the encoder count of each joint.")
+        given = array(
+            "pulses", pulses, (self.rig.n,), advice="Give the encoder count of each joint."
+        )
         if (np.abs(given - begins) > _NEAR).any():
-            raise ValueError(f"pulses must be where the learnt path begins, {begins}; got {given}. Move the arm there.")
+            raise ValueError(
+                f"pulses must be where the learnt path begins, {begins}; got {given}. Move the arm"
+                " there."
+            )
         getattr(self.law, "require_stable", lambda *_: None)(rig, pulses)
         return super().start(rig, pulses, **options)
 
@@ -123,15 +142,23 @@ class LearntTorque(Law):
         """The law's own."""
         return self.law.friction_in(state[: -self.rig.n - 2])
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
-        """The law, which knows nothing of the torque beside its own; cos(k x) by Chebyshev's recursion."""
-        n, end = rig.n, self.reference.duration
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
+        """The law, which knows nothing of the torque beside its own; cos(k x) by Chebyshev's
+        recursion.
+        """
+        n = rig.n
+        end = self.reference.duration
         time = state[-1] * (state[-2] + dt)
         cosine = ca.cos(ca.pi / end * ca.fmin(time, end))
-        before, now, added = cosine, ca.SX(1), ca.SX.zeros(n)
+        before = cosine
+        now = ca.SX(1)
+        added = ca.SX.zeros(n)
         for k in range(self.terms.shape[0] // n):
             added += self.terms[k * n : (k + 1) * n] * now
             before, now = now, 2 * cosine * now - before
-        own, given = state[: -n - 2], state[-n - 2 : -2]
+        own = state[: -n - 2]
+        given = state[-n - 2 : -2]
         asked, memory = self.law.equations(rig, own, setpoint, pulses, torque - given, dt)
         return asked + added, ca.vertcat(memory, added, time, 1)

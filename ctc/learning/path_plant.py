@@ -1,7 +1,8 @@
-"""The arm along a reference: the torque that the model needs, and its answer to more, linearised; what a log misses.
+"""The arm along a reference: the torque that the model needs, and its answer to more, linearised;
+what a log misses.
 
-Source of the smoother: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973): the
-modified Bryson-Frazier smoother.
+Source of the smoother: Bierman, Fixed interval smoothing with discrete measurements, Int. J.
+Control 18 (1973): the modified Bryson-Frazier smoother.
 """
 
 import dataclasses
@@ -17,17 +18,20 @@ from plant.parts.fields import Floats
 
 _SLIDES = 30.0  # speed [pulses/s] from which on the model has Coulomb friction in full
 
-_FOLLOWED = 4.0  # (omega dt)^2 of links on their gears up to which Runge-Kutta 4 follows them; beyond, gears are rigid
+# (omega dt)^2 of links on their gears up to which Runge-Kutta 4 follows them; beyond, gears are
+# rigid
+_FOLLOWED = 4.0
 
 _HALVINGS = 3  # of a sample, for its transition matrix
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PathPlant:
-    """N samples of the model along a reference: motion of the links, and the torque [N m] that it needs to the next.
+    """N samples of the model along a reference: motion of the links, and the torque [N m] that it
+    needs to the next.
 
-    The transition (N, m + n, m + n) is of deviations, without Coulomb friction: angles and speeds (of motors, then
-    links), and the torque (n) that is missing.
+    The transition (N, m + n, m + n) is of deviations, without Coulomb friction: angles and speeds
+    (of motors, then links), and the torque (n) that is missing.
     """
 
     torque: Floats
@@ -38,11 +42,15 @@ class PathPlant:
 
 
 def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlant:
-    """The model along so many samples of a reference, which the encoders' side of the gears follows exactly."""
+    """The model along so many samples of a reference, which the encoders' side of the gears
+    follows exactly.
+    """
     if rig.drive.elasticity is not None:
         require_elastic("learn", rig)
         rig = _as_stiff(arm, rig, reference(np.zeros(1)).q[0])
-    n, dt, drive = arm.n, rig.period, rig.drive
+    n = arm.n
+    dt = rig.period
+    drive = rig.drive
     x, u, accelerations = _equations(arm, rig)
     own = ca.jacobian(accelerations[:n], u)
     asked = ca.SX.sym("qdd", n)
@@ -53,7 +61,11 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     slopes = ca.Function("slopes", [x, u], [ca.jacobian(rate, x), ca.jacobian(rate, u)])
 
     motion = reference(dt * np.arange(2 * count + 1) / 2)  # with the middles of the samples
-    states = _states(arm, rig, moves, motion, count) if half > n else np.hstack([motion.q[::2], motion.qd[::2]])
+    states = (
+        _states(arm, rig, moves, motion, count)
+        if half > n
+        else np.hstack([motion.q[::2], motion.qd[::2]])
+    )
     speed = drive.coupling.shaft(motion.qd[::2])
     slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES
     dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
@@ -67,15 +79,20 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     links = slice(half - n, half), slice(m - n, m)
     qdd = bends.full().T if half > n else motion.qdd[::2]
     return PathPlant(
-        torque=(whole[:-1] + whole[1:]) / 2, transition=_exponentials(grown * dt), q=states[:-1, links[0]],
-        qd=states[:-1, links[1]], qdd=qdd[:-1],
-    )  # fmt: skip
+        torque=(whole[:-1] + whole[1:]) / 2,
+        transition=_exponentials(grown * dt),
+        q=states[:-1, links[0]],
+        qd=states[:-1, links[1]],
+        qdd=qdd[:-1],
+    )
 
 
 def _as_stiff(arm: Arm, rig: Rig, q: Floats) -> Rig:
     """The rig, with rigid gears where links swing too fast for a step of its period."""
     drive: Any = rig.drive
-    links = drive.coupling.shaft_inertia(ca.DM(arm.D(q))).full() - np.diag(drive.reflected_inertia())
+    links = drive.coupling.shaft_inertia(ca.DM(arm.D(q))).full() - np.diag(
+        drive.reflected_inertia()
+    )
     squares = np.linalg.eigvals(np.linalg.solve(links, np.diag(drive.elasticity.stiffness))).real
     if squares.max() * rig.period**2 < _FOLLOWED:
         return rig
@@ -83,18 +100,30 @@ def _as_stiff(arm: Arm, rig: Rig, q: Floats) -> Rig:
 
 
 def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """State, joint torque of the motors, and accelerations: of the joints, or of motors and links."""
-    n, dynamics, drive, f = arm.n, arm.dynamics, rig.drive, arm.f
+    """State, joint torque of the motors, and accelerations: of the joints, or of motors and
+    links.
+    """
+    n = arm.n
+    dynamics = arm.dynamics
+    drive = rig.drive
+    f = arm.f
     elastic: Any = drive.elasticity
-    x, u = ca.SX.sym("x", 2 * n if elastic is None else 4 * n), ca.SX.sym("u", n)
+    x = ca.SX.sym("x", 2 * n if elastic is None else 4 * n)
+    u = ca.SX.sym("u", n)
     coupling = drive.coupling
     if elastic is None:
         q, qd = ca.vertsplit(x, n)
         pushed = u - coupling.joint_torque(drive.joint_viscous() * coupling.shaft(qd))
-        return x, u, ca.solve(dynamics.D(q, f), pushed - dynamics.h(q, qd, f) + rig.spring_torque(q))
+        return (
+            x,
+            u,
+            ca.solve(dynamics.D(q, f), pushed - dynamics.h(q, qd, f) + rig.spring_torque(q)),
+        )
     q_m, q, qd_m, qd = ca.vertsplit(x, n)
     bend = ca.SX.sym("bend", n)
-    carried = elastic.stiffness * coupling.shaft(q_m - q) + elastic.damping * coupling.shaft(qd_m - qd)
+    carried = elastic.stiffness * coupling.shaft(q_m - q) + elastic.damping * coupling.shaft(
+        qd_m - qd
+    )
     taken = gear_torque(dynamics, rig, q, qd, bend, f)
     links = ca.solve(ca.jacobian(taken, bend), carried - ca.substitute(taken, bend, ca.SX.zeros(n)))
     pushed = coupling.shaft_torque(u) - carried - drive.joint_viscous() * coupling.shaft(qd_m)
@@ -103,7 +132,8 @@ def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> Floats:
     """Motors on the reference, and links moved by them (count + 1, 4 n), by Runge-Kutta 4."""
-    n, dt = arm.n, rig.period
+    n = arm.n
+    dt = rig.period
     q, qd, bend = (ca.SX.sym(name, n) for name in ("q", "qd", "bend"))
     deflection = wound(rig.drive, gear_torque(arm.dynamics, rig, q, qd, bend, arm.f))
     wind = ca.Function("wind", [q, qd, bend], [deflection])
@@ -129,7 +159,8 @@ def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> 
 
 def _exponentials(matrices: Floats) -> Floats:
     """Exponentials of matrices (N, m, m): Taylor's fourth order of a part, squared up."""
-    part, one = matrices / 2**_HALVINGS, np.eye(matrices.shape[1])
+    part = matrices / 2**_HALVINGS
+    one = np.eye(matrices.shape[1])
     found = one + part @ (one + part / 2 @ (one + part / 3 @ (one + part / 4)))
     for _ in range(_HALVINGS):
         found = found @ found
@@ -138,12 +169,16 @@ def _exponentials(matrices: Floats) -> Floats:
 
 _OMEGA = 100.0  # bandwidth of the estimate [rad/s]
 
-# How long the count of a joint stands that sticks, and for how long its friction is taken to hold on [s].
-_STANDS, _MEMORY = 0.02, 0.05
+# How long the count of a joint stands that sticks, and for how long its friction is taken to hold
+# on [s].
+_STANDS = 0.02
+_MEMORY = 0.05
 
 
 class Missing(NamedTuple):
-    """Torque (N, n) that was missing [N m], which joints stood (N, n), mean normalised innovation."""
+    """Torque (N, n) that was missing [N m], which joints stood (N, n), mean normalised
+    innovation.
+    """
 
     torque: Floats
     stands: Floats
@@ -151,16 +186,23 @@ class Missing(NamedTuple):
 
 
 def missing_torque(
-    plant: PathPlant, rig: Rig, inertia: Floats, beyond: Floats, e: Floats, counts: Floats, moves: Any
+    plant: PathPlant,
+    rig: Rig,
+    inertia: Floats,
+    beyond: Floats,
+    e: Floats,
+    counts: Floats,
+    moves: Any,
 ) -> Missing:
     """The torque that was missing along a path.
 
-    `inertia` (n,) is that which each joint feels [kg m^2]; (N, n) are the applied torque `beyond` what the model needs,
-    `e`, middle of the quantisation cell less the reference [rad], counts, and where the reference moves: there
-    innovations count.
+    `inertia` (n,) is that which each joint feels [kg m^2]; (N, n) are the applied torque `beyond`
+    what the model needs, `e`, middle of the quantisation cell less the reference [rad], counts, and
+    where the reference moves: there innovations count.
     """
     N, n = e.shape
-    dt, m = rig.period, plant.transition.shape[1] - n
+    dt = rig.period
+    m = plant.transition.shape[1] - n
     pulse = np.asarray(rig.to_angle(np.eye(n))).T
     R = pulse @ pulse.T / 12
     walk = (inertia * _OMEGA**3) ** 2 * np.diag(R) * dt
@@ -169,32 +211,39 @@ def missing_torque(
     for pairs in (counts // 2, (counts + 1) // 2):  # between two cells
         stands = np.where(moves, stands, np.maximum(stands, standing(pairs, least)))
     level = rig.drive.joint_coulomb(np.zeros(n)) ** 2 * _MEMORY / dt
-    one, H = np.eye(m + n), np.eye(n, m + n)
+    one = np.eye(m + n)
+    H = np.eye(n, m + n)
     Q = np.zeros_like(one)
     Q[m:, m:] = np.diag(walk * dt)
     P = np.zeros_like(one)
     P[: m // 2, : m // 2] = np.kron(np.eye(m // 2 // n), 12 * R)
     P[m // 2 : m, m // 2 : m] = np.kron(np.eye(m // 2 // n), 12 * R * _OMEGA**2)
     P[m:, m:] = np.diag(walk)  # what it walks in 1 s
-    z, total, kept = np.zeros(m + n), 0.0, []
+    z = np.zeros(m + n)
+    total = 0.0
+    kept = []
     for k in range(N):
         inverse = np.linalg.inv(P[:n, :n] + R)
         nu = e[k] - z[:n]
         total += float(nu**2 / np.diag(P[:n, :n] + R) @ moves[k])
         gain = P[:, :n] @ inverse
         kept.append((z, P, inverse, nu, gain))
-        z, P = z + gain @ nu, P - gain @ P[:n]
+        z = z + gain @ nu
+        P = P - gain @ P[:n]
         step = plant.transition[k]
         push = step[:, m:].copy()
         push[m:] = 0.0
-        z, P = step @ z + push @ beyond[k], step @ P @ step.T + Q + (push * (level * stands[k])) @ push.T
+        z = step @ z + push @ beyond[k]
+        P = step @ P @ step.T + Q + (push * (level * stands[k])) @ push.T
         P = (P + P.T) / 2
-    torque, adjoint = np.empty((N, n)), np.zeros(m + n)
+    torque = np.empty((N, n))
+    adjoint = np.zeros(m + n)
     for k in range(N - 1, -1, -1):
         z, P, inverse, nu, gain = kept[k]
         after = plant.transition[k].T @ adjoint
         adjoint = after - H.T @ (gain.T @ after + inverse @ nu)
-        torque[k] = (P @ adjoint - z)[m:]  # a torque that acts beside the motors' is missing with the other sign
+        # a torque that acts beside the motors' is missing with the other sign
+        torque[k] = (P @ adjoint - z)[m:]
     return Missing(torque, stands, total / max(int(moves.sum()), 1))
 
 

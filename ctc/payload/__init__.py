@@ -1,4 +1,5 @@
 """A load in the gripper: detected, identified and swapped into the model of a running controller.
 
-Read `payload_law` (the stage in the loop), `controller` (collect, identify, swap) and `estimator` (what a user states).
+Read `payload_law` (the stage in the loop), `controller` (collect, identify, swap) and `estimator`
+(what a user states).
 """

@@ -1,4 +1,6 @@
-"""On-line identification of a load under a controller with a model: the paper's stages collect, identify, swap."""
+"""On-line identification of a load under a controller with a model: the paper's stages collect,
+identify, swap.
+"""
 
 from typing import Any
 
@@ -23,23 +25,25 @@ _LEAST_WINDOW = 0.1  # [s]; the paper's shortest
 class PayloadEstimator:
     """A controller that identifies the load in its gripper while it runs.
 
-    At the start, and when a load is taken, dropped or changed, the controller holds a prior, collects counts and
-    applied torque over a window, has the load identified beside it, and swaps its model bumplessly.
+    At the start, and when a load is taken, dropped or changed, the controller holds a prior,
+    collects counts and applied torque over a window, has the load identified beside it, and swaps
+    its model bumplessly.
 
     Parameters
     ----------
     law : Law
-        That holds the arm without a load, and its rig: `ComputedTorque` and the others of `ctc`. Its observer or
-        integral is re-based at a swap.
+        That holds the arm without a load, and its rig: `ComputedTorque` and the others of `ctc`.
+        Its observer or integral is re-based at a swap.
     mass : (2,) array_like
         Lightest and heaviest load [kg].
     position : (3,) array_like, optional
-        Centre of the load in the frame of the last link's body [m]. By default it lies somewhere along a line.
+        Centre of the load in the frame of the last link's body [m]. By default it lies somewhere
+        along a line.
     window : float
         To be collected [s]: 0.1 to 0.2 of the paper, or more.
     along : (3,) array_like, optional
-        Direction of that line, from the origin of that frame; by default the axis of the frame along which the last
-        link's own centre lies.
+        Direction of that line, from the origin of that frame; by default the axis of the frame
+        along which the last link's own centre lies.
     reach : (2,) array_like
         Shortest and longest distance of the centre along it [m].
     inertia : (6,) array_like
@@ -49,15 +53,18 @@ class PayloadEstimator:
     found : Identification, optional
         That gave arm and rig: its covariance goes into estimate and interval.
     friction : float
-        Standard deviation of the friction levels as a share of them, for the interval, where `found` has none.
+        Standard deviation of the friction levels as a share of them, for the interval, where
+        `found` has none.
     tolerated : float
         Share by which friction may be off without a false alarm: see `alarm`.
     alarm : float
-        Change of the disturbance torque, in units of `tolerated` times the Coulomb levels, that is one of the load.
+        Change of the disturbance torque, in units of `tolerated` times the Coulomb levels, that is
+        one of the load.
     method : {"kernel", "genetic"}
         The torque equation by smooth kernels, or the genetic algorithm of 3.7.
     beside : bool
-        Identify in a process of its own. If not, the call that ends a window takes as long as that does.
+        Identify in a process of its own. If not, the call that ends a window takes as long as that
+        does.
     seed : int
         Of the genetic algorithm.
 
@@ -90,58 +97,103 @@ class PayloadEstimator:
     """
 
     def __init__(
-        self, law: ModelLaw, *, mass: ArrayLike = (0, 5), position: ArrayLike | None = None, window: float = 0.2,
-        along: ArrayLike | None = None, reach: ArrayLike = (0.2, 0.5), inertia: ArrayLike = (0,) * 6,
-        prior: float | None = None, found: Identification | None = None, friction: float = 0.0,
-        tolerated: float = 0.05, alarm: float = 1.7, method: str = "kernel", beside: bool = True, seed: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        law: ModelLaw,
+        *,
+        mass: ArrayLike = (0, 5),
+        position: ArrayLike | None = None,
+        window: float = 0.2,
+        along: ArrayLike | None = None,
+        reach: ArrayLike = (0.2, 0.5),
+        inertia: ArrayLike = (0,) * 6,
+        prior: float | None = None,
+        found: Identification | None = None,
+        friction: float = 0.0,
+        tolerated: float = 0.05,
+        alarm: float = 1.7,
+        method: str = "kernel",
+        beside: bool = True,
+        seed: int = 0,
+    ) -> None:
         known = instance("law", law, ModelLaw, "It must hold an arm, such as ComputedTorque.")
         if isinstance(law, Adaptive):
-            raise ValueError("law must keep the model it is given; Adaptive changes it by itself. Use ComputedTorque.")
-        self.law, self.method, self.beside = known, choice("method", method, ("kernel", "genetic")), beside
+            raise ValueError(
+                "law must keep the model it is given; Adaptive changes it by itself. Use"
+                " ComputedTorque."
+            )
+        self.law, self.method, self.beside = (
+            known,
+            choice("method", method, ("kernel", "genetic")),
+            beside,
+        )
         shape = LoadShape.of(known.arm, mass, position, along, reach, inertia)
         self.shape, self.window = shape, real("window", window, "Give seconds, such as 0.2.")
         self.alarm = real("alarm", alarm, "Leave it out.", positive=True)
         samples = round(self.window / known.rig.period)
         if self.window < _LEAST_WINDOW or samples < 3 * (KERNEL / known.rig.period + 2):
             least = max(_LEAST_WINDOW, 3 * (KERNEL + 2 * known.rig.period))
-            raise ValueError(f"window must be at least {least:.3g} s; got {window:g}. The paper has 0.1 to 0.2.")
+            raise ValueError(
+                f"window must be at least {least:.3g} s; got {window:g}. The paper has 0.1 to 0.2."
+            )
         start, (low, high) = shape.prior, shape.mass
         if prior is not None:
             if not low <= real("prior", prior, "Give kg.") <= high:
-                raise ValueError(f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half of it is usual.")
+                raise ValueError(
+                    f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half of it is"
+                    " usual."
+                )
             start = prior / high * 2 * shape.prior
         tolerated = real("tolerated", tolerated, "Give a share, such as 0.05.", positive=True)
-        floor = np.abs(known.rig.to_angle(np.ones(known.rig.n))) * np.diag(known.arm.D(np.zeros(known.rig.n)))
+        floor = np.abs(known.rig.to_angle(np.ones(known.rig.n))) * np.diag(
+            known.arm.D(np.zeros(known.rig.n))
+        )
         unknown, root = uncertainty(known.arm, known.rig, found, friction)
         rigid = known.rig.drive.elasticity is None
-        noise = (1.0 if rigid else _SWINGING) * (tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor)
+        noise = (1.0 if rigid else _SWINGING) * (
+            tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor
+        )
         self.loop_law = PayloadLaw(
-            law=known, start_with=start, stiffened=rigid or bool(getattr(known, "delay", 0)),
-            per_kg=shape.per_kg[len(shape.places) // 2], noise=noise,
-        )  # fmt: skip
+            law=known,
+            start_with=start,
+            stiffened=rigid or bool(getattr(known, "delay", 0)),
+            per_kg=shape.per_kg[len(shape.places) // 2],
+            noise=noise,
+        )
         self.specification = Specification(
-            method=self.method, arm=known.arm, rig=known.rig, shape=shape, unknown=unknown, root=root, samples=samples,
+            method=self.method,
+            arm=known.arm,
+            rig=known.rig,
+            shape=shape,
+            unknown=unknown,
+            root=root,
+            samples=samples,
             seed=seed,
-        )  # fmt: skip
+        )
 
     @property
     def prior(self) -> PayloadEstimate:
         """What is held while a load is not known."""
-        taken, limits = np.array(self.loop_law.start_with), np.array(self.shape.mass, dtype=float)
+        taken = np.array(self.loop_law.start_with)
+        limits = np.array(self.shape.mass, dtype=float)
         return nothing(self.shape, taken, limits, "the prior: nothing identified yet")
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:
-        """A running controller that estimates its load, as `plant.Law.start`: it has ``.load`` and ``.events``, too."""
+        """A running controller that estimates its load, as `plant.Law.start`: it has ``.load``
+        and ``.events``, too.
+        """
         instance("rig", rig, Rig, "Pass found.rig.")
         self.law.require_stable(rig, pulses)
         return PayloadController(self, self.loop_law.start(rig, pulses, **options))
 
     def __repr__(self) -> str:
         low, high = self.shape.mass
-        return f"PayloadEstimator({type(self.law).__name__}, {low:g} to {high:g} kg, {self.method}, {self.window:g} s)"
+        return (
+            f"PayloadEstimator({type(self.law).__name__}, {low:g} to {high:g} kg, {self.method},"
+            f" {self.window:g} s)"
+        )
 
 
 _SWINGING = 2.0  # what elastic gears add to the disturbance after a change, as a factor
-# Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes of it.
+# Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes
+# of it.
 _ROUNDING = 200.0

@@ -1,1 +1,3 @@
-"""One page of an identification and its controller, for whoever has only a browser: `write_report`."""
+"""One page of an identification and its controller, for whoever has only a browser:
+`write_report`.
+"""

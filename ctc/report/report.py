@@ -16,10 +16,14 @@ from plant.parts.files import require_new, write_whole
 
 @known_options
 def write_report(
-    found: Identification, *results: Evaluation | Certificate | str | Path, path: str | Path | None = None,
-    title: str = "Identification of a robot arm", overwrite: bool = False,
-) -> None:  # fmt: skip
-    """Write one self-contained HTML page: verdict, parameters, fit, logs, assumptions, controller, provenance.
+    found: Identification,
+    *results: Evaluation | Certificate | str | Path,
+    path: str | Path | None = None,
+    title: str = "Identification of a robot arm",
+    overwrite: bool = False,
+) -> None:
+    """Write one self-contained HTML page: verdict, parameters, fit, logs, assumptions, controller,
+    provenance.
 
     It needs no network and no script, and is readable on a phone and on paper.
 
@@ -37,7 +41,8 @@ def write_report(
     Raises
     ------
     ValueError
-        Something else, or two of a kind; results of another identification; no path; a file that is there.
+        Something else, or two of a kind; results of another identification; no path; a file that is
+        there.
 
     See Also
     --------
@@ -52,7 +57,9 @@ def write_report(
     >>> found = identify(puma560.dynamics(), record, progress=False)
     >>> write_report(found, path="page.html")
     """
-    instance("found", found, Identification, "Give what identify returned, or Identification.load(...).")
+    instance(
+        "found", found, Identification, "Give what identify returned, or Identification.load(...)."
+    )
     given = list(results)
     if path is None and given and isinstance(given[-1], (str, Path)):
         path = given.pop()  # type: ignore[assignment]  # one of them, as was just asked
@@ -64,15 +71,23 @@ def write_report(
             got = f"got {each!r:.60}. Pass what evaluate and certify returned."
             raise ValueError(f"results must be one Evaluation and one Certificate at most; {got}")
         kinds[type(each)] = each
-    laws = [(each, each.law if isinstance(each, Certificate) else each.record.law) for each in kinds.values()]
+    laws = [
+        (each, each.law if isinstance(each, Certificate) else each.record.law)
+        for each in kinds.values()
+    ]
     arms = [(type(each).__name__.lower(), getattr(law, "arm", None)) for each, law in laws]
-    others = [name for name, arm in arms if arm is not None and not np.array_equal(arm.f, found.arm.f)]
+    others = [
+        name for name, arm in arms if arm is not None and not np.array_equal(arm.f, found.arm.f)
+    ]
     if others:
         both = f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} another"
         advice = "Make it again from found, or give the identification that they are of"
         raise ValueError(f"results must be of laws with this identification's f; {both}. {advice}.")
     place = require_new(path, overwrite)
     today = datetime.date.today().isoformat()
-    subtitle = f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.search.method}; written on {today}"
+    subtitle = (
+        f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.search.method}; written on"
+        f" {today}"
+    )
     parts = sections(found, kinds.get(Evaluation), kinds.get(Certificate))
     write_whole(place, [page(instance("title", title, str, "Give a line."), subtitle, parts)])

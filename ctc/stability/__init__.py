@@ -1,4 +1,5 @@
-"""The linearised error loop of each joint under a sampled law: stability margins, and gains by design.
+"""The linearised error loop of each joint under a sampled law: stability margins, and gains by
+design.
 
 Read `margins`; `design` (gains and observers) stands alone.
 """

@@ -1,8 +1,10 @@
-"""Feedback and observer gains of one joint from bandwidth and damping, poles, or noise (Kalman filter).
+"""Feedback and observer gains of one joint from bandwidth and damping, poles, or noise (Kalman
+filter).
 
-With the arm's dynamics cancelled by its model, the error of a joint is a double integrator of minus the feedback
-acceleration; gains are feedback accelerations per error [rad], not torques. `motor_gain` converts one to motor torque
-per pulse, the gains of `P` and its like, with the inertia that the joint feels.
+With the arm's dynamics cancelled by its model, the error of a joint is a double integrator of minus
+the feedback acceleration; gains are feedback accelerations per error [rad], not torques.
+`motor_gain` converts one to motor torque per pulse, the gains of `P` and its like, with the inertia
+that the joint feels.
 """
 
 import casadi as ca
@@ -14,16 +16,19 @@ from plant import Rig
 from plant.parts.arguments import array, instance, real
 
 
-def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> tuple[float, float, float]:
-    """PID gains for error poles at the zeros of (s^2 + 2 damping bandwidth s + bandwidth^2) (s + integral).
+def pid_gains(
+    bandwidth: float, damping: float = 1.0, integral: float = 0.0
+) -> tuple[float, float, float]:
+    """PID gains for error poles at the zeros of (s^2 + 2 damping bandwidth s + bandwidth^2) (s +
+    integral).
 
     Parameters
     ----------
     bandwidth : float
         [rad/s]
     damping : float
-        1/sqrt(2), as in `ComputedTorque`, with a bandwidth of sqrt(a / e), is the linear-quadratic regulator that
-        weighs an error e [rad] as much as a feedback acceleration a [rad/s^2].
+        1/sqrt(2), as in `ComputedTorque`, with a bandwidth of sqrt(a / e), is the linear-quadratic
+        regulator that weighs an error e [rad] as much as a feedback acceleration a [rad/s^2].
     integral : float
         Pole of the integral part [rad/s]; 0 for none.
 
@@ -51,12 +56,15 @@ def pid_gains(bandwidth: float, damping: float = 1.0, integral: float = 0.0) -> 
     zeta = real("damping", damping, "1 is a double pole.", positive=True)
     p = real("integral", integral, "Give rad/s, or 0 for no integral part.")
     if p < 0:
-        raise ValueError(f"integral must not be negative; got {p}. Give rad/s, or 0 for no integral part.")
+        raise ValueError(
+            f"integral must not be negative; got {p}. Give rad/s, or 0 for no integral part."
+        )
     return w**2 + 2 * zeta * w * p, w**2 * p, 2 * zeta * w + p
 
 
 def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.float64]:
-    """Motor torque per pulse [N m] of an acceleration per error, as `P` is given it; per its rate and integral alike.
+    """Motor torque per pulse [N m] of an acceleration per error, as `P` is given it; per its rate
+    and integral alike.
 
     Parameters
     ----------
@@ -85,16 +93,21 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.floa
     felt = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
     pulse = rig.to_angle(np.ones(rig.n))
     if rig.drive.coupling.matrix:
-        raise ValueError("motor_gain is for motors that turn one joint each; got a coupling. Use arm.D(q) in full.")
+        raise ValueError(
+            "motor_gain is for motors that turn one joint each; got a coupling. Use arm.D(q) in"
+            " full."
+        )
     return rig.drive.motor_torque(felt * np.asarray(gain) * pulse)
 
 
 def observer_gains(
     rig: Rig, *, poles: ArrayLike | None = None, disturbance: ArrayLike | None = None
 ) -> NDArray[np.float64]:
-    """Gains of each joint's observer of error, rate and disturbance: from its poles, or those of the Kalman filter.
+    """Gains of each joint's observer of error, rate and disturbance: from its poles, or those of
+    the Kalman filter.
 
-    The stationary Kalman filter's measurement noise is that of the counts, a uniform error of one pulse.
+    The stationary Kalman filter's measurement noise is that of the counts, a uniform error of one
+    pulse.
 
     Parameters
     ----------
@@ -102,8 +115,8 @@ def observer_gains(
     poles : (3,) array_like, optional
         Continuous-time [rad/s], negative real parts; complex ones in pairs.
     disturbance : float or (n,) array_like, optional
-        In their place: standard deviation of the change of the disturbance acceleration, a random walk, in one second
-        [rad/s^2].
+        In their place: standard deviation of the change of the disturbance acceleration, a random
+        walk, in one second [rad/s^2].
 
     Returns
     -------
@@ -135,13 +148,26 @@ def observer_gains(
     step, seen = _model()
     if poles is not None:
         s = np.asarray(poles, complex)
-        if s.shape != (3,) or not (s.real < 0).all() or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3:
-            raise ValueError(f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below zero.")
-        gains = np.tile(np.asarray(control.acker(step.T, (seen @ step).T, np.exp(s * rig.period))).ravel(), (rig.n, 1))
+        if (
+            s.shape != (3,)
+            or not (s.real < 0).all()
+            or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3
+        ):
+            raise ValueError(
+                f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below"
+                " zero."
+            )
+        gains = np.tile(
+            np.asarray(control.acker(step.T, (seen @ step).T, np.exp(s * rig.period))).ravel(),
+            (rig.n, 1),
+        )
         return gains / rig.period ** np.arange(3)
     walk = np.broadcast_to(np.asarray(disturbance, float), (rig.n,)) * np.sqrt(rig.period)
     if not (np.isfinite(walk) & (walk > 0)).all():
-        raise ValueError(f"disturbance must be positive; got {np.asarray(disturbance)}. Give rad/s^2 in one second.")
+        raise ValueError(
+            f"disturbance must be positive; got {np.asarray(disturbance)}. Give rad/s^2 in one"
+            " second."
+        )
     rows = []
     for size, pulse in zip(walk, rig.to_angle(np.ones(rig.n)), strict=True):
         ratio = (size * rig.period**2) ** 2 / (pulse**2 / 12)
@@ -151,10 +177,14 @@ def observer_gains(
 
 
 def _model() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """One sample of error, rate and disturbance, as the laws' observers step them, and what is measured.
+    """One sample of error, rate and disturbance, as the laws' observers step them, and what is
+    measured.
 
-    Time is counted in samples, so that all three are of one size; the gains are then converted to seconds.
+    Time is counted in samples, so that all three are of one size; the gains are then converted to
+    seconds.
     """
     x = ca.SX.sym("x", 3)
-    step = ca.Function("step", [x], [ca.jacobian(ca.vertcat(*predict(x[0], x[1], x[2], 0, 1.0)), x)])
+    step = ca.Function(
+        "step", [x], [ca.jacobian(ca.vertcat(*predict(x[0], x[1], x[2], 0, 1.0)), x)]
+    )
     return step(np.zeros(3)).full(), np.array([[1.0, 0.0, 0.0]])

@@ -1,8 +1,8 @@
 """Loop transfer function of each joint under a sampled controller, linearised, and its margins.
 
-The loop of a joint is opened where its encoder is read, all other loops stay closed: input are the counts that the
-controller reads, output is minus the position, in pulses, so that the sensitivity function is 1 / (1 + L). How the
-loops are linearised: `plant.analysis.sampled_loops`.
+The loop of a joint is opened where its encoder is read, all other loops stay closed: input are the
+counts that the controller reads, output is minus the position, in pulses, so that the sensitivity
+function is 1 / (1 + L). How the loops are linearised: `plant.analysis.sampled_loops`.
 """
 
 import dataclasses
@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_margins
-from ctc.verdict.on_gears import HIGHEST, LowestResonance, above, arm_of, damping_of, gear_numbers, with_gears
+from ctc.verdict.on_gears import (
+    HIGHEST,
+    LowestResonance,
+    above,
+    arm_of,
+    damping_of,
+    gear_numbers,
+    with_gears,
+)
 from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
@@ -35,7 +43,12 @@ Matrix = NDArray[np.float64]
 
 @known_options
 def error_loop(
-    arm: Arm | Identification | None, rig: Rig, law: Law, *, joint: int = 0, pose: ArrayLike | None = None
+    arm: Arm | Identification | None,
+    rig: Rig,
+    law: Law,
+    *,
+    joint: int = 0,
+    pose: ArrayLike | None = None,
 ) -> "StateSpace":
     """Loop transfer function L of one joint, the loops of the others closed.
 
@@ -59,7 +72,8 @@ def error_loop(
     Raises
     ------
     ValueError
-        A law without a period, a joint that is not there, an arm that the law cannot hold at the pose.
+        A law without a period, a joint that is not there, an arm that the law cannot hold at the
+        pose.
 
     See Also
     --------
@@ -78,7 +92,10 @@ def error_loop(
 
     loops = SampledLoops(controlled(arm, law), rig, law, pose)
     if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
-        raise ValueError(f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count from 0.")
+        raise ValueError(
+            f"joint must be a whole number from 0 to {rig.n - 1}; got {joint!r}. Joints count"
+            " from 0."
+        )
     A, b, c = opened(*loops.matrices(), joint)
     name = f"loop of {controlled(arm, law).dynamics.chain.joint_labels[joint]}"
     ends = {"inputs": [f"pulses[{joint}]"], "outputs": [f"position[{joint}]"]}
@@ -99,15 +116,17 @@ def opened(A: Matrix, B: Matrix, C: Matrix, joint: int) -> tuple[Matrix, Matrix,
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Margins(Shown):
-    """Stability margins of every joint, each with the loops of the others closed. Print them for a table.
+    """Stability margins of every joint, each with the loops of the others closed. Print them for a
+    table.
 
     Attributes
     ----------
     stable : bool
-        Whether the loop is stable with all joints closed; where it is not, the margins mean nothing.
+        Whether the loop is stable with all joints closed; where it is not, the margins mean
+        nothing.
     gain_down, gain_up : (n,) numpy.ndarray
-        Factors on the loop's gain (on the inertia that is really there, inverse) between which it stays stable; 0 and
-        infinity where nothing ends it.
+        Factors on the loop's gain (on the inertia that is really there, inverse) between which it
+        stays stable; 0 and infinity where nothing ends it.
     phase : (n,) numpy.ndarray
         Smallest phase lag that makes it unstable [deg].
     delay : (n,) numpy.ndarray
@@ -125,9 +144,9 @@ class Margins(Shown):
     joint_labels : list of str
         What to call each joint.
     lowest_resonance : float or None
-        Locked-rotor resonance of the gears [Hz], all joints alike, above which the loops stay stable at this pose: 10
-        where they do at every one of 10 to 500 Hz, infinite where they do not at 500, NaN where it cannot be told;
-        None for a rig whose gears are elastic.
+        Locked-rotor resonance of the gears [Hz], all joints alike, above which the loops stay
+        stable at this pose: 10 where they do at every one of 10 to 500 Hz, infinite where they do
+        not at 500, NaN where it cannot be told; None for a rig whose gears are elastic.
     damping_ratio : float
         Of those gears.
     """
@@ -149,19 +168,34 @@ class Margins(Shown):
     def _short(self) -> str:
         if not self.stable:
             return "not stable"
-        least, worst = self.phase.min(), self.sensitivity.max()
+        least = self.phase.min()
+        worst = self.sensitivity.max()
         return f"stable, least phase margin {least:.1f}°, largest sensitivity {worst:.2f}"
 
     def _shown(self) -> Iterator[Piece]:
-        yield Verdict("The closed loop is stable." if self.stable else "The closed loop is not stable.", self.stable)
+        yield Verdict(
+            "The closed loop is stable." if self.stable else "The closed loop is not stable.",
+            self.stable,
+        )
         rows = []
         for i, label in enumerate(self.joint_labels):
             delay = f"{1e3 * self.delay[i]:.2f} ms ({self.delay[i] / self.period:.1f} samples)"
-            numbers = f"{self.gain_down[i]:.2f}", f"{self.gain_up[i]:.2f}", f"{self.phase[i]:.1f}°", delay
-            rows.append((label, f"{self.crossover[i]:.1f} Hz", *numbers, f"{self.sensitivity[i]:.2f}"))
-        yield Table(("", "crossover", "gain down", "gain up", "phase", "delay", "sensitivity peak"), rows)
+            numbers = (
+                f"{self.gain_down[i]:.2f}",
+                f"{self.gain_up[i]:.2f}",
+                f"{self.phase[i]:.1f}°",
+                delay,
+            )
+            rows.append(
+                (label, f"{self.crossover[i]:.1f} Hz", *numbers, f"{self.sensitivity[i]:.2f}")
+            )
+        yield Table(
+            ("", "crossover", "gain down", "gain up", "phase", "delay", "sensitivity peak"), rows
+        )
         if self.lowest_resonance is not None and self.stable:
-            found = LowestResonance(hz=self.lowest_resonance, damping_ratio=self.damping_ratio, within=None)
+            found = LowestResonance(
+                hz=self.lowest_resonance, damping_ratio=self.damping_ratio, within=None
+            )
             yield f"rigid gears assumed; {found}, at this pose"
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
@@ -171,9 +205,13 @@ class Margins(Shown):
 
 @known_options
 def margins(
-    arm: Arm | Identification | None, rig: Rig, law: Law, *, pose: ArrayLike | None = None,
+    arm: Arm | Identification | None,
+    rig: Rig,
+    law: Law,
+    *,
+    pose: ArrayLike | None = None,
     damping_ratio: float = DAMPING_RATIO,
-) -> Margins:  # fmt: skip
+) -> Margins:
     """Stability margins of the loop of every joint under a sampled controller.
 
     Parameters
@@ -214,24 +252,38 @@ def margins(
         a, b, c = opened(A, B, C, joint)
         z = np.exp(1j * omega * period)[:, None, None] * np.eye(len(a))
         response = -(c @ np.linalg.solve(z - a, b + 0j))[:, 0, 0]
-        gain, phase, _, _, crossing, _ = control.stability_margins(control.frd(response, omega), returnall=True)
+        gain, phase, _, _, crossing, _ = control.stability_margins(
+            control.frd(response, omega), returnall=True
+        )
         lag = np.mod(phase, 360)  # what is missing to -180 degrees, counted as a lag
-        found.append({
-            "gain_down": gain[gain < 1].max(initial=0.0), "gain_up": gain[gain > 1].min(initial=np.inf),
-            "phase": lag.min(initial=np.inf), "delay": (np.deg2rad(lag) / crossing).min(initial=np.inf),
-            "crossover": crossing.max(initial=0.0) / (2 * np.pi),
-            "sensitivity": np.abs(1 / (1 + response)).max(), "response": response,
-        })  # fmt: skip
+        found.append(
+            {
+                "gain_down": gain[gain < 1].max(initial=0.0),
+                "gain_up": gain[gain > 1].min(initial=np.inf),
+                "phase": lag.min(initial=np.inf),
+                "delay": (np.deg2rad(lag) / crossing).min(initial=np.inf),
+                "crossover": crossing.max(initial=0.0) / (2 * np.pi),
+                "sensitivity": np.abs(1 / (1 + response)).max(),
+                "response": response,
+            }
+        )
     return Margins(
-        stable=loops.unstable_pole() is None, period=period, frequency=omega / (2 * np.pi),
-        joint_labels=controlled(arm, law).dynamics.chain.joint_labels, damping_ratio=damping_ratio,
+        stable=loops.unstable_pole() is None,
+        period=period,
+        frequency=omega / (2 * np.pi),
+        joint_labels=controlled(arm, law).dynamics.chain.joint_labels,
+        damping_ratio=damping_ratio,
         lowest_resonance=_lowest_resonance(arm, rig, law, pose, damping_ratio),
         **{name: np.array([each[name] for each in found]) for name in found[0]},
-    )  # fmt: skip
+    )
 
 
 def _lowest_resonance(
-    arm: Arm | Identification | None, rig: Rig, law: Law, pose: ArrayLike | None, damping_ratio: float
+    arm: Arm | Identification | None,
+    rig: Rig,
+    law: Law,
+    pose: ArrayLike | None,
+    damping_ratio: float,
 ) -> float | None:
     """Resonance [Hz] of elastic gears above which the loops stay stable; see `Margins`."""
     ratio = damping_of(damping_ratio)
@@ -247,6 +299,8 @@ def _lowest_resonance(
     def unstable(tried: Any) -> Any:
         """Whether the loops are unstable at each of these resonances [Hz], all joints alike."""
         names, rows = gear_numbers(known, rig.drive, tried)
-        return np.array([loops.unstable_pole(dict(zip(names, row, strict=True))) is not None for row in rows])
+        return np.array(
+            [loops.unstable_pole(dict(zip(names, row, strict=True))) is not None for row in rows]
+        )
 
     return above(unstable, _RESONANCES)

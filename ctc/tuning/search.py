@@ -1,7 +1,8 @@
-"""Search of one family: the tuning with the least chatter that keeps the limit, by the genetic algorithm of 3.7.
+"""Search of one family: the tuning with the least chatter that keeps the limit, by the genetic
+algorithm of 3.7.
 
-Few samples are simulated in the search, many in the check of its best. Those that exceed the limit there join the
-search, until none does: what a tuning fails on is not left to chance.
+Few samples are simulated in the search, many in the check of its best. Those that exceed the limit
+there join the search, until none does: what a tuning fails on is not left to chance.
 """
 
 import dataclasses
@@ -21,49 +22,62 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
 from plant.simulation.population import Runs
 
-# Generations of one search after another, and the share of the limit within which errors before rounding are to stay;
-# with an infinite one the counts decide, as in the verdict: those of a pulse are errors of up to two before rounding.
+# Generations of one search after another, and the share of the limit within which errors before
+# rounding are to stay; with an infinite one the counts decide, as in the verdict: those of a pulse
+# are errors of up to two before rounding.
 ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
 
-# Searches at most that go on from the first tuning under which none exceeds the limit; the share of chatter to which
-# each must bring it for another to follow; how far from it they search, in the logarithm of each variable; and the
-# share of the limit that they aim at.
-_QUIETER, _GAIN, _NEAR, _SPARE = 4, 0.9, 0.5, 1.05
+# Searches at most that go on from the first tuning under which none exceeds the limit; the share of
+# chatter to which each must bring it for another to follow; how far from it they search, in the
+# logarithm of each variable; and the share of the limit that they aim at.
+_QUIETER = 4
+_GAIN = 0.9
+_NEAR = 0.5
+_SPARE = 1.05
 
-# Tunings with less chatter under which the fewest fail, and so many on the way to each from the best that holds.
+# Tunings with less chatter under which the fewest fail, and so many on the way to each from the
+# best that holds.
 _BETWEEN = 2, 5
 
 _STEPS = 4, 8  # integration steps per sample in a search, and in a check
 
-# Tunings of a search that are checked at most, and samples that exceed the limit under each which join the next.
-_CHECKED, _JOINING = 2, 6
+# Tunings of a search that are checked at most, and samples that exceed the limit under each which
+# join the next.
+_CHECKED = 2
+_JOINING = 6
 
 _FIRST = 200  # samples of a check after which it ends if more exceed the limit than may
 
 _HARDEST = 2  # motions of a set on which a search begins
 
-# Of a family whose searches have all of their generations; how much more chatter all known tunings of a family have
-# than what holds in another where it is not searched.
-_VARIABLES, _LOUDER = 5, 2.0
+# Of a family whose searches have all of their generations; how much more chatter all known tunings
+# of a family have than what holds in another where it is not searched.
+_VARIABLES = 5
+_LOUDER = 2.0
 
-# Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses], against chatter.
-_LEFT, _BEYOND = 20.0, 5.0
+# Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses],
+# against chatter.
+_LEFT = 20.0
+_BEYOND = 5.0
 
 _RANK = operator.attrgetter("rank")
 
 _FAR = 20.0  # peak error [pulses] beyond which one is as bad as another
 
-# Generation after which a search is given up under whose best tuning such a share still exceeds the limit.
-_HOPE, _HOPELESS = 8, 0.5
+# Generation after which a search is given up under whose best tuning such a share still exceeds the
+# limit.
+_HOPE = 8
+_HOPELESS = 0.5
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tunings:
     """Tunings of a family on samples of the arm, each with each.
 
-    `plants` are those on which tunings are checked; the search has its own. A sample exceeds the limit that does in any
-    of the motions, each with its duration [s]; if some may, as a share `allowed`, none joins a search. `scale` (n,) is
-    the torque [N m] to which a joint's chatter is compared; `options` and `by` are of `Population` and its `run`.
+    `plants` are those on which tunings are checked; the search has its own. A sample exceeds the
+    limit that does in any of the motions, each with its duration [s]; if some may, as a share
+    `allowed`, none joins a search. `scale` (n,) is the torque [N m] to which a joint's chatter is
+    compared; `options` and `by` are of `Population` and its `run`.
     """
 
     family: Family
@@ -78,38 +92,58 @@ class Tunings:
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
         """Samples (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
         named = dict(zip(self.family.variables, values.T, strict=True))
-        own, names = self.family.numbers(named), self.plants.numbers()[0]
-        count, each = len(values), len(plants)
-        lanes = np.hstack([np.repeat(np.column_stack(list(own.values())), each, axis=0), np.tile(plants, (count, 1))])
-        options, numbers = self.options | {"steps_per_sample": steps}, ((*own, *names), lanes)
+        own = self.family.numbers(named)
+        names = self.plants.numbers()[0]
+        count = len(values)
+        each = len(plants)
+        lanes = np.hstack(
+            [
+                np.repeat(np.column_stack(list(own.values())), each, axis=0),
+                np.tile(plants, (count, 1)),
+            ]
+        )
+        options = self.options | {"steps_per_sample": steps}
+        numbers = ((*own, *names), lanes)
         runs = []
         for path, lasts in self.motions:
-            population = self.plants.under(self.family.law, path, numbers, duration=lasts, **options)
+            population = self.plants.under(
+                self.family.law, path, numbers, duration=lasts, **options
+            )
             runs.append(population.run(**self.by))
         return Runs.joined(runs), (count, each)
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
-        """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share of it."""
+        """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share
+        of it.
+        """
         runs, shape = self.runs(values, plants, _STEPS[0])
-        peak, within = runs.unrounded.max(axis=1), self.options["within"]
+        peak = runs.unrounded.max(axis=1)
+        within = self.options["within"]
         left = ((runs.outside > 0) | (peak > aim * within)).reshape(shape)
         beyond = np.clip(peak - min(aim, 1.0) * within, 0, _FAR).reshape(shape)
         noise = np.minimum((runs.chatter / self.scale).mean(axis=1).reshape(shape), _FAR)
         must = shape[1] - int(self.allowed * shape[1])
-        left, beyond = np.sort(left, axis=1)[:, :must], np.sort(beyond, axis=1)[:, :must]
+        left = np.sort(left, axis=1)[:, :must]
+        beyond = np.sort(beyond, axis=1)[:, :must]
         return noise.mean(axis=1) + _LEFT * left.mean(axis=1) + _BEYOND * beyond.mean(axis=1)
 
-    def best(self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf) -> Trial:
-        """The tuning with the least chatter under which no more exceed the limit than may, or the fewest.
+    def best(
+        self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf
+    ) -> Trial:
+        """The tuning with the least chatter under which no more exceed the limit than may, or the
+        fewest.
 
-        The search begins with plants (P, L), and calls `show` once per generation. `beat` is the noise of the best of
-        another family: one under which some still exceed the limit, and noisier, is given up.
+        The search begins with plants (P, L), and calls `show` once per generation. `beat` is the
+        noise of the best of another family: one under which some still exceed the limit, and
+        noisier, is given up.
         """
         known, tried = np.array([list(each.values()) for each in self.family.known]), list[Trial]()
         hard = self.checkpoint.stage("hardest", lambda: self._hardest(known, plants))
 
         def checked(values: Floats) -> Trial:
-            """The best of a check; what exceeds the limit joins the search, and so does the motion where it does."""
+            """The best of a check; what exceeds the limit joins the search, and so does the
+            motion where it does.
+            """
             nonlocal plants, hard
             check = functools.partial(self._checked, values)
             trials, leaving, where = self.checkpoint.stage(f"check {len(tried)}", check)
@@ -140,23 +174,35 @@ class Tunings:
         return min(tried, key=_RANK)
 
     def _hardest(self, known: Floats, plants: Floats) -> list[int]:
-        """The motions of a set in which most samples exceed the limit under the known tunings, the farthest first."""
+        """The motions of a set in which most samples exceed the limit under the known tunings,
+        the farthest first.
+        """
         hardness = list[tuple[float, float]]()
         for motion in self.motions if len(self.motions) > _HARDEST else ():
             runs, _ = dataclasses.replace(self, motions=(motion,)).runs(known, plants, _STEPS[0])
             hardness.append(((runs.outside > 0).mean(), np.minimum(runs.unrounded, _FAR).mean()))
-        ranked = sorted(range(len(self.motions)), key=lambda i: hardness[i] if hardness else 0, reverse=True)
+        ranked = sorted(
+            range(len(self.motions)), key=lambda i: hardness[i] if hardness else 0, reverse=True
+        )
         return ranked[:_HARDEST]
 
     def _quietest(self, known: Floats, plants: Floats, hard: int) -> float:
         """Noise of the quietest of the known tunings in one motion."""
-        runs, shape = dataclasses.replace(self, motions=(self.motions[hard],)).runs(known, plants, _STEPS[0])
+        runs, shape = dataclasses.replace(self, motions=(self.motions[hard],)).runs(
+            known, plants, _STEPS[0]
+        )
         return float((runs.chatter / self.scale).mean(axis=1).reshape(shape).mean(axis=1).min())
 
     def _searched(
-        self, plants: Floats, known: Floats, generations: int, aim: float, near: float, seed: int,
+        self,
+        plants: Floats,
+        known: Floats,
+        generations: int,
+        aim: float,
+        near: float,
+        seed: int,
         show: Callable[[], Any],
-    ) -> Floats:  # fmt: skip
+    ) -> Floats:
         """Tunings (T, k) of the last generation, best first.
 
         Variables are searched by their logarithms, at most `near` from the first that is known.
@@ -164,7 +210,9 @@ class Tunings:
         bounds = np.log(np.array(list(self.family.variables.values())))
         bounds = np.clip(bounds.T, np.log(known[0]) - near, np.log(known[0]) + near).T
         generations = -(-generations * min(len(bounds), _VARIABLES) // _VARIABLES)
-        settings = GeneticSettings(individuals=20, subpopulations=2, generations=generations, bits_per_variable=10)
+        settings = GeneticSettings(
+            individuals=20, subpopulations=2, generations=generations, bits_per_variable=10
+        )
 
         def generation(state: Any) -> bool:
             show()
@@ -173,29 +221,43 @@ class Tunings:
         initial = np.clip(np.log(known), bounds[:, 0], bounds[:, 1])[: settings.individuals]
         kept = self.checkpoint.part(f"search {seed}")
         result = minimize_genetic(
-            kept.remembered("costs", lambda population: self.costs(np.exp(population), plants, aim)), bounds, settings,
-            seed, initial=initial, callback=generation,
-        )  # fmt: skip
-        found, costs = np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs)
+            kept.remembered(
+                "costs", lambda population: self.costs(np.exp(population), plants, aim)
+            ),
+            bounds,
+            settings,
+            seed,
+            initial=initial,
+            callback=generation,
+        )
+        found = np.vstack([result.x, result.final_population])
+        costs = np.append(result.cost, result.final_costs)
         found, first = np.unique(found, axis=0, return_index=True)
         return np.exp(found[np.argsort(costs[first], kind="stable")])
 
     def _between(self, tried: list[Trial]) -> Iterator[Floats]:
-        """On the way from the best tuning that holds to those with less chatter under which the fewest fail.
+        """On the way from the best tuning that holds to those with less chatter under which the
+        fewest fail.
 
         Each way from its quiet end.
         """
         best = min(tried, key=_RANK)
         quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=_RANK)
-        start, ways = np.log([*best.numbers.values()]), np.linspace(1, 0, _BETWEEN[1] + 2)[1:-1]
+        start = np.log([*best.numbers.values()])
+        ways = np.linspace(1, 0, _BETWEEN[1] + 2)[1:-1]
         for trial in quieter[: _BETWEEN[0]]:
             yield np.exp(start + ways[:, None] * (np.log([*trial.numbers.values()]) - start))
 
     def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats], set[int]]:
-        """Trials of tunings (T, k) until one holds, the farthest samples beyond the limit under each, and in which
-        motions they are.
+        """Trials of tunings (T, k) until one holds, the farthest samples beyond the limit under
+        each, and in which motions they are.
         """
-        plants, trials, leaving, where = self.plants.numbers()[1], list[Trial](), list[Floats](), set[int]()
+        plants, trials, leaving, where = (
+            self.plants.numbers()[1],
+            list[Trial](),
+            list[Floats](),
+            set[int](),
+        )
         for row in values:
             for block in (plants[:_FIRST], plants):
                 alone = (dataclasses.replace(self, motions=(motion,)) for motion in self.motions)
@@ -203,15 +265,21 @@ class Tunings:
                 runs = Runs.joined(each)
                 if (runs.outside > 0).mean() > 2 * self.allowed or len(plants) <= _FIRST:
                     break
-            lost, chatter = runs.outside > 0, runs.chatter.mean(axis=0)
+            lost = runs.outside > 0
+            chatter = runs.chatter.mean(axis=0)
             trials.append(
                 Trial(
-                    family=self.family.name, law=self.family.tuned(row),
-                    numbers=dict(zip(self.family.variables, row.tolist(), strict=True)), left=int(lost.sum()),
-                    of=len(lost), allowed=self._most(len(lost)), peak=float(runs.peak.max()), chatter=chatter,
+                    family=self.family.name,
+                    law=self.family.tuned(row),
+                    numbers=dict(zip(self.family.variables, row.tolist(), strict=True)),
+                    left=int(lost.sum()),
+                    of=len(lost),
+                    allowed=self._most(len(lost)),
+                    peak=float(runs.peak.max()),
+                    chatter=chatter,
                     noise=float((chatter / self.scale).mean()),
                 )
-            )  # fmt: skip
+            )
             far = np.argsort(-np.where(lost, runs.unrounded.max(axis=1), -1.0), kind="stable")
             leaving.append(plants[far[: 0 if self.allowed else min(_JOINING, lost.sum())]])
             where |= {i for i, alone in enumerate(each) if (alone.outside > 0).any()}
@@ -220,6 +288,8 @@ class Tunings:
         return trials, leaving, where
 
     def _most(self, plants: int) -> int:
-        """How many of the samples may fail: a controller given beforehand would then keep the share, at 95 %."""
+        """How many of the samples may fail: a controller given beforehand would then keep the
+        share, at 95 %.
+        """
         counts = range(1, int(self.allowed * plants) + 1)
         return sum(clopper_pearson(count, plants, 0.9)[1] <= self.allowed for count in counts)

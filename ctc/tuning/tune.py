@@ -1,4 +1,6 @@
-"""The controller with the least torque chatter that keeps its limit over what is stated to be uncertain."""
+"""The controller with the least torque chatter that keeps its limit over what is stated to be
+uncertain.
+"""
 
 import contextlib
 import warnings
@@ -21,43 +23,60 @@ from plant.parts.arguments import known_options, real
 from plant.parts.messages import progress_bar
 from plant.simulation.executors import Executor
 
-# Samples with which a search begins; with how many if some may exceed the limit; others for its best, of one path; and
-# the number of motions up to which these are shared out among them.
-_PLANTS, _MORE, _FRESH, _MOTIONS = 16, 80, 2000, 4
+# Samples with which a search begins; with how many if some may exceed the limit; others for its
+# best, of one path; and the number of motions up to which these are shared out among them.
+_PLANTS = 16
+_MORE = 80
+_FRESH = 2000
+_MOTIONS = 4
 
 _GENERATIONS = sum(generations for generations, _ in ROUNDS)
 
 
 @known_options
 def tune(
-    found: Identification | Arm, rig: Rig, reference: Motions, uncertainty: Uncertainty | None = None, *,
-    within: float = 1, allowed: float = 0.0, after: float = SETTLED, samples: int = 10_000, seed: int = 0,
-    duration: float | None = None, threads: int | None = None, progress: bool = True,
-    checkpoint: str | Path | None = None, executor: Any = None,
-) -> Tuning:  # fmt: skip
-    """Find the controller with the least torque chatter that keeps its limit over the stated uncertainty.
+    found: Identification | Arm,
+    rig: Rig,
+    reference: Motions,
+    uncertainty: Uncertainty | None = None,
+    *,
+    within: float = 1,
+    allowed: float = 0.0,
+    after: float = SETTLED,
+    samples: int = 10_000,
+    seed: int = 0,
+    duration: float | None = None,
+    threads: int | None = None,
+    progress: bool = True,
+    checkpoint: str | Path | None = None,
+    executor: Any = None,
+) -> Tuning:
+    """Find the controller with the least torque chatter that keeps its limit over the stated
+    uncertainty.
 
-    Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward with PD, tunings are
-    searched by the genetic algorithm on samples of the uncertainty, and the best are tested on independent ones. Those
-    of computed torque with observer begin with its default, and have its dead zone and boost. Torque chatter is the
-    mean change of the torque from one sampling instant to the next.
+    Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward
+    with PD, tunings are searched by the genetic algorithm on samples of the uncertainty, and the
+    best are tested on independent ones. Those of computed torque with observer begin with its
+    default, and have its dead zone and boost. Torque chatter is the mean change of the torque from
+    one sampling instant to the next.
 
     Parameters
     ----------
     found : Identification or Arm
-        The model of the controllers, and what is sampled; an arm needs its `covariance` or `plants`. With a
-        `resonance`, an identification on rigid gears is fitted again on such gears: the controllers have the f of the
-        middle.
+        The model of the controllers, and what is sampled; an arm needs its `covariance` or
+        `plants`. With a `resonance`, an identification on rigid gears is fitted again on such
+        gears: the controllers have the f of the middle.
     rig : Rig
         Of the samples, such as ``found.rig``.
     reference : Reference, or mapping of str -> Reference
-        The path, or several motions by name, as for `certify`: the limit is to be kept in all of them.
+        The path, or several motions by name, as for `certify`: the limit is to be kept in all of
+        them.
     uncertainty : Uncertainty, optional
         What is not known, as for `certify`.
     allowed : float
-        Share of the samples that may exceed the limit, such as 0.05, for less chatter. So few of the independent ones
-        do that of a controller given beforehand 95 % confidence would follow; it was chosen on them, so the
-        certificate, on samples of its own, is the verdict.
+        Share of the samples that may exceed the limit, such as 0.05, for less chatter. So few of
+        the independent ones do that of a controller given beforehand 95 % confidence would follow;
+        it was chosen on them, so the certificate, on samples of its own, is the verdict.
     after : float
         Sampling instants before this time do not count [s].
     samples : int
@@ -68,8 +87,8 @@ def tune(
     Returns
     -------
     Tuning
-        ``.law``, the table of all families in ``.table``, and the controller's ``.certificate``. Where none holds, that
-        with which the fewest samples exceed the limit.
+        ``.law``, the table of all families in ``.table``, and the controller's ``.certificate``.
+        Where none holds, that with which the fewest samples exceed the limit.
 
     Raises
     ------
@@ -78,10 +97,11 @@ def tune(
 
     Notes
     -----
-    Of a set the search begins with the two motions that are hardest for known tunings, and others join where a check
-    fails. A family whose known tunings all have twice the chatter of what holds in another is not searched. On two
-    cores 51 s for path (6), three minutes for the nine everyday motions of two joints, and for one motion of six joints
-    (tests/benchmarks/tuning.py --time); before, the fits of `certify` where it has some.
+    Of a set the search begins with the two motions that are hardest for known tunings, and others
+    join where a check fails. A family whose known tunings all have twice the chatter of what holds
+    in another is not searched. On two cores 51 s for path (6), three minutes for the nine everyday
+    motions of two joints, and for one motion of six joints (tests/benchmarks/tuning.py --time);
+    before, the fits of `certify` where it has some.
 
     See Also
     --------
@@ -101,17 +121,36 @@ def tune(
     True 0
     """
     task = Task(
-        "tune", found, rig, (), reference, uncertainty, within=within, after=after, duration=duration, samples=samples,
-        seed=seed, threads=threads, progress=progress, checkpoint=checkpoint, steps_per_sample=4,
-        executor=executor, settings=(allowed,),
-    )  # fmt: skip
+        "tune",
+        found,
+        rig,
+        (),
+        reference,
+        uncertainty,
+        within=within,
+        after=after,
+        duration=duration,
+        samples=samples,
+        seed=seed,
+        threads=threads,
+        progress=progress,
+        checkpoint=checkpoint,
+        steps_per_sample=4,
+        executor=executor,
+        settings=(allowed,),
+    )
     if not task.within > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
-        raise ValueError(f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05.")
+        raise ValueError(
+            f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05."
+        )
     validated = _FRESH // min(len(task.motions), _MOTIONS)
-    searching, fresh = (task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, validated)))
-    laws, trials = families(found, fresh.arm, fresh.own, task.first), list[Trial]()
+    searching, fresh = (
+        task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, validated))
+    )
+    laws = families(found, fresh.arm, fresh.own, task.first)
+    trials = list[Trial]()
     where = contextlib.nullcontext() if executor is None else Executor(executor)
     with (
         where as there,
@@ -121,11 +160,15 @@ def tune(
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
             tunings = Tunings(
-                family=family, plants=fresh, motions=tuple(task.motions.values()),
-                options={"within": task.within, "after": after}, scale=_scale(fresh.arm, fresh.rig, task.motions),
-                by={"threads": task.threads, "executor": there}, allowed=float(allowed),
+                family=family,
+                plants=fresh,
+                motions=tuple(task.motions.values()),
+                options={"within": task.within, "after": after},
+                scale=_scale(fresh.arm, fresh.rig, task.motions),
+                by={"threads": task.threads, "executor": there},
+                allowed=float(allowed),
                 checkpoint=kept.part(family.name),
-            )  # fmt: skip
+            )
             safe = min((trial.noise for trial in trials if trial.holds), default=np.inf)
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
             bar.update((i + 1) * _GENERATIONS - bar.n)
@@ -133,15 +176,31 @@ def tune(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
         certificate: Certificate | Certificates = certify(
-            found, rig, best.law, reference, task.uncertainty, samples=samples, seed=seed + 2, within=within,
-            after=after, threads=threads, duration=duration, progress=progress, executor=executor,
+            found,
+            rig,
+            best.law,
+            reference,
+            task.uncertainty,
+            samples=samples,
+            seed=seed + 2,
+            within=within,
+            after=after,
+            threads=threads,
+            duration=duration,
+            progress=progress,
+            executor=executor,
             checkpoint=None if executor is not None else kept.part("certificate"),
-        )  # fmt: skip
+        )
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=validated)
 
 
 def _scale(arm: Arm, rig: Rig, motions: dict[str, tuple[Reference, float]]) -> NDArray[np.float64]:
-    """Torque [N m] of each joint that its chatter is compared to: root mean square along the motions."""
-    rows = [np.array(path(np.linspace(0, lasts, 200))).swapaxes(0, 1) for path, lasts in motions.values()]
+    """Torque [N m] of each joint that its chatter is compared to: root mean square along the
+    motions.
+    """
+    rows = [
+        np.array(path(np.linspace(0, lasts, 200))).swapaxes(0, 1)
+        for path, lasts in motions.values()
+    ]
     torque = [arm.inverse(*row) - rig.spring_torque(row[0]) for row in np.concatenate(rows)]
     return np.sqrt(np.mean(np.square(torque), axis=0))

@@ -21,7 +21,8 @@ _POSES = 200  # from which the plane of a planar arm, and the space that a motio
 
 @known_options
 def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = None) -> Any:
-    """Draw an arm in one pose: base, joints and tip joined by lines; in its plane if it has one, else in space.
+    """Draw an arm in one pose: base, joints and tip joined by lines; in its plane if it has one,
+    else in space.
 
     Parameters
     ----------
@@ -29,7 +30,8 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
     q : (n,) array_like
         [rad]
     tip : (3,) array_like, optional
-        End of the last link, seen from its frame [m]; by default twice as far as its body's centre of mass.
+        End of the last link, seen from its frame [m]; by default twice as far as its body's centre
+        of mass.
     ax : matplotlib Axes, optional
         Where to draw (three-dimensional for an arm without a plane); a new figure by default.
 
@@ -40,7 +42,8 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
     Raises
     ------
     ValueError
-        Neither a tip nor bodies say where the last link ends; several Axes, or flat ones for an arm without a plane.
+        Neither a tip nor bodies say where the last link ends; several Axes, or flat ones for an arm
+        without a plane.
 
     See Also
     --------
@@ -59,12 +62,18 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
     def new() -> Any:
         import matplotlib.pyplot as plt
 
-        return plt.figure(figsize=(5, 5), layout="constrained").add_subplot(projection=scene.projection)
+        return plt.figure(figsize=(5, 5), layout="constrained").add_subplot(
+            projection=scene.projection
+        )
 
     made = f"Make it by plt.figure().add_subplot(projection={scene.projection!r})"
     axis = axes_of(ax, (), new, made).item()
     if (axis.name == "3d") != (scene.projection == "3d"):
-        wanted = "three-dimensional for this arm" if scene.projection else "flat for this arm, which lies in a plane"
+        wanted = (
+            "three-dimensional for this arm"
+            if scene.projection
+            else "flat for this arm, which lies in a plane"
+        )
         raise ValueError(f"ax must be {wanted}; got a {axis.name} one. {made}, or leave ax out.")
     scene.prepare(axis, pose[None])
     scene.draw(pose)
@@ -73,9 +82,14 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
 
 @known_options
 def animate(
-    evaluation: Evaluation, path: str | Path, *, arm: Arm, tip: ArrayLike | None = None, fps: int = 15,
+    evaluation: Evaluation,
+    path: str | Path,
+    *,
+    arm: Arm,
+    tip: ArrayLike | None = None,
+    fps: int = 15,
     speed: float = 1.0,
-) -> int:  # fmt: skip
+) -> int:
     """Write a GIF of a run: the arm on its path, and the encoder error of every joint in pulses.
 
     Parameters
@@ -117,11 +131,17 @@ def animate(
     """
     instance("evaluation", evaluation, Evaluation, "Pass what evaluate(...) returned.")
     instance("arm", arm, Arm, "Pass the arm that was evaluated.")
-    record, q = evaluation.record, np.asarray(evaluation.record.true_q)
+    record = evaluation.record
+    q = np.asarray(evaluation.record.true_q)
     if arm.n != record.n:
-        raise ValueError(f"arm must have {record.n} joints like the run; got {arm.n}. Pass the arm that was evaluated.")
+        raise ValueError(
+            f"arm must have {record.n} joints like the run; got {arm.n}. Pass the arm that was"
+            " evaluated."
+        )
     if real("fps", fps, "15 is smooth enough.", positive=True) > 50:
-        raise ValueError(f"fps must be 50 at most; got {fps}. Viewers show a GIF no faster; lower speed instead.")
+        raise ValueError(
+            f"fps must be 50 at most; got {fps}. Viewers show a GIF no faster; lower speed instead."
+        )
     step = real("speed", speed, "1 is as fast as the arm.", positive=True) / fps / record.rig.period
     shown = np.append(np.arange(0, len(record) - 1, max(step, 1.0)).astype(int), len(record) - 1)
 
@@ -152,7 +172,9 @@ def animate(
 
 
 def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDArray[np.float64]]:
-    """An axis of one joint's error, the whole run pale; the line of the run so far, and its values."""
+    """An axis of one joint's error, the whole run pale; the line of the run so far, and its
+    values.
+    """
     record = evaluation.record
     values = record.error_pulses[:, joint]
     axis.spines[["top", "right"]].set_visible(False)
@@ -169,7 +191,9 @@ def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDA
 
 
 class _Scene:
-    """The links of an arm, as they are drawn: in the plane in which they always lie, or in space."""
+    """The links of an arm, as they are drawn: in the plane in which they always lie, or in
+    space.
+    """
 
     def __init__(self, arm: Arm, tip: ArrayLike | None) -> None:
         chain = arm.dynamics.chain
@@ -177,7 +201,8 @@ class _Scene:
             end = f"no body says where link {chain.links[-1].name} ends"
             raise ValueError(f"tip must be given, as {end}. Pass tip=(x, y, z) in its frame [m].")
         if tip is None:
-            frame, com = chain.links[-1].frame, np.array(chain.bodies[-1].com)
+            frame = chain.links[-1].frame
+            com = np.array(chain.bodies[-1].com)
             tip = 2 * (np.array(frame.position) + np.array(frame.rotation) @ com)
         self.positions = joint_positions(chain, tip)
         poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, chain.n))
@@ -191,13 +216,22 @@ class _Scene:
     def prepare(self, axis: Any, motion: NDArray[np.float64]) -> None:
         """Axes that hold a motion (N, n), and the path of the tip."""
         points = self.all(motion[:: max(1, len(motion) // _POSES)]) @ self.view.T
-        self.links = axis.plot(*np.zeros((len(self.view), 1)), "-o", color="#444444", linewidth=4, markersize=6)[0]
+        self.links = axis.plot(
+            *np.zeros((len(self.view), 1)), "-o", color="#444444", linewidth=4, markersize=6
+        )[0]
         axis.plot(*points[:1, 0].T, "s", color="#444444", markersize=10)
         axis.plot(*points[:, -1].T, color=colour_of(1), linewidth=1, alpha=0.6)
-        low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
-        middle, half = (low + high) / 2, 0.55 * max((high - low).max(), 1e-3)
+        low = points.min(axis=(0, 1))
+        high = points.max(axis=(0, 1))
+        middle = (low + high) / 2
+        half = 0.55 * max((high - low).max(), 1e-3)
         for name, centre, direction in zip("xyz", middle, self.view, strict=False):
-            axis.set(**{f"{name}lim": (centre - half, centre + half), f"{name}label": f"{_called(direction)} [m]"})
+            axis.set(
+                **{
+                    f"{name}lim": (centre - half, centre + half),
+                    f"{name}label": f"{_called(direction)} [m]",
+                }
+            )
         axis.set_aspect("equal")
         if self.projection:
             axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off
@@ -211,9 +245,11 @@ class _Scene:
 
 
 def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of a view: the identity in space; of points that all lie in one plane through the base, its two axes.
+    """Rows of a view: the identity in space; of points that all lie in one plane through the base,
+    its two axes.
 
-    The second axis is upwards where the plane is not level, the first to the side of positive x, or y.
+    The second axis is upwards where the plane is not level, the first to the side of positive x, or
+    y.
     """
     _, spread, axes = np.linalg.svd(points.reshape(-1, 3), full_matrices=False)
     if spread[2] > 1e-9 * spread[0]:

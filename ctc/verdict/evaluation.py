@@ -1,4 +1,6 @@
-"""Tracking error in encoder pulses, torque and chatter of an arm under a controller, by simulation."""
+"""Tracking error in encoder pulses, torque and chatter of an arm under a controller, by
+simulation.
+"""
 
 import dataclasses
 import functools
@@ -22,20 +24,23 @@ from plant.parts.tables import by_joint
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Evaluation(Shown):
-    """Tracking error and torque of an arm that followed a reference under a controller. Print it for a table.
+    """Tracking error and torque of an arm that followed a reference under a controller. Print it
+    for a table.
 
     Attributes
     ----------
     arm : Arm
     record : Record
     true_error_pulses : (N steps_per_sample, n) numpy.ndarray
-        Reference minus joint, unrounded, at every sub-step [pulses]; with elastic gears, of the motor.
+        Reference minus joint, unrounded, at every sub-step [pulses]; with elastic gears, of the
+        motor.
     max_error_pulses, rms_error_pulses : (n,) numpy.ndarray
         Of the quantised tracking error, magnitude.
     max_true_error_pulses : (n,) numpy.ndarray
         Largest of the true error, at every sub-step, magnitude [pulses].
     link_error : (N, n) numpy.ndarray
-        Commanded motion of the links (`Reference.links`) minus theirs, behind the gears, at the samples [rad].
+        Commanded motion of the links (`Reference.links`) minus theirs, behind the gears, at the
+        samples [rad].
     peak_torque, rms_torque : (n,) numpy.ndarray
         Joint side [N m].
     chatter : (n,) numpy.ndarray
@@ -99,18 +104,31 @@ class Evaluation(Shown):
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
-        """What an arm at rest does on this path, where the path begins in motion and the arm exceeds the limit."""
+        """What an arm at rest does on this path, where the path begins in motion and the arm
+        exceeds the limit.
+        """
         record: Any = self.record
-        if record.injected is not None or (record.initial is not None and not record.initial[1].any()):
+        if record.injected is not None or (
+            record.initial is not None and not record.initial[1].any()
+        ):
             return None
         return from_rest(*self._loop)
 
     @property
     def _loop(self) -> Any:
         """The loop, its limit, its duration and steps."""
-        record, samples = self.record, len(self.record)
+        record = self.record
+        samples = len(self.record)
         steps = len(self.true_error_pulses) // samples
-        return self.arm, record.rig, record.law, record.reference, 1, samples * record.rig.period, steps
+        return (
+            self.arm,
+            record.rig,
+            record.law,
+            record.reference,
+            1,
+            samples * record.rig.period,
+            steps,
+        )
 
     @property
     def refused(self) -> str | None:
@@ -125,7 +143,9 @@ class Evaluation(Shown):
 
     @property
     def holds(self) -> bool:
-        """Whether the run stays within ±1 pulse, and nothing says that a machine would not begin as it did."""
+        """Whether the run stays within ±1 pulse, and nothing says that a machine would not begin
+        as it did.
+        """
         return self.within(1) and not self.reasons
 
     @property
@@ -142,7 +162,9 @@ class Evaluation(Shown):
 
     @property
     def lowest_resonance(self) -> float | None:
-        """Locked-rotor resonance [Hz] above which this run stays within ±1 pulse on elastic gears; see `on_gears`."""
+        """Locked-rotor resonance [Hz] above which this run stays within ±1 pulse on elastic
+        gears; see `on_gears`.
+        """
         return None if self.on_gears is None else self.on_gears.hz
 
     @property
@@ -169,7 +191,9 @@ class Evaluation(Shown):
     def fraction_within(self, k: float) -> float:
         """Share of the samples at which every joint's encoder error is within +-k pulses."""
         if not isinstance(k, Real) or not k >= 0:
-            raise ValueError(f"k must be a number of pulses, 0 or more; got {k!r}. The promise is 1.")
+            raise ValueError(
+                f"k must be a number of pulses, 0 or more; got {k!r}. The promise is 1."
+            )
         return float((np.abs(self.record.error_pulses) <= k).all(axis=1).mean())
 
     def share_within(self, k: float) -> str:
@@ -181,7 +205,9 @@ class Evaluation(Shown):
         return self.fraction_within(k) == 1.0
 
     def plot(self, ax: Any = None, *, phase: bool = False) -> NDArray[Any]:
-        """Draw error and torque of every joint on (n, 2) Axes; the `phase` plot of the true error on (n,)."""
+        """Draw error and torque of every joint on (n, 2) Axes; the `phase` plot of the true
+        error on (n,).
+        """
         return plot_phase(self, ax) if phase else plot_evaluation(self, ax)
 
     def _short(self) -> str:
@@ -189,7 +215,8 @@ class Evaluation(Shown):
         return f"{type(self.record.law).__name__}: {share}"
 
     def _shown(self) -> Iterator[Piece]:
-        elastic, link = self.record.rig.drive.elasticity is not None, 1e3 * np.abs(self.link_error)
+        elastic = self.record.rig.drive.elasticity is not None
+        link = 1e3 * np.abs(self.link_error)
         behind = [
             ("link error, peak [mrad]", link.max(axis=0), ".3f"),
             ("link error, RMS [mrad]", np.sqrt(np.mean(link**2, axis=0)), ".3f"),
@@ -199,7 +226,11 @@ class Evaluation(Shown):
             for title, values, form in (
                 ("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
                 ("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
-                (f"true {'motor' if elastic else 'joint'} error, peak [pulses]", self.max_true_error_pulses, ".2f"),
+                (
+                    f"true {'motor' if elastic else 'joint'} error, peak [pulses]",
+                    self.max_true_error_pulses,
+                    ".2f",
+                ),
                 *(behind if elastic else []),
                 ("torque, peak [N m]", self.peak_torque, ".0f"),
                 ("torque chatter per sample [N m]", self.chatter, ".1f"),

@@ -1,4 +1,6 @@
-"""Share of samples within a pulse limit over the resonance of the gears: on which gears each controller holds."""
+"""Share of samples within a pulse limit over the resonance of the gears: on which gears each
+controller holds.
+"""
 
 import dataclasses
 from collections.abc import Iterator
@@ -9,7 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctc.figures.loops import plot_sweep
 from ctc.verdict.evaluations import require_laws
-from ctc.verdict.on_gears import HIGHEST, LOWEST, RIGID, SETTLED, arm_of, damping_of, on_gears, require_followed
+from ctc.verdict.on_gears import (
+    HIGHEST,
+    LOWEST,
+    RIGID,
+    SETTLED,
+    arm_of,
+    damping_of,
+    on_gears,
+    require_followed,
+)
 from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
@@ -35,7 +46,8 @@ class ResonanceSweep(Shown, Frozen):
     within : float
         Limit [pulses].
     shares : dict of str -> (H,) numpy.ndarray
-        By name, share of the samples at which every joint's encoder error is within the limit; 0 where it diverged.
+        By name, share of the samples at which every joint's encoder error is within the limit; 0
+        where it diverged.
     rigid : dict of str -> float
         The same on rigid gears.
     """
@@ -51,7 +63,10 @@ class ResonanceSweep(Shown, Frozen):
         return plot_sweep(self, ax)
 
     def _short(self) -> str:
-        return f"{len(self.shares)} controllers at {len(self.hz)} resonances, {self.hz[0]:.3g} to {self.hz[-1]:.3g} Hz"
+        return (
+            f"{len(self.shares)} controllers at {len(self.hz)} resonances, {self.hz[0]:.3g} to"
+            f" {self.hz[-1]:.3g} Hz"
+        )
 
     def _shown(self) -> Iterator[Piece]:
         gears = f"gears with a damping ratio of {self.damping_ratio:g}"
@@ -64,10 +79,19 @@ class ResonanceSweep(Shown, Frozen):
 
 @known_options
 def sweep_resonance(
-    arm: Arm | Identification, rig: Rig, laws: dict[str, Law], reference: Reference, *, hz: ArrayLike | None = None,
-    damping_ratio: float = DAMPING_RATIO, within: float = 1, after: float = SETTLED, duration: float | None = None,
-    steps_per_sample: int = 16, threads: int | None = None,
-) -> ResonanceSweep:  # fmt: skip
+    arm: Arm | Identification,
+    rig: Rig,
+    laws: dict[str, Law],
+    reference: Reference,
+    *,
+    hz: ArrayLike | None = None,
+    damping_ratio: float = DAMPING_RATIO,
+    within: float = 1,
+    after: float = SETTLED,
+    duration: float | None = None,
+    steps_per_sample: int = 16,
+    threads: int | None = None,
+) -> ResonanceSweep:
     """Simulate an arm on elastic gears of many resonances, under each of several controllers.
 
     Parameters
@@ -116,20 +140,36 @@ def sweep_resonance(
     """
     require_laws(laws)
     ratio = damping_of(damping_ratio)
-    tried = np.geomspace(LOWEST, HIGHEST, _POINTS) if hz is None else array("hz", hz, ("H",), advice="Give [Hz].")
+    tried = (
+        np.geomspace(LOWEST, HIGHEST, _POINTS)
+        if hz is None
+        else array("hz", hz, ("H",), advice="Give [Hz].")
+    )
     if not len(tried) or tried[0] <= 0 or (np.diff(tried) <= 0).any():
-        raise ValueError(f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz].")
+        raise ValueError(
+            f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz]."
+        )
     require_followed("hz", tried, rig.period / steps_per_sample)
-    options: dict[str, Any] = {"within": within, "steps_per_sample": steps_per_sample, "after": after}
+    options: dict[str, Any] = {
+        "within": within,
+        "steps_per_sample": steps_per_sample,
+        "after": after,
+    }
     options["duration"] = reference.duration if duration is None else duration
-    controlled, shares = arm_of(arm), {}
+    controlled = arm_of(arm)
+    shares = {}
     for name, law in laws.items():
-        runs = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)([*tried, RIGID])
+        runs = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)(
+            [*tried, RIGID]
+        )
         shares[name] = 1 - runs.outside / runs.samples
     return ResonanceSweep(
-        hz=tried, damping_ratio=ratio, within=within, shares={name: share[:-1] for name, share in shares.items()},
+        hz=tried,
+        damping_ratio=ratio,
+        within=within,
+        shares={name: share[:-1] for name, share in shares.items()},
         rigid={name: float(share[-1]) for name, share in shares.items()},
-    )  # fmt: skip
+    )
 
 
 def _percent(share: float) -> str:

@@ -1,16 +1,18 @@
 """Pass band and least speeds of a torque fit, chosen by cross-validation over segments of the logs.
 
-A narrow band and high speeds hold the equations that can be trusted: rounding of the counts, elasticity and uncertain
-signs of friction are outside. They alone tell inertias and offsets poorly. A wide band holds more, until noise in the
-accelerations makes every value too small; its own residual does not show that. So a fit is judged by the torques of
-segments that it has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse than
-their own fits do. Least speeds likewise, judged at higher speeds. Of those that are no worse by more than one standard
-error over the segments, or by ten per cent, the most inclusive is taken.
+A narrow band and high speeds hold the equations that can be trusted: rounding of the counts,
+elasticity and uncertain signs of friction are outside. They alone tell inertias and offsets poorly.
+A wide band holds more, until noise in the accelerations makes every value too small; its own
+residual does not show that. So a fit is judged by the torques of segments that it has not seen, in
+all *narrower* bands: it may use its band as long as it predicts these no worse than their own fits
+do. Least speeds likewise, judged at higher speeds. Of those that are no worse by more than one
+standard error over the segments, or by ten per cent, the most inclusive is taken.
 
-Sources: O. V. Lepskii, On a problem of adaptive estimation in Gaussian white noise, Theory of Probability and its
-Applications 35 (1990) (the widest that agrees with all narrower ones); L. Breiman et al., Classification and Regression
-Trees (1984), ch. 3 (one standard error); P. Burman, E. Chow, D. Nolan, A cross-validatory method for dependent data,
-Biometrika 81 (1994) (segments left out, with a gap on both sides).
+Sources: O. V. Lepskii, On a problem of adaptive estimation in Gaussian white noise, Theory of
+Probability and its Applications 35 (1990) (the widest that agrees with all narrower ones); L.
+Breiman et al., Classification and Regression Trees (1984), ch. 3 (one standard error); P. Burman,
+E. Chow, D. Nolan, A cross-validatory method for dependent data, Biometrika 81 (1994) (segments left
+out, with a gap on both sides).
 """
 
 import contextlib
@@ -32,23 +34,27 @@ SEGMENTS = 10  # segments of all logs together, at least; and of each log, at mo
 # Least speeds that are tested, in the usual speed of each joint, the most cautious first.
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
 
-# Standard errors over the segments by which the squared errors of prediction may be larger, and from which on nothing
-# more inclusive is tried.
-_WORSE, _FAR = 1.0, 3.0
+# Standard errors over the segments by which the squared errors of prediction may be larger, and
+# from which on nothing more inclusive is tried.
+_WORSE = 1.0
+_FAR = 3.0
 
 _SMALL = 0.1  # the same, relative, that does not count however regular it is
 
-_ENOUGH, _LEAST = 10, 4  # equations per unknown, and segments, below which a band says too little to judge others
+# equations per unknown, and segments, below which a band says too little to judge others
+_ENOUGH = 10
+_LEAST = 4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FitTrial(Shown):
     """One pass band, or one least speed, on trial.
 
-    `at`: the band [Hz]; or the share of the usual speeds below which equations are left out. `unit`: "Hz", or "of the
-    usual speed". `rows`: equations of its fit. `worse`: by how many standard errors this fit predicts the segments left
-    out worse than a more cautious one's own fit does, among that one's equations, where it does worst; -inf of the most
-    cautious. `against`: that more cautious one. `passed`: whether it may be chosen: the most inclusive that may is.
+    `at`: the band [Hz]; or the share of the usual speeds below which equations are left out.
+    `unit`: "Hz", or "of the usual speed". `rows`: equations of its fit. `worse`: by how many
+    standard errors this fit predicts the segments left out worse than a more cautious one's own fit
+    does, among that one's equations, where it does worst; -inf of the most cautious. `against`:
+    that more cautious one. `passed`: whether it may be chosen: the most inclusive that may is.
     """
 
     at: float
@@ -62,7 +68,9 @@ class FitTrial(Shown):
     @property
     def row(self) -> tuple[str, ...]:
         """Its cells in a table of all trials."""
-        against = ("", "") if self.against is None else (f"{self.worse:+.1f}", self._number(self.against))
+        against = (
+            ("", "") if self.against is None else (f"{self.worse:+.1f}", self._number(self.against))
+        )
         return self._number(self.at), f"{self.rows}", *against, self._verdict
 
     @property
@@ -94,7 +102,9 @@ class _Tried:
     without: Floats
 
     def losses(self, fits: Floats) -> Floats:
-        """Mean squared error (S,) with which fits without each segment (S, k) predict it; NaN of one without rows."""
+        """Mean squared error (S,) with which fits without each segment (S, k) predict it; NaN of
+        one without rows.
+        """
         found = np.full(len(fits), np.nan)
         for s in np.unique(self.segment):
             some = self.segment == s
@@ -103,13 +113,16 @@ class _Tried:
         return found
 
     def worse(self, other: "_Tried") -> float:
-        """By how many standard errors `other` predicts these equations worse; what passes, where hardly so."""
+        """By how many standard errors `other` predicts these equations worse; what passes, where
+        hardly so.
+        """
         own = self.losses(self.without)
         more = self.losses(other.without) - own
         kept = np.isfinite(more)
         if kept.sum() < _LEAST:
             return -np.inf
-        mean, error = more[kept].mean(), more[kept].std(ddof=1) / np.sqrt(kept.sum())
+        mean = more[kept].mean()
+        error = more[kept].std(ddof=1) / np.sqrt(kept.sum())
         score = float(mean / error) if error > 0 else float(np.sign(mean) * np.inf if mean else 0.0)
         return score if mean > _SMALL * own[kept].mean() else min(score, _WORSE)
 
@@ -121,19 +134,33 @@ class _Choice:
     """
 
     def __init__(
-        self, unit: str, cautious: Callable[[float, float], bool], seconds: Floats, weights: Floats | None
+        self,
+        unit: str,
+        cautious: Callable[[float, float], bool],
+        seconds: Floats,
+        weights: Floats | None,
     ) -> None:
-        self._unit, self._cautious, self._seconds, self._weights = unit, cautious, seconds, weights
+        self._unit = unit
+        self._cautious = cautious
+        self._seconds = seconds
+        self._weights = weights
         self._tried, self.trials = dict[float, _Tried](), dict[float, FitTrial]()
 
     def worse(self, at: float, systems: Sequence[System], gap: float) -> float:
-        """By how many standard errors it predicts worse than a more cautious one; -inf if there are too few yet."""
+        """By how many standard errors it predicts worse than a more cautious one; -inf if there
+        are too few yet.
+        """
         found = tried(systems, self._seconds, gap, self._weights)
         if found is None:
             return -np.inf
-        scores = {other: each.worse(found) for other, each in self._tried.items() if self._cautious(other, at)}
+        scores = {
+            other: each.worse(found)
+            for other, each in self._tried.items()
+            if self._cautious(other, at)
+        }
         against = max(scores, key=scores.__getitem__, default=None)
-        most, rows = -np.inf if against is None else scores[against], len(found.target)
+        most = -np.inf if against is None else scores[against]
+        rows = len(found.target)
         self._tried[at] = found
         self.trials[at] = FitTrial(
             at=at, unit=self._unit, rows=rows, worse=most, against=against, passed=most <= _WORSE
@@ -146,19 +173,24 @@ class _Choice:
 
 
 def choose_band(
-    bands: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: Floats, weights: Floats | None
+    bands: Sequence[float],
+    equations: Callable[[float], Sequence[System]],
+    seconds: Floats,
+    weights: Floats | None,
 ) -> tuple[float, tuple[FitTrial, ...]]:
     """The widest pass band of some, none of the narrower ones contradicting.
 
-    Octaves first, until one is too wide, then the bands before it. Of several logs none wider than most choose alone:
-    friction that differs between them hides what a wide band does. `bands`: increasing, half an octave apart [Hz].
-    `equations`: band -> the logs' systems, cautious in speed. `seconds` (R,): length of each log. `weights` (R, n) or
-    None: of logs and joints, if stated.
+    Octaves first, until one is too wide, then the bands before it. Of several logs none wider than
+    most choose alone: friction that differs between them hides what a wide band does. `bands`:
+    increasing, half an octave apart [Hz]. `equations`: band -> the logs' systems, cautious in
+    speed. `seconds` (R,): length of each log. `weights` (R, n) or None: of logs and joints, if
+    stated.
     """
     if len(seconds) > 1:
         equations, alone = functools.cache(equations), [bands[-1]] * len(seconds)
         for i in range(len(seconds)):
-            log, own = slice(i, i + 1), None if weights is None else weights[i : i + 1]
+            log = slice(i, i + 1)
+            own = None if weights is None else weights[i : i + 1]
 
             def of_log(band: float, log: slice = log) -> Sequence[System]:
                 return equations(band)[log]
@@ -172,21 +204,29 @@ def choose_band(
             break
     if not choice.trials:
         raise ValueError(
-            "some band must hold enough equations to leave segments out; none does. Log longer, or state band, cutoff "
-            "and least_speed."
+            "some band must hold enough equations to leave segments out; none does. Log longer, or"
+            " state band, cutoff and least_speed."
         )
     best = max(trial.at for trial in choice.trials.values() if trial.passed)
     for between in bands[1::2]:
-        if best < between < 2 * best and choice.worse(between, equations(between), 1 / between) <= _WORSE:
+        if (
+            best < between < 2 * best
+            and choice.worse(between, equations(between), 1 / between) <= _WORSE
+        ):
             best = between
     return best, choice.said(best, sorted(choice.trials))
 
 
 def choose_speed(
-    shares: Sequence[float], equations: Callable[[float], Sequence[System]], seconds: Floats,
-    gap: float, weights: Floats | None,
-) -> tuple[float, tuple[FitTrial, ...]]:  # fmt: skip
-    """The least share of the usual speeds, the higher ones not contradicting; arguments as for `choose_band`."""
+    shares: Sequence[float],
+    equations: Callable[[float], Sequence[System]],
+    seconds: Floats,
+    gap: float,
+    weights: Floats | None,
+) -> tuple[float, tuple[FitTrial, ...]]:
+    """The least share of the usual speeds, the higher ones not contradicting; arguments as for
+    `choose_band`.
+    """
     choice = _Choice("of the usual speed", operator.gt, seconds, weights)
     for share in shares:
         if choice.worse(share, equations(share), gap) > _FAR:
@@ -197,21 +237,29 @@ def choose_speed(
     return best, choice.said(best, choice.trials)
 
 
-def tried(systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None) -> _Tried | None:
-    """Fits without each segment, and without what is within a gap [s] of it; None of too few equations."""
+def tried(
+    systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None
+) -> _Tried | None:
+    """Fits without each segment, and without what is within a gap [s] of it; None of too few
+    equations.
+    """
     places = Places.of(systems)
-    rows, target = (np.concatenate([getattr(each, part)[each.used] for each in systems])
-                    for part in ("regressor", "torque"))  # fmt: skip
+    rows, target = (
+        np.concatenate([getattr(each, part)[each.used] for each in systems])
+        for part in ("regressor", "torque")
+    )
     k = rows.shape[1]
     if len(target) < _ENOUGH * k:
         return None
     segment, segments = places.segments(seconds, SEGMENTS)
     weight = _weight(rows, target, places, weights)
-    weighted_rows, weighted_target = rows * weight[:, None], target * weight
+    weighted_rows = rows * weight[:, None]
+    weighted_target = target * weight
     without = np.full((segments, k), np.nan)
     for s in np.unique(segment):
         own = segment == s
-        record, t = places.record[own][0], places.t[own]
+        record = places.record[own][0]
+        t = places.t[own]
         near = (places.record == record) & (places.t > t.min() - gap) & (places.t < t.max() + gap)
         if (~near).sum() > 2 * k:
             without[s] = _solved(weighted_rows[~near], weighted_target[~near])

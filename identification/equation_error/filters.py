@@ -9,21 +9,30 @@ from plant.motion.reference import Motion
 from plant.parts.arguments import real
 from plant.parts.fields import Floats
 
-# Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of twice the order.
+# Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of
+# twice the order.
 _ORDER = 4
 
 
 def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
-    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in Hz."""
-    from scipy.signal import sosfiltfilt  # a third of a second that the genetic algorithm does not need
+    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in
+    Hz.
+    """
+    # a third of a second that the genetic algorithm does not need
+    from scipy.signal import sosfiltfilt
 
-    x, cutoff = np.asarray(x), real("cutoff", cutoff, "Give Hz.", positive=True)
+    x = np.asarray(x)
+    cutoff = real("cutoff", cutoff, "Give Hz.", positive=True)
     if not 2 * cutoff * period < 1:
         raise ValueError(
-            f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}. Lower it."
+            f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}."
+            " Lower it."
         )
     if len(x) <= 6 * _ORDER:
-        raise ValueError(f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log longer.")
+        raise ValueError(
+            f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log"
+            " longer."
+        )
     return sosfiltfilt(_butterworth(2 * cutoff * period), x, axis=0)
 
 
@@ -35,7 +44,8 @@ def _butterworth(cutoff: float) -> Floats:
 
 
 def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
-    """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central differences.
+    """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central
+    differences.
 
     Returns q, qd, qdd, each (N, n).
     """

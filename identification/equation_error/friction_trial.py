@@ -1,7 +1,8 @@
-"""Friction beyond Coulomb and viscous, tried by what it predicts of blocks of the logs that its fit has not seen.
+"""Friction beyond Coulomb and viscous, tried by what it predicts of blocks of the logs that its fit
+has not seen.
 
-What a friction that is not modelled leaves looks like an offset, a gear that swings or a wrong gain, so it is tried
-before these are blamed.
+What a friction that is not modelled leaves looks like an offset, a gear that swings or a wrong
+gain, so it is tried before these are blamed.
 """
 
 import dataclasses
@@ -17,14 +18,25 @@ from plant.parts.shown import Piece, Shown
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
 
-_ADVICE = dict(zip(KINDS, (
-    "state it, the drive of fit.friction[0].drive(rig.drive), and add drive.curve.offset[i] to unknown",
-    "state it, the drive of fit.friction[0].drive(rig.drive)",
-    "state it, the drive of fit.friction[0].drive(rig.drive)",
-    "trust the fit at the speeds of its logs only",
-), strict=True))  # fmt: skip
+_ADVICE = dict(
+    zip(
+        KINDS,
+        (
+            (
+                "state it, the drive of fit.friction[0].drive(rig.drive), and add"
+                " drive.curve.offset[i] to unknown"
+            ),
+            "state it, the drive of fit.friction[0].drive(rig.drive)",
+            "state it, the drive of fit.friction[0].drive(rig.drive)",
+            "trust the fit at the speeds of its logs only",
+        ),
+        strict=True,
+    )
+)
 
-_CLEAR, _ENOUGH = 3.0, 0.1  # standard errors, and share of the squared error, by which a candidate predicts better
+# standard errors, and share of the squared error, by which a candidate predicts better
+_CLEAR = 3.0
+_ENOUGH = 0.1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -35,14 +47,16 @@ class FrictionTrial(Shown):
     ----------
     kind : str
     share : tuple of float or None
-        Stribeck speed, or speed at which viscous friction saturates, of each joint, in its usual speed.
+        Stribeck speed, or speed at which viscous friction saturates, of each joint, in its usual
+        speed.
     better : float
-        Share of the squared error, of torques in blocks kept aside, that it takes away; negative where it adds.
+        Share of the squared error, of torques in blocks kept aside, that it takes away; negative
+        where it adds.
     errors : float
         The same, in standard errors over the blocks.
     levels : (n,) numpy.ndarray
-        Its torque [N m] on the shaft of each joint (of load-dependent friction, per N m of load); NaN where it was not
-        tried.
+        Its torque [N m] on the shaft of each joint (of load-dependent friction, per N m of load);
+        NaN where it was not tried.
     usual : (n,) numpy.ndarray
         Usual speed of each joint, that `share` is a part of [rad/s].
     """
@@ -64,15 +78,20 @@ class FrictionTrial(Shown):
         """What to do where it is clear, with what was found, in a line."""
         levels = ", ".join("-" if np.isnan(level) else f"{level:.2g}" for level in self.levels)
         unit = "" if self.kind == KINDS[1] else " N m"
-        return f"friction is {self._short()}; its levels on the joints' shafts are {levels}{unit}: {_ADVICE[self.kind]}"
+        return (
+            f"friction is {self._short()}; its levels on the joints' shafts are {levels}{unit}:"
+            f" {_ADVICE[self.kind]}"
+        )
 
     def drive(self, drive: Drive) -> Drive:
-        """A drive that has this friction too: fit again with it, and controllers compensate it (but of load).
+        """A drive that has this friction too: fit again with it, and controllers compensate it (but
+        of load).
 
         Raises
         ------
         ValueError
-            Of viscous friction that saturates, which no part of a drive describes; of a second Stribeck speed.
+            Of viscous friction that saturates, which no part of a drive describes; of a second
+            Stribeck speed.
         """
         found = np.nan_to_num(self.levels)
         if self.kind == KINDS[1]:
@@ -82,42 +101,66 @@ class FrictionTrial(Shown):
             curve = dataclasses.replace(curve, offset=curve.offset + found / drive.gear)
         elif self.kind == KINDS[2] and self.share is not None:
             if curve.breakaway is not None:
-                raise ValueError("a drive has one Stribeck speed; this one states another. Fit without its breakaway.")
+                raise ValueError(
+                    "a drive has one Stribeck speed; this one states another. Fit without its"
+                    " breakaway."
+                )
             gear = np.abs(drive.gear)
-            levels, speed = np.maximum(found, 0.0) / gear, np.array(self.share) * self.usual * gear
+            levels = np.maximum(found, 0.0) / gear
+            speed = np.array(self.share) * self.usual * gear
             curve = dataclasses.replace(curve, breakaway=levels, speed=speed)
         else:
-            raise ValueError(f"friction must be one that a drive has; got {self.kind} friction. {_ADVICE[self.kind]}.")
+            raise ValueError(
+                f"friction must be one that a drive has; got {self.kind} friction."
+                f" {_ADVICE[self.kind]}."
+            )
         return dataclasses.replace(drive, curve=curve)
 
     def _short(self) -> str:
         each = ", ".join(f"{share:.0%}" for share in dict.fromkeys(self.share or ()))
         at = f" at {each} of the usual speed{'s' * (',' in each)}" if each else ""
-        return f"{self.kind}{at}: blocks kept aside {self.better:+.0%} better ({self.errors:.1f} standard errors)"
+        return (
+            f"{self.kind}{at}: blocks kept aside {self.better:+.0%} better ({self.errors:.1f}"
+            " standard errors)"
+        )
 
     def _shown(self) -> Iterator[Piece]:
         yield self._short()
 
 
 def friction_trials(
-    systems: Sequence[System], candidates: Sequence[tuple[str, tuple[float, ...] | None]], joints: Sequence[int],
-    seconds: Floats, gap: float, weights: Floats, usual: Floats,
-) -> tuple[FrictionTrial, ...]:  # fmt: skip
-    """Trials, best first, of systems whose last columns are those of each candidate, one for each of these joints.
+    systems: Sequence[System],
+    candidates: Sequence[tuple[str, tuple[float, ...] | None]],
+    joints: Sequence[int],
+    seconds: Floats,
+    gap: float,
+    weights: Floats,
+    usual: Floats,
+) -> tuple[FrictionTrial, ...]:
+    """Trials, best first, of systems whose last columns are those of each candidate, one for each
+    of these joints.
 
-    `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it. `weights` (R, n). `usual`
-    (n,): speeds that a share is of [rad/s].
+    `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it.
+    `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s].
     """
-    n, more = weights.shape[1], len(joints)
+    n = weights.shape[1]
+    more = len(joints)
     first = systems[0].regressor.shape[2] - len(candidates) * more
 
     def beside(columns: Iterable[int]) -> tuple[Floats, Floats]:
         places = [*range(first), *columns]
-        some = [dataclasses.replace(each, regressor=each.regressor[:, :, places]) for each in systems]
+        some = [
+            dataclasses.replace(each, regressor=each.regressor[:, :, places]) for each in systems
+        ]
         found = tried(some, seconds, gap, weights)
-        return (np.full(1, np.nan), np.empty(0)) if found is None else (found.losses(found.without), found.without)
+        return (
+            (np.full(1, np.nan), np.empty(0))
+            if found is None
+            else (found.losses(found.without), found.without)
+        )
 
-    base, trials = beside(())[0], list[FrictionTrial]()
+    base = beside(())[0]
+    trials = list[FrictionTrial]()
     for i, (kind, share) in enumerate(candidates):
         missed, fits = beside(range(first + i * more, first + (i + 1) * more))
         kept = (base - missed)[np.isfinite(base - missed)]
@@ -125,7 +168,8 @@ def friction_trials(
             continue
         levels = np.full(n, np.nan)
         levels[list(joints)] = np.nanmedian(fits[:, first:], axis=0)
-        if kind != KINDS[0] and np.nansum(levels) < 0:  # less of it than none: another kind, seen in a mirror
+        # less of it than none: another kind, seen in a mirror
+        if kind != KINDS[0] and np.nansum(levels) < 0:
             continue
         error = max(float(kept.std(ddof=1)) / np.sqrt(len(kept)), 1e-300)
         better = float(kept.mean() / np.nanmean(base))

@@ -1,15 +1,16 @@
-"""The equation error behind elastic gears: f for given compliances, and the compliances with which it fits best.
+"""The equation error behind elastic gears: f for given compliances, and the compliances with which
+it fits best.
 
-What friction and the rotor leave of a motor's torque its gear passes on, and is wound up by it: the deflection is
-compliance times that torque. So the motion of the links follows from counts of the motors and from the law, and the
-torque equation stays linear in f; a fit with other compliances takes milliseconds. All have a smooth least residual
-where predicted positions have several.
+What friction and the rotor leave of a motor's torque its gear passes on, and is wound up by it: the
+deflection is compliance times that torque. So the motion of the links follows from counts of the
+motors and from the law, and the torque equation stays linear in f; a fit with other compliances
+takes milliseconds. All have a smooth least residual where predicted positions have several.
 
-With the links counted too (`fit_deflection`), f follows whatever the gears are, and stiffness from their deflection
-(`two_encoders`).
+With the links counted too (`fit_deflection`), f follows whatever the gears are, and stiffness from
+their deflection (`two_encoders`).
 
-Source: M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of Dynamic Systems, Measurement, and
-Control 109 (1987) (equations of motion).
+Source: M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of Dynamic Systems,
+Measurement, and Control 109 (1987) (equations of motion).
 """
 
 import dataclasses
@@ -31,15 +32,16 @@ from plant.parts.fields import Floats
 
 _BAND = 1.4  # pass band, in frequencies of the strongest oscillation
 
-_SYSTEMATIC = 2.0  # errors of the torque on the links (f, filters at reversals) over the scatter of the equations
+# errors of the torque on the links (f, filters at reversals) over the scatter of the equations
+_SYSTEMATIC = 2.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class GearFit:
     """Gears, as two position sensors show them or as they fit best in a pass band.
 
-    `compliance` (n,): on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive, beside them. `std`
-    (n,) of the compliance, from two sensors alone.
+    `compliance` (n,): on the shafts [rad/(N m)]. `torque`: of f and linear numbers of the drive,
+    beside them. `std` (n,) of the compliance, from two sensors alone.
     """
 
     compliance: Floats
@@ -47,32 +49,47 @@ class GearFit:
     std: Floats | None = None
 
 
-def fit_deflection(dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known) -> GearFit:
-    """Compliance of gears from records with `link_counts` of all; arguments as for `equation_error`."""
+def fit_deflection(
+    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known
+) -> GearFit:
+    """Compliance of gears from records with `link_counts` of all; arguments as for
+    `equation_error`.
+    """
     names = linear(dynamics, records[0].rig, unknown)
     seen = [Deflections.of(record, _BAND * mode_in(record)) for record in records]
     torque = fit_systems(dynamics, names, known, [each.balance(dynamics, names) for each in seen])
     values = dict(known) | dict(zip(torque.names, torque.values, strict=True))
     wound = fit_wound(dynamics, seen, np.array([values[name] for name in dynamics.names]))[0]
-    return GearFit(compliance=wound.values[0], std=_SYSTEMATIC * wound.half[0] / NORMAL, torque=torque)
+    return GearFit(
+        compliance=wound.values[0], std=_SYSTEMATIC * wound.half[0] / NORMAL, torque=torque
+    )
 
 
-_BANDS = (0.5, 0.7, 1.0, 1.4)  # pass bands that are tested, in frequencies of the strongest oscillation
+# pass bands that are tested, in frequencies of the strongest oscillation
+_BANDS = (0.5, 0.7, 1.0, 1.4)
 
 _REPLAYED = (4.0, 8.0, 16.0, 32.0)  # the same of logs that replay their torque [Hz]
 
 _SPARSE = 4.0  # samples that are kept, per period of the cutoff: what is left is in the band alone
 
-# How often, at most, each gear is fitted anew with the others as they are; and how far, in places of the grid.
-_ROUNDS, _NEAR = 6, 2
+# How often, at most, each gear is fitted anew with the others as they are; and how far, in places
+# of the grid.
+_ROUNDS = 6
+_NEAR = 2
 
 
 class _Wound:
-    """A record in a pass band [Hz]: motion of its motors, and the torque with which they wind up their gears."""
+    """A record in a pass band [Hz]: motion of its motors, and the torque with which they wind up
+    their gears.
+    """
 
     def __init__(self, record: Record, band: float) -> None:
-        rig, self.rig, self.band = record.rig, record.rig, band
-        cutoff, drive, torque = CUTOFF * band, rig.drive, torque_of(record)
+        rig = record.rig
+        self.rig = record.rig
+        self.band = band
+        cutoff = CUTOFF * band
+        drive = rig.drive
+        torque = torque_of(record)
         motors = derivatives(rig.cell_centre(record.counts), rig.period, cutoff)
         held = low_pass(torque - drive.friction(motors.qd), rig.period, cutoff)
         passed = drive.coupling.shaft_torque(held - drive.rotor_torque(motors.qdd))
@@ -85,7 +102,8 @@ class _Wound:
 
     def system(self, dynamics: Dynamics, unknown: Sequence[str], compliance: Floats) -> System:
         """The torque equation along the motion of the links."""
-        joint, filtering = self.rig.drive.coupling.joint, filtering_of(self.rig, self.band)
+        joint = self.rig.drive.coupling.joint
+        filtering = filtering_of(self.rig, self.band)
         moved = zip(self.motors, self.wind_up, strict=True)
         links = Motion(*(motor - joint(compliance * passed) for motor, passed in moved))
         regressor, given = regressor_along(dynamics, self.rig, unknown, links, self.motors)
@@ -96,20 +114,26 @@ class _Wound:
 
 
 def fit_gears(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known, grid: Floats
+    dynamics: Dynamics,
+    records: Sequence[Record],
+    unknown: Sequence[str],
+    known: Known,
+    grid: Floats,
 ) -> list[GearFit]:
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
 
-    `dynamics`, `records`, `unknown`, `known`: as for `equation_error`; rigs may have elasticity or not. `grid` (m, n):
-    compliances of each gear that are tested [rad/(N m)]: rows of all gears together first, then each on its own. A
-    column of one value keeps that gear as it is.
+    `dynamics`, `records`, `unknown`, `known`: as for `equation_error`; rigs may have elasticity or
+    not. `grid` (m, n): compliances of each gear that are tested [rad/(N m)]: rows of all gears
+    together first, then each on its own. A column of one value keeps that gear as it is.
     """
-    names, fits = linear(dynamics, records[0].rig, unknown), []
+    names = linear(dynamics, records[0].rig, unknown)
+    fits = []
     for i in range(len(_BANDS)):
         try:
             wound = [_Wound(record, _band(record, i)) for record in records]
             fits.append(_best(dynamics, wound, names, known, grid))
-        except ValueError:  # a band without equations, or in which unknowns are not separately identifiable
+        # a band without equations, or in which unknowns are not separately identifiable
+        except ValueError:
             continue
     return fits
 
@@ -119,7 +143,9 @@ def _band(record: Record, i: int) -> float:
     return _REPLAYED[i] if replays else _BANDS[i] * mode_in(record)
 
 
-def _best(dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Known, grid: Floats) -> GearFit:
+def _best(
+    dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Known, grid: Floats
+) -> GearFit:
     """The best fit in a band: of all gears together, then of each while the others stay."""
 
     def fitted(compliance: Floats) -> GearFit:
@@ -134,7 +160,10 @@ def _best(dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], k
             place = int(np.searchsorted(values, best.compliance[joint]))
             near = values[max(0, place - _NEAR) : place + _NEAR + 1]
             tried = [np.where(np.arange(grid.shape[1]) == joint, c, best.compliance) for c in near]
-            best = min([best, *(fitted(c) for c in tried if c[joint] != best.compliance[joint])], key=_misfit)
+            best = min(
+                [best, *(fitted(c) for c in tried if c[joint] != best.compliance[joint])],
+                key=_misfit,
+            )
         if best is before:
             break
     return best

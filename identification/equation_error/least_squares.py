@@ -1,15 +1,19 @@
-"""Linear least squares in plain sums, the same bits on any number of threads, and cluster-robust covariances.
+"""Linear least squares in plain sums, the same bits on any number of threads, and cluster-robust
+covariances.
 
-By Gram-Schmidt, or of products: products of the columns are made six times faster than an orthonormal basis, and lose
-half the digits: they are exact enough where columns that are nearly dependent are refused anyway.
+By Gram-Schmidt, or of products: products of the columns are made six times faster than an
+orthonormal basis, and lose half the digits: they are exact enough where columns that are nearly
+dependent are refused anyway.
 
-Residuals of one segment may be correlated in any way; those of different segments must not be. Segments are left out
-one by one (the delete-a-group jackknife). Of a few runs, of which one may tell most, each one's share in the equations
-is corrected by what of it the fit has taken away (bias-reduced linearisation).
+Residuals of one segment may be correlated in any way; those of different segments must not be.
+Segments are left out one by one (the delete-a-group jackknife). Of a few runs, of which one may
+tell most, each one's share in the equations is corrected by what of it the fit has taken away
+(bias-reduced linearisation).
 
-Source: B. Efron, C. Stein, The jackknife estimate of variance, Annals of Statistics 9, 1981; R. M. Bell,
-D. F. McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples, Survey Methodology
-28, 2002; J. G. MacKinnon, M. O. Nielsen, M. D. Webb, Cluster-robust inference, Journal of Econometrics 232, 2023.
+Source: B. Efron, C. Stein, The jackknife estimate of variance, Annals of Statistics 9, 1981; R. M.
+Bell, D. F. McCaffrey, Bias reduction in standard errors for linear regression with multi-stage
+samples, Survey Methodology 28, 2002; J. G. MacKinnon, M. O. Nielsen, M. D. Webb, Cluster-robust
+inference, Journal of Econometrics 232, 2023.
 """
 
 from collections.abc import Sequence
@@ -21,7 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 from plant.parts.fields import Floats
 from plant.parts.sums import least, norm, product, products
 
-_EXACT_ENOUGH = 1e-5  # share of its own from which on a column is told from others by their products
+# share of its own from which on a column is told from others by their products
+_EXACT_ENOUGH = 1e-5
 
 
 class NotIdentifiableError(ValueError):
@@ -43,19 +48,20 @@ def least_squares(
 ) -> tuple[Floats, Floats, float]:
     """Solve rows x = target.
 
-    `names`: of the columns, for messages. `rows` (N, k). `target` (N,). `dependent`: a column of which less than this
-    share is its own is a combination of the others.
+    `names`: of the columns, for messages. `rows` (N, k). `target` (N,). `dependent`: a column of
+    which less than this share is its own is a combination of the others.
 
-    Returns values (k,); covariance (k, k): of the values, where the residual of every row has a standard deviation of
-    1; condition: of the columns, scaled to one length.
+    Returns values (k,); covariance (k, k): of the values, where the residual of every row has a
+    standard deviation of 1; condition: of the columns, scaled to one length.
     """
     k = rows.shape[1]
     lengths = np.sqrt(np.einsum("mi,mi->i", rows, rows))
     if not lengths.all():
         idle = names[int(np.argmin(lengths))]
         raise NotIdentifiableError(
-            f"every unknown must act on the log; {idle} does not in this motion. Leave it out; "
-            "where its joint moves, look with record.check() for what is not the machine's: gear, resolution, units.",
+            f"every unknown must act on the log; {idle} does not in this motion. Leave it out;"
+            " where its joint moves, look with record.check() for what is not the machine's: gear,"
+            " resolution, units.",
             idle,
         )
     solved = _by_products if dependent >= _EXACT_ENOUGH else _by_rows
@@ -63,7 +69,9 @@ def least_squares(
     inverse = np.zeros((k, k))
     for i in reversed(range(k)):
         unit = (np.arange(k) == i).astype(float)
-        inverse[i] = (unit - (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)) / triangle[i, i]
+        inverse[i] = (
+            unit - (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)
+        ) / triangle[i, i]
     values = (inverse * along).sum(axis=1) / lengths
     covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
     return values, covariance, float(np.linalg.cond(triangle))
@@ -81,16 +89,21 @@ class _Told(NamedTuple):
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
             others = [self.names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3).tolist()]
             raise NotIdentifiableError(
-                f"unknowns must be separately identifiable; {self.names[i]} is a combination of {', '.join(others)}. "
-                "Fix one of them, log a motion that excites more (design_motion), or give identify a prior=.",
+                f"unknowns must be separately identifiable; {self.names[i]} is a combination of"
+                f" {', '.join(others)}. Fix one of them, log a motion that excites more"
+                " (design_motion), or give identify a prior=.",
                 self.names[i],
             )
 
 
 def _by_rows(rows: Floats, lengths: Floats, target: Floats, told: _Told) -> tuple[Floats, Floats]:
-    """R (k, k) of rows (N, k) over the lengths (k,) of columns = Q R, and Q^T target (k,): Gram-Schmidt, twice."""
+    """R (k, k) of rows (N, k) over the lengths (k,) of columns = Q R, and Q^T target (k,):
+    Gram-Schmidt, twice.
+    """
     k = rows.shape[1]
-    basis, triangle, work = np.ascontiguousarray((rows / lengths).T), np.zeros((k, k)), np.empty(len(rows))
+    basis = np.ascontiguousarray((rows / lengths).T)
+    triangle = np.zeros((k, k))
+    work = np.empty(len(rows))
     for i in range(k):
         column = basis[i]
         for _ in range(2):
@@ -106,29 +119,42 @@ def _by_rows(rows: Floats, lengths: Floats, target: Floats, told: _Told) -> tupl
     return triangle, (turned * target[:, None]).sum(axis=0)
 
 
-def _by_products(rows: Floats, lengths: Floats, target: Floats, told: _Told) -> tuple[Floats, Floats]:
+def _by_products(
+    rows: Floats, lengths: Floats, target: Floats, told: _Told
+) -> tuple[Floats, Floats]:
     """The same from the products of columns: Cholesky's factorisation of rows^T rows = R^T R."""
-    together, triangle = products(rows) / np.outer(lengths, lengths), np.zeros((rows.shape[1],) * 2)
+    together = products(rows) / np.outer(lengths, lengths)
+    triangle = np.zeros((rows.shape[1],) * 2)
     along = np.einsum("mi,m->i", rows, target) / lengths
     for i in range(len(triangle)):
-        before, own = triangle[:i], triangle[:i, i]
+        before = triangle[:i]
+        own = triangle[:i, i]
         triangle[i, i] = np.sqrt(max(together[i, i] - (own * own).sum(), 0.0))
         told.apart(triangle, i)
-        triangle[i, i + 1 :] = (together[i, i + 1 :] - (own[:, None] * before[:, i + 1 :]).sum(axis=0)) / triangle[i, i]
+        triangle[i, i + 1 :] = (
+            together[i, i + 1 :] - (own[:, None] * before[:, i + 1 :]).sum(axis=0)
+        ) / triangle[i, i]
         along[i] = (along[i] - (own * along[:i]).sum()) / triangle[i, i]
     return triangle, along
 
 
-def dependent_columns(names: Sequence[str], rows: Floats, *, dependent: float = 1e-9) -> dict[str, tuple[str, ...]]:
-    """Columns (N, k) that are combinations of those before them: name -> names of these, () of a column of zeros."""
+def dependent_columns(
+    names: Sequence[str], rows: Floats, *, dependent: float = 1e-9
+) -> dict[str, tuple[str, ...]]:
+    """Columns (N, k) that are combinations of those before them: name -> names of these, () of a
+    column of zeros.
+    """
     lengths = np.sqrt((rows * rows).sum(axis=0))
-    found, kept = dict[str, tuple[str, ...]](), list[int]()
+    found = dict[str, tuple[str, ...]]()
+    kept = list[int]()
     for i in range(rows.shape[1]):
         column = rows[:, i] / (lengths[i] or 1.0)
         before = rows[:, kept] / lengths[kept]
         shares = least(before, column)
         if norm(column - product(before, shares)) < dependent:
-            found[names[i]] = tuple(names[j] for j, share in zip(kept, shares, strict=True) if abs(share) > 1e-3)
+            found[names[i]] = tuple(
+                names[j] for j, share in zip(kept, shares, strict=True) if abs(share) > 1e-3
+            )
         else:
             kept.append(i)
     return found
@@ -140,38 +166,49 @@ NORMAL = 1.96  # standard deviations on either side of a normal value that hold 
 
 _AT_ONCE = 1 << 19  # rows that are scaled at once
 
-_OWN = 1e-9  # share of a direction below which one run alone determines it: of that nothing is known
+# share of a direction below which one run alone determines it: of that nothing is known
+_OWN = 1e-9
 
 
 def in_groups(lengths: Sequence[int], before: int, least: int) -> NDArray[np.intp]:
-    """Groups (M,) of rows: each of these lengths is as many segments as make at least so many, of all.
+    """Groups (M,) of rows: each of these lengths is as many segments as make at least so many, of
+    all.
 
     Rows `before` them, a prior's, are in none, -1: never left out.
     """
     each = -(-least // len(lengths))
-    return np.concatenate([np.full(before, -1), *(each * i + np.arange(n) * each // n for i, n in enumerate(lengths))])
+    return np.concatenate(
+        [np.full(before, -1), *(each * i + np.arange(n) * each // n for i, n in enumerate(lengths))]
+    )
 
 
 def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Floats:
     """Standard deviations (k,) of the values of a fit, for intervals of 1.96 of them.
 
-    `rows` (M, k): change of the residual with the values. `residual` (M,): of the fit. `groups` (M,): number of the
-    group of each row, from 0. Few groups make wide intervals: Student's, not normal.
+    `rows` (M, k): change of the residual with the values. `residual` (M,): of the fit. `groups`
+    (M,): number of the group of each row, from 0. Few groups make wide intervals: Student's, not
+    normal.
 
     Inf where the rest of the groups does not determine all values.
     """
-    count, k = int(groups.max()) + 1, rows.shape[1]
+    count = int(groups.max()) + 1
+    k = rows.shape[1]
     scale = np.sqrt(np.einsum("mi,mi->i", rows, rows))
-    whole, moves = np.zeros((k, k)), np.empty((count, k))
+    whole = np.zeros((k, k))
+    moves = np.empty((count, k))
     for start in range(0, len(rows), _AT_ONCE):
         whole += products(rows[start : start + _AT_ONCE] / scale)
     for i in range(count):
         own = rows[groups == i] / scale
         try:
-            moves[i] = np.linalg.solve(whole - products(own), (own * residual[groups == i, None]).sum(axis=0))
+            moves[i] = np.linalg.solve(
+                whole - products(own), (own * residual[groups == i, None]).sum(axis=0)
+            )
         except np.linalg.LinAlgError:
             return np.full(k, np.inf)
-    return _student((count - 1) / count * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0), scale, count)
+    return _student(
+        (count - 1) / count * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0), scale, count
+    )
 
 
 def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
@@ -182,14 +219,18 @@ def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
 
 def run_moves(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
     """How far each group moves the values (R, k), corrected by what of it the fit takes away."""
-    count, scale = int(runs.max()) + 1, np.sqrt((rows * rows).sum(axis=0))
-    inverse, scores = np.linalg.inv(products(rows / scale)), np.zeros((count, rows.shape[1]))
+    count = int(runs.max()) + 1
+    scale = np.sqrt((rows * rows).sum(axis=0))
+    inverse = np.linalg.inv(products(rows / scale))
+    scores = np.zeros((count, rows.shape[1]))
     for i in range(count):
         own = rows[runs == i] / scale
         sizes, axes = np.linalg.eigh(products(own))
         shown = sizes > _OWN * sizes[-1]
-        root, unroot = axes[:, shown] * np.sqrt(sizes[shown]), axes[:, shown] / np.sqrt(sizes[shown])
-        taken, directions = np.linalg.eigh(root.T @ inverse @ root)  # by the fit, of what this run shows
+        root = axes[:, shown] * np.sqrt(sizes[shown])
+        unroot = axes[:, shown] / np.sqrt(sizes[shown])
+        # by the fit, of what this run shows
+        taken, directions = np.linalg.eigh(root.T @ inverse @ root)
         left = np.where(taken < 1 - _OWN, 1 - np.minimum(taken, 1 - _OWN), np.inf)
         score = directions.T @ (unroot.T @ (own * residual[runs == i, None]).sum(axis=0))
         scores[i] = root @ (directions @ (score / np.sqrt(left)))
@@ -197,12 +238,16 @@ def run_moves(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
 
 
 def _student(variance: Floats, scale: Floats, count: int) -> Floats:
-    """Standard deviations of values in these scales, as wide as Student's quantile of so many groups has them."""
+    """Standard deviations of values in these scales, as wide as Student's quantile of so many
+    groups has them.
+    """
     return np.asarray(np.sqrt(variance) / scale * wider(count - 1))
 
 
 def wider(freedom: ArrayLike) -> Floats:
-    """Student's quantile of 95 % for these degrees of freedom, in that of the normal distribution."""
+    """Student's quantile of 95 % for these degrees of freedom, in that of the normal
+    distribution.
+    """
     from scipy.special import stdtrit
 
     return np.asarray(stdtrit(freedom, 0.975) / NORMAL)
@@ -220,8 +265,11 @@ def at_least(covariance: Floats, std: Floats) -> Floats:
 
 
 def covariance_of(names: Sequence[str], known: Sequence[str], covariance: Floats) -> Floats:
-    """Covariance (m, m) of numbers by their names, of one (k, k) of those that are known; zero of others."""
-    found, own = np.zeros((len(names),) * 2), [(i, known.index(name)) for i, name in enumerate(names) if name in known]
+    """Covariance (m, m) of numbers by their names, of one (k, k) of those that are known; zero
+    of others.
+    """
+    found = np.zeros((len(names),) * 2)
+    own = [(i, known.index(name)) for i, name in enumerate(names) if name in known]
     rows, places = np.array(own, int).reshape(-1, 2).T
     found[np.ix_(rows, rows)] = covariance[np.ix_(places, places)]
     return found

@@ -1,11 +1,13 @@
-"""What is known of f before a log: bodies, or f, with a relative spread; and values of unknowns that need no search.
+"""What is known of f before a log: bodies, or f, with a relative spread; and values of unknowns
+that need no search.
 
-A body with the pseudo-inertia P = L L' becomes L (1 + spread S) L', where the entries of S in an orthonormal basis of
-the symmetric matrices are standard normal. Whatever the frame, its mass and each second moment then have this relative
-standard deviation, and its centre one of spread / sqrt(2) radii of gyration. A rotor has it too.
+A body with the pseudo-inertia P = L L' becomes L (1 + spread S) L', where the entries of S in an
+orthonormal basis of the symmetric matrices are standard normal. Whatever the frame, its mass and
+each second moment then have this relative standard deviation, and its centre one of spread /
+sqrt(2) radii of gyration. A rotor has it too.
 
-Source: T. Lee, P. M. Wensing, F. C. Park, Geometric robot dynamic identification: a convex programming approach, IEEE
-Transactions on Robotics 36 (2020) (the metric).
+Source: T. Lee, P. M. Wensing, F. C. Park, Geometric robot dynamic identification: a convex
+programming approach, IEEE Transactions on Robotics 36 (2020) (the metric).
 """
 
 import contextlib
@@ -29,13 +31,16 @@ _ADVICE = "Give a relative spread such as 0.3, or (bodies or f, 0.3)."
 
 _OF_MODEL = 0.3  # relative spread of a model's own bodies, where none is given
 
-_CERTAIN = 1e-6  # share of the spread of a parameter that is its own, below which it follows from others
+# share of the spread of a parameter that is its own, below which it follows from others
+_CERTAIN = 1e-6
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Prior(Frozen):
-    """Gaussian prior of f: `names` (p), `mean` (p,), `covariance` (p, p), and the relative `spread` it was made of."""
+    """Gaussian prior of f: `names` (p), `mean` (p,), `covariance` (p, p), and the relative
+    `spread` it was made of.
+    """
 
     names: tuple[str, ...]
     mean: Floats
@@ -46,15 +51,20 @@ class Prior(Frozen):
     def whitening(self) -> Floats:
         """W (p, p) with W C W' = 1."""
         std = np.sqrt(np.diag(self.covariance))
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance / np.outer(std, std))) / std)
+        return np.asarray(
+            np.linalg.inv(np.linalg.cholesky(self.covariance / np.outer(std, std))) / std
+        )
 
     def places(self, unknown: Sequence[str]) -> list[int]:
         """Where the parameters are among the unknowns, all of f among them."""
         return [unknown.index(name) for name in self.names]
 
     def rows(self, unknown: Sequence[str], known: Mapping[str, float]) -> tuple[Floats, Floats]:
-        """Equations rows x = target, of standard deviation 1, in the unknowns (k); `known`: parameters that are not."""
-        rows, given = np.zeros((len(self.names), len(unknown))), self.mean.copy()
+        """Equations rows x = target, of standard deviation 1, in the unknowns (k); `known`:
+        parameters that are not.
+        """
+        rows = np.zeros((len(self.names), len(unknown)))
+        given = self.mean.copy()
         for i, name in enumerate(self.names):
             if name in unknown:
                 rows[:, unknown.index(name)] = self.whitening[:, i]
@@ -72,7 +82,8 @@ class Prior(Frozen):
 
     @classmethod
     def of(cls, dynamics: Dynamics, rig: Rig, given: Any) -> Self:
-        """Of what a user gave: a spread of the chain's own bodies, or (bodies or f or an arm, spread).
+        """Of what a user gave: a spread of the chain's own bodies, or (bodies or f or an arm,
+        spread).
 
         Bodies without any rotor have those of the rig.
         """
@@ -91,15 +102,18 @@ class Prior(Frozen):
         for name, share in zip(dynamics.names, own.tolist(), strict=True):
             if not share > _CERTAIN:
                 raise ValueError(
-                    f"prior must spread every parameter; {name} has no spread of its own: it is zero, or follows from "
-                    "others (a link without mass, no rotor). State motor_inertia, or give bodies or f that have it."
+                    f"prior must spread every parameter; {name} has no spread of its own: it is"
+                    " zero, or follows from others (a link without mass, no rotor). State"
+                    " motor_inertia, or give bodies or f that have it."
                 )
         covariance = spread**2 * (columns @ columns.T)
         return cls(names=dynamics.names, mean=f, covariance=covariance, spread=spread)
 
     @classmethod
     def of_model(cls, dynamics: Dynamics, rig: Rig) -> Self | None:
-        """That of the chain's own bodies; None where it has none, or they do not spread every parameter."""
+        """That of the chain's own bodies; None where it has none, or they do not spread every
+        parameter.
+        """
         with contextlib.suppress(ValueError):
             return cls.of(dynamics, rig, _OF_MODEL)
         return None
@@ -112,19 +126,28 @@ def _of_bodies(dynamics: Dynamics, rig: Rig, bodies: tuple[Body, ...]) -> tuple[
     chain = dataclasses.replace(dynamics.chain, bodies=bodies)
     if not any(body.rotor for body in bodies):
         chain = chain.with_rotors(rig.drive)
-    matrix, width, columns = np.array(dynamics.lumping.matrix), len(STANDARD), []
+    matrix = np.array(dynamics.lumping.matrix)
+    width = len(STANDARD)
+    columns = []
     for i, (body, link) in enumerate(zip(chain.bodies, chain.links, strict=True)):
-        own, placed = matrix[:, width * i :][:, :width], body.seen_from(link.frame)
+        own = matrix[:, width * i :][:, :width]
+        placed = body.seen_from(link.frame)
         if body.mass or body.inertia.any():
-            columns.append(own[:, : width - 1] @ prior_changes(prior_factor(placed.standard_parameters)))
+            columns.append(
+                own[:, : width - 1] @ prior_changes(prior_factor(placed.standard_parameters))
+            )
         columns.append(own[:, [STANDARD.index("J")]] * body.rotor)
     return dynamics.f(chain.bodies), np.hstack(columns)
 
 
 class Known(dict[str, float]):
-    """What is known before a fit: values of some unknowns by name, and the `prior` of f, or None."""
+    """What is known before a fit: values of some unknowns by name, and the `prior` of f, or
+    None.
+    """
 
-    def __init__(self, values: Mapping[str, float] | None = None, prior: Prior | None = None) -> None:
+    def __init__(
+        self, values: Mapping[str, float] | None = None, prior: Prior | None = None
+    ) -> None:
         super().__init__(values or {})
         self.prior = prior if prior is not None else getattr(values, "prior", None)
 
@@ -133,14 +156,19 @@ _ROUNDING = 0.289  # noise [pulses] that is expected of an innovation, until it 
 
 _SETTLED = 0.05  # relative change of the noise that does not count
 
-_OWN = 1e-5  # share of its own that the slope of an unknown must have with a prior, which tells apart what a log cannot
+# share of its own that the slope of an unknown must have with a prior, which tells apart what a log
+# cannot
+_OWN = 1e-5
 
 
 class PriorRows:
-    """Rows of a prior, or none: whitened deviations of f, times the `noise` of an innovation [pulses]."""
+    """Rows of a prior, or none: whitened deviations of f, times the `noise` of an innovation
+    [pulses].
+    """
 
     def __init__(self, prior: Prior | None, unknown: Sequence[str]) -> None:
-        self._prior, self.noise = prior, _ROUNDING
+        self._prior = prior
+        self.noise = _ROUNDING
         self._places = [] if prior is None else prior.places(unknown)
 
     @property
@@ -149,7 +177,9 @@ class PriorRows:
         return len(self._places)
 
     def own(self, usual: float) -> float:
-        """Share of its own that the slope of an unknown must have, where without a prior it is the usual one."""
+        """Share of its own that the slope of an unknown must have, where without a prior it is
+        the usual one.
+        """
         return usual if self._prior is None else _OWN
 
     def of(self, values: Floats) -> Floats:
@@ -160,5 +190,6 @@ class PriorRows:
 
     def settle(self, variance: float) -> bool:
         """Weigh the rows by the variance of an innovation; whether that changes much."""
-        before, self.noise = self.noise, float(np.sqrt(variance))
+        before = self.noise
+        self.noise = float(np.sqrt(variance))
         return bool(self._places) and abs(self.noise / before - 1) > _SETTLED

@@ -1,9 +1,10 @@
-"""The equation error of records: torques from the law that commanded them, motion from counts, in a pass band.
+"""The equation error of records: torques from the law that commanded them, motion from counts, in a
+pass band.
 
-Under a law without memory the torque of the motors follows from the logged counts, as exactly as they are known. Low
-frequencies hardly excite inertias; above the slow mode of the position loop the rounding of the counts dominates. So
-the pass band is twice the frequency of that mode: found first in the spectrum of the tracking error, then, once a first
-f is there, from the linearised loop.
+Under a law without memory the torque of the motors follows from the logged counts, as exactly as
+they are known. Low frequencies hardly excite inertias; above the slow mode of the position loop the
+rounding of the counts dominates. So the pass band is twice the frequency of that mode: found first
+in the spectrum of the tracking error, then, once a first f is there, from the linearised loop.
 """
 
 import dataclasses
@@ -27,25 +28,34 @@ from plant.simulation.jacobians import jacobians
 
 _BAND = 2.0  # pass band, in frequencies of the slow mode
 
-# Pass band where nothing oscillates, in frequencies of the path; and the power of the path over that of rounding.
-_BEYOND, _FAR_MORE = 8.0, 1000.0
+# Pass band where nothing oscillates, in frequencies of the path; and the power of the path over
+# that of rounding.
+_BEYOND = 8.0
+_FAR_MORE = 1000.0
 
 CUTOFF = 2.5  # low-pass before differentiation, in pass bands
 
 BAND_MOST = 0.4 / CUTOFF  # highest pass band, in sample rates
 
-_LOWEST, _HIGHEST = 3.0, 0.1  # where a mode is searched: from so many Hz to this share of the sample rate
+# where a mode is searched: from so many Hz to this share of the sample rate
+_LOWEST = 3.0
+_HIGHEST = 0.1
 
 _POSES = 8
 
-NO_BAND = "the unknowns must be identifiable in some band; they are in none. Log a motion that excites more."
+NO_BAND = (
+    "the unknowns must be identifiable in some band; they are in none. Log a motion that excites"
+    " more."
+)
 ENOUGH = 5  # equations per unknown below which a band says too little
 
 BANDS = 2.0 ** np.arange(-1, 6, 0.5)  # bands that are tested where a torque was logged [Hz]
 
 
 def mode_in(record: Record) -> float:
-    """Frequency [Hz] of the strongest oscillation in the tracking errors of a record, by their accelerations."""
+    """Frequency [Hz] of the strongest oscillation in the tracking errors of a record, by their
+    accelerations.
+    """
     frequency, power = spectrum(record.error_pulses, record.rig.period)
     power = np.convolve((power * frequency[:, None] ** 2).sum(axis=1), np.ones(5) / 5, mode="same")
     power[(frequency < _LOWEST) | (frequency > _HIGHEST / record.rig.period)] = 0
@@ -55,14 +65,18 @@ def mode_in(record: Record) -> float:
 def path_in(record: Record) -> float:
     """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
     frequency, power = spectrum(record.counts, record.rig.period)
-    rows = np.flatnonzero((power > _FAR_MORE * np.median(power[len(power) // 2 :], axis=0)).any(axis=1))
+    rows = np.flatnonzero(
+        (power > _FAR_MORE * np.median(power[len(power) // 2 :], axis=0)).any(axis=1)
+    )
     return float(frequency[rows.max(initial=1)])
 
 
 def pass_band(record: Record, arm: Arm | None = None) -> float:
-    """Pass band [Hz] of a record's equation error: twice the slow mode, of the data or of a linearised arm.
+    """Pass band [Hz] of a record's equation error: twice the slow mode, of the data or of a
+    linearised arm.
 
-    Under a law with a memory (computed torque) nothing oscillates, and the band is a multiple of the path's.
+    Under a law with a memory (computed torque) nothing oscillates, and the band is a multiple of
+    the path's.
     """
     if record.law is not None and record.law.has_memory(record.n):
         return round(_BEYOND * path_in(record), 1)
@@ -81,18 +95,23 @@ def modes_along(arm: Arm, record: Record, law: Law, poses: int) -> list[Floats]:
 
 
 def equation_error(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str], known: Mapping[str, float] | None = None
+    dynamics: Dynamics,
+    records: Sequence[Record],
+    unknown: Iterable[str],
+    known: Mapping[str, float] | None = None,
 ) -> TorqueFit:
     """Fit of the torque equation to records, in their pass bands.
 
-    `unknown`: all of f, and linear numbers of the drive; others keep their values in the record. `known`: what some of
-    them are, and the prior of f.
+    `unknown`: all of f, and linear numbers of the drive; others keep their values in the record.
+    `known`: what some of them are, and the prior of f.
     """
     known, unknown = Known(known), linear(dynamics, records[0].rig, unknown)
     records = [_without_gaps(record) for record in records]
 
     def fitted(bands: list[float]) -> TorqueFit:
-        systems = of_each(lambda record, band: system_of(dynamics, record, band, unknown), records, bands)
+        systems = of_each(
+            lambda record, band: system_of(dynamics, record, band, unknown), records, bands
+        )
         return fit_systems(dynamics, unknown, known, systems)
 
     first = fitted([pass_band(record) for record in records])
@@ -106,7 +125,9 @@ def equation_error(
 
 
 def _without_gaps(record: Record) -> Record:
-    """A record at even times, with counts on straight lines where none were logged: filters would ring at a jump."""
+    """A record at even times, with counts on straight lines where none were logged: filters
+    would ring at a jump.
+    """
     if Clock.of(record).even is None:
         record = record.resampled(record.rig.period)
     missing = record.valid == 0
@@ -114,14 +135,18 @@ def _without_gaps(record: Record) -> Record:
 
 
 def over_bands(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str], known: Mapping[str, float] | None = None
+    dynamics: Dynamics,
+    records: Sequence[Record],
+    unknown: Iterable[str],
+    known: Mapping[str, float] | None = None,
 ) -> dict[float, TorqueFit]:
-    """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit; first the band that is chosen.
+    """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit; first the band that is
+    chosen.
 
-    Too low a band holds too little of the motion; too high a one holds accelerations of the counts' rounding, and of
-    what the torque does not drive: every value comes out too small. In between the equation holds best: the widest band
-    that predicts segments of the logs which it has not seen as well as narrower ones do (`band_choice`). Then come the
-    nearest.
+    Too low a band holds too little of the motion; too high a one holds accelerations of the counts'
+    rounding, and of what the torque does not drive: every value comes out too small. In between the
+    equation holds best: the widest band that predicts segments of the logs which it has not seen as
+    well as narrower ones do (`band_choice`). Then come the nearest.
     """
     unknown, known = linear(dynamics, records[0].rig, unknown), Known(known)
     even = of_each(lambda record: record.resampled(record.rig.period), records)
@@ -130,10 +155,13 @@ def over_bands(
     fits, systems = dict[float, TorqueFit](), dict[float, list[System]]()
     for band in BANDS[highest > BANDS].tolist():
         try:
-            whole = [system_of(dynamics, record, band, unknown, torque=torque)
-                     for record, torque in zip(even, torques, strict=True)]  # fmt: skip
+            whole = [
+                system_of(dynamics, record, band, unknown, torque=torque)
+                for record, torque in zip(even, torques, strict=True)
+            ]
             fit = fit_systems(dynamics, unknown, known, whole)
-        except ValueError:  # a band without equations, or in which unknowns are not separately identifiable
+        # a band without equations, or in which unknowns are not separately identifiable
+        except ValueError:
             continue
         if fit.rows >= ENOUGH * len(fit.names):
             fits[band], systems[band] = fit, without_known(unknown, known, whole)[1]
@@ -148,9 +176,14 @@ def over_bands(
 
 
 def fit_systems(
-    dynamics: Dynamics, unknown: Sequence[str], known: Known, systems: Iterable[System], seconds: Floats | None = None
+    dynamics: Dynamics,
+    unknown: Sequence[str],
+    known: Known,
+    systems: Iterable[System],
+    seconds: Floats | None = None,
 ) -> TorqueFit:
-    """Weighted fit of what is not known to systems of equations in all the unknowns, and to the prior.
+    """Weighted fit of what is not known to systems of equations in all the unknowns, and to the
+    prior.
 
     `seconds`: as for `weighted`.
     """
@@ -165,7 +198,8 @@ def without_known(
     """Names of what is not known, and the systems of equations in these alone."""
     given = [i for i, name in enumerate(unknown) if name in known]
     rest = [i for i, name in enumerate(unknown) if name not in known]
-    values, less = np.array([known[unknown[i]] for i in given]), []
+    values = np.array([known[unknown[i]] for i in given])
+    less = []
     for system in systems:
         left = system.torque - (system.regressor[:, :, given] * values).sum(axis=2)
         own = {"regressor": system.regressor[:, :, rest], "torque": left, "measured": system.torque}
@@ -174,21 +208,30 @@ def without_known(
 
 
 def system_of(
-    dynamics: Dynamics, record: Record, band: float, unknown: Sequence[str], torque: Floats | None = None
+    dynamics: Dynamics,
+    record: Record,
+    band: float,
+    unknown: Sequence[str],
+    torque: Floats | None = None,
 ) -> System:
     """The torque equation of a record in a band [Hz].
 
     `torque` (N, n): of `torque_of`.
     """
-    rig, torque = record.rig, torque_of(record) if torque is None else torque
+    rig = record.rig
+    torque = torque_of(record) if torque is None else torque
     q = rig.cell_centre(record.counts)
     filtering = filtering_of(rig, min(band, BAND_MOST / rig.period))
     return regressor_and_torque(dynamics, q, torque, rig, filtering, unknown, {}, record.valid)
 
 
 def filtering_of(rig: Rig, band: float) -> Filtering:
-    """Of counts, in a band [Hz]: no more equations than are independent in it, at speeds that stand out of rounding."""
-    return Filtering(CUTOFF * band, band, max(1, int(1 / (2 * band * rig.period))), speed_noise(rig, band))
+    """Of counts, in a band [Hz]: no more equations than are independent in it, at speeds that
+    stand out of rounding.
+    """
+    return Filtering(
+        CUTOFF * band, band, max(1, int(1 / (2 * band * rig.period))), speed_noise(rig, band)
+    )
 
 
 def speed_noise(rig: Rig, band: float) -> Floats:

@@ -1,4 +1,6 @@
-"""Whether a stated law can have made a log: its run along the log, from the best state, against the logged torque."""
+"""Whether a stated law can have made a log: its run along the log, from the best state, against
+the logged torque.
+"""
 
 import dataclasses
 from typing import Any
@@ -12,18 +14,20 @@ from plant.parts.fields import Floats
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
-# Distance from the logged torque with a law that began with the log, relative to that of the best state, and in the
-# largest torque, up to which it did.
-_BEGAN, _EQUAL = 1.1, 1e-3
+# Distance from the logged torque with a law that began with the log, relative to that of the best
+# state, and in the largest torque, up to which it did.
+_BEGAN = 1.1
+_EQUAL = 1e-3
 
 _ROUNDS = 2  # fits of the state; a law that saturates is not linear in it
 
 
 def torque_apart(record: Record) -> Floats | None:
-    """How far the logged torque of each joint (n,) is from what the stated law gives, as a share of it (rms).
+    """How far the logged torque of each joint (n,) is from what the stated law gives, as a share of
+    it (rms).
 
-    None where that cannot be told: nothing logged, counts that were moved, no law or one that repeats the log, fast
-    hardware with a memory, or a reference whose rounding hides the torque.
+    None where that cannot be told: nothing logged, counts that were moved, no law or one that
+    repeats the log, fast hardware with a memory, or a reference whose rounding hides the torque.
     """
     law = record.law
     if law is None or not _comparable(record):
@@ -37,7 +41,8 @@ def torque_apart(record: Record) -> Floats | None:
             return None
         own = law_torque(found)
     lost = np.cumsum(record.valid == 0)
-    rows = FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])  # whose filters have seen no bridged count
+    # whose filters have seen no bridged count
+    rows = FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])
     if not rows.size:
         return None
     off, size = (np.sqrt(np.mean(each[rows] ** 2, axis=0)) for each in (own - logged, logged))
@@ -47,17 +52,27 @@ def torque_apart(record: Record) -> Floats | None:
 def begun(record: Record) -> Record:
     """The record with its law and arm going on from where its logged torque says that they were.
 
-    As it is where the torque does not tell: nothing logged, no memory, or a law that began with the log.
+    As it is where the torque does not tell: nothing logged, no memory, or a law that began with the
+    log.
     """
     law = record.law
-    if law is None or not _comparable(record) or not law.has_memory(record.n) or isinstance(law, Resumed):
+    if (
+        law is None
+        or not _comparable(record)
+        or not law.has_memory(record.n)
+        or isinstance(law, Resumed)
+    ):
         return record
-    logged, rows = logged_torque(record), np.flatnonzero(record.valid > 0)
+    logged = logged_torque(record)
+    rows = np.flatnonzero(record.valid > 0)
     found = _nearest(record, logged)
     if found is None:
         return record
     anew = reading(record, Resumed(law=law, state=law.initial_state(record.n)))
-    off = [np.sqrt(np.mean((law_torque(each) - logged)[rows[rows >= FADED]] ** 2)) for each in (anew, found)]
+    off = [
+        np.sqrt(np.mean((law_torque(each) - logged)[rows[rows >= FADED]] ** 2))
+        for each in (anew, found)
+    ]
     if off[0] <= _BEGAN * off[1] + _EQUAL * np.abs(logged).max():
         return record
     state: Any = found.law.state  # type: ignore[union-attr]  # AlongLog
@@ -70,13 +85,18 @@ def _comparable(record: Record) -> bool:
 
     Counts that were moved (`without_delay`) are not those that the law read.
     """
-    if record.law is None or record.law.replays or (record.torque is None and record.current is None):
+    if (
+        record.law is None
+        or record.law.replays
+        or (record.torque is None and record.current is None)
+    ):
         return False
     return record.rig.encoder.smooth or bool((record.counts == np.trunc(record.counts)).all())
 
 
 def _nearest(record: Record, logged: Floats) -> Record | None:
-    """The record with its law reading the log, from the state with which it is nearest to the logged torque (N, n).
+    """The record with its law reading the log, from the state with which it is nearest to the
+    logged torque (N, n).
 
     None where its reference does not tell its torque, and of fast hardware.
     """
@@ -94,7 +114,9 @@ def _nearest(record: Record, logged: Floats) -> Record | None:
             break
         missing = (logged - law_torque(followed, run))[FADED:].ravel()
         own: Any = followed.law
-        change = np.linalg.lstsq(columns[:, FADED:].reshape(len(columns), -1).T, missing, rcond=None)[0]
+        change = np.linalg.lstsq(
+            columns[:, FADED:].reshape(len(columns), -1).T, missing, rcond=None
+        )[0]
         state = memory.at(np.asarray(change, float))
         followed = dataclasses.replace(followed, law=dataclasses.replace(own, state=state))
     return followed

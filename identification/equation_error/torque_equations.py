@@ -1,4 +1,6 @@
-"""The torque equations of several logs in any band and above any speeds, of the joints whose torque is known."""
+"""The torque equations of several logs in any band and above any speeds, of the joints whose
+torque is known.
+"""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
@@ -15,7 +17,8 @@ from plant import Dynamics, Rig
 from plant.parts.arguments import choice, instance, real
 from plant.parts.fields import Floats
 
-Columns = Mapping[str, Callable[..., ArrayLike]]  # further columns by name: (q, qd, qdd) -> torque (N, n) per unit
+# further columns by name: (q, qd, qdd) -> torque (N, n) per unit
+Columns = Mapping[str, Callable[..., ArrayLike]]
 
 _LOWEST = 0.5  # narrowest pass band that is tested [Hz]; then by half octaves
 
@@ -38,8 +41,8 @@ def every_of(band: float, period: float, every: int | None) -> int:
 class TorqueEquations:
     """What `fit_torque` was given.
 
-    `names`: of the columns, without the further ones: unknown or known. `extra`: further columns. `known`: values of
-    some columns. `used` (R, n): of which logs and joints the torque is used.
+    `names`: of the columns, without the further ones: unknown or known. `extra`: further columns.
+    `known`: values of some columns. `used` (R, n): of which logs and joints the torque is used.
     """
 
     dynamics: Dynamics
@@ -50,19 +53,32 @@ class TorqueEquations:
     used: NDArray[np.bool_]
 
     def systems(
-        self, band: float, cutoff: float | None, every: int | None, slowest: Floats, *, thin: bool = False
+        self,
+        band: float,
+        cutoff: float | None,
+        every: int | None,
+        slowest: Floats,
+        *,
+        thin: bool = False,
     ) -> tuple[tuple[str, ...], list[System]]:
         """Names of what is unknown, and one system per log in these alone."""
-        found, names = [], (*self.names, *self.extra)
+        found = []
+        names = (*self.names, *self.extra)
         for log, used in zip(self.logs, self.used, strict=True):
             kept = thinned(log, cutoff_of(band, cutoff)) if thin else log
             step = every_of(band, kept.rig.period, every)
             if every is not None and kept is not log:
                 step = max(1, round(every * log.rig.period / kept.rig.period))
             system = regressor_and_torque(
-                self.dynamics, kept.q, kept.torque, kept.rig, Filtering(cutoff_of(band, cutoff), band, step, slowest),
-                self.names, self.extra, kept.valid,
-            )  # fmt: skip
+                self.dynamics,
+                kept.q,
+                kept.torque,
+                kept.rig,
+                Filtering(cutoff_of(band, cutoff), band, step, slowest),
+                self.names,
+                self.extra,
+                kept.valid,
+            )
             found.append(dataclasses.replace(system, used=system.used & used))
         return without_known(names, self.known, found)
 
@@ -79,13 +95,17 @@ class TorqueEquations:
         return [band for band in octaves if least < band < most]
 
     def usual_speed(self) -> Floats:
-        """Root mean square of each joint's speed (n,) [rad/s] in all logs, without what is faster than motions are."""
+        """Root mean square of each joint's speed (n,) [rad/s] in all logs, without what is
+        faster than motions are.
+        """
         logs = [(log.q, log.rig.period) for log in self.logs]
         speeds = [derivatives(q, period, min(_MOTION, BAND_MOST / period)).qd for q, period in logs]
         return np.asarray(np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0)))
 
     def least(self, usual: Floats, share: float, band: float) -> Floats:
-        """Least speeds (n,) [rad/s]: a share of the usual ones, and more than the rounding of counts makes."""
+        """Least speeds (n,) [rad/s]: a share of the usual ones, and more than the rounding of
+        counts makes.
+        """
         noise = [speed_noise(log.rig, band) for log in self.logs if log.counted]
         return np.max([share * usual, *noise], axis=0)
 
@@ -96,23 +116,42 @@ class TorqueEquations:
             if stated and not self.used[:, j].any():
                 found[label] = "as stated"
                 continue
-            reasons = [dead_columns(log)[j] for log, used in zip(self.logs, self.used, strict=True) if not used[j]]
+            reasons = [
+                dead_columns(log)[j]
+                for log, used in zip(self.logs, self.used, strict=True)
+                if not used[j]
+            ]
             if reasons:
                 found[label] = "; ".join(reasons)
         return found
 
 
 def equations_of(
-    dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None, unknown: Iterable[str] | None, extra: Columns | None,
-    known: Mapping[str, float] | None, joints: Iterable[int | str] | None,
-) -> TorqueEquations:  # fmt: skip
+    dynamics: Dynamics,
+    q: Any,
+    torque: Any,
+    rig: Rig | None,
+    unknown: Iterable[str] | None,
+    extra: Columns | None,
+    known: Mapping[str, float] | None,
+    joints: Iterable[int | str] | None,
+) -> TorqueEquations:
     """What a user gave to `fit_torque`, or a refusal."""
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
     if isinstance(unknown, str):
-        raise ValueError(f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names, {unknown!r}).")
-    extra, long = dict(extra or {}), dict(zip(dynamics.short_names, dynamics.names, strict=True))
-    values = {name if name in extra else long.get(name, name): value for name, value in (known or {}).items()}
-    searched = tuple((name for name in dynamics.names if name not in values) if unknown is None else unknown)
+        raise ValueError(
+            f"unknown must be a sequence of names; got {unknown!r}. Write (*dynamics.names,"
+            f" {unknown!r})."
+        )
+    extra = dict(extra or {})
+    long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
+    values = {
+        name if name in extra else long.get(name, name): value
+        for name, value in (known or {}).items()
+    }
+    searched = tuple(
+        (name for name in dynamics.names if name not in values) if unknown is None else unknown
+    )
     for name, value in values.items():
         if name not in extra and not name.startswith(LINEAR):
             choice("a name in known", name, dynamics.names)
@@ -120,8 +159,8 @@ def equations_of(
     missing = [name for name in dynamics.names if name not in searched and name not in values]
     if missing:
         raise ValueError(
-            f"unknown must name all of f that is not known; {missing[0]} is missing. Write (*dynamics.names, ...), or "
-            "give its value in known."
+            f"unknown must name all of f that is not known; {missing[0]} is missing. Write"
+            " (*dynamics.names, ...), or give its value in known."
         )
     names = (*searched, *(name for name in values if name not in searched and name not in extra))
     if not set(names) | set(extra) > set(values):
@@ -132,21 +171,36 @@ def equations_of(
         for k, log in enumerate(logs):
             used[k, list(dead_columns(log))] = False
     else:
-        places = [_joint(dynamics, joint) for joint in ((joints,) if isinstance(joints, str) else joints)]
+        places = [
+            _joint(dynamics, joint) for joint in ((joints,) if isinstance(joints, str) else joints)
+        ]
         used[:, [j for j in range(dynamics.n) if j not in places]] = False
         for log in logs:
             for j in places:
                 if np.isnan(log.torque[:, j]).any():
                     label = dynamics.chain.joint_labels[j]
-                    raise ValueError(f"the torque of {label} must be finite; {dead_columns(log)[j]}. Leave it out.")
+                    raise ValueError(
+                        f"the torque of {label} must be finite; {dead_columns(log)[j]}. Leave it"
+                        " out."
+                    )
     if not used.any():
-        why = "; ".join(f"{dynamics.chain.joint_labels[j]}: {why}" for j, why in dead_columns(logs[0]).items())
-        raise ValueError(f"some joint must have a torque; none has ({why}). Check which columns were read.")
-    return TorqueEquations(dynamics=dynamics, logs=tuple(logs), names=names, extra=extra, known=values, used=used)
+        why = "; ".join(
+            f"{dynamics.chain.joint_labels[j]}: {why}" for j, why in dead_columns(logs[0]).items()
+        )
+        raise ValueError(
+            f"some joint must have a torque; none has ({why}). Check which columns were read."
+        )
+    return TorqueEquations(
+        dynamics=dynamics, logs=tuple(logs), names=names, extra=extra, known=values, used=used
+    )
 
 
 def _joint(dynamics: Dynamics, joint: Any) -> int:
     labels = dynamics.chain.joint_labels
-    if isinstance(joint, (int, np.integer)) and not isinstance(joint, bool) and -dynamics.n <= joint < dynamics.n:
+    if (
+        isinstance(joint, (int, np.integer))
+        and not isinstance(joint, bool)
+        and -dynamics.n <= joint < dynamics.n
+    ):
         return int(joint) % dynamics.n
     return labels.index(choice("a joint", joint, labels))

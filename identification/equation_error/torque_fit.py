@@ -1,10 +1,11 @@
 """Equation error: the measured torque against regressor times unknowns, by weighted least squares.
 
-tau = Y(q, qd, qdd) f + friction(qd) is linear in f and in the linear numbers of the drive (`drive.viscous[0]`,
-`drive.coulomb[0]`, `drive.curve.offset[0]`), so one weighted least-squares fit finds them all
-(`identification.equation_error.regressor`).
+tau = Y(q, qd, qdd) f + friction(qd) is linear in f and in the linear numbers of the drive
+(`drive.viscous[0]`, `drive.coulomb[0]`, `drive.curve.offset[0]`), so one weighted least-squares fit
+finds them all (`identification.equation_error.regressor`).
 
-Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997 (parallel filtering and decimation).
+Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997 (parallel filtering
+and decimation).
 """
 
 import dataclasses
@@ -28,12 +29,14 @@ from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned, inside
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
-_POOR = 0.3  # relative torque error above which something is wrong with the log rather than with the arm
+# relative torque error above which something is wrong with the log rather than with the arm
+_POOR = 0.3
 
 _APART = 4.0  # standard deviations of a log by which f, which is the arm's, may differ between logs
-# Standard deviations, and share of the larger, by which a known number differs from what the torques ask for where it
-# is doubted.
-_DOUBTED, _OTHERWISE = 5.0, 0.2
+# Standard deviations, and share of the larger, by which a known number differs from what the
+# torques ask for where it is doubted.
+_DOUBTED = 5.0
+_OTHERWISE = 0.2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -47,15 +50,17 @@ class TorqueFit(Shown, Frozen):
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
-        Of the values: of white noise, no less than how they differ between segments of the logs, and the variance
-        between logs (`spread <../background/intervals>`). What the model lacks everywhere alike comes on top.
+        Of the values: of white noise, no less than how they differ between segments of the logs,
+        and the variance between logs (`spread <../background/intervals>`). What the model lacks
+        everywhere alike comes on top.
     noise_covariance : (k, k) numpy.ndarray
         From the variance of each joint's residual alone, taken as white after decimation.
     sigma : (n,) numpy.ndarray
-        Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma, or as stated. NaN of a
-        joint without equations.
+        Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma, or
+        as stated. NaN of a joint without equations.
     relative_error : float
-        Length of the residual over length of the torque, all rows that were used; what is known is part of the torque.
+        Length of the residual over length of the torque, all rows that were used; what is known is
+        part of the torque.
     rows : int
         Equations that were used.
     condition : float
@@ -63,8 +68,8 @@ class TorqueFit(Shown, Frozen):
     known : dict of str to float
         What was not searched but given.
     freed : dict of str to (float, float)
-        What the torques ask for where this one of the known numbers is not taken as known, and its standard deviation;
-        without those that they do not tell from the unknowns.
+        What the torques ask for where this one of the known numbers is not taken as known, and its
+        standard deviation; without those that they do not tell from the unknowns.
     left_out : dict of str to str
         Joint -> why its equations were not used.
     cutoff, band : float or None
@@ -80,8 +85,8 @@ class TorqueFit(Shown, Frozen):
     between : BetweenRuns or None
         How two logs or more agree, and what their differences add to the covariance.
     friction : tuple of FrictionTrial
-        Kinds of friction beyond what is fitted, by what they predict of blocks kept aside, best first; none where no
-        Coulomb friction is unknown. They are told, not fitted.
+        Kinds of friction beyond what is fitted, by what they predict of blocks kept aside, best
+        first; none where no Coulomb friction is unknown. They are told, not fitted.
     """
 
     dynamics: Dynamics
@@ -122,19 +127,31 @@ class TorqueFit(Shown, Frozen):
         return self.values[self.names.index(choice("a name of this fit", name, self.names))]
 
     def _short(self) -> str:
-        return f"{len(self.names)} values, {self.rows} equations, relative torque error {self.relative_error:.2%}"
+        return (
+            f"{len(self.names)} values, {self.rows} equations, relative torque error"
+            f" {self.relative_error:.2%}"
+        )
 
     def _shown(self) -> Iterator[Piece]:
-        said = f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition {self.condition:.0f}"
+        said = (
+            f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition"
+            f" {self.condition:.0f}"
+        )
         yield Verdict(said, not self.warnings)
         yield Warned(self.warnings)
         found = zip(short_names(self.dynamics, self.names), self.values, self.std, strict=True)
         rows = [(name, f"{value:.5g}", f"+- {std:.2g}") for name, value, std in found]
-        yield Table((), rows + [(name, f"{value:.5g}", "known") for name, value in self._short_known()], words=(2,))
+        yield Table(
+            (),
+            rows + [(name, f"{value:.5g}", "known") for name, value in self._short_known()],
+            words=(2,),
+        )
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
         yield from choices(self)
         yield from (
-            f"of other friction, the nearest to help is {trial}" for trial in self.friction[:1] if not trial.clear
+            f"of other friction, the nearest to help is {trial}"
+            for trial in self.friction[:1]
+            if not trial.clear
         )
         yield from [ONE_LOG] if self.between is None else inside(self.between)
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
@@ -146,25 +163,32 @@ class TorqueFit(Shown, Frozen):
     def warnings(self) -> list[str]:
         """What looks wrong, one line each."""
         negative = [
-            name for name, value in zip(self.names, self.values, strict=True)
+            name
+            for name, value in zip(self.names, self.values, strict=True)
             if name.startswith(("drive.viscous", "drive.coulomb")) and value < 0
-        ]  # fmt: skip
-        found = [f"friction must not be negative; check signs and units ({', '.join(negative)})"] if negative else []
+        ]
+        found = (
+            [f"friction must not be negative; check signs and units ({', '.join(negative)})"]
+            if negative
+            else []
+        )
         if self.relative_error > _POOR:
             found.append(
-                f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint side N m), signs "
-                "and the order of the joints"
+                f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint"
+                " side N m), signs and the order of the joints"
             )
         found += [trial.advice for trial in self.friction[:1] if trial.clear]
         if self.between is not None and (apart := self.between.groups.get("f", 0.0)) > _APART:
-            why = "the model lacks something, or a load (find_load), or another robot; fit each alone"
+            why = (
+                "the model lacks something, or a load (find_load), or another robot; fit each alone"
+            )
             found.append(f"the logs differ in f by {apart:.2g} standard deviations of one: {why}")
         for (label, value), name in zip(self._short_known(), self.known, strict=True):
             asked, std = self.freed.get(name, (value, 0.0))
             if abs(asked - value) > max(_DOUBTED * std, _OTHERWISE * max(abs(asked), abs(value))):
                 found.append(
-                    f"{label} is stated as {value:.4g}, but these torques ask for {asked:.4g} +- {std:.2g}: check it, "
-                    "its unit and its sign"
+                    f"{label} is stated as {value:.4g}, but these torques ask for {asked:.4g} +-"
+                    f" {std:.2g}: check it, its unit and its sign"
                 )
         return found
 
@@ -172,7 +196,10 @@ class TorqueFit(Shown, Frozen):
 def choices(fit: TorqueFit) -> Iterator[Piece]:
     """How band and least speeds were chosen; nothing where they were stated."""
     if fit.bands:
-        yield f"band {fit.band:g} Hz, chosen by torques of segments left out, compared in narrower bands:"
+        yield (
+            f"band {fit.band:g} Hz, chosen by torques of segments left out, compared in narrower"
+            " bands:"
+        )
         yield _trials(fit.bands)
     if fit.least_speeds and fit.least_speed is not None:
         speeds = ", ".join(f"{speed:.3g}" for speed in fit.least_speed)
@@ -181,23 +208,34 @@ def choices(fit: TorqueFit) -> Iterator[Piece]:
 
 
 def _trials(trials: Iterable[FitTrial]) -> Table:
-    return Table(("", "equations", "standard errors", "against", ""), [trial.row for trial in trials], words=(4,))
+    return Table(
+        ("", "equations", "standard errors", "against", ""),
+        [trial.row for trial in trials],
+        words=(4,),
+    )
 
 
 def weighted(
-    dynamics: Dynamics, names: tuple[str, ...], systems: Iterable[System], weights: Floats | None = None,
-    seconds: Floats | None = None, prior: tuple[Floats, Floats] | None = None, **report: Any,
-) -> TorqueFit:  # fmt: skip
+    dynamics: Dynamics,
+    names: tuple[str, ...],
+    systems: Iterable[System],
+    weights: Floats | None = None,
+    seconds: Floats | None = None,
+    prior: tuple[Floats, Floats] | None = None,
+    **report: Any,
+) -> TorqueFit:
     """Least squares of one or more logs' equations.
 
-    `names`: of the columns. `systems`: one per record. `weights` (R, n): of each record and joint, up
-    to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds` (R,): length of each log:
-    the covariance counts how its segments, and logs, differ. `prior`: rows (m, k) and target (m,) of further equations,
-    of standard deviation 1. `report`: further fields of the result.
+    `names`: of the columns. `systems`: one per record. `weights` (R, n): of each record and joint,
+    up to a common factor; by default 1 over a joint's residual in an unweighted fit. `seconds`
+    (R,): length of each log: the covariance counts how its segments, and logs, differ. `prior`:
+    rows (m, k) and target (m,) of further equations, of standard deviation 1. `report`: further
+    fields of the result.
     """
     systems = tuple(systems)
     regressor, torque, used = (
-        np.concatenate([getattr(system, part) for system in systems]) for part in ("regressor", "torque", "used")
+        np.concatenate([getattr(system, part) for system in systems])
+        for part in ("regressor", "torque", "used")
     )
     if used.sum() <= len(names):
         raise ValueError(
@@ -206,7 +244,8 @@ def weighted(
         )
     places = Places.of(systems)
     joint = places.joint
-    rows, target = regressor[used], torque[used]
+    rows = regressor[used]
+    target = torque[used]
     weight = np.ones(len(target)) if weights is None else weights[places.record, joint]
     if prior is not None:  # torques that are all noise, to begin with
         weight /= norm(target) / np.sqrt(len(target))
@@ -221,25 +260,38 @@ def weighted(
         if weights is None:
             weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
     if weights is not None:
-        spread = _deviations(residual, places.record * torque.shape[1] + joint, weights.size, freedom)
+        spread = _deviations(
+            residual, places.record * torque.shape[1] + joint, weights.size, freedom
+        )
         scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
         covariance = covariance @ product(scores.T, scores) @ covariance
     whole = [each.torque if each.measured is None else each.measured for each in systems]
     length = norm(np.concatenate(whole)[used])
-    noise, between = covariance, None
+    noise = covariance
+    between = None
     if seconds is not None:
         by_weight = rows * weight[:, None], residual * weight
         blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
         if len(seconds) > 1:
             blocks = np.unique(blocks, return_inverse=True)[1]
-            between, covariance = between_runs(names, values, covariance, *by_weight, places.record, blocks)
+            between, covariance = between_runs(
+                names, values, covariance, *by_weight, places.record, blocks
+            )
         else:
             covariance = at_least(covariance, group_std(*by_weight, blocks))
     return TorqueFit(
-        dynamics=dynamics, names=names, values=values, covariance=covariance, noise_covariance=noise, sigma=sigma,
-        between=between, relative_error=float(norm(residual) / length), rows=len(target), condition=condition,
+        dynamics=dynamics,
+        names=names,
+        values=values,
+        covariance=covariance,
+        noise_covariance=noise,
+        sigma=sigma,
+        between=between,
+        relative_error=float(norm(residual) / length),
+        rows=len(target),
+        condition=condition,
         **report,
-    )  # fmt: skip
+    )
 
 
 def _deviations(residual: Floats, group: NDArray[np.intp], groups: int, freedom: float) -> Floats:

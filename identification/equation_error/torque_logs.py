@@ -1,4 +1,6 @@
-"""Positions and torques of logs, whichever way they come: the torque of a record's motors; dead columns of torque."""
+"""Positions and torques of logs, whichever way they come: the torque of a record's motors; dead
+columns of torque.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -20,10 +22,11 @@ from plant.simulation.simulator import injected_beside
 
 
 def torque_of(record: Record) -> Floats:
-    """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a memory.
+    """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a
+    memory.
 
-    A torque that a sampled law holds counts half at both ends of its sample, and so does one that was injected, which
-    is added to what the law commanded. A law along its log is run.
+    A torque that a sampled law holds counts half at both ends of its sample, and so does one that
+    was injected, which is added to what the law commanded. A law along its log is run.
     """
     if isinstance(record.law, Resumed):
         return law_torque(dataclasses.replace(record, law=record.law.along(record.rig)))
@@ -34,43 +37,59 @@ def torque_of(record: Record) -> Floats:
 
 
 def measured_torque(record: Record) -> Floats:
-    """Joint torques (N, n) [N m] as they were logged, or by the currents; they hold what was injected."""
+    """Joint torques (N, n) [N m] as they were logged, or by the currents; they hold what was
+    injected.
+    """
     if record.torque is not None:
         return record.torque
     if record.current is not None:
-        return np.asarray(record.rig.drive.joint_torque(record.rig.drive.motor_gain * record.current))
+        return np.asarray(
+            record.rig.drive.joint_torque(record.rig.drive.motor_gain * record.current)
+        )
     raise ValueError(
-        f"the record must hold torques or currents; the counts under {type(record.law).__name__} do not give them. Log "
-        "one of them, state what the law remembered (Resumed), or use identify, which finds it."
+        f"the record must hold torques or currents; the counts under {type(record.law).__name__} do"
+        " not give them. Log one of them, state what the law remembered (Resumed), or use"
+        " identify, which finds it."
     )
 
 
 def logged_torque(record: Record) -> Floats:
-    """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that holds them."""
-    law, logged = record.law, measured_torque(record)
+    """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that
+    holds them.
+    """
+    law = record.law
+    logged = measured_torque(record)
     if law is None or (law.period is None and not law.replays):
         return logged
     return _held(logged)
 
 
 def law_torque(record: Record, run: LawRun | None = None) -> Floats:
-    """Torque (N, n) [N m] of the motors around each sample under a law that reads its log; `run`: of it."""
-    clock, run = Clock.of(record), run_law(record) if run is None else run
+    """Torque (N, n) [N m] of the motors around each sample under a law that reads its log;
+    `run`: of it.
+    """
+    clock = Clock.of(record)
+    run = run_law(record) if run is None else run
     return driven(record, run.around(clock.t[clock.rows], record.rig.period))
 
 
 def driven(record: Record, own: Floats) -> Floats:
-    """Torque (N, n) [N m] of the motors: its law's own, and what was injected, within the amplifier's limit."""
+    """Torque (N, n) [N m] of the motors: its law's own, and what was injected, within the
+    amplifier's limit.
+    """
     added = injected_beside(record)
     return own if added is None else record.rig.drive.limited(own + _held(added))
 
 
 def _held(torque: Floats) -> Floats:
-    """Mean (N, n) around each sample of a torque that is held to the next: at a sample, both act."""
+    """Mean (N, n) around each sample of a torque that is held to the next: at a sample, both
+    act.
+    """
     return (torque + np.vstack([torque[:1], torque[:-1]])) / 2
 
 
-_UNEVEN = 1e-3  # deviation of a sample's time from the even ones, in periods, from which on a record is resampled
+# deviation of a sample's time from the even ones, in periods, from which on a record is resampled
+_UNEVEN = 1e-3
 
 _FINE = 16.0  # samples per second that a search of the band needs, per Hz of the cutoff
 
@@ -81,9 +100,10 @@ _SAMPLES = 100  # samples that a log keeps at least
 class TorqueLog:
     """One log: joint positions and torques at even times.
 
-    `label`: what messages call it; "" of a single one. `q`, `torque` (N, n): joint side [rad, N m]; NaN in a column of
-    torque that was not measured. `rig`: with the log's period. `valid` (N,) or None: weight of each sample; rows near
-    one without weight do not count. `counted`: whether the positions are counts of the rig's encoders.
+    `label`: what messages call it; "" of a single one. `q`, `torque` (N, n): joint side [rad, N m];
+    NaN in a column of torque that was not measured. `rig`: with the log's period. `valid` (N,) or
+    None: weight of each sample; rows near one without weight do not count. `counted`: whether the
+    positions are counts of the rig's encoders.
     """
 
     label: str
@@ -100,36 +120,58 @@ def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> lis
     if records and all(isinstance(record, Record) for record in records):
         if torque is not None or rig is not None:
             what = "torque" if torque is not None else "rig"
-            raise ValueError(f"{what} must be left out beside records, which have their own; got one. Leave it out.")
+            raise ValueError(
+                f"{what} must be left out beside records, which have their own; got one. Leave it"
+                " out."
+            )
         return _of_records(dynamics, records)
     rig = instance("rig", cast(Rig, rig), Rig, "Pass the rig of the log.")
     rig.require_fit(dynamics.chain)
     if torque is None:
         raise ValueError(
-            "torque must be given beside positions; got None. Give (N, n) [N m], or records in their place."
+            "torque must be given beside positions; got None. Give (N, n) [N m], or records in"
+            " their place."
         )
     if not (isinstance(q, (tuple, list)) and len(q) and np.ndim(q[0]) == 2):
         return [_of_arrays(dynamics, "", q, torque, rig)]
     if not isinstance(torque, (tuple, list)) or len(torque) != len(q):
-        got = len(torque) if isinstance(torque, (tuple, list)) else f"one of type {type(torque).__name__}"
-        raise ValueError(f"torque must be given for each of the {len(q)} logs of q; got {got}. Give as many.")
+        got = (
+            len(torque)
+            if isinstance(torque, (tuple, list))
+            else f"one of type {type(torque).__name__}"
+        )
+        raise ValueError(
+            f"torque must be given for each of the {len(q)} logs of q; got {got}. Give as many."
+        )
     some = len(q) > 1
     pairs = enumerate(zip(q, torque, strict=True))
     return [_of_arrays(dynamics, f"logs[{k}]" if some else "", *pair, rig) for k, pair in pairs]
 
 
-def _of_arrays(dynamics: Dynamics, label: str, q: ArrayLike, torque: ArrayLike, rig: Rig) -> TorqueLog:
+def _of_arrays(
+    dynamics: Dynamics, label: str, q: ArrayLike, torque: ArrayLike, rig: Rig
+) -> TorqueLog:
     about = f"{label}: " if label else ""
-    q = array(f"{about}q", q, ("N", dynamics.n), advice="Give one row per sample, one column per joint [rad].")
+    q = array(
+        f"{about}q",
+        q,
+        ("N", dynamics.n),
+        advice="Give one row per sample, one column per joint [rad].",
+    )
     torque = array(
-        f"{about}torque", torque, q.shape, advice="Give one row per sample, one column per joint [N m].", finite=False
+        f"{about}torque",
+        torque,
+        q.shape,
+        advice="Give one row per sample, one column per joint [N m].",
+        finite=False,
     )
     wrong = ~np.isfinite(torque) & ~np.isnan(torque).all(axis=0)
     if wrong.any():
         row, joint = (int(i) for i in np.argwhere(wrong)[0])
         raise ValueError(
-            f"{about}torque must be finite; got {torque[row, joint]} at index {(row, joint)}. Give one row per sample, "
-            "one column per joint [N m]; a column that was not measured is NaN throughout."
+            f"{about}torque must be finite; got {torque[row, joint]} at index {(row, joint)}. Give"
+            " one row per sample, one column per joint [N m]; a column that was not measured is"
+            " NaN throughout."
         )
     return TorqueLog(label=label, q=q, torque=torque, rig=rig)
 
@@ -151,8 +193,13 @@ def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog
                 record = dataclasses.replace(record, torque=torque_of(record), law=None)
             record = evened(record)
             torque = logged_torque(record)
-        label, q = record_label(records, k), record.rig.cell_centre(record.counts)
-        logs.append(TorqueLog(label=label, q=q, torque=torque, rig=record.rig, valid=record.valid, counted=True))
+        label = record_label(records, k)
+        q = record.rig.cell_centre(record.counts)
+        logs.append(
+            TorqueLog(
+                label=label, q=q, torque=torque, rig=record.rig, valid=record.valid, counted=True
+            )
+        )
     return logs
 
 
@@ -169,12 +216,19 @@ def dead_columns(log: TorqueLog) -> dict[int, str]:
 
 
 def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
-    """The log with no more samples than a search of a band below a cutoff [Hz] needs, or the log itself."""
+    """The log with no more samples than a search of a band below a cutoff [Hz] needs, or the log
+    itself.
+    """
     every = int(1 / (_FINE * cutoff * log.rig.period))
     if every < 2 or len(log.q) < _SAMPLES * every:
         return log
-    period, kept = log.rig.period, slice(None, None, every)
+    period = log.rig.period
+    kept = slice(None, None, every)
     q, torque = (low_pass(x, period, 0.4 / (every * period))[kept] for x in (log.q, log.torque))
-    valid = None if log.valid is None else np.minimum.reduceat(log.valid, np.arange(0, len(log.q), every))
+    valid = (
+        None
+        if log.valid is None
+        else np.minimum.reduceat(log.valid, np.arange(0, len(log.q), every))
+    )
     rig = dataclasses.replace(log.rig, period=every * period)
     return dataclasses.replace(log, q=q, torque=torque, rig=rig, valid=valid)

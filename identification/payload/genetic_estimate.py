@@ -1,10 +1,12 @@
-"""The genetic algorithm of 3.7 on the load parameters, as the paper's conclusion has it: a window replayed.
+"""The genetic algorithm of 3.7 on the load parameters, as the paper's conclusion has it: a window
+replayed.
 
-Each candidate is the arm with a load. It is simulated under the torque that was applied, corrected a little at every
-sample by the counts (as in `identification.replay.prediction`), and costs the sum of its squared innovations
-[pulses^2]. Without correction the replay of an arm in open loop would be a matter of its initial speed; with it, what
-is compared is what the counts say of the torque, over about the length of the kernels of the other estimator. Tracking
-errors of the closed loop itself say less: its law keeps them within a pulse for any candidate.
+Each candidate is the arm with a load. It is simulated under the torque that was applied, corrected
+a little at every sample by the counts (as in `identification.replay.prediction`), and costs the sum
+of its squared innovations [pulses^2]. Without correction the replay of an arm in open loop would be
+a matter of its initial speed; with it, what is compared is what the counts say of the torque, over
+about the length of the kernels of the other estimator. Tracking errors of the closed loop itself
+say less: its law keeps them within a pulse for any candidate.
 
 Source: paper, conclusion (stages 1 and 2), and 3.7.
 """
@@ -35,19 +37,28 @@ _ROUNDING = np.sqrt(1 / 12)  # standard deviation of a rounded count [pulses]
 
 
 class GeneticEstimator:
-    """A load from a window by the genetic algorithm, with the settings of 3.7; a replay forgets over `length` [s]."""
+    """A load from a window by the genetic algorithm, with the settings of 3.7; a replay forgets
+    over `length` [s].
+    """
 
     def __init__(self, arm: Arm, rig: Rig, shape: LoadShape, length: float, seed: int = 0) -> None:
-        self.shape, self.arm, self.rig, self.seed = shape, arm, rig, seed
+        self.shape = shape
+        self.arm = arm
+        self.rig = rig
+        self.seed = seed
         self.settings = GeneticSettings.paper()
         self._smoothing = Smoothing(length, rig.period)
         self._start = self._smoothing.samples // 2
         self._matrix = arm.dynamics.load_matrix()
         correction = Correction.with_memory(arm.n, length / rig.period)
         self._loop = ClosedLoop(
-            dynamics=arm.dynamics, rig=smooth_rig(rig), law=LoggedTorque(), steps_per_sample=_STEPS,
-            correction=correction, score=_squares(arm.n),
-        )  # fmt: skip
+            dynamics=arm.dynamics,
+            rig=smooth_rig(rig),
+            law=LoggedTorque(),
+            steps_per_sample=_STEPS,
+            correction=correction,
+            score=_squares(arm.n),
+        )
         self._numbers = self._loop.number_values(np.asarray(arm.f))
         self._kernel = loop_kernel(self._loop, range(arm.dynamics.p))
 
@@ -75,7 +86,8 @@ class GeneticEstimator:
         near = np.repeat(best[None], 3, axis=0)
         middle = np.clip(best[0], low + _STEP * (high - low), high - _STEP * (high - low))
         near[:, 0] = middle + _STEP * (high - low) * np.array([-1, 0, 1])
-        around, samples = costs(near), len(window) - self._start
+        around = costs(near)
+        samples = len(window) - self._start
         curvature = (around[0] - 2 * around[1] + around[2]) / (_STEP * (high - low)) ** 2 / 2
         misfit = float(np.sqrt(max(result.cost, 0.0) / (samples * self.arm.n)) / _ROUNDING)
         noise = max(misfit * _ROUNDING, _ROUNDING) ** 2 * self._smoothing.per_independent
@@ -83,16 +95,30 @@ class GeneticEstimator:
         std = float(min(even, np.sqrt(noise / curvature))) if curvature > 0 else float(even)
         message, sufficient = judged(self.shape, misfit < _MISFIT, misfit, std)
         parameters = self.parameters(best[None])[0]
-        place = parameters[1:4] / best[0] if best[0] > 0 else self.shape.places[len(self.shape.places) // 2]
+        place = (
+            parameters[1:4] / best[0]
+            if best[0] > 0
+            else self.shape.places[len(self.shape.places) // 2]
+        )
         return PayloadEstimate(
-            mass=float(best[0]), std=std, interval=np.clip(best[0] + NORMAL * std * np.array([-1, 1]), low, high),
-            parameters=parameters, position=place, sufficient=sufficient, explained=misfit < _MISFIT, misfit=misfit,
+            mass=float(best[0]),
+            std=std,
+            interval=np.clip(best[0] + NORMAL * std * np.array([-1, 1]), low, high),
+            parameters=parameters,
+            position=place,
+            sufficient=sufficient,
+            explained=misfit < _MISFIT,
+            misfit=misfit,
             message=message,
-        )  # fmt: skip
+        )
 
     def _costs(self, window: Window):
-        loop, start, n = self._loop, self._start, self.arm.n
-        q, qd, _ = self._smoothing.motion(self.rig.cell_centre(window.counts[: self._smoothing.samples]))
+        loop = self._loop
+        start = self._start
+        n = self.arm.n
+        q, qd, _ = self._smoothing.motion(
+            self.rig.cell_centre(window.counts[: self._smoothing.samples])
+        )
         angle = self.rig.cell_centre(window.counts[start:])
         counts = self.rig.position_in_pulses(angle)
         samples = len(counts)
@@ -100,14 +126,22 @@ class GeneticEstimator:
         logged = [loop.time_names.index(f"logged[{i}]") for i in range(n)]
         time[:, logged], time[:, -1] = window.torque[start:], loop.h
         tables = self._kernel.prepared(
-            (time[:0], time, np.repeat(time, _STEPS, axis=0), np.column_stack([counts, np.ones(samples)]))
+            (
+                time[:0],
+                time,
+                np.repeat(time, _STEPS, axis=0),
+                np.column_stack([counts, np.ones(samples)]),
+            )
         )
         uniform = self._numbers[list(self._kernel.uniform)]
         state = np.repeat(loop.initial_state(q[0], qd[0], self._numbers)[:, None], LANES, axis=1)
 
         def costs(candidates: Floats) -> Floats:
             f = self.arm.f + self.parameters(candidates) @ self._matrix.T
-            blocks = [self._block(f[i : i + LANES], state, tables, uniform) for i in range(0, len(f), LANES)]
+            blocks = [
+                self._block(f[i : i + LANES], state, tables, uniform)
+                for i in range(0, len(f), LANES)
+            ]
             return np.concatenate(blocks)
 
         return costs
@@ -121,6 +155,10 @@ class GeneticEstimator:
 
 @functools.lru_cache(maxsize=8)
 def _squares(n: int) -> ca.Function:
-    """Of the innovations (n), the first part of a sample's log; the counts and a weight are its data."""
-    log, data, memory = ca.SX.sym("log", n), ca.SX.sym("data", n + 1), ca.SX.sym("memory", 0)
+    """Of the innovations (n), the first part of a sample's log; the counts and a weight are its
+    data.
+    """
+    log = ca.SX.sym("log", n)
+    data = ca.SX.sym("data", n + 1)
+    memory = ca.SX.sym("memory", 0)
     return ca.Function("squares", [log, data, memory], [data[-1] * ca.sumsqr(log), memory])

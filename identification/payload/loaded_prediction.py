@@ -11,9 +11,10 @@ from identification.replay.prediction import Prediction
 from identification.search.polish import by_stages
 from plant.parts.fields import Floats
 
-# RMS of rounding [pulses]; and relative change of what an innovation tells from which on stated friction is weighed
-# anew.
-_ROUNDING, _CHANGED = 0.289, 0.05
+# RMS of rounding [pulses]; and relative change of what an innovation tells from which on stated
+# friction is weighed anew.
+_ROUNDING = 0.289
+_CHANGED = 0.05
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,10 +37,18 @@ class WithLoad:
 
     def __init__(self, search: Any, prediction: Prediction, friction: tuple[str, ...]) -> None:
         self.search, self.prediction, p = search, prediction, len(search.f)
-        self.unknown = (*map(spoken, search.load.names), *friction, *prediction.unknown[p + len(friction) :])
-        self._first, self._gains = len(search.load.names), sum("correction." in name for name in self.unknown)
+        self.unknown = (
+            *map(spoken, search.load.names),
+            *friction,
+            *prediction.unknown[p + len(friction) :],
+        )
+        self._first, self._gains = (
+            len(search.load.names),
+            sum("correction." in name for name in self.unknown),
+        )
         self._stated = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
-        self._trust, self.dependent = _ROUNDING, prediction.dependent
+        self._trust = _ROUNDING
+        self.dependent = prediction.dependent
         self.weights = np.append(prediction.weights, np.zeros(len(self._stated)))
 
     @property
@@ -53,11 +62,21 @@ class WithLoad:
 
     def followed(self, start: Floats, steps: Floats, bounds: Floats, by_stage: bool) -> Solution:
         """Least sum of squares from a start of what is unknown, or of that and of the nuisances."""
-        k, own = len(steps), self.prediction
+        k = len(steps)
+        own = self.prediction
         first = np.append(start, own.nuisances) if len(start) == k else start
-        steps, bounds = np.append(steps, own.nuisance_steps), np.vstack([bounds, own.nuisance_bounds])
-        solution = by_stages(self, first, steps, bounds, slice(k, k + self._gains) if by_stage else None)
-        return reweighed(self, solution, steps, bounds, lambda found: self.reweigh(found.values) | self.trust(found))
+        steps = np.append(steps, own.nuisance_steps)
+        bounds = np.vstack([bounds, own.nuisance_bounds])
+        solution = by_stages(
+            self, first, steps, bounds, slice(k, k + self._gains) if by_stage else None
+        )
+        return reweighed(
+            self,
+            solution,
+            steps,
+            bounds,
+            lambda found: self.reweigh(found.values) | self.trust(found),
+        )
 
     def _with_stated(self, innovations: Floats, values: Floats) -> Floats:
         friction = values[self._first :][self._stated]
@@ -79,9 +98,12 @@ class WithLoad:
         return self.prediction.reweigh(self.whole(values))
 
     def trust(self, solution: Solution) -> bool:
-        """Weigh stated friction by what an innovation tells in this log; whether that changes much."""
+        """Weigh stated friction by what an innovation tells in this log; whether that changes
+        much.
+        """
         if not len(self._stated):
             return False
-        before, residual = self._trust, solution.residual
+        before = self._trust
+        residual = solution.residual
         self._trust = float(solution.rms_innovation * np.sqrt(variance_inflation(residual)))
         return abs(self._trust / before - 1) > _CHANGED

@@ -1,15 +1,18 @@
 """The load on a known arm, from logs of its own: mass, centre of mass, and friction beside it.
 
-Friction changes with load, temperature and wear; a load that is found with friction taken as stated is as wrong as that
-is. So friction and its offsets are unknown beside the load, or stated with a deviation that counts in the interval.
+Friction changes with load, temperature and wear; a load that is found with friction taken as stated
+is as wrong as that is. So friction and its offsets are unknown beside the load, or stated with a
+deviation that counts in the interval.
 
-The interval counts what the model lacks as far as the logs show it. All of f is fitted freely; by how much it differs
-from the known f by more than a load can is a chi-square. And where several logs have been made, each is fitted alone.
-The covariance is multiplied by the larger of the two per degree of freedom (the Birge ratio), where that exceeds one.
-An arm that was identified brings its covariance: the load is the generalised least squares of the difference in f. An
-arm alone counts as exact, and then deviations of hundredths of a gram, under sampled laws, are too small.
+The interval counts what the model lacks as far as the logs show it. All of f is fitted freely; by
+how much it differs from the known f by more than a load can is a chi-square. And where several logs
+have been made, each is fitted alone. The covariance is multiplied by the larger of the two per
+degree of freedom (the Birge ratio), where that exceeds one. An arm that was identified brings its
+covariance: the load is the generalised least squares of the difference in f. An arm alone counts as
+exact, and then deviations of hundredths of a gram, under sampled laws, are too small.
 
-Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40 (1932).
+Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40
+(1932).
 """
 
 import dataclasses
@@ -39,36 +42,47 @@ from plant.checkup.lost_rows import bridged
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
 
-_HEAVIEST, _LIGHTEST = 1e3, 1e-3  # [kg]; the lightest where the centre is unknown, of which nothing has none
+# [kg]; the lightest where the centre is unknown, of which nothing has none
+_HEAVIEST = 1e3
+_LIGHTEST = 1e-3
 
 
 @known_options
 def find_load(
-    arm: Identification | TorqueFit | Arm, record: Record | Sequence[Record], position: ArrayLike | None = None, *,
-    link: int | str = -1, mass: tuple[float, float] | None = None, inertia: ArrayLike | None = None,
-    friction: float | None = None, steps_per_sample: int = 4,
-) -> Load:  # fmt: skip
+    arm: Identification | TorqueFit | Arm,
+    record: Record | Sequence[Record],
+    position: ArrayLike | None = None,
+    *,
+    link: int | str = -1,
+    mass: tuple[float, float] | None = None,
+    inertia: ArrayLike | None = None,
+    friction: float | None = None,
+    steps_per_sample: int = 4,
+) -> Load:
     """A load on a known arm, from one log or several, under any law.
 
     Parameters
     ----------
     arm : Identification, TorqueFit or Arm
-        Without the load. Of what was fitted the covariance of f counts; an arm alone is taken as exact.
+        Without the load. Of what was fitted the covariance of f counts; an arm alone is taken as
+        exact.
     record : Record or sequence of Record
-        Made with the load. The torque is that of the law, as for `identify`: a law with a memory is run along its log,
-        also where this was cut; or that of the log, also where no law is known.
+        Made with the load. The torque is that of the law, as for `identify`: a law with a memory is
+        run along its log, also where this was cut; or that of the log, also where no law is known.
     position : (3,) array_like, optional
-        Centre of mass in the frame of the link's body [m]. Left out, it is found, along the axes that show.
+        Centre of mass in the frame of the link's body [m]. Left out, it is found, along the axes
+        that show.
     link : int or str
         Place of the link in the chain, or its name.
     mass : (low, high), optional
         Range of the mass [kg].
     inertia : (6,) array_like, optional
-        Ixx, Ixy, Ixz, Iyy, Iyz, Izz of the load about its centre [kg m^2]; by default none, a point.
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz of the load about its centre [kg m^2]; by default none, a
+        point.
     friction : float, optional
-        Relative standard deviation of the rigs' viscous and Coulomb friction, and of offsets in the Coulomb level; 0
-        takes them as exact. By default all are unknown, offsets within the Coulomb level: in a log that was cut a
-        constant torque may also be what the law remembered.
+        Relative standard deviation of the rigs' viscous and Coulomb friction, and of offsets in the
+        Coulomb level; 0 takes them as exact. By default all are unknown, offsets within the Coulomb
+        level: in a log that was cut a constant torque may also be what the law remembered.
     steps_per_sample : int
 
     Returns
@@ -99,16 +113,32 @@ def find_load(
     given, _ = as_records(arm.dynamics, record, None)
     records = [bridged(_with_offsets(each)) for each in given]
     if position is not None:
-        position = array("position", position, (3,), advice="Give x, y and z in the frame of the link's body [m].")
-    moments = array("inertia", np.zeros(6) if inertia is None else inertia, (6,), advice="Give Ixx ... Izz [kg m^2].")
+        position = array(
+            "position",
+            position,
+            (3,),
+            advice="Give x, y and z in the frame of the link's body [m].",
+        )
+    moments = array(
+        "inertia",
+        np.zeros(6) if inertia is None else inertia,
+        (6,),
+        advice="Give Ixx ... Izz [kg m^2].",
+    )
     load = UnknownLoad.of(arm.dynamics, link, position, moments)
     least = -_HEAVIEST if position is not None else _LIGHTEST
-    low, high = array("mass", (least, _HEAVIEST) if mass is None else mass, (2,), advice="Give (low, high) [kg].")
+    low, high = array(
+        "mass", (least, _HEAVIEST) if mass is None else mass, (2,), advice="Give (low, high) [kg]."
+    )
     if not low < high or (position is None and low <= 0):
-        rule = "increase" if not low < high else "be positive where the place of the load is unknown"
+        rule = (
+            "increase" if not low < high else "be positive where the place of the load is unknown"
+        )
         raise ValueError(f"mass must {rule}; got {low:g} to {high:g}. Give (low, high) [kg].")
     if friction is not None and real("friction", friction, "Give a share, such as 0.1, or 0.") < 0:
-        raise ValueError(f"friction must not be negative; got {friction:g}. Give a share, such as 0.1, or 0.")
+        raise ValueError(
+            f"friction must not be negative; got {friction:g}. Give a share, such as 0.1, or 0."
+        )
     search = _search(arm, records[0].rig, load, (float(low), float(high)), friction, covariance)
     options = {"steps_per_sample": steps_per_sample, "sweeps": 3, "threads": None}
     outcome, problem = _followed(arm, records, search, options)
@@ -128,9 +158,12 @@ def _known(found: Identification | TorqueFit | Arm) -> tuple[Arm, Floats]:
 
 
 def _with_offsets(record: Record) -> Record:
-    """The record with a friction offset in its rig, 0 where it states none; without a law it replays its torque."""
+    """The record with a friction offset in its rig, 0 where it states none; without a law it
+    replays its torque.
+    """
     drive = record.rig.drive
-    if record.law is None:  # held from one sample to the next, as LoggedTorque does, it acts half a sample late
+    # held from one sample to the next, as LoggedTorque does, it acts half a sample late
+    if record.law is None:
         torque = measured_torque(record)
         ahead = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
         record = dataclasses.replace(record, law=LoggedTorque(), torque=ahead)
@@ -142,7 +175,12 @@ def _with_offsets(record: Record) -> Record:
 
 
 def _search(
-    arm: Arm, rig: Rig, load: UnknownLoad, mass: tuple[float, float], friction: float | None, covariance: Floats
+    arm: Arm,
+    rig: Rig,
+    load: UnknownLoad,
+    mass: tuple[float, float],
+    friction: float | None,
+    covariance: Floats,
 ) -> LoadSearch:
     drive = rig.drive
     offset = np.zeros(rig.n) if drive.curve is None else drive.curve.offset
@@ -150,11 +188,17 @@ def _search(
     level = np.where(drive.coulomb > 0, drive.coulomb, np.inf)
     deviation = [np.full(rig.n, np.inf), np.full(rig.n, np.inf), level]
     if friction is not None:
-        deviation = [friction * np.abs(each) for each in (drive.viscous, drive.coulomb, drive.coulomb)]
+        deviation = [
+            friction * np.abs(each) for each in (drive.viscous, drive.coulomb, drive.coulomb)
+        ]
     return LoadSearch(
-        f=arm.f, load=load, mass=mass, friction=np.concatenate(stated), deviation=np.concatenate(deviation),
+        f=arm.f,
+        load=load,
+        mass=mass,
+        friction=np.concatenate(stated),
+        deviation=np.concatenate(deviation),
         covariance=covariance,
-    )  # fmt: skip
+    )
 
 
 def _followed(
@@ -166,10 +210,19 @@ def _followed(
     objective = Objective(arm.dynamics, records, unknown, **options)
     followed = of_each(along_log, objective.records)
     problem = Problem(
-        dynamics=arm.dynamics, records=tuple(followed), unknown=unknown, objective=objective, held_out=None,
-        nominal=np.append(arm.f, search.friction), ranges=None, method="prediction_error",
-        settings=GeneticSettings.paper(), seed=0, zeros=False, options=dict(options),
-    )  # fmt: skip
+        dynamics=arm.dynamics,
+        records=tuple(followed),
+        unknown=unknown,
+        objective=objective,
+        held_out=None,
+        nominal=np.append(arm.f, search.friction),
+        ranges=None,
+        method="prediction_error",
+        settings=GeneticSettings.paper(),
+        seed=0,
+        zeros=False,
+        options=dict(options),
+    )
     problems = dict[int, Problem]()
 
     def fitted(problem: Problem) -> Outcome:
@@ -199,16 +252,27 @@ def _alone(
 
 
 def _assessed(
-    arm: Arm, search: LoadSearch, outcome: Outcome, problem: Problem, runs: tuple[tuple[float, float], ...],
-    ratio: float, friction: float | None,
-) -> Load:  # fmt: skip
-    free, load, count = search.free(problem, outcome), search.load, len(search.load.names)
-    square, freedom = free.square, free.freedom
+    arm: Arm,
+    search: LoadSearch,
+    outcome: Outcome,
+    problem: Problem,
+    runs: tuple[tuple[float, float], ...],
+    ratio: float,
+    friction: float | None,
+) -> Load:
+    free = search.free(problem, outcome)
+    load = search.load
+    count = len(search.load.names)
+    square = free.square
+    freedom = free.freedom
     ratio = max(ratio, np.sqrt(square / freedom)) if freedom else ratio
-    fit, covariance = outcome.fit, np.array(outcome.fit.covariance)
+    fit = outcome.fit
+    covariance = np.array(outcome.fit.covariance)
     if free.covariance is not None:
-        values = np.clip(fit.values + np.append(free.shares, np.zeros(len(fit.values) - count)),
-                         *search.bounds(problem).T)  # fmt: skip
+        values = np.clip(
+            fit.values + np.append(free.shares, np.zeros(len(fit.values) - count)),
+            *search.bounds(problem).T,
+        )
         fit, covariance[:count, :count] = dataclasses.replace(fit, values=values), free.covariance
     covariance *= ratio**2
     std = np.sqrt(np.diag(covariance))
@@ -221,8 +285,18 @@ def _assessed(
     arm_with = arm.dynamics.arm(arm.f + load.increments(fit.values))
     named = dict(zip(fit.unknown[count:], fit.values[count:], strict=True))
     return Load(
-        mass=float(fit.values[0]), std=float(std[0]), arm=arm_with, rms_innovation=float(fit.rms_innovation or 0.0),
-        com=com, com_std=com_std, names=fit.unknown, values=fit.values, covariance=covariance,
-        rig=problem.records[0].rig.filled(named), runs=runs, chi_square=square, freedom=freedom,
+        mass=float(fit.values[0]),
+        std=float(std[0]),
+        arm=arm_with,
+        rms_innovation=float(fit.rms_innovation or 0.0),
+        com=com,
+        com_std=com_std,
+        names=fit.unknown,
+        values=fit.values,
+        covariance=covariance,
+        rig=problem.records[0].rig.filled(named),
+        runs=runs,
+        chi_square=square,
+        freedom=freedom,
         warnings=tuple(warnings_of(search, fit, problem, std, runs, friction, square, freedom)),
-    )  # fmt: skip
+    )

@@ -1,4 +1,6 @@
-"""What is possible of a load, a range of masses on a line of places; and its distribution given a window."""
+"""What is possible of a load, a range of masses on a line of places; and its distribution given
+a window.
+"""
 
 import dataclasses
 import functools
@@ -24,8 +26,9 @@ _PLACES = 61  # along the line where the centre may be
 class LoadShape:
     """Loads of any mass in a range whose centre is at a known place, or along a line.
 
-    `mass` (2,): lowest and highest [kg]. `places` (K, 3): where the centre may be, in the frame of the last link's body
-    [m]; one where it is known. `inertia` (6,): own inertia about the centre, per kg [m^2]; zero for a point mass.
+    `mass` (2,): lowest and highest [kg]. `places` (K, 3): where the centre may be, in the frame of
+    the last link's body [m]; one where it is known. `inertia` (6,): own inertia about the centre,
+    per kg [m^2]; zero for a point mass.
     """
 
     mass: Floats
@@ -34,27 +37,70 @@ class LoadShape:
 
     @classmethod
     def of(
-        cls, arm: Arm, mass: ArrayLike, position: ArrayLike | None, along: ArrayLike | None, reach: ArrayLike,
+        cls,
+        arm: Arm,
+        mass: ArrayLike,
+        position: ArrayLike | None,
+        along: ArrayLike | None,
+        reach: ArrayLike,
         inertia: ArrayLike,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """From what a user states."""
-        limits = array("mass", mass, (2,), advice="Give the lightest and the heaviest load, such as (0, 5) [kg].")
+        limits = array(
+            "mass",
+            mass,
+            (2,),
+            advice="Give the lightest and the heaviest load, such as (0, 5) [kg].",
+        )
         if not 0 <= limits[0] < limits[1]:
-            raise ValueError(f"mass must be a range from 0 or more upwards; got {mass!r}. Give kg, such as (0, 5).")
-        own = array("inertia", inertia, (6,), advice="Give Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre, per kg.")
+            raise ValueError(
+                f"mass must be a range from 0 or more upwards; got {mass!r}. Give kg, such as"
+                " (0, 5)."
+            )
+        own = array(
+            "inertia",
+            inertia,
+            (6,),
+            advice="Give Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre, per kg.",
+        )
         if own.any():
             Body(mass=1.0, com=np.zeros(3), inertia=own).require_physical("of the load")
         if position is not None:
             if along is not None:
-                raise ValueError("a load has a known position, or one along a line; got both. Leave one out.")
-            place = array("position", position, (3,), advice="Give x, y, z in the frame of the last link's body [m].")
+                raise ValueError(
+                    "a load has a known position, or one along a line; got both. Leave one out."
+                )
+            place = array(
+                "position",
+                position,
+                (3,),
+                advice="Give x, y, z in the frame of the last link's body [m].",
+            )
             return cls(limits, place[None], own)
-        ends = array("reach", reach, (2,), advice="Give the shortest and the longest distance, such as (0.2, 0.5) [m].")
+        ends = array(
+            "reach",
+            reach,
+            (2,),
+            advice="Give the shortest and the longest distance, such as (0.2, 0.5) [m].",
+        )
         if not ends[0] < ends[1]:
-            raise ValueError(f"reach must be a shorter and a longer distance; got {reach!r}. Give metres.")
-        direction = _outwards(arm) if along is None else array("along", along, (3,), advice="Give a direction.")
-        length = real("length of along", np.linalg.norm(direction), "Give a direction that is not zero.", positive=True)
-        return cls(limits, np.linspace(ends[0], ends[1], _PLACES)[:, None] * direction / length, own)
+            raise ValueError(
+                f"reach must be a shorter and a longer distance; got {reach!r}. Give metres."
+            )
+        direction = (
+            _outwards(arm)
+            if along is None
+            else array("along", along, (3,), advice="Give a direction.")
+        )
+        length = real(
+            "length of along",
+            np.linalg.norm(direction),
+            "Give a direction that is not zero.",
+            positive=True,
+        )
+        return cls(
+            limits, np.linspace(ends[0], ends[1], _PLACES)[:, None] * direction / length, own
+        )
 
     @functools.cached_property
     def per_kg(self) -> Floats:
@@ -64,7 +110,9 @@ class LoadShape:
 
     @functools.cached_property
     def basis(self) -> Floats:
-        """Standard parameters (b, 10) of which those of all places are combinations: one, or of a parabola three."""
+        """Standard parameters (b, 10) of which those of all places are combinations: one, or of
+        a parabola three.
+        """
         chosen = [0] if len(self.places) == 1 else [0, len(self.places) // 2, len(self.places) - 1]
         return self.per_kg[chosen]
 
@@ -80,26 +128,36 @@ class LoadShape:
 
 
 def _outwards(arm: Arm) -> Floats:
-    """Axis of the last link's frame along which its own centre of mass lies, as far as f says it by itself."""
+    """Axis of the last link's frame along which its own centre of mass lies, as far as f says it
+    by itself.
+    """
     matrix = np.array(arm.dynamics.lumping.matrix)
     alone = ~matrix[:, : -len(STANDARD)].any(axis=1)
     increments = arm.dynamics.load_matrix()[alone]
-    phi = np.linalg.lstsq(increments, np.array(arm.f)[alone], rcond=None)[0] if alone.any() else np.zeros(len(LOAD))
+    phi = (
+        np.linalg.lstsq(increments, np.array(arm.f)[alone], rcond=None)[0]
+        if alone.any()
+        else np.zeros(len(LOAD))
+    )
     moments = np.where(np.abs(increments).sum(axis=0) > 0, phi, 0.0)[1:4]
     if not np.linalg.norm(moments) > 1e-3 * np.abs(arm.f).max():
         raise ValueError(
-            "along must be given for this arm: its f does not say by itself where the last link points. Give the "
-            "direction in which the load's centre lies, in the frame of the last link's body, such as (0, 0, 1)."
+            "along must be given for this arm: its f does not say by itself where the last link"
+            " points. Give the direction in which the load's centre lies, in the frame of the last"
+            " link's body, such as (0, 0, 1)."
         )
     longest = int(np.argmax(np.abs(moments)))
     return np.asarray(np.sign(moments[longest]) * np.eye(3)[longest])
 
 
-_TOO_LITTLE = 0.15  # standard deviation of the mass, in its range, above which a window says too little (evenly: 0.29)
+# standard deviation of the mass, in its range, above which a window says too little (evenly: 0.29)
+_TOO_LITTLE = 0.15
 
 _OUTSIDE = 3.0  # standard deviations by which a mass is outside its range
 
-_FAR, _GRID = 6.0, 401  # standard deviations to which a distribution is looked at, and at how many masses
+# standard deviations to which a distribution is looked at, and at how many masses
+_FAR = 6.0
+_GRID = 401
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -109,8 +167,8 @@ class PayloadEstimate(Shown, Frozen):
     Attributes
     ----------
     mass, std : float
-        Mean and standard deviation [kg] within the stated range; of a load that is outside, the nearest mass, and how
-        far it is away.
+        Mean and standard deviation [kg] within the stated range; of a load that is outside, the
+        nearest mass, and how far it is away.
     interval : (2,) numpy.ndarray
         That holds the mass with 95 % [kg]; of a load outside the range, it goes there.
     parameters : (10,) numpy.ndarray
@@ -122,7 +180,8 @@ class PayloadEstimate(Shown, Frozen):
     explained : bool
         Whether one load, constant over the window, can be what was seen.
     misfit : float
-        Root mean square of what remains of the torque equation, in standard deviations of the rounded counts.
+        Root mean square of what remains of the torque equation, in standard deviations of the
+        rounded counts.
     message : str
     """
 
@@ -137,37 +196,52 @@ class PayloadEstimate(Shown, Frozen):
     message: str
 
     def _short(self) -> str:
-        return f"{self.mass:.3g} +- {self.std:.2g} kg{'' if self.sufficient else ', not to be used'}"
+        return (
+            f"{self.mass:.3g} +- {self.std:.2g} kg{'' if self.sufficient else ', not to be used'}"
+        )
 
     def _shown(self) -> Iterator[Piece]:
         low, high = self.interval
         said = f"mass {self.mass:.3g} +- {self.std:.2g} kg, 95 % from {low:.3g} to {high:.3g}"
-        yield Verdict(said if self.sufficient else f"not to be used: {self.message}", self.sufficient)
+        yield Verdict(
+            said if self.sufficient else f"not to be used: {self.message}", self.sufficient
+        )
         place = ", ".join(f"{x:.3g}" for x in self.position)
-        rows = [("centre of mass [m]", place), ("misfit [standard deviations of the counts]", f"{self.misfit:.2g}")]
+        rows = [
+            ("centre of mass [m]", place),
+            ("misfit [standard deviations of the counts]", f"{self.misfit:.2g}"),
+        ]
         yield Table((), [*([] if self.sufficient else [("mass [kg]", f"{self.mass:.3g}")]), *rows])
 
 
 def information(load: Floats, uncertain: Floats, torque: Floats) -> tuple[Floats, Floats, float]:
-    """Information matrix (b, b) and vector (b,) of the load's columns, and the sum of squares without a load.
+    """Information matrix (b, b) and vector (b,) of the load's columns, and the sum of squares
+    without a load.
 
-    Each uncertain column is scaled such that its number has a standard deviation of 1; their numbers are estimated
-    along, and what they could explain is not counted for the load.
+    Each uncertain column is scaled such that its number has a standard deviation of 1; their
+    numbers are estimated along, and what they could explain is not counted for the load.
     """
     columns = np.column_stack([load, torque])
-    normal, told = columns.T @ columns, uncertain.T @ columns
+    normal = columns.T @ columns
+    told = uncertain.T @ columns
     if len(told):
         normal -= told.T @ np.linalg.solve(np.eye(len(told)) + uncertain.T @ uncertain, told)
     return normal[:-1, :-1], normal[:-1, -1], float(normal[-1, -1])
 
 
 def posterior(
-    shape: LoadShape, matrix: Floats, vector: Floats, square: float, rows: int, misfit_limit: float = 2.0
+    shape: LoadShape,
+    matrix: Floats,
+    vector: Floats,
+    square: float,
+    rows: int,
+    misfit_limit: float = 2.0,
 ) -> PayloadEstimate:
     """Estimate from `information`; mass and place are evenly likely beforehand.
 
-    `matrix`, `vector`, `square`: from `information`. `rows`: of the window. `misfit_limit`: root mean square of what
-    remains, in that of rounding, from which on no load explains a window; from 1 on it widens the distribution.
+    `matrix`, `vector`, `square`: from `information`. `rows`: of the window. `misfit_limit`: root
+    mean square of what remains, in that of rounding, from which on no load explains a window; from
+    1 on it widens the distribution.
     """
     low, high = shape.mass
     weight = np.einsum("kb,bc,kc->k", shape.shares, matrix, shape.shares)
@@ -178,9 +252,12 @@ def posterior(
         return nothing(shape, shape.prior, interval, message)
     weight = np.maximum(weight, 1e-12 * weight.max())
     misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
-    weight, pull = weight / max(1.0, misfit) ** 2, pull / max(1.0, misfit) ** 2
-    centre, sigma = pull / weight, 1 / np.sqrt(weight)
-    a, b = (low - centre) / sigma, (high - centre) / sigma
+    weight = weight / max(1.0, misfit) ** 2
+    pull = pull / max(1.0, misfit) ** 2
+    centre = pull / weight
+    sigma = 1 / np.sqrt(weight)
+    a = (low - centre) / sigma
+    b = (high - centre) / sigma
     inside = _log_between(a, b)
     log_odds = pull**2 / weight / 2 + np.log(sigma) + inside
     odds = np.exp(log_odds - log_odds.max())
@@ -199,16 +276,26 @@ def posterior(
     message, sufficient = judged(shape, misfit <= misfit_limit, misfit, std)
     over = (centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely]
     if sufficient and max(over) > _OUTSIDE:
-        message = f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the nearest is taken"
+        message = (
+            f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the"
+            " nearest is taken"
+        )
     interval = _interval(odds, centre, sigma, inside, ends)
     if max(over) > _OUTSIDE:  # the range is not believed any more
         std = float(np.hypot(sigma[likely], centre[likely] - mass))
         sides = np.append(interval, centre[likely] + NORMAL * sigma[likely] * np.array([-1, 1]))
         interval = np.array([sides.min(), sides.max()])
     return PayloadEstimate(
-        mass=mass, std=std, interval=interval, parameters=parameters,
-        position=position, sufficient=sufficient, explained=misfit <= misfit_limit, misfit=misfit, message=message,
-    )  # fmt: skip
+        mass=mass,
+        std=std,
+        interval=interval,
+        parameters=parameters,
+        position=position,
+        sufficient=sufficient,
+        explained=misfit <= misfit_limit,
+        misfit=misfit,
+        message=message,
+    )
 
 
 def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tuple[str, bool]:
@@ -220,13 +307,21 @@ def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tupl
     return "sufficient", True
 
 
-def nothing(shape: LoadShape, parameters: Floats, interval: Floats, message: str) -> PayloadEstimate:
+def nothing(
+    shape: LoadShape, parameters: Floats, interval: Floats, message: str
+) -> PayloadEstimate:
     """Where nothing was found: the load that is taken, by its ten parameters."""
     return PayloadEstimate(
-        mass=float(parameters[0]), std=float(np.ptp(shape.mass) / np.sqrt(12)), parameters=parameters,
-        misfit=float("nan"), interval=interval, sufficient=False, explained=True,
-        position=shape.places[len(shape.places) // 2], message=message,
-    )  # fmt: skip
+        mass=float(parameters[0]),
+        std=float(np.ptp(shape.mass) / np.sqrt(12)),
+        parameters=parameters,
+        misfit=float("nan"),
+        interval=interval,
+        sufficient=False,
+        explained=True,
+        position=shape.places[len(shape.places) // 2],
+        message=message,
+    )
 
 
 def _log_between(a: Floats, b: Floats) -> Floats:
@@ -234,13 +329,18 @@ def _log_between(a: Floats, b: Floats) -> Floats:
     from scipy.special import log_ndtr
 
     flip = a > 0
-    low, high = np.where(flip, -b, a), np.where(flip, -a, b)
+    low = np.where(flip, -b, a)
+    high = np.where(flip, -a, b)
     top = log_ndtr(high)
     return np.asarray(top + np.log1p(-np.exp(np.minimum(log_ndtr(low) - top, -1e-300))))
 
 
-def _interval(odds: Floats, centre: Floats, sigma: Floats, inside: Floats, ends: tuple[float, float]) -> Floats:
-    """The likeliest 95 % of the mixture, which is negligible outside these ends; a bound of the range can be in it."""
+def _interval(
+    odds: Floats, centre: Floats, sigma: Floats, inside: Floats, ends: tuple[float, float]
+) -> Floats:
+    """The likeliest 95 % of the mixture, which is negligible outside these ends; a bound of the
+    range can be in it.
+    """
     grid = np.linspace(*ends, _GRID)[:, None]
     log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside
     density = np.exp(log_density - log_density.max()) @ odds

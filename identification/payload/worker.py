@@ -1,7 +1,7 @@
 """Estimators in a process of their own, so that the interpreter's lock stays with the controller.
 
-One process serves all controllers of this one; it starts with the first and ends with this process. What is sent are
-windows of counts and torque (some ten kilobytes), what comes back are estimates.
+One process serves all controllers of this one; it starts with the first and ends with this process.
+What is sent are windows of counts and torque (some ten kilobytes), what comes back are estimates.
 """
 
 import atexit
@@ -23,13 +23,16 @@ from identification.payload.posterior import LoadShape, PayloadEstimate
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 
-# Over which a replay of the genetic algorithm forgets [s]; with 0.04 its errors were three times as large.
+# Over which a replay of the genetic algorithm forgets [s]; with 0.04 its errors were three times as
+# large.
 FORGETTING = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
 class Specification:
-    """An estimator of either kind, for windows of so many `samples`; the rest is as for the estimators."""
+    """An estimator of either kind, for windows of so many `samples`; the rest is as for the
+    estimators.
+    """
 
     method: str
     arm: Arm
@@ -98,7 +101,9 @@ class Worker:
         """The answer of a job."""
         answer = self._answer(job, seconds)
         if answer is None:
-            raise ValueError("the process of the estimator must answer; it does not. Start the controller anew.")
+            raise ValueError(
+                "the process of the estimator must answer; it does not. Start the controller anew."
+            )
         return answer
 
     def close(self) -> None:
@@ -129,7 +134,8 @@ class Worker:
         return answer
 
 
-def shared_worker(kept: list[Worker] = []) -> Worker:  # noqa: B006 - one per process, started when first needed
+# one per process, started when first needed
+def shared_worker(kept: list[Worker] = []) -> Worker:  # noqa: B006
     """The worker of this process."""
     if not kept or not kept[0].alive:
         kept[:] = [Worker()]
@@ -139,8 +145,10 @@ def shared_worker(kept: list[Worker] = []) -> Worker:  # noqa: B006 - one per pr
 
 def serve() -> None:
     """The process itself: answer until the controller's has gone."""
-    out, incoming = Connection(os.dup(1), readable=False), Connection(os.dup(0), writable=False)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the controller's; this process ends with it
+    out = Connection(os.dup(1), readable=False)
+    incoming = Connection(os.dup(0), writable=False)
+    # Ctrl-C is the controller's; this process ends with it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # whatever a library prints must not get into the answers
     if hasattr(os, "nice"):
         os.nice(_NICE)

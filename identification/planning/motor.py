@@ -1,7 +1,8 @@
-"""Motor tests: the P gain from currents and tracking errors, friction from currents at constant speeds.
+"""Motor tests: the P gain from currents and tracking errors, friction from currents at constant
+speeds.
 
-Source: paper 4.2 (P from the current that belongs to a tracking error), reference [14] of the paper (friction from the
-current of a motor that turns at constant speed).
+Source: paper 4.2 (P from the current that belongs to a tracking error), reference [14] of the
+paper (friction from the current of a motor that turns at constant speed).
 """
 
 import dataclasses
@@ -50,18 +51,23 @@ class MotorFit(Shown, Frozen):
 
 @known_options
 def motor_test(
-    record: Record | None = None, *, speed: ArrayLike | None = None, current: ArrayLike | None = None,
+    record: Record | None = None,
+    *,
+    speed: ArrayLike | None = None,
+    current: ArrayLike | None = None,
     motor_gain: float | None = None,
-) -> MotorFit:  # fmt: skip
-    """P gain of each motor from a record's currents, or friction of one motor from currents at constant speeds.
+) -> MotorFit:
+    """P gain of each motor from a record's currents, or friction of one motor from currents at
+    constant speeds.
 
-    Of gain (amperes per pulse) and motor constant K_i only the product is identifiable from a motion: with K_i wrong by
-    a factor, the gain is wrong by the same.
+    Of gain (amperes per pulse) and motor constant K_i only the product is identifiable from a
+    motion: with K_i wrong by a factor, the gain is wrong by the same.
 
     Parameters
     ----------
     record : Record, optional
-        Under P control, with `current`: for the gains [N m per pulse]. Without it, of a motor without its arm:
+        Under P control, with `current`: for the gains [N m per pulse]. Without it, of a motor
+        without its arm:
     speed : (N,) array_like
         Of the motor, constant, in both directions [rad/s].
     current : (N,) array_like
@@ -72,14 +78,14 @@ def motor_test(
     Returns
     -------
     MotorFit
-        Names ``law.gain[0]`` and so on; or viscous [N m s/rad], coulomb [N m] and offset [N m], for a `Drive` and its
-        `FrictionCurve`.
+        Names ``law.gain[0]`` and so on; or viscous [N m s/rad], coulomb [N m] and offset [N m], for
+        a `Drive` and its `FrictionCurve`.
 
     Raises
     ------
     ValueError
-        No currents, or a motor whose errors are a pulse at most; speeds in one direction only, in which friction and
-        offset are not separately identifiable.
+        No currents, or a motor whose errors are a pulse at most; speeds in one direction only, in
+        which friction and offset are not separately identifiable.
 
     See Also
     --------
@@ -98,10 +104,15 @@ def motor_test(
     constant = (speed, current, motor_gain)
     if record is None:
         if any(each is None for each in constant):
-            raise ValueError("speed, current and motor_gain must come together; got some. Give all three, or a record.")
+            raise ValueError(
+                "speed, current and motor_gain must come together; got some. Give all three, or a"
+                " record."
+            )
         return _friction(*constant)
     if any(each is not None for each in constant):
-        raise ValueError("a record must come alone; got speed, current or motor_gain beside it. Leave them out.")
+        raise ValueError(
+            "a record must come alone; got speed, current or motor_gain beside it. Leave them out."
+        )
     return _gains(instance("record", record, Record, "Pass a log with currents."))
 
 
@@ -109,19 +120,26 @@ def _gains(record: Record) -> MotorFit:
     """P gains [N m per pulse] from currents and tracking errors."""
     law = record.law
     if law is not None and law.has_memory(record.n):
-        raise ValueError(f"the record must be one under P control; got {type(law).__name__}. It has no such gain.")
+        raise ValueError(
+            f"the record must be one under P control; got {type(law).__name__}. It has no such"
+            " gain."
+        )
     if record.current is None:
         raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")
-    drive, found = record.rig.drive, []
+    drive = record.rig.drive
+    found = []
     for i in range(record.n):
-        error, torque = record.error_pulses[:, i], drive.motor_gain[i] * record.current[:, i]
+        error = record.error_pulses[:, i]
+        torque = drive.motor_gain[i] * record.current[:, i]
         rows = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
         if rows.sum() < 3 or np.ptp(error[rows]) < 2:
             raise ValueError(
-                f"the motor of {record.rig.joint_labels[i]} must have errors of several pulses below its limit; it has "
-                "none. Log a motion."
+                f"the motor of {record.rig.joint_labels[i]} must have errors of several pulses"
+                " below its limit; it has none. Log a motion."
             )
-        found.append(_line([f"law.gain[{i}]", "offset"], [error[rows], np.ones(rows.sum())], torque[rows]))
+        found.append(
+            _line([f"law.gain[{i}]", "offset"], [error[rows], np.ones(rows.sum())], torque[rows])
+        )
     values, std = np.array(found)[:, :, 0].T
     return MotorFit(names=tuple(f"law.gain[{i}]" for i in range(record.n)), values=values, std=std)
 
@@ -132,13 +150,17 @@ def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
     currents = array("current", current, speeds.shape, advice="Give one current per speed [A].")
     torque = real("motor_gain", motor_gain, "Give K_i [N m/A].", positive=True) * currents
     if not (speeds.max(initial=0) > 0 > speeds.min(initial=0)):
-        raise ValueError(f"speed must have both signs; got {speeds.min()} to {speeds.max()}. Turn the motor both ways.")
+        raise ValueError(
+            f"speed must have both signs; got {speeds.min()} to {speeds.max()}. Turn the motor both"
+            " ways."
+        )
     names = ("viscous", "coulomb", "offset")
     values, std = _line(names, [speeds, np.sign(speeds), np.ones(len(speeds))], torque)
     if (values[:2] < -2 * std[:2]).any():
         raise ValueError(
-            f"friction must be positive; found viscous {values[0]:.3g} and coulomb {values[1]:.3g}. Check the order "
-            "(speed, current) and the sign of the current: positive where the motor drives forwards."
+            f"friction must be positive; found viscous {values[0]:.3g} and coulomb {values[1]:.3g}."
+            " Check the order (speed, current) and the sign of the current: positive where the"
+            " motor drives forwards."
         )
     return MotorFit(names=names, values=values, std=std)
 
@@ -147,7 +169,9 @@ def _line(names: Sequence[str], columns: Sequence[Floats], target: Floats) -> tu
     """Least squares and its standard deviations, from the residual."""
     rows = np.column_stack(columns)
     if len(rows) <= len(names):
-        raise ValueError(f"a fit of {len(names)} numbers needs more readings; got {len(rows)}. Measure more.")
+        raise ValueError(
+            f"a fit of {len(names)} numbers needs more readings; got {len(rows)}. Measure more."
+        )
     values, covariance, _ = least_squares(names, rows, target)
     residual = target - (rows * values).sum(axis=1)
     variance = dot(residual, residual) / (len(rows) - len(names))

@@ -1,4 +1,6 @@
-"""Ranges of the search: f from the size and the mass of the robot, by interval arithmetic. Source: paper 3.6."""
+"""Ranges of the search: f from the size and the mass of the robot, by interval arithmetic.
+Source: paper 3.6.
+"""
 
 import dataclasses
 import functools
@@ -16,10 +18,11 @@ from plant.parts.fields import Floats
 
 @dataclasses.dataclass(frozen=True)
 class Interval:
-    """All numbers from `low` to `high`; sums, products and powers of intervals hold all results that are possible.
+    """All numbers from `low` to `high`; sums, products and powers of intervals hold all results
+    that are possible.
 
-    The result is the exact range where every quantity occurs once, or always with the same sign of its influence, as
-    in equation (3).
+    The result is the exact range where every quantity occurs once, or always with the same sign of
+    its influence, as in equation (3).
     """
 
     low: float
@@ -27,7 +30,10 @@ class Interval:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low <= self.high):
-            raise ValueError(f"an interval must be finite with low <= high; got [{self.low}, {self.high}]. Swap them.")
+            raise ValueError(
+                f"an interval must be finite with low <= high; got [{self.low}, {self.high}]. Swap"
+                " them."
+            )
 
     @staticmethod
     def of(value: "Interval | ArrayLike") -> "Interval":
@@ -62,20 +68,26 @@ class Interval:
     def __rsub__(self, other: "Interval | ArrayLike") -> "Interval":
         return -self + other
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
 
 def centre_range(extent: ArrayLike) -> Interval:
-    """Range of a coordinate of the centre of mass from the link's extent (l_min, l_max) [m]: its middle half.
+    """Range of a coordinate of the centre of mass from the link's extent (l_min, l_max) [m]: its
+    middle half.
 
     Source: paper eq. (5).
     """
-    low, high = array("extent", extent, (2,), advice="Give l_min and l_max of the link in its frame [m].")
+    low, high = array(
+        "extent", extent, (2,), advice="Give l_min and l_max of the link in its frame [m]."
+    )
     return Interval(low / 2, high / 2)
 
 
 def greatest_inertia(mass: float, radius: float) -> float:
-    """Largest Izz [kg m^2] of a link: all of its greatest mass at its greatest radius [kg, m]. Source: paper 3.6."""
+    """Largest Izz [kg m^2] of a link: all of its greatest mass at its greatest radius [kg, m].
+    Source: paper 3.6.
+    """
     return mass * radius**2
 
 
@@ -113,14 +125,20 @@ class LinkSize:
     radius: float | None = None
 
     def intervals(self, reflect: Callable[[float], float]) -> SimpleNamespace:
-        """Intervals of m, x, y, Izz (about the centre of mass) and J; `reflect` takes Jm to the joint."""
-        mass, x, y = Interval.of(self.mass), centre_range(self.x), centre_range(self.y)
+        """Intervals of m, x, y, Izz (about the centre of mass) and J; `reflect` takes Jm to the
+        joint.
+        """
+        mass = Interval.of(self.mass)
+        x = centre_range(self.x)
+        y = centre_range(self.y)
         radius = self.radius
         if radius is None:
             radius = float(np.hypot(max(-x.low, x.high), max(-y.low, y.high)))
         inertia = Interval(0.0, greatest_inertia(mass.high, radius))
         low, high = self.motor_inertia
-        return SimpleNamespace(m=mass, x=x, y=y, Izz=inertia, J=Interval(reflect(low), reflect(high)))
+        return SimpleNamespace(
+            m=mass, x=x, y=y, Izz=inertia, J=Interval(reflect(low), reflect(high))
+        )
 
 
 _MOTOR = (1e-4, 1e-3)  # Jm of a motor of the PUMA 560, at least and at most [kg m^2]
@@ -138,7 +156,8 @@ def ranges(
     drive: Drive | None = None,
     **lengths: ArrayLike,
 ) -> Floats:
-    """Ranges (p, 2) of f from sizes and masses; without arguments, those of f1..f9 from what 3.6 says of its robot.
+    """Ranges (p, 2) of f from sizes and masses; without arguments, those of f1..f9 from what 3.6
+    says of its robot.
 
     Parameters
     ----------
@@ -148,12 +167,14 @@ def ranges(
     drive : Drive, optional
         Its gears reflect the motor inertias; by default that of the paper.
     **lengths : pair
-        Further arguments of the equation, such as a3=(0.3, 0.5), the default with the paper's sizes [m].
+        Further arguments of the equation, such as a3=(0.3, 0.5), the default with the paper's sizes
+        [m].
 
     Returns
     -------
     (p, 2) numpy.ndarray
-        Every f that the intervals allow: each end is the least or greatest value that a combination of terms can give.
+        Every f that the intervals allow: each end is the least or greatest value that a combination
+        of terms can give.
 
     Raises
     ------
@@ -181,7 +202,10 @@ def ranges(
 
     lengths = {"a3": (0.3, 0.5)} if sizes is PUMA560 and not lengths else lengths
     if len(sizes) != motors.n:
-        raise ValueError(f"sizes must be {motors.n}, one per joint of the drive; got {len(sizes)}. Give each link's.")
+        raise ValueError(
+            f"sizes must be {motors.n}, one per joint of the drive; got {len(sizes)}. Give each"
+            " link's."
+        )
     links = [size.intervals(functools.partial(reflect, joint)) for joint, size in enumerate(sizes)]
     f = equation(*links, **{name: Interval.of(length) for name, length in lengths.items()})
     return np.array([(value.low, value.high) for value in f.values()])

@@ -15,30 +15,46 @@ from plant.parts.fields import Floats
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
-_LOST, _SETTLING = 4.5, 80  # periods that may be missing, and samples after a longer gap that are not compared
+# periods that may be missing, and samples after a longer gap that are not compared
+_LOST = 4.5
+_SETTLING = 80
 
 _WINDOW = 10  # samples before and after, over which the speed of the counts is taken
 
 # Counts per sample below which the loop feels single counts, and samples that this is felt for.
-_SLOW, _RINGING = 1.0, 30
+_SLOW = 1.0
+_RINGING = 30
 
 
 class Followed(Experiment):
-    """One record, ready to be followed; `heard` (n,): joints that are compared, of `moving` those that move."""
+    """One record, ready to be followed; `heard` (n,): joints that are compared, of `moving`
+    those that move.
+    """
 
     def __init__(
-        self, dynamics: Dynamics, record: Record, unknown: Sequence[str], options: dict[str, Any], steady: bool,
-        memory: Memory | None, moving: bool = False,
-    ) -> None:  # fmt: skip
-        self.memory, self._steady = memory, steady
+        self,
+        dynamics: Dynamics,
+        record: Record,
+        unknown: Sequence[str],
+        options: dict[str, Any],
+        steady: bool,
+        memory: Memory | None,
+        moving: bool = False,
+    ) -> None:
+        self.memory = memory
+        self._steady = steady
         super().__init__(dynamics, record, unknown, smooth=True, **options)
         self._given = len(self.places)
         self.remembered = 0 if memory is None else memory.usual.size + 2 * dynamics.n
         if memory is not None:
-            self.places += [i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")]
+            self.places += [
+                i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")
+            ]
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self.heard = ~hardly_moving(record) | (not moving)
-        self._tables = self._kernel.along(self.loop, **self.driven, data=self._measured(record.counts))
+        self._tables = self._kernel.along(
+            self.loop, **self.driven, data=self._measured(record.counts)
+        )
         self._weigh(record.counts)
 
     def _measured(self, counts: Floats) -> Floats:
@@ -51,20 +67,26 @@ class Followed(Experiment):
         record = self.record
         passed = np.diff(counts, axis=0, prepend=counts[:1])
         moved = speed_of(np.cumsum(np.abs(passed, out=passed), axis=0, out=passed), _WINDOW)
-        self.weight = np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None]) * self.heard
+        self.weight = (
+            np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None]) * self.heard
+        )
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
 
     def _settled(self) -> Floats:
-        """0 (N,) while a replay has not converged to the log: after a gap, or a start at an unknown speed; else 1."""
-        settled, record = np.ones(len(self.record)), self.record
+        """0 (N,) while a replay has not converged to the log: after a gap, or a start at an
+        unknown speed; else 1.
+        """
+        settled = np.ones(len(self.record))
+        record = self.record
         if self.memory is not None:
             settled[:FADED] = 0
         if record.law is None or not record.law.replays or self.memory is not None:
             return settled
         measured = np.flatnonzero(record.valid)
         begins = measured[1:][np.diff(record.t[measured]) > _LOST * record.rig.period].tolist()
-        if record.initial is None and self.begin[1].any():  # not as the reference, and by an unknown speed
+        # not as the reference, and by an unknown speed
+        if record.initial is None and self.begin[1].any():
             settled[: min(2 * _SETTLING, len(record) // 4)] = 0
         for row in begins:
             settled[row : row + _SETTLING] = 0
@@ -79,7 +101,8 @@ class Followed(Experiment):
 
     def _start(self, values: Floats) -> tuple[Any, Floats]:
         """Position and speed at the start, and all numbers of the loop, of values."""
-        numbers, resumed = self.numbers.copy(), self.resumption(values)
+        numbers = self.numbers.copy()
+        resumed = self.resumption(values)
         if resumed is not None:
             values = np.append(values[: self._given], resumed.state)
         numbers[self.places] = values
@@ -87,15 +110,21 @@ class Followed(Experiment):
 
     @property
     def rounds(self) -> bool:
-        """Whether the arm of the log felt the rounding of its counts, which the model leaves out."""
+        """Whether the arm of the log felt the rounding of its counts, which the model leaves
+        out.
+        """
         return not (self.loop.law.replays or self.record.rig.encoder.smooth)
 
-    def rounded(self, values: Floats, shifts: Sequence[Floats], threads: int, steps: int) -> list[Floats]:
-        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted (n,) and rounding at
-        so many `steps` in a sample.
+    def rounded(
+        self, values: Floats, shifts: Sequence[Floats], threads: int, steps: int
+    ) -> list[Floats]:
+        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted
+        (n,) and rounding at so many `steps` in a sample.
         """
         start, numbers = self._start(values)
-        return Rounding(self.loop, self.record, steps).counts(start, numbers, self.loop.number_names, shifts, threads)
+        return Rounding(self.loop, self.record, steps).counts(
+            start, numbers, self.loop.number_names, shifts, threads
+        )
 
     def innovations_of(self, values: Floats, counts: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,), of a log with these counts (N, n)."""
@@ -105,34 +134,50 @@ class Followed(Experiment):
         return other.innovations(values)
 
     def beside(self, torque: Floats) -> Self:
-        """The same with another torque (N, n) [N m] injected; what a law repeats is more by what is injected more."""
-        other, record, drive = copy.copy(self), self.record, self.record.rig.drive
+        """The same with another torque (N, n) [N m] injected; what a law repeats is more by what
+        is injected more.
+        """
+        other = copy.copy(self)
+        record = self.record
+        drive = self.record.rig.drive
         columns: dict[str, Any] = {"injected": torque}
         name = column = "injected"
         if not self.loop.injected:
             more = torque if record.injected is None else torque - record.injected
-            name, column = "logged", str(self.loop.law.replays)
+            name = "logged"
+            column = str(self.loop.law.replays)
             more = drive.motor_torque(more) / drive.motor_gain if column == "current" else more
             columns[column] = getattr(record, column) + more
         other.record = dataclasses.replace(record, **columns)
-        other._tables = self._kernel.with_held(self._tables, name, self.clock.bridged(columns[column]))
+        other._tables = self._kernel.with_held(
+            self._tables, name, self.clock.bridged(columns[column])
+        )
         return other
 
     def innovations(self, values: Floats) -> Floats:
-        """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run diverges."""
+        """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run
+        diverges.
+        """
         return self.block([values])[0]
 
     def block(self, some: Sequence[Floats]) -> list[Floats]:
-        """The same for at most `LOGGED` vectors of values, side by side; empty lanes repeat the last."""
-        n, loop, states, lanes = self.loop.n, self.loop, [], []
+        """The same for at most `LOGGED` vectors of values, side by side; empty lanes repeat the
+        last.
+        """
+        n = self.loop.n
+        loop = self.loop
+        states = []
+        lanes = []
         for values in some:
             (q, qd), numbers = self._start(values)
-            states.append(loop.initial_state(q + numbers[-n:], qd, numbers))  # where the encoder offset is
+            # where the encoder offset is
+            states.append(loop.initial_state(q + numbers[-n:], qd, numbers))
             lanes.append(numbers[self.places])
         empty = LOGGED - len(states)
         state, lane = (np.array(rows + rows[-1:] * empty).T.copy() for rows in (states, lanes))
         uniform = self.numbers[list(self._kernel.uniform)]
-        rows, found = self.clock.rows, np.empty((len(some), len(self.clock.rows), n))
+        rows = self.clock.rows
+        found = np.empty((len(some), len(self.clock.rows), n))
         sound = np.ones(LOGGED, bool)
         for part, tables in self._kernel.parts(self._tables, len(self.clock)):
             state, errors = self._kernel.run(tables, part.stop - part.start, state, lane, uniform)
@@ -149,18 +194,22 @@ class Followed(Experiment):
 def speed_of(counts: Floats, window: int) -> Floats:
     """Counts that pass in a sample (N, n), over a window on both sides of it."""
     rows = np.arange(len(counts))
-    before, after = np.maximum(rows - window, 0), np.minimum(rows + window, len(counts) - 1)
+    before = np.maximum(rows - window, 0)
+    after = np.minimum(rows + window, len(counts) - 1)
     return np.asarray((counts[after] - counts[before]) / np.maximum(after - before, 1)[:, None])
 
 
 def _steady(moved: Floats) -> Floats:
-    """1 (N,) while all joints pass counts (N, n) fast enough, and 0 while one is slow and for a while after it.
+    """1 (N,) while all joints pass counts (N, n) fast enough, and 0 while one is slow and for a
+    while after it.
 
-    A slow joint's counts change one by one; the torque of each, which a model without rounding lacks, excites elastic
-    gears like a compliance of their own. A joint that is slow most of the time is left out of this.
+    A slow joint's counts change one by one; the torque of each, which a model without rounding
+    lacks, excites elastic gears like a compliance of their own. A joint that is slow most of the
+    time is left out of this.
     """
     slow = (moved < _SLOW)[:, (moved < _SLOW).mean(axis=0) < 0.5].any(axis=1)
-    felt, rows = np.append(0, np.cumsum(slow)), np.arange(slow.size)
+    felt = np.append(0, np.cumsum(slow))
+    rows = np.arange(slow.size)
     return np.asarray(felt[rows + 1] == felt[np.maximum(rows - _RINGING, 0)], dtype=float)
 
 

@@ -1,4 +1,5 @@
-"""Gauss-Newton on the innovations of a prediction: the least sum of squares, and the covariance of the values.
+"""Gauss-Newton on the innovations of a prediction: the least sum of squares, and the covariance of
+the values.
 
 Slopes are central differences of whole runs: friction and a quantiser have no derivative.
 """
@@ -15,14 +16,16 @@ from plant.compiler.background import cores
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, norm
 
-# An unknown whose slope is independent of the others' by less than this share is not separately identifiable.
+# An unknown whose slope is independent of the others' by less than this share is not separately
+# identifiable.
 DEPENDENT = 1e-4
 
 _SHORTER = 8  # how often a step that loses the log is cut to a quarter
 
 _JUMP = 0.01  # change of the innovations, in their own length, from which on it can be a jump
 
-# Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of the slopes.
+# Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of
+# the slopes.
 _PER_CORE = 4
 
 _AT_ONCE = 1 << 21  # innovations of a run, beyond which runs do not go side by side
@@ -36,9 +39,9 @@ _WEIGHINGS = 2  # how often, at most, records and joints are weighted anew
 class Solution:
     """What `gauss_newton` found.
 
-    `values` (k,). `covariance` (k, k). `residual` (M,). `rms_innovation`: root mean square of the innovations, weights
-    divided out [pulses]. `varied` (v,): places of the unknowns that were varied. `slopes` (M, v): of the weighted and
-    scaled innovations, by these.
+    `values` (k,). `covariance` (k, k). `residual` (M,). `rms_innovation`: root mean square of the
+    innovations, weights divided out [pulses]. `varied` (v,): places of the unknowns that were
+    varied. `slopes` (M, v): of the weighted and scaled innovations, by these.
     """
 
     values: Floats
@@ -50,28 +53,36 @@ class Solution:
 
 
 def gauss_newton(
-    prediction: Any, start: ArrayLike, step: ArrayLike, bounds: ArrayLike, *, rounds: int = 15, tolerance: float = 1e-5
+    prediction: Any,
+    start: ArrayLike,
+    step: ArrayLike,
+    bounds: ArrayLike,
+    *,
+    rounds: int = 15,
+    tolerance: float = 1e-5,
 ) -> Solution:
     """Least sum of squared innovations.
 
-    `prediction`: or anything else with its `innovations`, `all_innovations`, `unknown`, `weights`, `scales` and
-    `dependent`. `start` (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds`
-    (k, 2): values stay inside.
-    `tolerance`: relative decrease of the sum below which the search ends.
+    `prediction`: or anything else with its `innovations`, `all_innovations`, `unknown`, `weights`,
+    `scales` and `dependent`. `start` (k,). `step` (k,): of the central differences; zero leaves an
+    unknown as it is. `bounds` (k, 2): values stay inside. `tolerance`: relative decrease of the sum
+    below which the search ends.
     """
-    bounds, step = np.asarray(bounds, float), np.array(step, float)
+    bounds = np.asarray(bounds, float)
+    step = np.array(step, float)
     values = np.clip(start, *bounds.T)
     residual = prediction.innovations(values)
     if not np.isfinite(residual).all():
         where = prediction.lost(values)
         raise ValueError(
-            f"the search must start from an arm that follows the log; the one that it was given diverges"
-            f"{f' on {where}' if where else ''}. Check signs, "
-            "units and the order of joints, or give ranges."
+            "the search must start from an arm that follows the log; the one that it was given"
+            f" diverges{f' on {where}' if where else ''}. Check signs, units and the order of"
+            " joints, or give ranges."
         )
     varied = np.flatnonzero(step)
     names = [prediction.unknown[i] for i in varied]
-    moved, change_per_step = True, np.empty((0, 0))
+    moved = True
+    change_per_step = np.empty((0, 0))
 
     def solved(moving: NDArray[np.bool_]) -> Floats:
         """Least squares of the unknowns that move (v,)."""
@@ -82,14 +93,16 @@ def gauss_newton(
     for left in reversed(range(rounds)):
         change_per_step = slopes(prediction, values, step, varied, residual)
         change = within_bounds(solved, values, step, bounds)
-        cost, lengths = dot(residual, residual), 0.5 ** np.arange(8)
+        cost = dot(residual, residual)
+        lengths = 0.5 ** np.arange(8)
         tried = np.clip(values + lengths[:, None] * change, *bounds.T)
         for i in range(0, len(lengths), 4):
             results = prediction.all_innovations(tried[i : i + 4])
             costs = [np.inf if not np.isfinite(r).all() else dot(r, r) for r in results]
             best = int(np.argmin(costs))
             if costs[best] < cost:
-                values, residual = tried[i + best], results[best].copy()
+                values = tried[i + best]
+                residual = results[best].copy()
                 break
         del results  # not beside the next ones, like the slopes
         moved = dot(residual, residual) < cost
@@ -99,21 +112,33 @@ def gauss_newton(
     if moved:
         change_per_step = np.empty((0, 0))
         change_per_step = slopes(prediction, values, step, varied, residual)
-    covariance, unscaled = np.zeros((len(values), len(values))), residual * prediction.scales
+    covariance = np.zeros((len(values), len(values)))
+    unscaled = residual * prediction.scales
     part = least_squares(names, change_per_step, residual, dependent=prediction.dependent)[1]
-    covariance[np.ix_(varied, varied)] = part * np.outer(step[varied], step[varied]) * noise(prediction, residual)
+    covariance[np.ix_(varied, varied)] = (
+        part * np.outer(step[varied], step[varied]) * noise(prediction, residual)
+    )
     rms = float(np.sqrt(dot(unscaled, unscaled) / dot(prediction.weights, prediction.weights)))
     change_per_step /= step[varied]
     return Solution(
-        values=values, covariance=covariance, residual=unscaled, rms_innovation=rms, varied=varied,
+        values=values,
+        covariance=covariance,
+        residual=unscaled,
+        rms_innovation=rms,
+        varied=varied,
         slopes=change_per_step,
-    )  # fmt: skip
+    )
 
 
 def reweighed(
-    view: Any, solution: Solution, step: ArrayLike, bounds: ArrayLike, changed: Callable[[Solution], bool] | None = None
+    view: Any,
+    solution: Solution,
+    step: ArrayLike,
+    bounds: ArrayLike,
+    changed: Callable[[Solution], bool] | None = None,
 ) -> Solution:
-    """The solution with records and joints weighted anew by what it leaves, while that changes their weights.
+    """The solution with records and joints weighted anew by what it leaves, while that changes
+    their weights.
 
     `view`: as for `gauss_newton`, with a `reweigh`. `changed`: weighs anew in place of that.
     """
@@ -127,9 +152,11 @@ def reweighed(
 def within_bounds(
     solved: Callable[[NDArray[np.bool_]], Floats], values: Floats, step: Floats, bounds: Floats
 ) -> Floats:
-    """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others make up for it.
+    """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others
+    make up for it.
 
-    `solved`: which of the varied unknowns move (v,) -> their least squares, to be subtracted, in steps.
+    `solved`: which of the varied unknowns move (v,) -> their least squares, to be subtracted, in
+    steps.
     """
     varied, change, (low, high) = np.flatnonzero(step), np.zeros(len(values)), bounds.T
     moving = np.ones(len(varied), bool)
@@ -146,18 +173,25 @@ def within_bounds(
 
 
 def slopes(
-    prediction: Any, values: Floats, step: Floats, varied: NDArray[np.intp], residual: Floats | None = None
+    prediction: Any,
+    values: Floats,
+    step: Floats,
+    varied: NDArray[np.intp],
+    residual: Floats | None = None,
 ) -> Floats:
-    """Change of the innovations per step (M, v), by central differences of the varied unknowns (v,).
+    """Change of the innovations per step (M, v), by central differences of the varied unknowns
+    (v,).
 
-    Steps that lose the log are shortened in place; with the innovations (M,) of the values themselves, also those on
-    which innovations jump to one side.
+    Steps that lose the log are shortened in place; with the innovations (M,) of the values
+    themselves, also those on which innovations jump to one side.
     """
-    found, waiting = np.empty((len(varied), len(prediction.weights))), list(range(len(varied)))
+    found = np.empty((len(varied), len(prediction.weights)))
+    waiting = list(range(len(varied)))
     together = _PER_CORE * side_by_side(found.shape[1])
     for attempt in range(_SHORTER):
         step[varied[waiting]] *= 0.25 if attempt else 1.0
-        lost, jumping = list[int](), list[int]()
+        lost = list[int]()
+        jumping = list[int]()
         for some in (waiting[i : i + together] for i in range(0, len(waiting), together)):
             moves = np.zeros((len(some), len(values)))
             moves[np.arange(len(some)), varied[some]] = step[varied[some]]
@@ -176,16 +210,22 @@ def slopes(
     if not lost:
         return found.T
     names = ", ".join(prediction.unknown[varied[i]] for i in lost)
-    raise ValueError(f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the ranges.")
+    raise ValueError(
+        f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the"
+        " ranges."
+    )
 
 
 def side_by_side(innovations: int) -> int:
-    """How many runs with so many innovations are made at once: as many as cores; of a long log one, for its memory."""
+    """How many runs with so many innovations are made at once: as many as cores; of a long log
+    one, for its memory.
+    """
     return min(cores(), max(1, _AT_ONCE // innovations))
 
 
 def _jumps(up: Floats, residual: Floats, down: Floats, slope: Floats) -> bool:
-    """Whether innovations change to one side alone, and by much: there an arm's links lose their inertia.
+    """Whether innovations change to one side alone, and by much: there an arm's links lose their
+    inertia.
 
     Takes `up` as work space. `slope` is half of what is between both.
     """
@@ -195,12 +235,20 @@ def _jumps(up: Floats, residual: Floats, down: Floats, slope: Floats) -> bool:
 
 
 def noise(prediction: Any, residual: Floats) -> float:
-    """Variance of weighted innovations (M,) per independent reading, inflated by their autocorrelation."""
-    return float(dot(residual, residual) / dot(prediction.weights, prediction.weights) * variance_inflation(residual))
+    """Variance of weighted innovations (M,) per independent reading, inflated by their
+    autocorrelation.
+    """
+    return float(
+        dot(residual, residual)
+        / dot(prediction.weights, prediction.weights)
+        * variance_inflation(residual)
+    )
 
 
 def variance_inflation(residual: Floats) -> float:
-    """By how much autocorrelation makes the variance of a mean exceed that of independent samples: 1 without any."""
+    """By how much autocorrelation makes the variance of a mean exceed that of independent
+    samples: 1 without any.
+    """
     lags = np.arange(min(_LAGS + 1, len(residual)))
     own = np.array([dot(residual[: len(residual) - lag], residual[lag:]) for lag in lags])
     if not own[0] > 0:

@@ -1,4 +1,6 @@
-"""Objective (4): how far a candidate arm's tracking errors are from the measured ones, a whole population at once."""
+"""Objective (4): how far a candidate arm's tracking errors are from the measured ones, a whole
+population at once.
+"""
 
 import functools
 from collections.abc import Iterable
@@ -18,17 +20,24 @@ from plant.parts.fields import Floats
 from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LANES
 
-_FEW = 2  # joints up to which the inertia of candidates is checked at too few poses to be worth another thread
+# joints up to which the inertia of candidates is checked at too few poses to be worth another
+# thread
+_FEW = 2
 
 
 @functools.lru_cache
 def squared_error(n: int) -> ca.Function:
-    """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
+    """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2,
+    memory.
 
     The data are the measured errors and the root of the sample's weight. Source: paper eq. (4).
     """
-    log, data, memory = ca.SX.sym("log", 4 * n), ca.SX.sym("data", n + 1), ca.SX.sym("memory", 0)
-    return ca.Function("squared_error", [log, data, memory], [ca.sumsqr(data[n] * (data[:n] - log[:n])), memory])
+    log = ca.SX.sym("log", 4 * n)
+    data = ca.SX.sym("data", n + 1)
+    memory = ca.SX.sym("memory", 0)
+    return ca.Function(
+        "squared_error", [log, data, memory], [ca.sumsqr(data[n] * (data[:n] - log[:n])), memory]
+    )
 
 
 @known_options
@@ -41,8 +50,8 @@ class Objective:
     records : Record or sequence of Record
         Each with its law; they may differ in rig, law and reference.
     unknown : sequence of str, optional
-        Names of what a candidate gives, in its order; by default f. Any number of rig and law can be named too, as
-        ``drive.viscous[0]`` or ``law.gain[1]``.
+        Names of what a candidate gives, in its order; by default f. Any number of rig and law can
+        be named too, as ``drive.viscous[0]`` or ``law.gain[1]``.
     steps_per_sample, sweeps : int
         Sub-steps of the simulation, and sweeps of its friction law, as for `plant.simulate`.
     threads : int, optional
@@ -50,8 +59,9 @@ class Objective:
 
     Notes
     -----
-    A candidate costs inf when it is not finite, when its rig or law would be refused, when its run diverges, or when
-    D(q) - diag(Jm_min k^2) is not positive semidefinite for all q: no controller could be built on such an arm.
+    A candidate costs inf when it is not finite, when its rig or law would be refused, when its run
+    diverges, or when D(q) - diag(Jm_min k^2) is not positive semidefinite for all q: no controller
+    could be built on such an arm.
 
     See Also
     --------
@@ -71,14 +81,24 @@ class Objective:
     """
 
     def __init__(
-        self, dynamics: Dynamics, records: Record | Iterable[Record], unknown: Iterable[str] | None = None, *,
-        steps_per_sample: int = 4, sweeps: int = 3, threads: int | None = None,
-    ) -> None:  # fmt: skip
-        self.threads = cores() if threads is None else whole("threads", threads, "Leave it out for all.")
+        self,
+        dynamics: Dynamics,
+        records: Record | Iterable[Record],
+        unknown: Iterable[str] | None = None,
+        *,
+        steps_per_sample: int = 4,
+        sweeps: int = 3,
+        threads: int | None = None,
+    ) -> None:
+        self.threads = (
+            cores() if threads is None else whole("threads", threads, "Leave it out for all.")
+        )
         self.dynamics = dynamics
         self.records, self.unknown = as_records(dynamics, records, unknown)
         settings = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
-        self._experiments = of_each(lambda record: _Scored(dynamics, record, self.unknown, settings), self.records)
+        self._experiments = of_each(
+            lambda record: _Scored(dynamics, record, self.unknown, settings), self.records
+        )
 
     @property
     def p(self) -> int:
@@ -93,7 +113,13 @@ class Objective:
         ValueError
             Not a (P, p) array of numbers.
         """
-        population = array("population", population, ("P", self.p), finite=False, advice="Give one candidate per row.")
+        population = array(
+            "population",
+            population,
+            ("P", self.p),
+            finite=False,
+            advice="Give one candidate per row.",
+        )
         costs = np.zeros(len(population))
         for experiment in self._experiments:
             costs += experiment.costs(population, self.threads)
@@ -103,14 +129,18 @@ class Objective:
 class _Scored(Experiment):
     """One record, ready to be replayed with any number of candidates."""
 
-    def __init__(self, dynamics: Dynamics, record: Record, unknown: tuple[str, ...], settings: dict[str, Any]) -> None:
+    def __init__(
+        self, dynamics: Dynamics, record: Record, unknown: tuple[str, ...], settings: dict[str, Any]
+    ) -> None:
         super().__init__(dynamics, record, unknown, score=squared_error(dynamics.n), **settings)
         self._kernel = self.kernel(self.places)
 
     @functools.cached_property
     def _tables(self) -> tuple[Any, ...]:
         """What a run reads: large, and made when the first one is asked for."""
-        return self._kernel.along(self.loop, **self.driven, data=self.data(self.record.error_pulses))
+        return self._kernel.along(
+            self.loop, **self.driven, data=self.data(self.record.error_pulses)
+        )
 
     def costs(self, population: Floats, threads: int) -> Floats:
         """Costs (P,), inf for what cannot be."""
@@ -134,11 +164,15 @@ class _Scored(Experiment):
         return np.concatenate([np.empty(0), *shared_out(self._margins, some, threads)])
 
     def _margins(self, numbers: Floats) -> Floats:
-        """Smallest pivot (P,) of D less the motors' own inertia, of candidates given by all their numbers (P, k)."""
-        p, f = self.loop.dynamics.p, numbers[:, : self.loop.dynamics.p]
+        """Smallest pivot (P,) of D less the motors' own inertia, of candidates given by all
+        their numbers (P, k).
+        """
+        p = self.loop.dynamics.p
+        f = numbers[:, : self.loop.dynamics.p]
         if max(self.places) < p:
             return least_inertia_margin(self.loop.dynamics, self.record.rig, f)
-        margins, rig_size = np.full(len(f), -np.inf), len(self.record.rig.number_values())
+        margins = np.full(len(f), -np.inf)
+        rig_size = len(self.record.rig.number_values())
         for i, row in enumerate(numbers):
             try:
                 rig = self.record.rig.with_numbers(row[-rig_size:])
@@ -154,7 +188,15 @@ class _Scored(Experiment):
         numbers = np.repeat(self.numbers[:, None], LANES, axis=1)
         numbers[self.places] = lanes
         state = np.ascontiguousarray(self.loop.initial_state(*self.began(numbers), numbers))
-        final, steps = self._kernel.run(self._tables, state, lanes, self.numbers[list(self._kernel.uniform)])
-        score, ok = final[-2], final[-1]
-        complete = (ok > 0) & bounded(final[: 2 * self.loop.dynamics.n]) & np.isfinite(score) & (steps == self.steps)
+        final, steps = self._kernel.run(
+            self._tables, state, lanes, self.numbers[list(self._kernel.uniform)]
+        )
+        score = final[-2]
+        ok = final[-1]
+        complete = (
+            (ok > 0)
+            & bounded(final[: 2 * self.loop.dynamics.n])
+            & np.isfinite(score)
+            & (steps == self.steps)
+        )
         return np.where(complete, score, np.inf)[: len(candidates)]

@@ -1,6 +1,8 @@
-"""Where a model with what its rig leaves out follows a log best, and what its unknowns cannot do there.
+"""Where a model with what its rig leaves out follows a log best, and what its unknowns cannot do
+there.
 
-Compliance and backlash do not act linearly there: some of each are tried, and what they leave is compared.
+Compliance and backlash do not act linearly there: some of each are tried, and what they leave is
+compared.
 """
 
 import dataclasses
@@ -15,20 +17,24 @@ from identification.replay.gauss_newton import slopes, variance_inflation, withi
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, product, products
 
-_ROUNDS, _SETTLED = 6, 1e-4  # of Gauss-Newton, at most, and the relative decrease below which it ends
+# of Gauss-Newton, at most, and the relative decrease below which it ends
+_ROUNDS = 6
+_SETTLED = 1e-4
 
 _LENGTHS = 0.5 ** np.arange(8)  # of a step
 
-_OWN = 1e-3  # a direction of which less than this share is its own is taken for a combination of others
+# a direction of which less than this share is its own is taken for a combination of others
+_OWN = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Optimum:
     """Where the sum of squared innovations is least.
 
-    `values` (k,), `step` (k,) of their differences. `innovations` (M,): weighted. `rates` (v, M): their changes per
-    step of the varied unknowns. `made` (r, v): what orthonormal directions are of these changes, without those of what
-    would leave its bounds. `unknown`: how many of the varied unknowns, the first, are not observer gains.
+    `values` (k,), `step` (k,) of their differences. `innovations` (M,): weighted. `rates` (v, M):
+    their changes per step of the varied unknowns. `made` (r, v): what orthonormal directions are of
+    these changes, without those of what would leave its bounds. `unknown`: how many of the varied
+    unknowns, the first, are not observer gains.
     """
 
     model: Extended
@@ -51,16 +57,24 @@ class Optimum:
 
     def left(self, direction: Floats) -> Floats:
         """What of a direction (M,) the varied unknowns cannot do as well."""
-        return np.asarray(direction - np.einsum("v,vm->m", along(self.made, self.rates, direction), self.rates))
+        return np.asarray(
+            direction - np.einsum("v,vm->m", along(self.made, self.rates, direction), self.rates)
+        )
 
     def towards(self, moves: Floats, change: Floats, bounds: Floats) -> Floats:
-        """By how much (k,) to move where the log is followed best on the way to an estimate, the varied unknowns too.
+        """By how much (k,) to move where the log is followed best on the way to an estimate, the
+        varied unknowns too.
 
-        `moves` (k,) make this change (M,) where they are small; where joints stick, an estimate may be far too large.
+        `moves` (k,) make this change (M,) where they are small; where joints stick, an estimate may
+        be far too large.
         """
-        moves, varied = moves.copy(), np.flatnonzero(self.step)
+        moves = moves.copy()
+        varied = np.flatnonzero(self.step)
         moves[varied] -= self.step[varied] * along(self.made, self.rates, change)
-        return nearest(self.model, np.clip(self.values + _LENGTHS[:, None] * moves, *bounds.T)) - self.values
+        return (
+            nearest(self.model, np.clip(self.values + _LENGTHS[:, None] * moves, *bounds.T))
+            - self.values
+        )
 
     def unit(self, left: Floats) -> float:
         """Variance of what is left, inflated by its autocorrelation."""
@@ -73,21 +87,29 @@ class Optimum:
 
 def nearest(model: Extended, some: Sequence[Floats] | Floats) -> Floats:
     """Of some values (k,), those that follow the log best."""
-    return np.asarray(some[int(np.argmin([(each**2).sum() for each in model.all_innovations(some)]))])
+    return np.asarray(
+        some[int(np.argmin([(each**2).sum() for each in model.all_innovations(some)]))]
+    )
 
 
-def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: Optimum | None = None) -> Optimum:
-    """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an unknown as it is.
+def fitted(
+    model: Extended, values: Floats, step: Floats, bounds: Floats, near: Optimum | None = None
+) -> Optimum:
+    """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an
+    unknown as it is.
 
-    Near another optimum, whose varied unknowns are the first of these, its rates are taken as they are; those of the
-    others are made once.
+    Near another optimum, whose varied unknowns are the first of these, its rates are taken as they
+    are; those of the others are made once.
     """
-    step, values = step.copy(), np.clip(values, *bounds.T)
-    varied, innovations = np.flatnonzero(step), model.innovations(values)
+    step = step.copy()
+    values = np.clip(values, *bounds.T)
+    varied = np.flatnonzero(step)
+    innovations = model.innovations(values)
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
         raise ValueError("the model with what was found does not follow the log")
-    own, rates = model.prior.own(_OWN), np.empty((0, 0))
+    own = model.prior.own(_OWN)
+    rates = np.empty((0, 0))
     if near is not None:
         count = len(near.rates)
         step[varied[:count]] = near.step[varied[:count]]
@@ -98,12 +120,17 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: 
             rates = np.empty((0, 0))  # not beside the next ones
             rates = slopes(model, values, step, varied).T
             made = directions(rates, own)
-        before, solved = (innovations**2).sum(), functools.partial(_solved, made, rates, innovations, own)
+        before = (innovations**2).sum()
+        solved = functools.partial(_solved, made, rates, innovations, own)
         change = within_bounds(solved, values, step, bounds)
         for lengths in (_LENGTHS[:1], _LENGTHS[1:]):
             tried = np.clip(values + lengths[:, None] * change, *bounds.T)
             results = zip(tried, model.all_innovations(tried), strict=True)
-            better = [each for each in results if np.isfinite(each[1]).all() and (each[1] ** 2).sum() < before]
+            better = [
+                each
+                for each in results
+                if np.isfinite(each[1]).all() and (each[1] ** 2).sum() < before
+            ]
             if better:
                 values, innovations = better[0]
                 break
@@ -117,19 +144,29 @@ def fitted(model: Extended, values: Floats, step: Floats, bounds: Floats, near: 
         made = np.zeros((len(within), len(rates)))
         made[:, free] = within
     return Optimum(
-        model=model, values=values, step=step, innovations=innovations, rates=rates, made=made, unknown=unknown
+        model=model,
+        values=values,
+        step=step,
+        innovations=innovations,
+        rates=rates,
+        made=made,
+        unknown=unknown,
     )
 
 
-def _solved(made: Floats, rates: Floats, innovations: Floats, own: float, moving: NDArray[np.bool_]) -> Floats:
+def _solved(
+    made: Floats, rates: Floats, innovations: Floats, own: float, moving: NDArray[np.bool_]
+) -> Floats:
     """Coefficients of the rates that move; `made`: directions of all of them."""
     if not moving.all():
-        made, rates = directions(rates[moving], own), rates[moving]
+        made = directions(rates[moving], own)
+        rates = rates[moving]
     return along(made, rates, innovations)
 
 
 def directions(rates: Floats, share: float = _OWN) -> Floats:
-    """What orthonormal directions are of rates (v, M): (r, v), none for a rate that is a combination of others.
+    """What orthonormal directions are of rates (v, M): (r, v), none for a rate that is a
+    combination of others.
 
     `share`: of a rate that must be its own.
 
@@ -138,7 +175,8 @@ def directions(rates: Floats, share: float = _OWN) -> Floats:
     together = products(rates.T)
     lengths = np.sqrt(np.diag(together))
     lengths = np.where(lengths > 0, lengths, 1.0)
-    together, made = together / np.outer(lengths, lengths), np.empty((0, len(rates)))
+    together = together / np.outer(lengths, lengths)
+    made = np.empty((0, len(rates)))
     for i in range(len(rates)):
         own = (np.arange(len(rates)) == i).astype(float)
         for _ in range(2):
@@ -150,16 +188,23 @@ def directions(rates: Floats, share: float = _OWN) -> Floats:
 
 
 def along(made: Floats, rates: Floats, target: Floats) -> Floats:
-    """Coefficients (v,) of rates (v, M) that make the target; zero of a rate that is a combination of others."""
+    """Coefficients (v,) of rates (v, M) that make the target; zero of a rate that is a
+    combination of others.
+    """
     return product(made.T, product(made, np.einsum("vm,m->v", rates, target)))
 
 
-_LOWEST, _HIGHEST = 15.0, 250.0  # resonances between which compliance is tried [Hz]
+# resonances between which compliance is tried [Hz]
+_LOWEST = 15.0
+_HIGHEST = 250.0
 
-# Of one to the next: under a law that follows the counts, and where torques are repeated, whose effect is narrow.
-_RATIO, _FINE = 1.25, 1.1
+# Of one to the next: under a law that follows the counts, and where torques are repeated, whose
+# effect is narrow.
+_RATIO = 1.25
+_FINE = 1.1
 
-_WIDTHS = (1, 2, 4, 8, 16)  # backlash that is tested [pulses], in a gear that else has a resonance at:
+# backlash that is tested [pulses], in a gear that else has a resonance at:
+_WIDTHS = (1, 2, 4, 8, 16)
 
 CONTACT = 300.0  # [Hz]
 
@@ -171,9 +216,9 @@ _AT_ONCE = 16  # trials that are simulated at once
 class Trial:
     """Some numbers that the rig leaves out, and what comes of them.
 
-    `values`: in the units of `Extended`. `chi_square`: decrease of the sum of squared innovations, in units of their
-    variance; negative where it grows. `explained`: the same [pulses^2]. `effect`: sum of squares of what they change,
-    in the same units: chi-square of a log that has them.
+    `values`: in the units of `Extended`. `chi_square`: decrease of the sum of squared innovations,
+    in units of their variance; negative where it grows. `explained`: the same [pulses^2]. `effect`:
+    sum of squares of what they change, in the same units: chi-square of a log that has them.
     """
 
     values: dict[str, float]
@@ -189,7 +234,9 @@ def compliance(at: Optimum) -> list[Trial]:
     joints = range(len(at.model.gains) // 2)
     together = [joints, *([joint] for joint in joints)] if len(joints) > 1 else [joints]
     frequencies = np.geomspace(_HIGHEST, _LOWEST, count).tolist()
-    return _tried(at, [{f"compliance[{i}]": hz**-2 for i in some} for some in together for hz in frequencies])
+    return _tried(
+        at, [{f"compliance[{i}]": hz**-2 for i in some} for some in together for hz in frequencies]
+    )
 
 
 def backlash(at: Optimum) -> list[Trial]:
@@ -200,7 +247,9 @@ def backlash(at: Optimum) -> list[Trial]:
     for i in range(n):
         gives = max(CONTACT**-2, at.values[at.model.place(f"compliance[{i}]")])
         if not at.values[at.model.place(f"backlash[{i}]")]:
-            tried += [{f"backlash[{i}]": width * pulse[i], f"compliance[{i}]": gives} for width in _WIDTHS]
+            tried += [
+                {f"backlash[{i}]": width * pulse[i], f"compliance[{i}]": gives} for width in _WIDTHS
+            ]
     return _tried(at, tried)
 
 
@@ -211,13 +260,23 @@ def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
         many.append(at.values.copy())
         for name, value in values.items():
             many[-1][at.model.place(name)] = value
-    before, trials = at.before, []
+    before = at.before
+    trials = []
     unit = at.unit(before)
     for i in range(0, len(many), _AT_ONCE):
-        for values, result in zip(tried[i:], at.model.all_innovations(many[i : i + _AT_ONCE]), strict=False):
+        for values, result in zip(
+            tried[i:], at.model.all_innovations(many[i : i + _AT_ONCE]), strict=False
+        ):
             if np.isfinite(result).all():
                 after = at.left(result)
                 effect = float(((after - before) ** 2).sum()) / unit
                 explained = float((before**2).sum() - (after**2).sum())
-                trials.append(Trial(values=values, chi_square=at.chi_square(after), explained=explained, effect=effect))
+                trials.append(
+                    Trial(
+                        values=values,
+                        chi_square=at.chi_square(after),
+                        explained=explained,
+                        effect=effect,
+                    )
+                )
     return trials

@@ -1,8 +1,9 @@
-"""Delay of the counts of a log: read a fraction of a sample late, they look like friction and bias everything else.
+"""Delay of the counts of a log: read a fraction of a sample late, they look like friction and bias
+everything else.
 
-A delay of d samples shifts every count by d times the counts that pass in one. With f found and friction known, the
-difference between measured and simulated errors is then proportional to the speed, and its slope is the delay. Viscous
-friction or a gain that is unknown absorbs it.
+A delay of d samples shifts every count by d times the counts that pass in one. With f found and
+friction known, the difference between measured and simulated errors is then proportional to the
+speed, and its slope is the delay. Viscous friction or a gain that is unknown absorbs it.
 """
 
 import dataclasses
@@ -19,20 +20,28 @@ from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 from plant.parts.sums import dot
 
-_LATE, _SURE = 0.02, 3.0  # delay [samples] that matters, and from how many of its standard deviations on
+# delay [samples] that matters, and from how many of its standard deviations on
+_LATE = 0.02
+_SURE = 3.0
 
 _WINDOW = 5  # samples before and after, over which the speed of the counts is taken
 
 
 def delay_of(
-    dynamics: Dynamics, records: Iterable[Record], unknown: Iterable[str], values: Floats, **options: Any
+    dynamics: Dynamics,
+    records: Iterable[Record],
+    unknown: Iterable[str],
+    values: Floats,
+    **options: Any,
 ) -> tuple[float, float]:
-    """How many samples late the counts of records are, against a simulation with these values; and its deviation.
+    """How many samples late the counts of records are, against a simulation with these values; and
+    its deviation.
 
     Returns delay, std: [samples]; a positive delay is a count that is read too late.
     """
     prediction = Prediction(dynamics, records, unknown, **options)
-    difference = prediction.innovations(np.append(values, 0 * prediction.nuisances))  # the search's loop, uncorrected
+    # the search's loop, uncorrected
+    difference = prediction.innovations(np.append(values, 0 * prediction.nuisances))
     if not np.isfinite(difference).all():
         return np.nan, np.inf
     speed = np.concatenate([speed_of(record.counts, _WINDOW).ravel() for record in records])
@@ -83,5 +92,9 @@ def without_delay(record: Record, samples: float) -> Record:
     instance("record", record, Record, "The order is record, samples.")
     samples = real("samples", samples, "Give found.diagnostics.delay.")
     if abs(samples) > 1:
-        raise ValueError(f"samples must be within one; got {samples}. Shift the columns by whole rows first.")
-    return dataclasses.replace(record, error_pulses=record.error_pulses - samples * speed_of(record.counts, _WINDOW))
+        raise ValueError(
+            f"samples must be within one; got {samples}. Shift the columns by whole rows first."
+        )
+    return dataclasses.replace(
+        record, error_pulses=record.error_pulses - samples * speed_of(record.counts, _WINDOW)
+    )

@@ -1,4 +1,6 @@
-"""`find_gears`: stiffness and damping of gears with an encoder on either side, f known, uncertain or unknown."""
+"""`find_gears`: stiffness and damping of gears with an encoder on either side, f known,
+uncertain or unknown.
+"""
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,7 +44,8 @@ class Gears(Shown, Frozen):
     runs : tuple of Gears
         What each record alone says; the uncertainty of f, which all share, is in each.
     between : BetweenRuns or None
-        How two records or more agree, and what their differences add; values are compliance and damping / stiffness^2.
+        How two records or more agree, and what their differences add; values are compliance and
+        damping / stiffness^2.
     stated : Elasticity or None
         Of the first record's rig.
     """
@@ -59,19 +62,31 @@ class Gears(Shown, Frozen):
     between: BetweenRuns | None = None
 
     @classmethod
-    def of(cls, wound: Wound, joints: tuple[str, ...], stated: Elasticity | None, **options: Any) -> Self:
+    def of(
+        cls, wound: Wound, joints: tuple[str, ...], stated: Elasticity | None, **options: Any
+    ) -> Self:
         """Of compliances and their intervals."""
         (c, slope), (half, slope_half) = wound
         with np.errstate(divide="ignore", invalid="ignore"):
             told = np.where(c > half, c, np.nan)
             damping = slope / told**2
             wide = np.hypot(slope_half / told**2, 2 * damping * half / told)
-            ends = [np.where(x > 0, 1 / x, np.where(np.isnan(x), x, np.inf)) for x in (c, c + half, c - half)]
+            ends = [
+                np.where(x > 0, 1 / x, np.where(np.isnan(x), x, np.inf))
+                for x in (c, c + half, c - half)
+            ]
         stiffness, low, high = ends
         return cls(
-            joints=joints, stiffness=stiffness, low=low, high=high, damping=damping, damping_low=damping - wide,
-            damping_high=damping + wide, stated=stated, **options,
-        )  # fmt: skip
+            joints=joints,
+            stiffness=stiffness,
+            low=low,
+            high=high,
+            damping=damping,
+            damping_low=damping - wide,
+            damping_high=damping + wide,
+            stated=stated,
+            **options,
+        )
 
     @property
     def elasticity(self) -> Elasticity:
@@ -80,9 +95,12 @@ class Gears(Shown, Frozen):
         if self.stated is None and not known.all():
             label = self.joints[int(np.argmin(known))]
             raise ValueError(
-                f"every gear must be known; that of {label} is not. State it in the Elasticity of the rig."
+                f"every gear must be known; that of {label} is not. State it in the Elasticity of"
+                " the rig."
             )
-        beside = self.stated or Elasticity(stiffness=self.stiffness, damping=np.maximum(self.damping, 0))
+        beside = self.stated or Elasticity(
+            stiffness=self.stiffness, damping=np.maximum(self.damping, 0)
+        )
         stiffness = np.where(known, self.stiffness, beside.stiffness)
         damping = np.where(known, np.maximum(self.damping, 0), beside.damping)
         return dataclasses.replace(beside, stiffness=stiffness, damping=damping)
@@ -92,46 +110,64 @@ class Gears(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"{self._short()}, with 95 % intervals")
-        rows, seen = [], np.flatnonzero(~np.isnan(self.low)).tolist()
+        rows = []
+        seen = np.flatnonzero(~np.isnan(self.low)).tolist()
         for i in seen:
-            damping = f"{self.damping[i]:.3g}", f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]"
+            damping = (
+                f"{self.damping[i]:.3g}",
+                f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]",
+            )
             damping = ("", "") if np.isinf(self.high[i]) else damping
             rows.append((self.joints[i], f"{self.stiffness[i]:.4g}", self._interval(i), *damping))
-        yield Table(("", "[N m/rad]", "interval", "damping [N m s/rad]", "interval"), rows, words=(2, 4))
+        yield Table(
+            ("", "[N m/rad]", "interval", "damping [N m s/rad]", "interval"), rows, words=(2, 4)
+        )
         if self.between is not None:
-            yield f"{self.between.agree.sum()} of {self.between.compared.sum()} intervals agree between runs:"
+            yield (
+                f"{self.between.agree.sum()} of {self.between.compared.sum()} intervals agree"
+                " between runs:"
+            )
             alone = [(self.joints[i], *(run._interval(i) for run in self.runs)) for i in seen]
             yield Table(("", *(f"run {k}" for k in range(len(self.runs)))), alone)
 
     def _interval(self, i: int) -> str:
-        low, high = self.low[i], self.high[i]
+        low = self.low[i]
+        high = self.high[i]
         return f"stiffer than {low:.4g}" if np.isinf(high) else f"[{low:.4g}, {high:.4g}]"
 
 
 @known_options
 def find_gears(
-    arm: Arm | Dynamics | Identification, records: Record | Sequence[Record], *, prior: Any = None,
-    unknown: Iterable[str] | None = None, band: float | None = None,
-) -> Gears:  # fmt: skip
-    """Find stiffness and damping of the gears that have an encoder on either side: all, or those of some joints.
+    arm: Arm | Dynamics | Identification,
+    records: Record | Sequence[Record],
+    *,
+    prior: Any = None,
+    unknown: Iterable[str] | None = None,
+    band: float | None = None,
+) -> Gears:
+    """Find stiffness and damping of the gears that have an encoder on either side: all, or those of
+    some joints.
 
-    Their deflection is compared with the torque of their links, which follows from f and the motion of the links; no
-    motor torque is read, unless f is unknown. Links without an encoder are taken to turn with their motors.
+    Their deflection is compared with the torque of their links, which follows from f and the motion
+    of the links; no motor torque is read, unless f is unknown. Links without an encoder are taken
+    to turn with their motors.
 
     Parameters
     ----------
     arm : Arm, Identification or Dynamics
-        An arm is known exactly; an identification, with its covariance; of dynamics f is unknown, and is found from the
-        torques of the motors, or it has a `prior`.
+        An arm is known exactly; an identification, with its covariance; of dynamics f is unknown,
+        and is found from the torques of the motors, or it has a `prior`.
     records : Record or sequence of Record
         With `link_counts`, of the same joints each; NaN in the columns of others.
     prior : float, or tuple of bodies or f and a float, optional
-        What a data sheet says of f, as for `identify`: the relative standard deviation of the chain's own bodies (of
-        each number of f, if an `Arm` is given), such as 0.05; or ``(bodies, 0.05)``, or ``(f, 0.05)``.
+        What a data sheet says of f, as for `identify`: the relative standard deviation of the
+        chain's own bodies (of each number of f, if an `Arm` is given), such as 0.05; or ``(bodies,
+        0.05)``, or ``(f, 0.05)``.
     unknown : sequence of str, optional
         Where f is unknown: all its names, and friction to find beside it; by default f.
     band : float, optional
-        In which deflections and torques are compared [Hz]; by default as far as the motion stands out of its rounding.
+        In which deflections and torques are compared [Hz]; by default as far as the motion stands
+        out of its rounding.
 
     Returns
     -------
@@ -140,7 +176,8 @@ def find_gears(
     Raises
     ------
     ValueError
-        Bad input; records without link encoders; deflections against the torque; a gear that no torque winds up.
+        Bad input; records without link encoders; deflections against the torque; a gear that no
+        torque winds up.
 
     See Also
     --------
@@ -160,36 +197,53 @@ def find_gears(
     True nan
     """
     exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
-    dynamics = exact if isinstance(exact, Dynamics) else instance("arm", exact, Arm, _ORDER).dynamics
+    dynamics = (
+        exact if isinstance(exact, Dynamics) else instance("arm", exact, Arm, _ORDER).dynamics
+    )
     seen = _seen(dynamics, records, band)
-    rig, labels = seen[0].record.rig, tuple(dynamics.chain.joint_labels)
+    rig = seen[0].record.rig
+    labels = tuple(dynamics.chain.joint_labels)
     if unknown is not None and (prior is not None or not isinstance(exact, Dynamics)):
-        raise ValueError("unknown must be left out where f is known; got both. Give dynamics alone to find f too.")
+        raise ValueError(
+            "unknown must be left out where f is known; got both. Give dynamics alone to find f"
+            " too."
+        )
     if prior is not None:
         if uncertain is not None:
             raise ValueError(
-                "prior must be left out beside an identification, which has its own. Pass found.arm, or no prior."
+                "prior must be left out beside an identification, which has its own. Pass"
+                " found.arm, or no prior."
             )
-        known = Prior.of(dynamics, rig, (exact, prior) if isinstance(exact, Arm) and np.ndim(prior) == 0 else prior)
-        f, covariance = known.mean, known.covariance
+        known = Prior.of(
+            dynamics,
+            rig,
+            (exact, prior) if isinstance(exact, Arm) and np.ndim(prior) == 0 else prior,
+        )
+        f = known.mean
+        covariance = known.covariance
     elif isinstance(exact, Dynamics):
-        f, covariance = _from_torques(dynamics, seen, band, tuple(dynamics.names if unknown is None else unknown))
+        f, covariance = _from_torques(
+            dynamics, seen, band, tuple(dynamics.names if unknown is None else unknown)
+        )
     else:
-        f, covariance = exact.f, covariance_of_f(uncertain, exact)
+        f = exact.f
+        covariance = covariance_of_f(uncertain, exact)
     _require_torques(dynamics, seen, f)
     whole, runs, fit = fit_wound(dynamics, seen, f, covariance)
     against = np.flatnonzero(whole.values[0] + whole.half[0] < 0)
     if len(against):
         raise ValueError(
-            f"a gear must give way to its torque; that of {labels[against[0]]} turns against it. Check signs of its "
-            "two encoders, their order, and gravity."
+            f"a gear must give way to its torque; that of {labels[against[0]]} turns against it."
+            " Check signs of its two encoders, their order, and gravity."
         )
     stated = rig.drive.elasticity
     each = tuple(Gears.of(run, labels, stated) for run in runs)
     return Gears.of(whole, labels, stated, runs=each, between=fit.between)
 
 
-def _seen(dynamics: Dynamics, records: Record | Sequence[Record], band: float | None) -> list[Deflections]:
+def _seen(
+    dynamics: Dynamics, records: Record | Sequence[Record], band: float | None
+) -> list[Deflections]:
     """What sensors on both sides show, of records that have them at the same joints."""
     every = (records,) if isinstance(records, Record) else tuple(records)
     if not every:
@@ -199,25 +253,31 @@ def _seen(dynamics: Dynamics, records: Record | Sequence[Record], band: float | 
     seen = list[Deflections]()
     for k, (record, about) in enumerate(each_named(every)):
         with about:
-            instance("a record", record, Record, "Pass those with link_counts.").rig.require_fit(dynamics.chain)
+            instance("a record", record, Record, "Pass those with link_counts.").rig.require_fit(
+                dynamics.chain
+            )
             if record.link_counts is None:
                 raise ValueError(
-                    "the record must hold link_counts; it has none. Map link_position, or simulate with "
-                    'Encoder(side="both").'
+                    "the record must hold link_counts; it has none. Map link_position, or simulate"
+                    ' with Encoder(side="both").'
                 )
             even = evened(bridged(record))
             seen.append(Deflections.of(even, path_in(even) if band is None else band))
             if (other := np.flatnonzero(seen[k].seen != seen[0].seen)).size:
-                label, first = dynamics.chain.joint_labels[other[0]], record_label(every, 0)
+                label = dynamics.chain.joint_labels[other[0]]
+                first = record_label(every, 0)
                 raise ValueError(
-                    f"link_counts must be of the joints that {first} has; {label} differs. Take them apart."
+                    f"link_counts must be of the joints that {first} has; {label} differs. Take"
+                    " them apart."
                 )
     return seen
 
 
 def _require_torques(dynamics: Dynamics, seen: Sequence[Deflections], f: Floats) -> None:
     """Warn of an f that does not give the torques that were logged; friction is found beside it."""
-    logged = [each for each in seen if each.record.torque is not None or each.record.current is not None]
+    logged = [
+        each for each in seen if each.record.torque is not None or each.record.current is not None
+    ]
     if not logged:
         return
     friction = [f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(dynamics.n)]
@@ -229,18 +289,22 @@ def _require_torques(dynamics: Dynamics, seen: Sequence[Deflections], f: Floats)
         return
     if off > _POOR:
         warn(
-            f"find_gears: f and friction leave {off:.0%} of the logged torques, and stiffness is off by as much. Pass "
-            "the arm of these logs, or dynamics alone, which finds it."
+            f"find_gears: f and friction leave {off:.0%} of the logged torques, and stiffness is"
+            " off by as much. Pass the arm of these logs, or dynamics alone, which finds it."
         )
 
 
 def _from_torques(
     dynamics: Dynamics, seen: Sequence[Deflections], band: float | None, names: tuple[str, ...]
 ) -> tuple[Floats, Floats]:
-    """f, and its covariance (p, p), from the torques of the motors along the motion of links and motors."""
+    """f, and its covariance (p, p), from the torques of the motors along the motion of links and
+    motors.
+    """
     if band is None:
         seen = [Deflections.of(each.record, pass_band(each.record)) for each in seen]
     seconds = np.array([len(each.record) * each.record.rig.period for each in seen])
-    fit = fit_systems(dynamics, names, Known(), [each.balance(dynamics, names) for each in seen], seconds)
+    fit = fit_systems(
+        dynamics, names, Known(), [each.balance(dynamics, names) for each in seen], seconds
+    )
     own = [fit.names.index(name) for name in dynamics.names]
     return fit.f, fit.covariance[np.ix_(own, own)]

@@ -1,4 +1,6 @@
-"""The result of an identification: arm, rig and law with what was found, and how well it is known."""
+"""The result of an identification: arm, rig and law with what was found, and how well it is
+known.
+"""
 
 import dataclasses
 import warnings
@@ -75,11 +77,14 @@ class Identification(Shown, Saved, Frozen):
 
     def provenance(self) -> dict[str, Any]:
         """Logs by their fingerprints, method, seed and warnings, and the versions that found it."""
-        logs = {name: [fingerprint(log) for log in getattr(self, name)] for name in ("records", "held_out")}
+        logs = {
+            name: [fingerprint(log) for log in getattr(self, name)]
+            for name in ("records", "held_out")
+        }
         search = {"method": self.search.method, "seed": self.search.seed, "warnings": self.warnings}
         return {"versions": dict(self.versions)} | logs | search
 
-    # -- the everyday attributes of the groups -------------------------------------------------------------------
+    # -- the everyday attributes of the groups ----------------------------------------------------
     @property
     def f(self) -> Floats:
         """Parameters (p,) of the arm."""
@@ -130,14 +135,17 @@ class Identification(Shown, Saved, Frozen):
         """Why the search ended."""
         return self.search.message
 
-    # -- what can be made of it ----------------------------------------------------------------------------------
+    # -- what can be made of it -------------------------------------------------------------------
     @property
     def short_names(self) -> tuple[str, ...]:
-        """Names (k) of the unknowns for tables and figures; ``arm.dynamics.legend`` says what they mean."""
+        """Names (k) of the unknowns for tables and figures; ``arm.dynamics.legend`` says what
+        they mean.
+        """
         return short_names(self.arm.dynamics, self.fit.unknown)
 
     def bound(self) -> Floats:
-        """Cramer-Rao bound (k,): the least standard deviation of any method on the first record, from rounding alone.
+        """Cramer-Rao bound (k,): the least standard deviation of any method on the first record,
+        from rounding alone.
 
         From simulated sensitivities (`pulse_budget`); of what was kept fixed, zero.
 
@@ -148,19 +156,29 @@ class Identification(Shown, Saved, Frozen):
         """
         record = self.records[0]
         if record.reference is None:
-            raise ValueError("the record must have a reference for a bound; it has none. Pass reference= with the log.")
+            raise ValueError(
+                "the record must have a reference for a bound; it has none. Pass reference= with"
+                " the log."
+            )
         seconds = len(record) * record.rig.period
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # gears that are stiffer than sub-steps follow are found as good as rigid
+            # gears that are stiffer than sub-steps follow are found as good as rigid
+            warnings.simplefilter("ignore")
             budget = pulse_budget(
-                self.arm, self.rig, self.law, record.reference, unknown=self.fit.unknown, duration=seconds
+                self.arm,
+                self.rig,
+                self.law,
+                record.reference,
+                unknown=self.fit.unknown,
+                duration=seconds,
             )
         return np.where(self.fit.std > 0, budget.bound, 0.0)
 
     def assumed(self) -> Assumed:
         """What one log cannot reveal: by how much 1 % of each assumed number moves each value.
 
-        Gears, motor gains and gains of the law by the innovations; lengths of the links by the torque along the motion.
+        Gears, motor gains and gains of the law by the innovations; lengths of the links by the
+        torque along the motion.
 
         Raises
         ------
@@ -169,11 +187,21 @@ class Identification(Shown, Saved, Frozen):
         """
         moves = dict(self.diagnostics.detection.assumed)
         if not moves or self.covariance is None:
-            reason = self.fit.fallback_reason or self.diagnostics.detection.reason or "the fit did not follow the log"
-            raise ValueError(f"found must have a covariance; it has none: {reason}. State one, or log another motion.")
+            reason = (
+                self.fit.fallback_reason
+                or self.diagnostics.detection.reason
+                or "the fit did not follow the log"
+            )
+            raise ValueError(
+                f"found must have a covariance; it has none: {reason}. State one, or log another"
+                " motion."
+            )
         moves |= moved_by_lengths(self.arm, self.records[0], self.fit.unknown)
         return Assumed(
-            names=tuple(moves), unknown=self.short_names, moves=np.array(list(moves.values())), std=self.fit.std
+            names=tuple(moves),
+            unknown=self.short_names,
+            moves=np.array(list(moves.values())),
+            std=self.fit.std,
         )
 
     @property
@@ -184,8 +212,8 @@ class Identification(Shown, Saved, Frozen):
     def summary(self, *, full: bool = False) -> str:
         """What `print` shows: of many unknowns one screen.
 
-        Full: each value with its standard deviation, the bound, its 95 % interval and its largest correlation; by how
-        much each assumed number moves it; what the names of parameters mean.
+        Full: each value with its standard deviation, the bound, its 95 % interval and its largest
+        correlation; by how much each assumed number moves it; what the names of parameters mean.
         """
         return as_text(said_of(self, full))
 
@@ -197,9 +225,12 @@ class Identification(Shown, Saved, Frozen):
         return said_of(self, False)
 
     def _short(self) -> str:
-        count, fallback = len(doubts(self)), self.fit.fallback_reason
+        count = len(doubts(self))
+        fallback = self.fit.fallback_reason
         doubtful = f", {count} warning{'s' * (count > 1)}" if count else ""
-        went = f"{self.search.method}, {self.objective:.0f} pulses^2, {self.evaluations} evaluations"
+        went = (
+            f"{self.search.method}, {self.objective:.0f} pulses^2, {self.evaluations} evaluations"
+        )
         return f"{len(self.fit.values)} values, {went}{', a fallback' * bool(fallback)}{doubtful}"
 
 
@@ -209,7 +240,7 @@ def covariance_of_f(found: Identification | None, arm: Arm) -> Floats:
         return np.zeros((len(arm.f),) * 2)
     if found.covariance is None:
         raise ValueError(
-            f"an identification needs a covariance here; this has none: {found.fit.fallback_reason}. Pass "
-            "found.arm to take the arm as exact."
+            "an identification needs a covariance here; this has none:"
+            f" {found.fit.fallback_reason}. Pass found.arm to take the arm as exact."
         )
     return found.fit.covariance_of(arm.dynamics.names)

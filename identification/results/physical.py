@@ -1,13 +1,15 @@
 """Physical consistency: the nearest arm whose f bodies and motors can have.
 
-A body within a box is a set of point masses in it: positive mass, a possible inertia, and a centre of mass inside the
-box are equivalent to non-negative masses on a fine grid. f is linear in them and in the motors' inertias, so the
-nearest such f, in the metric of the identified covariance, is a problem of non-negative least squares. What the lumping
-took for independent (f3 = a f5 of the paper) comes out as bodies have it.
+A body within a box is a set of point masses in it: positive mass, a possible inertia, and a centre
+of mass inside the box are equivalent to non-negative masses on a fine grid. f is linear in them and
+in the motors' inertias, so the nearest such f, in the metric of the identified covariance, is a
+problem of non-negative least squares. What the lumping took for independent (f3 = a f5 of the
+paper) comes out as bodies have it.
 
-Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative least squares);
-P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial parameter
-identification, IEEE Robotics and Automation Letters 3 (2018) (physical consistency).
+Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative
+least squares); P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically
+consistent inertial parameter identification, IEEE Robotics and Automation Letters 3 (2018)
+(physical consistency).
 """
 
 import dataclasses
@@ -28,7 +30,8 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_RIDGE = 1e-9  # share of the largest variance that is added to all: a number kept fixed has no variance
+# share of the largest variance that is added to all: a number kept fixed has no variance
+_RIDGE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -41,8 +44,8 @@ class Physical(Shown, Frozen):
     bodies : tuple of Body
         One of the sets of bodies that have these f; what f does not determine is arbitrary.
     distance : float
-        From what was found, in standard deviations (root of chi squared); with p numbers, up to about sqrt(p) + 2 is
-        noise, and far more says that the rig or the boxes are wrong.
+        From what was found, in standard deviations (root of chi squared); with p numbers, up to
+        about sqrt(p) + 2 is noise, and far more says that the rig or the boxes are wrong.
     """
 
     arm: Arm
@@ -50,7 +53,10 @@ class Physical(Shown, Frozen):
     distance: float
 
     def _short(self) -> str:
-        return f"{len(self.bodies)} bodies, {self.distance:.3g} standard deviations from what was found"
+        return (
+            f"{len(self.bodies)} bodies, {self.distance:.3g} standard deviations from what was"
+            " found"
+        )
 
     def _shown(self) -> Iterator[Piece]:
         noise = f"up to about {np.sqrt(self.arm.dynamics.p) + 2:.1f} is noise"
@@ -105,15 +111,23 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     from scipy.optimize import nnls
 
     instance("found", found, Identification, "Pass what identify gave.")
-    dynamics, n = found.arm.dynamics, found.arm.n
-    boxes = array("boxes", boxes, (n, 3, 2), advice="Give (low, high) of x, y and z for each link [m].")
+    dynamics = found.arm.dynamics
+    n = found.arm.n
+    boxes = array(
+        "boxes", boxes, (n, 3, 2), advice="Give (low, high) of x, y and z for each link [m]."
+    )
     for label, box in zip(dynamics.chain.joint_labels, boxes, strict=True):
         if (box[:, 0] > box[:, 1]).any():
-            raise ValueError(f"boxes must have low <= high in x, y and z; that of {label} is reversed. Swap its ends.")
+            raise ValueError(
+                f"boxes must have low <= high in x, y and z; that of {label} is reversed. Swap its"
+                " ends."
+            )
     whole("points", points, "The default is 5.", least=2)
     whiten = whitening(found)
-    width, matrix = len(STANDARD), np.array(dynamics.lumping.matrix)
-    places, columns = [], []
+    width = len(STANDARD)
+    matrix = np.array(dynamics.lumping.matrix)
+    places = []
+    columns = []
     for i in range(n):
         edges = [np.unique(np.linspace(low, high, points)) for low, high in boxes[i]]
         for place in itertools.product(*edges):
@@ -127,17 +141,27 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     every = np.column_stack([*columns, rotors])
     length = np.linalg.norm(whiten @ every, axis=0)
     length[length == 0] = 1.0
-    amounts, distance = nnls(whiten @ every / length, whiten @ (found.f - rotors @ least), maxiter=50 * every.shape[1])
+    amounts, distance = nnls(
+        whiten @ every / length, whiten @ (found.f - rotors @ least), maxiter=50 * every.shape[1]
+    )
     amounts = amounts / length
-    sets = [[(m, x) for m, (i, x) in zip(amounts, places, strict=False) if i == link and m > 0] for link in range(n)]
-    bodies = tuple(_body(masses, float(j)) for masses, j in zip(sets, amounts[len(places) :] + least, strict=True))
+    sets = [
+        [(m, x) for m, (i, x) in zip(amounts, places, strict=False) if i == link and m > 0]
+        for link in range(n)
+    ]
+    bodies = tuple(
+        _body(masses, float(j))
+        for masses, j in zip(sets, amounts[len(places) :] + least, strict=True)
+    )
     return Physical(arm=dynamics.arm(dynamics.f(bodies)), bodies=bodies, distance=float(distance))
 
 
 def _body(masses: list[tuple[float, Floats]], rotor: float) -> Body:
     """One body of point masses (mass, place), with its motor."""
     points = (Body(mass=float(mass), com=place) for mass, place in masses)
-    return dataclasses.replace(functools.reduce(Body.joined, points, Body(mass=0.0, com=(0, 0, 0))), rotor=rotor)
+    return dataclasses.replace(
+        functools.reduce(Body.joined, points, Body(mass=0.0, com=(0, 0, 0))), rotor=rotor
+    )
 
 
 def whitening(found: Identification) -> Floats:

@@ -1,4 +1,6 @@
-"""Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is imported when drawn."""
+"""Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is
+imported when drawn.
+"""
 
 import itertools
 from typing import Any
@@ -16,9 +18,11 @@ from plant.simulation.logged_run import DivergenceError
 
 
 def repeated(found: Any) -> Record | None:
-    """The first record of an `Identification`, simulated with what was found; None where that diverges.
+    """The first record of an `Identification`, simulated with what was found; None where that
+    diverges.
 
-    It begins as the record does, its law with the memory that was found: the run that `Diagnostics.difference` is of.
+    It begins as the record does, its law with the memory that was found: the run that
+    `Diagnostics.difference` is of.
     """
     (record,) = as_repeated(found.records[:1], found.fit.resumptions[:1])
     try:
@@ -27,7 +31,8 @@ def repeated(found: Any) -> Record | None:
         return None
 
 
-_MEANING = 68  # letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all
+# letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all
+_MEANING = 68
 
 _ADVICE = "Draw without ax once: it returns them in their order"
 
@@ -36,14 +41,22 @@ _ADVICE = "Draw without ax once: it returns them in their order"
 def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
     """Draw the first record of an `Identification`.
 
-    Three panels per joint: tracking errors measured and simulated with what was found, the whole record and a short
-    segment of it, and the innovations. Then the spectrum of tracking errors and innovations, and half-widths of the
-    95 % intervals, as shares of the values. A figure of its own says below what short names of parameters mean.
+    Three panels per joint: tracking errors measured and simulated with what was found, the whole
+    record and a short segment of it, and the innovations. Then the spectrum of tracking errors and
+    innovations, and half-widths of the 95 % intervals, as shares of the values. A figure of its own
+    says below what short names of parameters mean.
 
     `ax` (3 n + 2,): where to draw, joint by joint; a new figure by default.
     """
-    dynamics, record, n = found.arm.dynamics, found.records[0], found.arm.n
-    axes = axes_of(ax, (3 * n + 2,), lambda: _new_axes(n, len(found.fit.values), dynamics.legend.splitlines()), _ADVICE)
+    dynamics = found.arm.dynamics
+    record = found.records[0]
+    n = found.arm.n
+    axes = axes_of(
+        ax,
+        (3 * n + 2,),
+        lambda: _new_axes(n, len(found.fit.values), dynamics.legend.splitlines()),
+        _ADVICE,
+    )
     prediction = Prediction(dynamics, record, found.fit.unknown)
     left = prediction.innovations(np.append(found.fit.values, prediction.nuisances)).reshape(-1, n)
     model = repeated(found)
@@ -57,14 +70,22 @@ def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
             axis.set_ylabel("error [pulses]")
         rest.plot(record.t, left[:, joint], color=colour_of(0), linewidth=0.5)
         rest.set_ylabel("innovation [pulses]")
-        titles = (label, *(("a segment", "innovation: measured minus predicted") if joint == 0 else ("", "")))
+        titles = (
+            label,
+            *(("a segment", "innovation: measured minus predicted") if joint == 0 else ("", "")),
+        )
         for axis, title in zip((whole, segment, rest), titles, strict=True):
             dressed(axis, title)
             axis.set_xlabel("time [s]" if joint == n - 1 else "")
     legend_above(axes[1])
     spectrum, intervals = axes[-2:]
-    for signal, colour, name in ((record.error_pulses, "#444444", "error"), (left, colour_of(0), "innovation")):
-        spectrum.loglog(*_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=name)
+    for signal, colour, name in (
+        (record.error_pulses, "#444444", "error"),
+        (left, colour_of(0), "innovation"),
+    ):
+        spectrum.loglog(
+            *_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=name
+        )
     dressed(spectrum, "spectrum").set_xlabel("frequency [Hz]")
     spectrum.set_ylabel("amplitude [pulses]")
     legend_above(spectrum)
@@ -95,8 +116,8 @@ def interval_height(values: int) -> float:
 
 
 def draw_intervals(axis: Any, found: Any) -> None:
-    """Half-widths of the 95 % intervals, all counted and of noise alone, as shares of the values; beyond 100 % the sign
-    is not known.
+    """Half-widths of the 95 % intervals, all counted and of noise alone, as shares of the values;
+    beyond 100 % the sign is not known.
     """
     names = found.short_names
     axis.set_yticks(np.arange(len(names)), names, fontsize=8)
@@ -105,12 +126,17 @@ def draw_intervals(axis: Any, found: Any) -> None:
     axis.set_xlabel("half-width [% of the value]")
     if found.covariance is None:
         return
-    dot, ring = {"color": colour_of(0), "s": 16}, {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
+    dot = {"color": colour_of(0), "s": 16}
+    ring = {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
     kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", dot)]
     if found.fit.noise_covariance is not None:
         kinds.append((found.fit.noise_covariance, "noise alone", ring))
     for covariance, label, style in kinds:
-        share = 196 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(found.fit.values), np.finfo(float).tiny)
+        share = (
+            196
+            * np.sqrt(np.diag(covariance))
+            / np.maximum(np.abs(found.fit.values), np.finfo(float).tiny)
+        )
         there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
         axis.scatter(share[there], there, zorder=3, label=label, **style)
     axis.set_xscale("log")
@@ -121,7 +147,8 @@ def draw_intervals(axis: Any, found: Any) -> None:
 
 @literal
 def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
-    """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum below.
+    """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum
+    below.
 
     `ax` (n + 1,): where to draw; a new figure by default.
 

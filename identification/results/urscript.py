@@ -12,20 +12,26 @@ from plant import Body, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 
-_SHOWN, _ORDER = 6, (0, 3, 5, 1, 2, 4)  # digits; places of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the inertia of a body
+# digits; places of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the inertia of a body
+_SHOWN = 6
+_ORDER = (0, 3, 5, 1, 2, 4)
 
 
 @known_options
-def to_urscript(body: Body | None = None, friction: Sequence[tuple[float, Rig]] | None = None) -> str:
-    """Lines of URScript: the payload, and the scales at which the controller compensates all of the friction.
+def to_urscript(
+    body: Body | None = None, friction: Sequence[tuple[float, Rig]] | None = None
+) -> str:
+    """Lines of URScript: the payload, and the scales at which the controller compensates all of the
+    friction.
 
     Parameters
     ----------
     body : Body, optional
-        The payload in the tool flange's frame, such as ``Body(mass=load.mass, com=load.com)`` of `find_load`.
+        The payload in the tool flange's frame, such as ``Body(mass=load.mass, com=load.com)`` of
+        `find_load`.
     friction : two pairs of (float, Rig), optional
-        A scale, `viscous_scale` and `coulomb_scale` alike, and the rig that `identify` found under it: what is left of
-        the friction falls in a line with the scale.
+        A scale, `viscous_scale` and `coulomb_scale` alike, and the rig that `identify` found under
+        it: what is left of the friction falls in a line with the scale.
 
     Raises
     ------
@@ -44,27 +50,45 @@ def to_urscript(body: Body | None = None, friction: Sequence[tuple[float, Rig]] 
     set_target_payload(1.5, [0, 0, 0.05], [0.002, 0.001, 0.003, 0, 0, 0])
     """
     if body is None and friction is None:
-        raise ValueError("to_urscript needs a body or friction; got neither. Give Body(mass=..., com=...).")
+        raise ValueError(
+            "to_urscript needs a body or friction; got neither. Give Body(mass=..., com=...)."
+        )
     lines = []
     if body is not None:
-        inertia = instance("body", body, Body, "Give Body(mass=..., com=...).").inertia[list(_ORDER)]
+        inertia = instance("body", body, Body, "Give Body(mass=..., com=...).").inertia[
+            list(_ORDER)
+        ]
         if not body.mass > 0 or (inertia[:3] < 0).any():
-            raise ValueError(f"body must have mass and moments that are not negative; got {body}. Correct it.")
-        lines.append(f"set_target_payload({body.mass:.{_SHOWN}g}, {_listed(body.com)}, {_listed(inertia)})")
+            raise ValueError(
+                f"body must have mass and moments that are not negative; got {body}. Correct it."
+            )
+        lines.append(
+            f"set_target_payload({body.mass:.{_SHOWN}g}, {_listed(body.com)}, {_listed(inertia)})"
+        )
     if friction is not None:
-        lines += [f"{name}_scale = {_listed(_scales(friction, name))}" for name in ("viscous", "coulomb")]
+        lines += [
+            f"{name}_scale = {_listed(_scales(friction, name))}" for name in ("viscous", "coulomb")
+        ]
     return "\n".join(lines)
 
 
 def _scales(friction: Sequence[tuple[float, Rig]], name: str) -> Floats:
     """The scale of each joint at which nothing of this friction is left, within 0 and 1."""
     if len(friction) != 2:
-        raise ValueError(f"friction must be two pairs of a scale and a rig; got {len(friction)}. Identify under two.")
+        raise ValueError(
+            f"friction must be two pairs of a scale and a rig; got {len(friction)}. Identify under"
+            " two."
+        )
     scales = np.array([real("scale", scale, "Give 0 to 1.") for scale, _ in friction])
-    first, last = (getattr(instance("rig", rig, Rig, "Give found.rig.").drive, name) for _, rig in friction)
+    first, last = (
+        getattr(instance("rig", rig, Rig, "Give found.rig.").drive, name) for _, rig in friction
+    )
     slope = (last - first) / np.diff(scales) if np.ptp(scales) else np.zeros(first.shape)
     if not (slope < 0).all():
-        raise ValueError(f"{name} friction must fall as the scale grows; got {first} and {last}. Move scales apart.")
+        raise ValueError(
+            f"{name} friction must fall as the scale grows; got {first} and {last}. Move scales"
+            " apart."
+        )
     return np.clip(scales[0] - first / slope, 0.0, 1.0)
 
 

@@ -1,9 +1,10 @@
 """Elastic gears: stiffness and damping as unknowns beside f, found together.
 
-Start: the torque equation behind elastic gears, fitted in several pass bands over a grid of resonances
-(`identification.equation_error.gear_fit`). From the best of these, Gauss-Newton on the prediction error in coordinates
-of resonances (`identification.replay.resonances`). Intervals: the profile likelihood of each resonance, which also
-decides whether the log tells a gear from a rigid one.
+Start: the torque equation behind elastic gears, fitted in several pass bands over a grid of
+resonances (`identification.equation_error.gear_fit`). From the best of these, Gauss-Newton on the
+prediction error in coordinates of resonances (`identification.replay.resonances`). Intervals: the
+profile likelihood of each resonance, which also decides whether the log tells a gear from a rigid
+one.
 """
 
 import dataclasses
@@ -25,21 +26,27 @@ from plant.parts.fields import Floats
 from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 
-# Twice the rise of the log-likelihood at the ends of an interval, at a bound, and up to which a gear may be rigid.
-_TWO_SIDED, _ONE_SIDED, _LIKE_RIGID = 3.84, 2.71, 3.84
+# Twice the rise of the log-likelihood at the ends of an interval, at a bound, and up to which a
+# gear may be rigid.
+_TWO_SIDED = 3.84
+_ONE_SIDED = 2.71
+_LIKE_RIGID = 3.84
 
 
 class Intervals:
     """What a log says of each resonance.
 
-    `solution`: the best fit. `start`: its steps and bounds. `final`: give intervals even where a better fit is met.
+    `solution`: the best fit. `start`: its steps and bounds. `final`: give intervals even where a
+    better fit is met.
 
-    Attributes: `better` (k,) or None: coordinates of a better fit, if one was met; unless `final`, there are no
-    intervals then.
+    Attributes: `better` (k,) or None: coordinates of a better fit, if one was met; unless `final`,
+    there are no intervals then.
     """
 
     def __init__(self, view: Resonances, solution: Solution, start: Start, *, final: bool) -> None:
-        self._view, self._solution, self._start = view, solution, start
+        self._view = view
+        self._solution = solution
+        self._start = start
         self._unit = view.settle(solution.values)
         n = len(view.inertia(solution.values))
         self._periods, self._rigid = np.zeros((n, 2)), np.zeros(n, bool)
@@ -48,7 +55,9 @@ class Intervals:
         varied = np.flatnonzero(steps) if view.stiffness else np.empty(0, int)
         change = slopes(view, solution.values, steps, varied, view.innovations(solution.values))
         for i, place in view.stiffness.items():
-            profile = Profile(view, solution.values, change, steps, start.bounds, place, final=final)
+            profile = Profile(
+                view, solution.values, change, steps, start.bounds, place, final=final
+            )
             self._periods[i], self._rigid[i] = self._of(profile, place)
             if profile.better is not None and not final:
                 self.better = profile.better
@@ -56,12 +65,19 @@ class Intervals:
 
     def _of(self, profile: Profile, place: int) -> tuple[tuple[float, float], bool]:
         """Least and largest squared period [s^2], and whether the gear may be rigid."""
-        unit, best, (low, high) = self._unit, self._solution.values[place], self._start.bounds[place]
+        unit, best, (low, high) = (
+            self._unit,
+            self._solution.values[place],
+            self._start.bounds[place],
+        )
         std = self._std(place)
         if best <= low or profile.rise(low, _LIKE_RIGID * unit) < _LIKE_RIGID * unit:
             return (low, profile.end(NORMAL * std, _ONE_SIDED * unit, high)), True
         level = _TWO_SIDED * unit
-        return (profile.end(NORMAL * std, level, low), profile.end(NORMAL * std, level, high)), False
+        return (
+            profile.end(NORMAL * std, level, low),
+            profile.end(NORMAL * std, level, high),
+        ), False
 
     def _std(self, place: int) -> float:
         return float(np.sqrt(INFLATION * self._solution.covariance[place, place]))
@@ -75,29 +91,45 @@ class Intervals:
 
     def resonance(self, joints: Sequence[str], pose: Floats) -> GearResonance:
         """The table of what was found."""
-        view, solution = self._view, self._solution
+        view = self._view
+        solution = self._solution
         hz, ratio = view.resonances(solution.values)
-        low, high, ratio_low, ratio_high = hz.copy(), hz.copy(), ratio.copy(), ratio.copy()
+        low = hz.copy()
+        high = hz.copy()
+        ratio_low = ratio.copy()
+        ratio_high = ratio.copy()
         searched = np.array([i in view.stiffness for i in range(len(hz))])
         with np.errstate(divide="ignore"):
             high[searched], low[searched] = 1 / (2 * np.pi * np.sqrt(self._periods[searched].T))
         high[self._rigid] = hz[self._rigid] = np.inf
         for i, place in view.damping.items():
-            ratio_low[i], ratio_high[i] = ratio[i] * np.exp(NORMAL * self._std(place) * np.array([-1, 1]))
+            ratio_low[i], ratio_high[i] = ratio[i] * np.exp(
+                NORMAL * self._std(place) * np.array([-1, 1])
+            )
         return GearResonance(
-            joints=tuple(joints), pose=pose, hz=hz, low=low, high=high, damping_ratio=ratio, damping_low=ratio_low,
-            damping_high=ratio_high, searched=searched,
-        )  # fmt: skip
+            joints=tuple(joints),
+            pose=pose,
+            hz=hz,
+            low=low,
+            high=high,
+            damping_ratio=ratio,
+            damping_low=ratio_low,
+            damping_high=ratio_high,
+            searched=searched,
+        )
 
 
 _GRID = np.geomspace(8.0, 400.0, 15)  # resonances of the first search [Hz]
 
-# Starts that are followed beside a rigid one, and for how many rounds, before the best goes on alone.
-_STARTS, _FIRST = 2, 4
+# Starts that are followed beside a rigid one, and for how many rounds, before the best goes on
+# alone.
+_STARTS = 2
+_FIRST = 4
 
 _RIGID = 1e-12  # compliance of a gear that is as good as rigid [rad/(N m)]
 
-_SMALL = 0.01  # step of the central differences of f, in standard deviations of the torque equation's fit
+# step of the central differences of f, in standard deviations of the torque equation's fit
+_SMALL = 0.01
 
 _MIDDLE = 2  # of the bands, that of the rigid fit
 
@@ -112,11 +144,14 @@ def pose_of(problem: Problem) -> Floats:
 
 
 def gear_fits(problem: Problem, seen: GearFit | None = None) -> list[GearFit]:
-    """Fits of the torque equation: with rigid gears first, then with the best of a grid of resonances in each band.
+    """Fits of the torque equation: with rigid gears first, then with the best of a grid of
+    resonances in each band.
 
     Gears that are known, or `seen` by two sensors, stay as they are.
     """
-    dynamics, records, rig = problem.dynamics, problem.records, problem.records[0].rig
+    dynamics = problem.dynamics
+    records = problem.records
+    rig = problem.records[0].rig
     slope, rotors = link_inertia(dynamics, rig, pose_of(problem))
     stiff = np.full((1, dynamics.n), _RIGID)
     rigid = fit_gears(dynamics, records, problem.unknown, problem.known, stiff)
@@ -138,15 +173,23 @@ def gear_fits(problem: Problem, seen: GearFit | None = None) -> list[GearFit]:
 
 
 def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
-    """Prediction error (output error, if simulated) of an arm on elastic gears, with what is unknown of them."""
+    """Prediction error (output error, if simulated) of an arm on elastic gears, with what is
+    unknown of them.
+    """
     prediction = problem.prediction(simulated=simulated, zeros=problem.zeros, steady=True)
     seen = _deflection(problem)
     view = Resonances(
-        prediction, problem.dynamics, problem.records[0].rig, pose_of(problem), problem.known,
+        prediction,
+        problem.dynamics,
+        problem.records[0].rig,
+        pose_of(problem),
+        problem.known,
         None if seen is None or seen.std is None else (seen.compliance, seen.std),
-    )  # fmt: skip
+    )
     whole = seen is not None and np.isfinite(seen.compliance).all()
-    starts = _starts(problem, view, [seen] if seen is not None and whole else gear_fits(problem, seen))
+    starts = _starts(
+        problem, view, [seen] if seen is not None and whole else gear_fits(problem, seen)
+    )
     stages = {"equation error": view.values(starts[0].coordinates)[: len(problem.unknown)]}
     start, solution = _followed(view, starts)
     solution = reweighed(view, solution, start.steps, start.bounds)
@@ -161,29 +204,42 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
 def _deflection(problem: Problem) -> GearFit | None:
     """What link sensors show, if some gear is unknown and there are such sensors."""
     seen = [record for record in problem.records if record.link_counts is not None]
-    unknown = any(name.startswith(STIFFNESS) and name not in problem.known for name in problem.unknown)
-    return fit_deflection(problem.dynamics, seen, problem.unknown, problem.known) if seen and unknown else None
+    unknown = any(
+        name.startswith(STIFFNESS) and name not in problem.known for name in problem.unknown
+    )
+    return (
+        fit_deflection(problem.dynamics, seen, problem.unknown, problem.known)
+        if seen and unknown
+        else None
+    )
 
 
 def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list[Start]:
-    """Starts of the search that follow the log: the best of the later fits, and the first; of known gears, the best.
+    """Starts of the search that follow the log: the best of the later fits, and the first; of known
+    gears, the best.
 
     Raises a ValueError where none does.
     """
-    nuisances, found = view.prediction.nuisances, []
-    steps, bounds = view.prediction.nuisance_steps, np.vstack([problem.bounds, view.prediction.nuisance_bounds])
+    nuisances = view.prediction.nuisances
+    found = []
+    steps = view.prediction.nuisance_steps
+    bounds = np.vstack([problem.bounds, view.prediction.nuisance_bounds])
     for fit in fits:
         values, step = start_of_fit(problem, fit.torque)
         for i, place in view.stiffness.items():
             values[place] = 1 / max(fit.compliance[i], _RIGID)
-        found.append(view.start(np.append(values, nuisances), np.append(_SMALL * step, steps), bounds))
+        found.append(
+            view.start(np.append(values, nuisances), np.append(_SMALL * step, steps), bounds)
+        )
     results = view.all_innovations([start.coordinates for start in found])
-    costs = np.array([dot(result, result) if np.isfinite(result).all() else np.inf for result in results])
+    costs = np.array(
+        [dot(result, result) if np.isfinite(result).all() else np.inf for result in results]
+    )
     order = [i for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
     if not order:
         raise ValueError(
-            "the search must start from an arm that follows the log; no fit of the torque equation does. Check signs, "
-            "units and the order of joints."
+            "the search must start from an arm that follows the log; no fit of the torque equation"
+            " does. Check signs, units and the order of joints."
         )
     if not view.stiffness:
         return [found[order[0]]]
@@ -207,17 +263,33 @@ def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
 
 
 def _outcome(
-    problem: Problem, view: Resonances, solution: Solution, intervals: Intervals, stages: dict[str, Floats]
+    problem: Problem,
+    view: Resonances,
+    solution: Solution,
+    intervals: Intervals,
+    stages: dict[str, Floats],
 ) -> Outcome:
-    k, values = len(problem.unknown), view.values(solution.values)
+    k = len(problem.unknown)
+    values = view.values(solution.values)
     arm, rig, _ = problem.parts(values[:k])
     reason = None
-    drive = dataclasses.replace(rig.drive, motor_inertia=rig.drive.motor_inertia / LEAST_MOTOR_INERTIA)
-    if not least_inertia_margin(problem.dynamics, dataclasses.replace(rig, drive=drive), arm.f[None])[0] >= 0:
+    drive = dataclasses.replace(
+        rig.drive, motor_inertia=rig.drive.motor_inertia / LEAST_MOTOR_INERTIA
+    )
+    if (
+        not least_inertia_margin(
+            problem.dynamics, dataclasses.replace(rig, drive=drive), arm.f[None]
+        )[0]
+        >= 0
+    ):
         reason = (
-            "D(q) of the fit less the motors' own inertia, Jm k^2, leaves no sound link behind some gear; check "
-            "motor_inertia and gears, or log longer"
+            "D(q) of the fit less the motors' own inertia, Jm k^2, leaves no sound link behind some"
+            " gear; check motor_inertia and gears, or log longer"
         )
     resonance = intervals.resonance(problem.dynamics.chain.joint_labels, pose_of(problem))
-    own = {"covariance": intervals.covariance()[:k, :k], "fallback_reason": reason, "resonance": resonance}
+    own = {
+        "covariance": intervals.covariance()[:k, :k],
+        "fallback_reason": reason,
+        "resonance": resonance,
+    }
     return outcome_of(problem, view.prediction, solution, values, stages, **own)

@@ -1,7 +1,9 @@
-"""Fits of logs whose law had a memory: it began with the log, or it had been at work before, in an unknown state.
+"""Fits of logs whose law had a memory: it began with the log, or it had been at work before, in an
+unknown state.
 
-Both are fitted. In an unknown state, what of it shows in the torque is unknown beside f, and so is where and how fast
-the arm began. Where that explains the log no better than by chance, the law began with the log.
+Both are fitted. In an unknown state, what of it shows in the torque is unknown beside f, and so is
+where and how fast the arm began. Where that explains the log no better than by chance, the law
+began with the log.
 """
 
 import dataclasses
@@ -20,23 +22,29 @@ from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
 
-_BY_CHANCE = 5.0  # standard deviations by which a sum of squares may fall by chance, where more is unknown
+# standard deviations by which a sum of squares may fall by chance, where more is unknown
+_BY_CHANCE = 5.0
 
 
 def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outcome:
     """What a method finds, of laws that began with their logs or before."""
-    open_ones = [isinstance(followed.law, Resumed) and not isinstance(given.law, Resumed)
-                 for followed, given in zip(problem.records, problem.objective.records, strict=True)]  # fmt: skip
+    open_ones = [
+        isinstance(followed.law, Resumed) and not isinstance(given.law, Resumed)
+        for followed, given in zip(problem.records, problem.objective.records, strict=True)
+    ]
     if not any(open_ones):
         return fitted(problem)
     began = _or_none(fitted, problem)
-    records, memories = list(problem.records), list[Memory | None]([None] * len(problem.records))
+    records = list(problem.records)
+    memories = list[Memory | None]([None] * len(problem.records))
     for k, (record, about) in enumerate(each_named(problem.records)):
         with about:
             if open_ones[k]:
                 records[k], memories[k] = with_state(problem.dynamics, record, problem.unknown)
     own = problem.checkpoint.part("resumed")
-    resumed = dataclasses.replace(problem, records=tuple(records), memories=tuple(memories), checkpoint=own)
+    resumed = dataclasses.replace(
+        problem, records=tuple(records), memories=tuple(memories), checkpoint=own
+    )
     if began is None:
         return fitted(resumed)
     other = _or_none(fitted, resumed)
@@ -44,7 +52,9 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
         return began
     if began.fit.rms_innovation is None or other.fit.rms_innovation is None:
         return other
-    more = sum(0 if memory is None else memory.usual.size + 2 * problem.dynamics.n for memory in memories)
+    more = sum(
+        0 if memory is None else memory.usual.size + 2 * problem.dynamics.n for memory in memories
+    )
     readings = sum(record.error_pulses.size for record in problem.records)
     gained = readings * (began.fit.rms_innovation**2 / other.fit.rms_innovation**2 - 1)
     return other if gained > more + _BY_CHANCE * np.sqrt(2 * more) else began
@@ -57,8 +67,12 @@ def _or_none(fitted: Callable[[Problem], Outcome], problem: Problem) -> Outcome 
         return None
 
 
-def as_repeated(records: Sequence[Record], places: Sequence[Resumption | None]) -> tuple[Record, ...]:
-    """Records to be simulated once more: their laws go on where they were, as was found, or as logged torques say."""
+def as_repeated(
+    records: Sequence[Record], places: Sequence[Resumption | None]
+) -> tuple[Record, ...]:
+    """Records to be simulated once more: their laws go on where they were, as was found, or as
+    logged torques say.
+    """
     return resumed_at(records, places) if places else tuple(map(begun, records))
 
 
@@ -68,7 +82,9 @@ def run_again(record: Record, arm: Arm, rig: Rig, law: Law) -> Record:
     return replay(arm, record, rig=rig, law=resumed)
 
 
-def repeating(problem: Problem, objective: Objective, places: Sequence[Resumption | None] = ()) -> Objective:
+def repeating(
+    problem: Problem, objective: Objective, places: Sequence[Resumption | None] = ()
+) -> Objective:
     """The objective of the same records `as_repeated`."""
     records = as_repeated(objective.records, places)
     if all(one is other for one, other in zip(records, objective.records, strict=True)):
@@ -95,13 +111,17 @@ def as_tested(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
         given = [*searched, *(() if problem.held_out is None else problem.held_out.records)]
     records = [along_log(record) for record in given]
     replaced = any(record is not before for record, before in zip(records, given, strict=True))
-    return records, [i for i, name in enumerate(problem.unknown) if not (replaced and name.startswith("law."))]
+    return records, [
+        i for i, name in enumerate(problem.unknown) if not (replaced and name.startswith("law."))
+    ]
 
 
 def resumed_at(
     records: Sequence[Record], places: Sequence[Resumption | None], *, reading: bool = False
 ) -> tuple[Record, ...]:
-    """Records that go on where law and arm were, where that was found; reading their logs, or not."""
+    """Records that go on where law and arm were, where that was found; reading their logs, or
+    not.
+    """
     found = []
     for record, place in zip(records, places, strict=True):
         if place is not None:

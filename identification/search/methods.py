@@ -1,4 +1,5 @@
-"""Methods of identification, all with one interface: a `Problem` in, an `Outcome` out; `identify` lists them.
+"""Methods of identification, all with one interface: a `Problem` in, an `Outcome` out; `identify`
+lists them.
 
 Source: paper 3.2, 3.7.
 """
@@ -23,23 +24,30 @@ from plant.parts.fields import Floats
 
 _BOX = 4.0  # half width of the box around the equation error, in its standard deviations
 
-# Standard deviations around the prediction error's fit at which so many vectors are tried on objective (4).
-_NEAR, _NEIGHBOURS = 0.03, 119
+# Standard deviations around the prediction error's fit at which so many vectors are tried on
+# objective (4).
+_NEAR = 0.03
+_NEIGHBOURS = 119
 
-_MANY = 30  # unknowns from which on the paper's 60 individuals are too few for a box around what is the better start
+# unknowns from which on the paper's 60 individuals are too few for a box around what is the better
+# start
+_MANY = 30
 
-_NOISE = 0.05  # relative noise of objective (4) over the last digits of a candidate: single counts decide
+# relative noise of objective (4) over the last digits of a candidate: single counts decide
+_NOISE = 0.05
 
 
 def paper(problem: Problem) -> Outcome:
     """The genetic algorithm in the ranges."""
     if problem.everywhere is None:
         raise ValueError(
-            f"ranges must be given for {', '.join(problem.unknown)}; got None. Pass (low, high) for each, or give the "
-            "Dynamics its ranges."
+            f"ranges must be given for {', '.join(problem.unknown)}; got None. Pass (low, high) for"
+            " each, or give the Dynamics its ranges."
         )
     result = _genetic(problem, problem.everywhere)
-    candidates = _as_good(np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs))
+    candidates = _as_good(
+        np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs)
+    )
     fit = Fit(unknown=problem.unknown, values=result.x, candidates=candidates)
     return Outcome(fit=fit, evaluations=result.evaluations, message=result.message, genetic=result)
 
@@ -53,7 +61,8 @@ def _as_good(vectors: Floats, costs: Floats) -> Floats:
 
 
 def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
-    costs, show = problem.checkpoint.remembered("costs", problem.costs), problem.show
+    costs = problem.checkpoint.remembered("costs", problem.costs)
+    show = problem.show
     shown = None if show is None else lambda state: show(state.best_cost)
     return minimize_genetic(costs, ranges, problem.settings, problem.seed, callback=shown)
 
@@ -64,7 +73,9 @@ def equation_error(problem: Problem) -> Outcome:
     values, _ = start_of_fit(problem, fit)
     covariance = covariance_of(problem.unknown, fit.names, fit.covariance)
     message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
-    found = Fit(unknown=problem.unknown, values=values, candidates=values[None], covariance=covariance)
+    found = Fit(
+        unknown=problem.unknown, values=values, candidates=values[None], covariance=covariance
+    )
     return Outcome(fit=found, message=message)
 
 
@@ -85,17 +96,21 @@ def prediction_error(problem: Problem) -> Outcome:
 def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
     values, step = start_of_fit(problem, torque_fit(problem))
     start = {"equation error": values}
-    return problem.checkpoint.stage("fit", lambda: polished(problem, values, step, start, simulated=simulated))
+    return problem.checkpoint.stage(
+        "fit", lambda: polished(problem, values, step, start, simulated=simulated)
+    )
 
 
 def seeded(problem: Problem) -> Outcome:
     """Equation error, genetic algorithm around it, prediction error from there.
 
-    With many unknowns it goes without the genetic algorithm, where an arm comes of it and no settings were given.
-    A log that replays its torques skips the genetic algorithm: an uncorrected run accumulates all model errors.
+    With many unknowns it goes without the genetic algorithm, where an arm comes of it and no
+    settings were given. A log that replays its torques skips the genetic algorithm: an uncorrected
+    run accumulates all model errors.
 
-    Last, of some vectors within some hundredths of a standard deviation, which fit the log equally well, the one whose
-    simulated errors repeat the measured ones best: objective (4) depends on single counts.
+    Last, of some vectors within some hundredths of a standard deviation, which fit the log equally
+    well, the one whose simulated errors repeat the measured ones best: objective (4) depends on
+    single counts.
     """
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
@@ -114,7 +129,8 @@ def seeded(problem: Problem) -> Outcome:
         room[places] = np.minimum(room[places], np.sqrt(np.diag(problem.prior.covariance)))
     part = _in_parts(problem)
     result = _genetic(part, np.clip([values - room, values + room], *problem.bounds.T).T)
-    if not np.isfinite(result.cost) and problem.everywhere is not None:  # the log was too poor for a box
+    # the log was too poor for a box
+    if not np.isfinite(result.cost) and problem.everywhere is not None:
         result = _genetic(part, problem.everywhere)
     stages = {"equation error": values, "genetic": result.x}
     if not np.isfinite(result.cost):
@@ -123,20 +139,28 @@ def seeded(problem: Problem) -> Outcome:
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
     fit = outcome.fit
     near, costs = _neighbours(problem, fit)
-    outcome = dataclasses.replace(outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations)
+    outcome = dataclasses.replace(
+        outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations
+    )
     if fit.fallback_reason is None and np.isfinite(costs.min()):
         best = _with_best(outcome, near, costs)
         cost = result.cost if part is problem else float(problem.costs(result.x[None])[0])
         if not _only_genetic(problem, best.fit, float(costs.min()), cost):
             return best
-    delayed = delay_of(problem.dynamics, problem.records, problem.unknown, fit.values, **problem.options)
+    delayed = delay_of(
+        problem.dynamics, problem.records, problem.unknown, fit.values, **problem.options
+    )
     if fit.fallback_reason is None and is_late(*delayed):
-        return outcome  # only another arm repeats errors of late counts; this one's intervals count the delay
+        # only another arm repeats errors of late counts; this one's intervals count the delay
+        return outcome
     reason = fit.fallback_reason or (
-        "the fit that follows the counts does not reproduce the errors when simulated; check rig, law and signs"
+        "the fit that follows the counts does not reproduce the errors when simulated; check rig,"
+        " law and signs"
     )
     message = "The genetic algorithm's best, in a box around the equation error."
-    fit = Fit(unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason)
+    fit = Fit(
+        unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason
+    )
     return dataclasses.replace(outcome, fit=fit, message=message)
 
 
@@ -151,7 +175,9 @@ def _in_parts(problem: Problem) -> Problem:
 
 
 def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
-    """A fit and vectors (P, k) within hundredths of its standard deviations; objective (4) of each (P,)."""
+    """A fit and vectors (P, k) within hundredths of its standard deviations; objective (4) of
+    each (P,).
+    """
     moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(fit.values)))
     moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
     near = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
@@ -161,20 +187,32 @@ def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
 def _with_best(outcome: Outcome, near: Floats, costs: Floats) -> Outcome:
     """An outcome with that of some vectors (P, k) whose objective (4) is least."""
     outcome.stages["prediction error"] = outcome.fit.values
-    fit = dataclasses.replace(outcome.fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs))
+    fit = dataclasses.replace(
+        outcome.fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs)
+    )
     return dataclasses.replace(outcome, fit=fit, evaluations=outcome.evaluations + len(near))
 
 
 def _only_genetic(problem: Problem, fit: Fit, cost: float, other: float) -> bool:
-    """Whether the genetic algorithm's best, of this other objective (4), explains the records, and the fit does not."""
+    """Whether the genetic algorithm's best, of this other objective (4), explains the records,
+    and the fit does not.
+    """
     records = problem.objective.records
     if cost <= other:
         return False
     own = predicted(problem, fit, records, cost)
-    return doubtful(own, records) and not doubtful(own._replace(difference=difference_of(other, records)), records)
+    return doubtful(own, records) and not doubtful(
+        own._replace(difference=difference_of(other, records)), records
+    )
 
 
-_EVERY: tuple[Callable[..., Outcome], ...] = (seeded, paper, equation_error, output_error, prediction_error)
+_EVERY: tuple[Callable[..., Outcome], ...] = (
+    seeded,
+    paper,
+    equation_error,
+    output_error,
+    prediction_error,
+)
 METHODS: dict[str, Callable[[Problem], Outcome]] = {method.__name__: method for method in _EVERY}
 
 

@@ -1,4 +1,6 @@
-"""What methods have in common: a start from the torque equation, and the prediction-error fit at the end."""
+"""What methods have in common: a start from the torque equation, and the prediction-error fit at
+the end.
+"""
 
 import contextlib
 import dataclasses
@@ -6,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from identification.equation_error.least_squares import SEGMENTS, group_std, in_groups, least_squares
+from identification.equation_error.least_squares import (
+    SEGMENTS,
+    group_std,
+    in_groups,
+    least_squares,
+)
 from identification.equation_error.naming import first_problem
 from identification.equation_error.pulse_fit import equation_error as fit_pulses
 from identification.equation_error.pulse_fit import over_bands
@@ -23,38 +30,55 @@ from plant.parts.sums import dot, products
 
 _SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
-# RMS innovation [pulses] beyond rounding's; lower bounds that a gain is at; share by which a rotor is another one.
-_FAR, _AT_BOUND, _UNLIKE = 0.4, 10.0, 0.5
+# RMS innovation [pulses] beyond rounding's; lower bounds that a gain is at; share by which a rotor
+# is another one.
+_FAR = 0.4
+_AT_BOUND = 10.0
+_UNLIKE = 0.5
 
-# Observer gains of position that a fit goes through; that of speed over its square; and steps of gains, relative.
-_STAGES, _CRITICAL, _GAIN_STEP = (0.2, 0.07, 0.025), 0.285, 0.01
+# Observer gains of position that a fit goes through; that of speed over its square; and steps of
+# gains, relative.
+_STAGES = (0.2, 0.07, 0.025)
+_CRITICAL = 0.285
+_GAIN_STEP = 0.01
 
-# Logs by which the bias of rounding is found; share of their mean square that a log of a faster loop falls short of.
-_ROUNDED, _QUIETER = 8, 0.02
+# Logs by which the bias of rounding is found; share of their mean square that a log of a faster
+# loop falls short of.
+_ROUNDED = 8
+_QUIETER = 0.02
 
 _OF_ZERO = 0.02  # step of a spring's number, such as an angle, that is 0 in the record [SI]
 
 
 def torque_fit(problem: Problem) -> TorqueFit:
-    """The torque equation's fit; of logged torques, in the chosen band, or the nearest that gives an arm."""
+    """The torque equation's fit; of logged torques, in the chosen band, or the nearest that
+    gives an arm.
+    """
     if not any(problem.replays):
         return fit_pulses(problem.dynamics, problem.records, problem.unknown, problem.known)
     prediction = problem.prediction()
-    for fit in over_bands(problem.dynamics, problem.records, problem.unknown, problem.known).values():
+    for fit in over_bands(
+        problem.dynamics, problem.records, problem.unknown, problem.known
+    ).values():
         values, _ = start_of_fit(problem, fit)
         if np.isfinite(prediction.innovations(np.append(values, prediction.nuisances))).all():
             return fit
     raise ValueError(
-        "the torque equation must give an arm that can follow the log; it does in no band."
-        f"{first_problem(problem.records)} Ask record.check() for order, signs and units of torques and positions, or "
-        "give ranges."
+        "the torque equation must give an arm that can follow the log; it does in no"
+        f" band.{first_problem(problem.records)} Ask record.check() for order, signs and units of"
+        " torques and positions, or give ranges."
     )
 
 
 def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[Floats, Floats]:
-    """Values (k,) of all unknowns, those that the fit lacks as range or record have them; and a step for each."""
-    values, step = problem.nominal.copy(), np.abs(problem.nominal) * 0.02
-    step[[i for i, name in enumerate(problem.unknown) if name.startswith(SPRINGS) and not step[i]]] = _OF_ZERO
+    """Values (k,) of all unknowns, those that the fit lacks as range or record have them; and a
+    step for each.
+    """
+    values = problem.nominal.copy()
+    step = np.abs(problem.nominal) * 0.02
+    step[
+        [i for i, name in enumerate(problem.unknown) if name.startswith(SPRINGS) and not step[i]]
+    ] = _OF_ZERO
     for name, value in problem.known.items():
         values[problem.unknown.index(name)] = value
     for i, name in enumerate(problem.unknown):
@@ -68,26 +92,39 @@ def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[Floats, Floats]:
 
 
 def polished(
-    problem: Problem, start: Floats, step: Floats, stages: dict[str, Floats], *, simulated: bool = False
+    problem: Problem,
+    start: Floats,
+    step: Floats,
+    stages: dict[str, Floats],
+    *,
+    simulated: bool = False,
 ) -> Outcome:
-    """The prediction error's fit from a start (the output error's, if simulated); the start where no arm comes of it.
+    """The prediction error's fit from a start (the output error's, if simulated); the start where
+    no arm comes of it.
 
     An arm is refused where D(q) leaves less than the motors' own inertia.
     """
-    prediction = problem.prediction(simulated=simulated, zeros=problem.zeros, memories=problem.memories)
-    k, bounds = len(start), np.vstack([problem.bounds, prediction.nuisance_bounds])
+    prediction = problem.prediction(
+        simulated=simulated, zeros=problem.zeros, memories=problem.memories
+    )
+    k = len(start)
+    bounds = np.vstack([problem.bounds, prediction.nuisance_bounds])
     steps = np.append(_SMALL * step, prediction.nuisance_steps)
     first = np.append(start, prediction.nuisances)
     gains = None if simulated else slice(k, k + 2 * problem.dynamics.n)
-    solution = reweighed(prediction, _searched(problem, prediction, first, steps, bounds, gains), steps, bounds)
+    solution = reweighed(
+        prediction, _searched(problem, prediction, first, steps, bounds, gains), steps, bounds
+    )
     rounding = None
     if prediction.rounds:
         solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
-    values, reason = solution.values[:k], None
+    values = solution.values[:k]
+    reason = None
     arm, rig, _ = problem.parts(values)
     if not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0:
         reason = (
-            "D(q) of the fit falls short of the motors' own inertia, Jm k^2; check motor_inertia, gears and motor_gain"
+            "D(q) of the fit falls short of the motors' own inertia, Jm k^2; check motor_inertia,"
+            " gears and motor_gain"
         )
         values = start
     resumptions = prediction.resumptions(solution.values) if problem.memories else ()
@@ -99,72 +136,113 @@ def polished(
 
 
 def _searched(
-    problem: Problem, prediction: Any, first: Floats, steps: Floats, bounds: Floats, gains: slice | None
+    problem: Problem,
+    prediction: Any,
+    first: Floats,
+    steps: Floats,
+    bounds: Floats,
+    gains: slice | None,
 ) -> Solution:
-    """The best of the fits from a start, and from where that one ended: by stages, and with rotors as stated.
+    """The best of the fits from a start, and from where that one ended: by stages, and with rotors
+    as stated.
 
-    Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The inertia of a joint that
-    is little more than its rotor's has a second optimum below zero.
+    Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The
+    inertia of a joint that is little more than its rotor's has a second optimum below zero.
     """
     staged = gains if problem.memories else None
     found = by_stages(prediction, first, steps, bounds, staged)
     far = gains is not None and staged is None and found.rms_innovation > _FAR
     if far and (found.values[gains] <= _AT_BOUND * bounds[gains, 0]).any():
         found = _better(found, prediction, found.values, steps, bounds, gains)
-    values, own = found.values.copy(), rotors_alone(problem.dynamics)
+    values = found.values.copy()
+    own = rotors_alone(problem.dynamics)
     arm, rig, _ = problem.parts(values[: len(problem.unknown)])
     places = [problem.unknown.index(problem.dynamics.names[place]) for place in own.values()]
     stated = rig.drive.reflected_inertia()[list(own)]
     values[places] = np.where(stated > 0, stated, values[places])
     unlike = np.abs(values - found.values)[places] > _UNLIKE * stated
-    if unlike.any() or (own and not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0):
+    if unlike.any() or (
+        own and not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0
+    ):
         found = _better(found, prediction, np.clip(values, *bounds.T), steps, bounds, staged)
     return found
 
 
-def _better(found: Solution, prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: Any) -> Solution:
+def _better(
+    found: Solution, prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: Any
+) -> Solution:
     """The fit, or that from these values."""
     with contextlib.suppress(ValueError):  # that start diverges
-        return min(found, by_stages(prediction, values, steps, bounds, gains), key=lambda fit: fit.rms_innovation)
+        return min(
+            found,
+            by_stages(prediction, values, steps, bounds, gains),
+            key=lambda fit: fit.rms_innovation,
+        )
     return found
 
 
 def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats:
-    """Standard deviations (k,) of the first so many unknowns, from how they differ between segments."""
-    lengths, found = prediction.lengths, np.zeros(len(solution.values))
-    rows, count = slice(prediction.prior.count + sum(lengths)), prediction.prior.count
+    """Standard deviations (k,) of the first so many unknowns, from how they differ between
+    segments.
+    """
+    lengths = prediction.lengths
+    found = np.zeros(len(solution.values))
+    rows = slice(prediction.prior.count + sum(lengths))
+    count = prediction.prior.count
     residual = (solution.residual / prediction.scales)[rows]
-    found[solution.varied] = group_std(solution.slopes[rows], residual, in_groups(lengths, count, SEGMENTS))
+    found[solution.varied] = group_std(
+        solution.slopes[rows], residual, in_groups(lengths, count, SEGMENTS)
+    )
     return found[:unknown]
 
 
 def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **more: Any) -> Fit:
-    """Of the first unknowns of a Gauss-Newton, with these values (k,); `more`: further fields, in place of its own."""
+    """Of the first unknowns of a Gauss-Newton, with these values (k,); `more`: further fields,
+    in place of its own.
+    """
     k = len(values)
-    own: dict[str, Any] = {"covariance": solution.covariance[:k, :k], "rms_innovation": solution.rms_innovation}
+    own: dict[str, Any] = {
+        "covariance": solution.covariance[:k, :k],
+        "rms_innovation": solution.rms_innovation,
+    }
     return Fit(unknown=unknown, values=values, candidates=values[None], **own | more)
 
 
 def outcome_of(
-    problem: Problem, prediction: Prediction, solution: Solution, whole: Floats, stages: dict[str, Floats], **more: Any
+    problem: Problem,
+    prediction: Prediction,
+    solution: Solution,
+    whole: Floats,
+    stages: dict[str, Floats],
+    **more: Any,
 ) -> Outcome:
-    """Of a fit that follows the log; `whole` is what it found, nuisances too, and `more` are fields of the `Fit`."""
-    k, zeros = len(problem.unknown), prediction.zeros_in(whole) if problem.zeros else None
+    """Of a fit that follows the log; `whole` is what it found, nuisances too, and `more` are
+    fields of the `Fit`.
+    """
+    k = len(problem.unknown)
+    zeros = prediction.zeros_in(whole) if problem.zeros else None
     fit = fit_of(solution, problem.unknown, more.pop("values", whole[:k]), zeros=zeros, **more)
-    message = f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
+    message = (
+        f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
+    )
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
 
 
-def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: int) -> tuple[Solution, Floats | None]:
-    """A solution less its bias by the rounding of counts, found on logs that the model makes itself and that round.
+def _unbiased(
+    prediction: Prediction, solution: Solution, bounds: Floats, seed: int
+) -> tuple[Solution, Floats | None]:
+    """A solution less its bias by the rounding of counts, found on logs that the model makes itself
+    and that round.
 
-    At low speeds a loop feels single counts. That moves some unknowns by as much as their standard deviation. How far
-    the values of these logs scatter says by how much the covariance errs, as far as innovations are rounding; the
-    mean of both counts, since these logs have no other noise.
+    At low speeds a loop feels single counts. That moves some unknowns by as much as their standard
+    deviation. How far the values of these logs scatter says by how much the covariance errs, as far
+    as innovations are rounding; the mean of both counts, since these logs have no other noise.
 
-    Source: C. Gourieroux, A. Monfort, E. Renault, Indirect inference, Journal of Applied Econometrics 8, 1993.
+    Source: C. Gourieroux, A. Monfort, E. Renault, Indirect inference, Journal of Applied
+    Econometrics 8, 1993.
     """
-    values, random = solution.values, np.random.default_rng([seed, _ROUNDED])
+    values = solution.values
+    random = np.random.default_rng([seed, _ROUNDED])
     shifts = random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape))
     logs = _rounded(prediction, values, shifts, solution.residual / prediction.scales)
     if not logs:
@@ -178,21 +256,30 @@ def _unbiased(prediction: Prediction, solution: Solution, bounds: Floats, seed: 
     squares = (found - np.mean(found, axis=0)) ** 2 / np.outer(noises, np.diag(inverse))
     ratio = squares.mean() * _ROUNDED / (_ROUNDED - 1)
     if count := prediction.prior.count:  # which does not scatter
-        ratio /= 1 - np.mean(np.diag(inverse @ products(solution.slopes[:count]) @ inverse) / np.diag(inverse))
+        ratio /= 1 - np.mean(
+            np.diag(inverse @ products(solution.slopes[:count]) @ inverse) / np.diag(inverse)
+        )
     share = min(1.0, noises.mean() / noise(prediction, solution.residual / prediction.scales))
     scale = (1 + 1 / _ROUNDED) * (1 + share * (ratio - 1) / 2)
     covariance = scale * solution.covariance
-    unbiased = dataclasses.replace(solution, values=np.clip(values, *bounds.T), covariance=covariance)
+    unbiased = dataclasses.replace(
+        solution, values=np.clip(values, *bounds.T), covariance=covariance
+    )
     return unbiased, sum(logs) / len(logs) * prediction.scales
 
 
-def _rounded(prediction: Prediction, values: Floats, shifts: Floats, residual: Floats) -> list[Floats]:
-    """Weighted innovations (M,) of the logs that the model makes itself; none where it does not reproduce the log.
+def _rounded(
+    prediction: Prediction, values: Floats, shifts: Floats, residual: Floats
+) -> list[Floats]:
+    """Weighted innovations (M,) of the logs that the model makes itself; none where it does not
+    reproduce the log.
 
-    How often a loop feels single counts moves its values. Other noise adds to a log's: where it has less than logs of
-    a loop have, its own is faster.
+    How often a loop feels single counts moves its values. Other noise adds to a log's: where it has
+    less than logs of a loop have, its own is faster.
     """
-    found, nearest, square = list[Floats](), np.inf, dot(residual, residual)
+    found = list[Floats]()
+    nearest = np.inf
+    square = dot(residual, residual)
     for steps in RATES:
         try:
             logs = prediction.of_rounded(values, shifts, steps)
@@ -202,20 +289,26 @@ def _rounded(prediction: Prediction, values: Floats, shifts: Floats, residual: F
         if not np.isfinite(own):
             return found
         if abs(own - square) < nearest:
-            found, nearest = logs, abs(own - square)
+            found = logs
+            nearest = abs(own - square)
         if square > (1 - _QUIETER) * own:
             break
     return found
 
 
-def by_stages(prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice | None) -> Solution:
-    """Least sum of squares with observer gains that go down by stages, then are free; at once where these are None.
+def by_stages(
+    prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice | None
+) -> Solution:
+    """Least sum of squares with observer gains that go down by stages, then are free; at once where
+    these are None.
 
-    With high gains the innovations are nearly linear in what is unknown of a law's memory; low ones tell most.
+    With high gains the innovations are nearly linear in what is unknown of a law's memory; low ones
+    tell most.
     """
     if gains is None:
         return gauss_newton(prediction, values, steps, bounds)
-    found, half = list[Solution](), (gains.stop - gains.start) // 2
+    found = list[Solution]()
+    half = (gains.stop - gains.start) // 2
     kept = steps.copy()
     kept[gains] = 0
     for position in _STAGES:

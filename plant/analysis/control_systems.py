@@ -1,11 +1,13 @@
 """Arm, rig and law as python-control systems, connected by the names of their signals.
 
-Every signal has one component per joint, ``q[0]``, ``q[1]``, ...; all are joint side but the pulses, SI. The drives are
-with the arm, where their friction and their limit act; python-control follows a signal through each system once only.
+Every signal has one component per joint, ``q[0]``, ``q[1]``, ...; all are joint side but the
+pulses, SI. The drives are with the arm, where their friction and their limit act; python-control
+follows a signal through each system once only.
 
-A sampled law needs a sampled arm, since python-control connects no continuous system with a discrete one. The
-continuous arm is the limit of the simulator's sub-step for a short step, with regularised friction, for an ODE solver;
-the sampled one makes as many of those sub-steps as `simulate` does, with its set-valued friction.
+A sampled law needs a sampled arm, since python-control connects no continuous system with a
+discrete one. The continuous arm is the limit of the simulator's sub-step for a short step, with
+regularised friction, for an ODE solver; the sampled one makes as many of those sub-steps as
+`simulate` does, with its set-valued friction.
 """
 
 from __future__ import annotations
@@ -38,47 +40,54 @@ class _Held(StatelessLaw):
 
     period: float = structure(float)
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         return torque, state
 
 
 @known_options
 def to_control(
-    system: Arm | Law | Rig | Record, rig: Rig | None = None, *, sampled: bool = False, steps_per_sample: int = 4
+    system: Arm | Law | Rig | Record,
+    rig: Rig | None = None,
+    *,
+    sampled: bool = False,
+    steps_per_sample: int = 4,
 ) -> control.NonlinearIOSystem | control.TimeResponseData:
-    """An arm, a law or a rig as a python-control system; `control.interconnect` joins them by their signals' names.
+    """An arm, a law or a rig as a python-control system; `control.interconnect` joins them by their
+    signals' names.
 
     Parameters
     ----------
     system : Arm, Law, Rig or Record
     rig : Rig, optional
-        Needed by a law. Of an arm: its drives limit the torque, and their friction acts on the joints; without it,
-        neither does.
+        Needed by a law. Of an arm: its drives limit the torque, and their friction acts on the
+        joints; without it, neither does.
     sampled : bool
-        Of an arm, one sample of the simulator: torque held over the rig's period, friction set-valued. Otherwise a
-        continuous system, friction regularised.
+        Of an arm, one sample of the simulator: torque held over the rig's period, friction
+        set-valued. Otherwise a continuous system, friction regularised.
     steps_per_sample : int
         Sub-steps of a sampled arm, as in `simulate`.
 
     Returns
     -------
     control.NonlinearIOSystem, or control.TimeResponseData
-        Arm: outputs ``q[i]``, ``qd[i]``, which are its states too. Without a rig, inputs ``tau[i]`` [N m]; with it,
-        inputs ``asked[i]`` and outputs ``tau[i]``, after the amplifier's limit. A sampled arm has also the states
-        ``impulse[i]`` of its friction (0 at the start).
-        Law: inputs ``q_r[i]``, ``qd_r[i]``, ``qdd_r[i]``, ``pulses[i]``, outputs ``asked[i]``, before the limit. With a
-        period it is discrete; its states are ``law[i]``, at first ``law.block(rig).initial``, and the torque applied
-        last, ``torque[i]``. Without one it is continuous, or of any time if it has no state.
-        Rig: inputs ``q[i]`` [rad], outputs ``pulses[i]``. A solver of differential equations wants an encoder with
-        ``smooth=True``.
-        Record, for python-control's plots: inputs ``reference_pulses[i]``, outputs ``error_pulses[i]`` and what else
-        was logged.
+        Arm: outputs ``q[i]``, ``qd[i]``, which are its states too. Without a rig, inputs ``tau[i]``
+        [N m]; with it, inputs ``asked[i]`` and outputs ``tau[i]``, after the amplifier's limit. A
+        sampled arm has also the states ``impulse[i]`` of its friction (0 at the start). Law: inputs
+        ``q_r[i]``, ``qd_r[i]``, ``qdd_r[i]``, ``pulses[i]``, outputs ``asked[i]``, before the
+        limit. With a period it is discrete; its states are ``law[i]``, at first
+        ``law.block(rig).initial``, and the torque applied last, ``torque[i]``. Without one it is
+        continuous, or of any time if it has no state. Rig: inputs ``q[i]`` [rad], outputs
+        ``pulses[i]``. A solver of differential equations wants an encoder with ``smooth=True``.
+        Record, for python-control's plots: inputs ``reference_pulses[i]``, outputs
+        ``error_pulses[i]`` and what else was logged.
 
     Raises
     ------
     ValueError
-        A sampled arm or a law without a rig, a rig that does not fit, a law without a period whose equations do not
-        hold for dt = 0.
+        A sampled arm or a law without a rig, a rig that does not fit, a law without a period whose
+        equations do not hold for dt = 0.
 
     See Also
     --------
@@ -94,7 +103,10 @@ def to_control(
     if isinstance(system, Arm):
         return _arm_system(system, rig, sampled, steps_per_sample)
     if sampled:
-        raise ValueError(f"sampled is for arms; got a {type(system).__name__}, whose time is its own. Leave it out.")
+        raise ValueError(
+            f"sampled is for arms; got a {type(system).__name__}, whose time is its own. Leave it"
+            " out."
+        )
     if isinstance(system, Law):
         return _law_system(system, rig)
     if isinstance(system, Record):
@@ -102,30 +114,53 @@ def to_control(
     return _rig_system(instance("system", system, Rig, "Pass an Arm, a Law, a Rig or a Record."))
 
 
-def _arm_system(arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int) -> control.NonlinearIOSystem:
+def _arm_system(
+    arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int
+) -> control.NonlinearIOSystem:
     """Joint torques in, joint motion out."""
-    n, torque, h = arm.n, ca.SX.sym("torque", arm.n), ca.SX.sym("h")
+    n = arm.n
+    torque = ca.SX.sym("torque", arm.n)
+    h = ca.SX.sym("h")
     if rig is None:
         if sampled:
-            raise ValueError("rig must be given for a sampled arm; got None. Period and friction are the rig's.")
+            raise ValueError(
+                "rig must be given for a sampled arm; got None. Period and friction are the rig's."
+            )
         state = ca.SX.sym("state", 2 * n)
-        q, qd = state[:n], state[n:]
+        q = state[:n]
+        qd = state[n:]
         qdd = inverse(arm.dynamics.D(q, arm.f)).solve(torque - arm.dynamics.h(q, qd, arm.f))
-        return _system("arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd"))
+        return _system(
+            "arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd")
+        )
     instance("rig", rig, Rig, "Pass the rig that drives the arm.")
-    if not sampled and rig.drive.presliding is not None and not (rig.drive.presliding.distance > 0).all():
-        got, advice = rig.drive.presliding.distance, "Leave presliding out, or take sampled=True."
-        raise ValueError(f"distance of a continuous arm's presliding must be positive; got {got}. {advice}")
+    if (
+        not sampled
+        and rig.drive.presliding is not None
+        and not (rig.drive.presliding.distance > 0).all()
+    ):
+        got = rig.drive.presliding.distance
+        advice = "Leave presliding out, or take sampled=True."
+        raise ValueError(
+            f"distance of a continuous arm's presliding must be positive; got {got}. {advice}"
+        )
     loop = ClosedLoop(
-        dynamics=arm.dynamics, rig=punctual_rig(rig), law=_Held(period=rig.period), steps_per_sample=steps_per_sample,
+        dynamics=arm.dynamics,
+        rig=punctual_rig(rig),
+        law=_Held(period=rig.period),
+        steps_per_sample=steps_per_sample,
         smooth=not sampled,
-    )  # fmt: skip
+    )
     own = ("q", "qd", "impulse") if sampled else ("q", "qd")
-    names, kept = (*own, *loop.giving), len(own) * n
-    state, tau = ca.SX.sym("state", len(names) * n), rig.drive.limited(torque)
+    names = (*own, *loop.giving)
+    kept = len(own) * n
+    state = ca.SX.sym("state", len(names) * n)
+    tau = rig.drive.limited(torque)
     following = ca.vertcat(state[:kept, 0], ca.SX.zeros(3 * n - kept), tau, state[kept:, 0], 0, 1)
     for _ in range(steps_per_sample if sampled else 1):
-        following = loop.substep(following, ca.vertcat(ca.SX.zeros(4 * n), h), loop.number_values(arm.f))[0]
+        following = loop.substep(
+            following, ca.vertcat(ca.SX.zeros(4 * n), h), loop.number_values(arm.f)
+        )[0]
     following = ca.vertcat(following[:kept, 0], following[4 * n : -2, 0])
     following = following if sampled else ca.jacobian(following, h)
     following = ca.substitute(following, h, loop.h if sampled else 0)
@@ -134,32 +169,44 @@ def _arm_system(arm: Arm, rig: Rig | None, sampled: bool, steps_per_sample: int)
     if "link" in parts:
         outputs |= {name: parts[name] for name in ("link", "link_speed")}
         outputs["q"] = parts["link" if rig.encoder.side == "link" else "q"]
-    return _system("arm", state, {"asked": torque}, following, outputs, rig.period if sampled else 0, names)
+    return _system(
+        "arm", state, {"asked": torque}, following, outputs, rig.period if sampled else 0, names
+    )
 
 
 def _rig_system(rig: Rig) -> control.NonlinearIOSystem:
     """The encoders, without state; the drives are in the system of the arm."""
-    q, none = ca.SX.sym("q", rig.n), ca.SX(0, 1)
+    q = ca.SX.sym("q", rig.n)
+    none = ca.SX(0, 1)
     return _system("rig", none, {"q": q}, none, {"pulses": rig.true_counts(q)}, None, ())
 
 
 def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     """Reference and pulses in, joint torque out."""
     rig = cast(Rig, instance("rig", rig, Rig, "Pass the rig that the law drives."))
-    block, n = law.block(rig), rig.n
+    block = law.block(rig)
+    n = rig.n
     q, qd, qdd, pulses = (ca.SX.sym(name, n) for name in ("q_r", "qd_r", "qdd_r", "pulses"))
-    own, torque, dt = ca.SX.sym("law", len(block.initial)), ca.SX.sym("torque", n), ca.SX.sym("dt")
+    own = ca.SX.sym("law", len(block.initial))
+    torque = ca.SX.sym("torque", n)
+    dt = ca.SX.sym("dt")
     asked, following = block.step(own, q, qd, qdd, rig.counts(q), pulses, torque, dt, block.values)
-    inputs, names = {"q_r": q, "qd_r": qd, "qdd_r": qdd, "pulses": pulses}, _labels("law", len(block.initial))
+    inputs = {"q_r": q, "qd_r": qd, "qdd_r": qdd, "pulses": pulses}
+    names = _labels("law", len(block.initial))
     if block.period is not None:
         following = ca.vertcat(following, rig.drive.limited(asked))
         asked, following = ca.substitute([asked, following], [dt], [ca.SX(block.period)])
         names += _labels("torque", n)
-        return _system("law", ca.vertcat(own, torque), inputs, following, {"asked": asked}, block.period, names)
+        return _system(
+            "law", ca.vertcat(own, torque), inputs, following, {"asked": asked}, block.period, names
+        )
     asked = ca.substitute(asked, dt, 0)
     if ca.depends_on(asked, torque):
         why = f"{type(law).__name__} does, and there is no last torque in continuous time"
-        raise ValueError(f"a law without a period must not depend on the torque applied last; {why}. Give it a period.")
+        raise ValueError(
+            f"a law without a period must not depend on the torque applied last; {why}. Give it a"
+            " period."
+        )
     following = ca.substitute(following, torque, rig.drive.limited(asked))
     rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
     zeros = [np.zeros(n)] * 4
@@ -178,16 +225,29 @@ def _time_response(record: Record) -> control.TimeResponseData:
     columns = [(name, values) for name, values in columns if values is not None]
     outputs = [label for name, _ in columns for label in _labels(name, record.n)]
     return control.TimeResponseData(
-        record.t, np.hstack([values for _, values in columns]).T, inputs=record.reference_pulses.T, issiso=False,
-        output_labels=outputs, input_labels=_labels("reference_pulses", record.n), title=repr(record), sysname="record",
-    )  # fmt: skip
+        record.t,
+        np.hstack([values for _, values in columns]).T,
+        inputs=record.reference_pulses.T,
+        issiso=False,
+        output_labels=outputs,
+        input_labels=_labels("reference_pulses", record.n),
+        title=repr(record),
+        sysname="record",
+    )
 
 
 def _system(
-    name: str, state: ca.SX, inputs: Mapping[str, ca.SX], following: ca.SX, outputs: Mapping[str, ca.SX],
-    dt: float | None, states: Sequence[str],
-) -> control.NonlinearIOSystem:  # fmt: skip
-    """A NonlinearIOSystem of casadi expressions; `following` is the derivative, or the state one sample later."""
+    name: str,
+    state: ca.SX,
+    inputs: Mapping[str, ca.SX],
+    following: ca.SX,
+    outputs: Mapping[str, ca.SX],
+    dt: float | None,
+    states: Sequence[str],
+) -> control.NonlinearIOSystem:
+    """A NonlinearIOSystem of casadi expressions; `following` is the derivative, or the state one
+    sample later.
+    """
     import control
 
     n = next(iter(inputs.values())).shape[0]

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSpace":
     """Linear model of a fast law's closed loop about an arm held at a pose.
 
-    The model is the derivative of the simulator's own sub-step, with the encoder as identity, in the limit of a short
-    step; Coulomb friction is left out, as for a joint that slides without turning back.
+    The model is the derivative of the simulator's own sub-step, with the encoder as identity, in
+    the limit of a short step; Coulomb friction is left out, as for a joint that slides without
+    turning back.
 
     Parameters
     ----------
@@ -33,7 +34,8 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSp
     Returns
     -------
     control.StateSpace
-        States q, qd; inputs: reference [pulses]; outputs: tracking error [pulses]. Deviations from the pose.
+        States q, qd; inputs: reference [pulses]; outputs: tracking error [pulses]. Deviations from
+        the pose.
 
     Raises
     ------
@@ -56,15 +58,19 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSp
     n = arm.n
     A, B, C, states = jacobians(arm, rig, law, pose)
     return control.StateSpace(
-        A, B, C, np.eye(n),
+        A,
+        B,
+        C,
+        np.eye(n),
         states=states,
         inputs=[f"reference_pulses[{i}]" for i in range(n)],
         outputs=[f"error_pulses[{i}]" for i in range(n)],
-    )  # fmt: skip
+    )
 
 
 def modes(system: Any) -> Floats:
-    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A, slowest first: (k, 2).
+    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A,
+    slowest first: (k, 2).
 
     See Also
     --------

@@ -14,10 +14,11 @@ _ROUNDING = 1e-9  # printed as 0
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class Finding(Shown):
-    """One line of a checkup: what was checked, of which joint (its place in q, or None for the whole record).
+    """One line of a checkup: what was checked, of which joint (its place in q, or None for the
+    whole record).
 
-    `value` is what was measured, in `unit`, or None; the verdict "fine", "look", "wrong", or "cannot tell: " and why;
-    `advice` what to do, one sentence, or empty.
+    `value` is what was measured, in `unit`, or None; the verdict "fine", "look", "wrong", or
+    "cannot tell: " and why; `advice` what to do, one sentence, or empty.
     """
 
     check: str
@@ -28,14 +29,30 @@ class Finding(Shown):
     advice: str = ""
 
     @classmethod
-    def of(cls, check: str, joint: int | None, value: Any, unit: str, verdict: str = "fine", advice: str = "") -> Self:
+    def of(
+        cls,
+        check: str,
+        joint: int | None,
+        value: Any,
+        unit: str,
+        verdict: str = "fine",
+        advice: str = "",
+    ) -> Self:
         """What a check measured, and its verdict."""
         value = None if value is None else float(value)
         return cls(check=check, joint=joint, value=value, unit=unit, verdict=verdict, advice=advice)
 
     @classmethod
     def graded(
-        cls, name: str, joint: int | None, value: float, unit: str, *, look: float, wrong: float = math.inf, advice: str
+        cls,
+        name: str,
+        joint: int | None,
+        value: float,
+        unit: str,
+        *,
+        look: float,
+        wrong: float = math.inf,
+        advice: str,
     ) -> Self:
         """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
         size = abs(value)
@@ -43,7 +60,9 @@ class Finding(Shown):
         return cls.of(name, joint, value, unit, verdict, "" if verdict == "fine" else advice)
 
     @classmethod
-    def unknown(cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = "") -> Self:
+    def unknown(
+        cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = ""
+    ) -> Self:
         """A check that this record does not allow."""
         return cls.of(check, joint, value, unit, f"cannot tell: {why}")
 
@@ -94,13 +113,21 @@ class Checkup(Shown):
         return ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
 
     def _shown(self) -> Iterator[Piece]:
-        """Check, joint, number and verdict; joints with one verdict share the line of a check. Above, what to do."""
+        """Check, joint, number and verdict; joints with one verdict share the line of a check.
+        Above, what to do.
+        """
         groups: dict[tuple[Any, ...], list[Finding]] = {}
         for finding in self.findings:
             own = finding.joint if not finding.ok else None
-            groups.setdefault((finding.check, finding.verdict, finding.unit, own), []).append(finding)
-        yield Verdict(f"{len(self.problems)} of {len(self.findings)} checks need attention: {self._short()}", self.ok)
-        rows, reasons = [], []
+            groups.setdefault((finding.check, finding.verdict, finding.unit, own), []).append(
+                finding
+            )
+        yield Verdict(
+            f"{len(self.problems)} of {len(self.findings)} checks need attention: {self._short()}",
+            self.ok,
+        )
+        rows = []
+        reasons = []
         for (name, verdict, unit, _), group in groups.items():
             label, *more = self._labels([finding.joint for finding in group])
             values = [finding.value for finding in group if finding.value is not None]
@@ -119,11 +146,15 @@ class Checkup(Shown):
         if 1 < len(joints) == len(self.joint_labels):
             return ["all"]
         known = [joint for joint in joints if joint is not None]
-        return [self.joint_labels[j] if self.joint_labels else joint_label((), j) for j in known] or ["-"]
+        return [
+            self.joint_labels[j] if self.joint_labels else joint_label((), j) for j in known
+        ] or ["-"]
 
 
 def _measured(values: list[float], unit: str) -> str:
     if not values:
         return ""
-    low, high = (f"{0.0 if abs(value) < _ROUNDING else value:.4g}" for value in (min(values), max(values)))
+    low, high = (
+        f"{0.0 if abs(value) < _ROUNDING else value:.4g}" for value in (min(values), max(values))
+    )
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"

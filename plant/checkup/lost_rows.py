@@ -1,8 +1,9 @@
 """Rows of a log that are no measurement: told apart, bridged for filters, and given no weight.
 
-A lost packet repeats the row before, or its reference, while the rest moves; a stuck sample the count of one joint: the
-count that follows is where the motion went meanwhile, which a joint at rest does not do. A late stamp is read with a
-count that was taken in time. A counter that loses or gains a turn goes on from there.
+A lost packet repeats the row before, or its reference, while the rest moves; a stuck sample the
+count of one joint: the count that follows is where the motion went meanwhile, which a joint at rest
+does not do. A late stamp is read with a count that was taken in time. A counter that loses or gains
+a turn goes on from there.
 """
 
 import dataclasses
@@ -16,26 +17,36 @@ from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
-BRIDGED = 10  # rows of a gap up to which straight lines across it are as good as its neighbours, for filters
+# rows of a gap up to which straight lines across it are as good as its neighbours, for filters
+BRIDGED = 10
 
-# Counts per row from which on rows cannot be equal; how far, relatively, the next count may be off the motion's; and
-# steps to each side that tell the motion.
-_FAST, _FOLLOWS, _AROUND = 2.0, 0.35, 4
+# Counts per row from which on rows cannot be equal; how far, relatively, the next count may be off
+# the motion's; and steps to each side that tell the motion.
+_FAST = 2.0
+_FOLLOWS = 0.35
+_AROUND = 4
 
-# Pulses by which a logged reference may differ from the stated one; and share of rows that may be lost.
-_OFF, MOST = 1.0, 0.5
+# Pulses by which a logged reference may differ from the stated one; and share of rows that may be
+# lost.
+_OFF = 1.0
+MOST = 0.5
 
 _OTHER = 0.2  # share of rows off the stated reference above which it is another one
 
-# Intervals by which a stamp is late, at least; and of that, how far off the even time its count may be.
-_ODD, _EVEN = 0.2, 0.3
+# Intervals by which a stamp is late, at least; and of that, how far off the even time its count may
+# be.
+_ODD = 0.2
+_EVEN = 0.3
 
 # Part of a turn within which a jump is a whole one; and counts after which registers begin again.
-_TURN, _REGISTERS = 0.02, (2.0**12, 2.0**16, 2.0**24, 2.0**32)
+_TURN = 0.02
+_REGISTERS = (2.0**12, 2.0**16, 2.0**24, 2.0**32)
 
 
 class LostRows(NamedTuple):
-    """Rows (N,) that are no measurement, by cause, and counts (N, n) that jumps of whole turns have added."""
+    """Rows (N,) that are no measurement, by cause, and counts (N, n) that jumps of whole turns
+    have added.
+    """
 
     packets: NDArray[np.bool_]
     stuck: NDArray[np.bool_]
@@ -52,18 +63,22 @@ class LostRows(NamedTuple):
 def lost_rows(record: Any) -> LostRows:
     """Rows of a record with weight that are no measurement; those without are left out."""
     N, n = record.counts.shape
-    none, rows = np.zeros(N, bool), np.flatnonzero(record.valid > 0)
+    none = np.zeros(N, bool)
+    rows = np.flatnonzero(record.valid > 0)
     lost = LostRows(none, none.copy(), none.copy(), none.copy(), np.zeros((N, n)))
     if len(rows) < 10 * _AROUND:
         return lost
-    counts, reference = record.counts[rows], record.reference_pulses[rows]
+    counts = record.counts[rows]
+    reference = record.reference_pulses[rows]
     columns = np.hstack([counts, reference])
     t = record.t[rows] / np.median(np.diff(record.t))
     repeats, moving = (
-        np.column_stack(each) for each in zip(*(_repeats(x / grid(x), t) for x in columns.T), strict=True)
+        np.column_stack(each)
+        for each in zip(*(_repeats(x / grid(x), t) for x in columns.T), strict=True)
     )
     packet = repeats[:, n:].any(axis=1) | (repeats == moving).all(axis=1) & repeats.any(axis=1)
-    off, again = off_reference(record)[rows], np.diff(reference, axis=0, prepend=np.nan).any(axis=1)
+    off = off_reference(record)[rows]
+    again = np.diff(reference, axis=0, prepend=np.nan).any(axis=1)
     packet |= off & ~again
     lost.packets[rows], lost.late[rows] = packet, off & again
     lost.stuck[rows] = repeats[:, :n].any(axis=1) & ~packet
@@ -75,13 +90,16 @@ def lost_rows(record: Any) -> LostRows:
         glitches, jumps, sizes, step = events(signals, i)
         lost.glitches[kept[glitches]] = True
         jumps = jumps[:0] if step else jumps
-        for row, turn in zip(kept[jumps], _turns(sizes[jumps - 1], record.rig.encoder.resolution[i]), strict=True):
+        for row, turn in zip(
+            kept[jumps], _turns(sizes[jumps - 1], record.rig.encoder.resolution[i]), strict=True
+        ):
             lost.turns[row:, i] += turn
     return lost
 
 
 def bridged(record: Any) -> Any:
-    """The record with lost rows and short gaps on straight lines in time and without weight, and lost turns taken back.
+    """The record with lost rows and short gaps on straight lines in time and without weight, and
+    lost turns taken back.
 
     A record without any is returned as it is.
 
@@ -90,8 +108,8 @@ def bridged(record: Any) -> Any:
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
         raise ValueError(
-            f"most rows must be measurements; {lost.any.sum()} of {len(record)} repeat others or are late. Log every "
-            "sample once, when it is taken."
+            f"most rows must be measurements; {lost.any.sum()} of {len(record)} repeat others or"
+            " are late. Log every sample once, when it is taken."
         )
     return all_bridged(record, lost)
 
@@ -104,12 +122,16 @@ def all_bridged(record: Any, lost: LostRows) -> Any:
 
 
 def repeats_bridged(record: Any, lost: LostRows) -> Any:
-    """The record with lost packets, stuck samples and late stamps bridged; glitches and jumps are as they were."""
+    """The record with lost packets, stuck samples and late stamps bridged; glitches and jumps
+    are as they were.
+    """
     return on_lines(record, lost.packets | lost.stuck | lost.late)
 
 
 def off_reference(record: Any) -> NDArray[np.bool_]:
-    """Rows (N,), a few in a row, whose logged reference is not the stated one where nearly all others are."""
+    """Rows (N,), a few in a row, whose logged reference is not the stated one where nearly all
+    others are.
+    """
     if record.reference is None or record.reference.n != record.rig.n:
         return np.zeros(len(record), bool)
     stated = record.rig.counts(record.reference(record.t - record.t[0]).q)
@@ -135,26 +157,35 @@ def on_lines(record: Any, rows: NDArray[np.bool_]) -> Any:
     def lines(table, whole=True):
         if table is None:
             return None
-        made = np.column_stack([np.interp(record.t, record.t[known], column[known]) for column in table.T])
+        made = np.column_stack(
+            [np.interp(record.t, record.t[known], column[known]) for column in table.T]
+        )
         made = np.round(made) if whole and (table == np.round(table)).all() else made
         return np.where(rows[:, None], made, table)
 
     reference = lines(record.reference_pulses)
-    values = {name: lines(getattr(record, name), False) for name in ("torque", "current", "injected", "link_counts")}
+    values = {
+        name: lines(getattr(record, name), False)
+        for name in ("torque", "current", "injected", "link_counts")
+    }
     valid = np.where(rows, 0.0, record.valid)
     error = reference - lines(record.counts)
-    return dataclasses.replace(record, reference_pulses=reference, error_pulses=error, valid=valid, **values)
+    return dataclasses.replace(
+        record, reference_pulses=reference, error_pulses=error, valid=valid, **values
+    )
 
 
 def _repeats(column, t):
-    """Rows (M,) of a column that repeat the one before while it moves on; and rows in which it moves too fast to.
+    """Rows (M,) of a column that repeat the one before while it moves on; and rows in which it
+    moves too fast to.
 
     `t` (M,): their times [median intervals].
     """
     starts = np.append(0, np.flatnonzero(np.diff(column)) + 1)
     if len(starts) < 2 * _AROUND + 2:
         return np.zeros(len(column), bool), np.zeros(len(column), bool)
-    length, jump = np.diff(t[starts]), np.diff(column[starts])
+    length = np.diff(t[starts])
+    jump = np.diff(column[starts])
     around = np.lib.stride_tricks.sliding_window_view(jump / length, _AROUND)
     speed = np.median(around, axis=1)
     before = np.concatenate([np.full(_AROUND, speed[0]), speed[: len(jump) - _AROUND]])
@@ -171,8 +202,10 @@ def _repeats(column, t):
 
 def _late(signals):
     """Rows (M,) stamped late or early whose counts are those of the even time."""
-    late, T = np.zeros(len(signals.t), bool), signals.interval
-    steps, counts = np.diff(signals.t), signals.counts
+    late = np.zeros(len(signals.t), bool)
+    T = signals.interval
+    steps = np.diff(signals.t)
+    counts = signals.counts
     if len(steps) < 3:
         return late
     shift = (steps[:-1] - steps[1:]) / 2
@@ -180,15 +213,20 @@ def _late(signals):
     even = counts[1:-1] - (counts[2:] + counts[:-2]) / 2
     moved = (counts[2:] - counts[:-2]) / (2 * T) * shift[:, None]
     # Of a stamp and count that belong together `even` is `moved`.
-    seen, kept = (moved**2).sum(axis=1), np.abs((even * moved).sum(axis=1))
+    seen = (moved**2).sum(axis=1)
+    kept = np.abs((even * moved).sum(axis=1))
     late[1:-1] = odd & (seen > (2 * _FAST) ** 2) & (kept < _EVEN * seen)
     return late
 
 
 def _turns(sizes, resolution):
-    """Counts of whole turns, or of a register of bits, that jumps (J,) are; 0 where they are something else."""
+    """Counts of whole turns, or of a register of bits, that jumps (J,) are; 0 where they are
+    something else.
+    """
     turns = np.zeros(len(sizes))
     for one in (resolution, *_REGISTERS):
         whole = np.round(sizes / one) * one
-        turns = np.where((turns == 0) & (np.abs(sizes - whole) < _TURN * one), np.round(whole), turns)
+        turns = np.where(
+            (turns == 0) & (np.abs(sizes - whole) < _TURN * one), np.round(whole), turns
+        )
     return turns

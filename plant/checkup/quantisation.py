@@ -8,14 +8,18 @@ from plant.checkup.finding import Finding
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
-_COMB = 0.8  # amplitude (0 to 1) of a spectral line of the counts above which they are on a coarser grid
+# amplitude (0 to 1) of a spectral line of the counts above which they are on a coarser grid
+_COMB = 0.8
 
-# Smallest step [pulses] that still leaves a comb after rounding; a smaller one is aliased to a coarser one.
+# Smallest step [pulses] that still leaves a comb after rounding; a smaller one is aliased to a
+# coarser one.
 _FINEST = 1.43
 
-_COMB_WHOLE = 1.7  # largest amplitude, that of every second count, with a margin; more has another cause
+# largest amplitude, that of every second count, with a margin; more has another cause
+_COMB_WHOLE = 1.7
 
-# Gear from which on counts within a pulse of its multiples are no coincidence: three in five, at the most.
+# Gear from which on counts within a pulse of its multiples are no coincidence: three in five, at
+# the most.
 _GEARED = 4.0
 
 _CHANCE = 5.0  # significance of a spectral line against random counts [standard deviations]
@@ -28,8 +32,10 @@ _NOISY = 0.6  # noise [pulses] that rounding (0.29) does not explain
 # Note of a record whose positions were clean multiples of such a step before they were counted.
 STEP_NOTE = "step of counts [pulses], joint {}"
 
-# Digits of scaled counts, beyond which they are rounding; and how far off a multiple of their step they may be.
-_DIGITS, _WHOLE = 6, 0.01
+# Digits of scaled counts, beyond which they are rounding; and how far off a multiple of their step
+# they may be.
+_DIGITS = 6
+_WHOLE = 0.01
 
 
 def count_unit_findings(signals: Signals) -> Iterator[Finding]:
@@ -50,13 +56,24 @@ def _units(signals, i):
     broken = 100 * np.mean(counts != np.round(counts))
     if not broken:
         return Finding.of("units of counts", i, 0.0, "% not whole")
-    verdict, advice = "look", "Counts are whole; these were shifted or scaled after counting."
+    verdict = "look"
+    advice = "Counts are whole; these were shifted or scaled after counting."
     if (step := grid(counts)) > 1:
-        degrees = " = 180/pi, as of radians turned into degrees" if abs(np.deg2rad(step) - 1) < _WHOLE else ""
-        advice = f"Counts are whole; these come in steps of {step:.6g}{degrees}: divide counts and reference by it."
+        degrees = (
+            " = 180/pi, as of radians turned into degrees"
+            if abs(np.deg2rad(step) - 1) < _WHOLE
+            else ""
+        )
+        advice = (
+            f"Counts are whole; these come in steps of {step:.6g}{degrees}: divide counts and"
+            " reference by it."
+        )
     if signals.angular[i]:
         unit = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
-        verdict, advice = "wrong", f"These look like {unit}, not counts; turn angles of the joints into rig.counts(q)."
+        verdict = "wrong"
+        advice = (
+            f"These look like {unit}, not counts; turn angles of the joints into rig.counts(q)."
+        )
     return Finding.of("units of counts", i, broken, "% not whole", verdict, advice)
 
 
@@ -66,8 +83,9 @@ def _step(signals, i):
         return Finding.unknown("quantisation step", i, "the encoder is said not to round")
     if own := (signals.record.notes or {}).get(STEP_NOTE.format(i)):
         advice = (
-            f"The positions come in steps of {own:.4g} pulses: gear times resolution appears to be {1 / own:.4g} times "
-            "as stated; correct the gear, or the resolution, and read the log again."
+            f"The positions come in steps of {own:.4g} pulses: gear times resolution appears to be"
+            f" {1 / own:.4g} times as stated; correct the gear, or the resolution, and read the log"
+            " again."
         )
         return Finding.of("quantisation step", i, own, "pulses", "wrong", advice)
     levels = np.unique(np.round(signals.counts[:, i]))
@@ -76,19 +94,31 @@ def _step(signals, i):
     gear = abs(signals.rig.drive.gear[i])
     turns = (levels - levels[0]) / gear
     if gear > _GEARED and (np.abs(levels - levels[0] - gear * np.round(turns)) <= 1).all():
-        why = f"Counts come in steps of {gear:g} like the gear: angles of the motor were given as those of the joint"
-        return Finding.of("quantisation step", i, gear, "pulses", "wrong", f"{why}; map them to motor_position.")
+        why = (
+            f"Counts come in steps of {gear:g} like the gear: angles of the motor were given as"
+            " those of the joint"
+        )
+        return Finding.of(
+            "quantisation step", i, gear, "pulses", "wrong", f"{why}; map them to motor_position."
+        )
     step, clear = comb(signals.counts[:, i])
     if not clear:
-        return Finding.unknown("quantisation step", i, f"always faster than {step:.0f} pulses per sample")
+        return Finding.unknown(
+            "quantisation step", i, f"always faster than {step:.0f} pulses per sample"
+        )
     stated = signals.rig.encoder.resolution[i]
-    why = f"the encoder has {stated / step:.6g} pulses per turn, not {stated:g}, or was rounded to another step before"
+    why = (
+        f"the encoder has {stated / step:.6g} pulses per turn, not {stated:g}, or was rounded to"
+        " another step before"
+    )
     advice = f"Counts come in steps of {step:.4g}: {why}."
     return Finding.graded("quantisation step", i, step, "pulses", look=1.02, advice=advice)
 
 
 def grid(counts: Floats) -> float:
-    """Step [pulses] of which all counts (N,) are multiples apart, where it is more than a pulse; otherwise 1."""
+    """Step [pulses] of which all counts (N,) are multiples apart, where it is more than a pulse;
+    otherwise 1.
+    """
     levels = np.unique(np.round(counts - counts[0], _DIGITS))
     if len(levels) < _DISTINCT or (step := float(np.diff(levels).min())) <= 1:
         return 1.0
@@ -98,9 +128,9 @@ def grid(counts: Floats) -> float:
 def comb(counts: Floats) -> tuple[float, bool]:
     """Step of the grid of whole counts (N,), and whether the motion is ever slow enough to tell.
 
-    Counts of a coarser encoder, whole or rounded again, leave a comb in the histogram. Its period is that of the
-    strongest line in the spectrum of the visited counts; it cannot exceed the smallest steps of the motion by more than
-    the rounding.
+    Counts of a coarser encoder, whole or rounded again, leave a comb in the histogram. Its period
+    is that of the strongest line in the spectrum of the visited counts; it cannot exceed the
+    smallest steps of the motion by more than the rounding.
     """
     counts = np.round(counts)
     steps = np.abs(np.diff(counts))
@@ -116,23 +146,31 @@ def comb(counts: Floats) -> tuple[float, bool]:
     visited[levels.astype(int)] = 1
     power = np.abs(np.fft.rfft(visited)) / len(levels)
     frequency = np.arange(len(power)) / length
-    for folded in (frequency, 1 - frequency):  # a step between 1 and 2 shows beyond half a cycle per count, folded
+    # a step between 1 and 2 shows beyond half a cycle per count, folded
+    for folded in (frequency, 1 - frequency):
         step = 1 / np.maximum(folded, 1e-9)
-        allowed = (step >= _FINEST) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
-        share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))  # rounding again leaves that much of a comb
+        allowed = (
+            (step >= _FINEST) & (step <= smallest + 1) & (power > _CHANCE / np.sqrt(len(levels)))
+        )
+        # rounding again leaves that much of a comb
+        share = power / np.sinc(np.minimum(1 / step, 1 / _FINEST))
         share = np.where(allowed & (share < _COMB_WHOLE), share, 0)
         peaks = np.flatnonzero(share > _COMB)
         if len(peaks):  # the widest step that fits: every fraction of it fits, too
             peak = peaks[np.abs(1 / step[peaks] - 1 / step[peaks].max()) < 16 / length]
             found = float(step[peak[np.argmax(power[peak])]])
-            if np.mean(np.diff(levels) < np.floor(found + 0.01)) < 0.01:  # else it is the other one of the pair
+            # else it is the other one of the pair
+            if np.mean(np.diff(levels) < np.floor(found + 0.01)) < 0.01:
                 return found, True
     return 1.0, True
 
 
 def _noise(signals, i):
-    """What is left of quartics, and of fourth differences: a motor that its loop shakes still moves smoothly."""
-    noise, counts = signals.noise[i], signals.counts[:, i]
+    """What is left of quartics, and of fourth differences: a motor that its loop shakes still
+    moves smoothly.
+    """
+    noise = signals.noise[i]
+    counts = signals.counts[:, i]
     if not np.isfinite(noise):
         return Finding.unknown("noise", i, "too few samples")
     moved = np.abs(counts[4:] - counts[:-4])
@@ -141,5 +179,10 @@ def _noise(signals, i):
     if signals.rig.encoder.smooth:
         return Finding.of("noise", i, noise, "pulses")
     grid = _step(signals, i).value or 1.0
-    advice = "The noise of the counts exceeds their rounding, even where the arm is slowest; look for interference."
-    return Finding.graded("noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid, advice=advice)
+    advice = (
+        "The noise of the counts exceeds their rounding, even where the arm is slowest; look for"
+        " interference."
+    )
+    return Finding.graded(
+        "noise", i, noise, "pulses", look=_NOISY * grid, wrong=10 * grid, advice=advice
+    )

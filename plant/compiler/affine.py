@@ -1,11 +1,14 @@
-"""Affine arithmetic: what a casadi Function makes of ranges of its inputs, as a bound that holds for all of them.
+"""Affine arithmetic: what a casadi Function makes of ranges of its inputs, as a bound that holds
+for all of them.
 
-A number is value + slopes d + r: its value at the centre, slopes (T, s) along deviations |d_j| <= size_j, and a
-remainder |r| <= R of what is not linear in them. Of a smooth operation R is half its largest second derivative times
-the square of the deviation (Taylor); the distance of one with kinks from the nearest line is a deviation of its own,
-and so is what jumps. Rows (T) are instants. The rounding of floating-point numbers is not in it.
+A number is value + slopes d + r: its value at the centre, slopes (T, s) along deviations |d_j| <=
+size_j, and a remainder |r| <= R of what is not linear in them. Of a smooth operation R is half its
+largest second derivative times the square of the deviation (Taylor); the distance of one with kinks
+from the nearest line is a deviation of its own, and so is what jumps. Rows (T) are instants. The
+rounding of floating-point numbers is not in it.
 
-Source: L. H. de Figueiredo, J. Stolfi, Affine arithmetic: concepts and applications, Numerical Algorithms 37 (2004).
+Source: L. H. de Figueiredo, J. Stolfi, Affine arithmetic: concepts and applications, Numerical
+Algorithms 37 (2004).
 """
 
 from collections.abc import Callable, Sequence
@@ -30,7 +33,11 @@ class Affine(NamedTuple):
 
     def times(self, by: Any, more: Any = 0.0) -> "Affine":
         """A multiple, by (T,) or one number, with more remainder."""
-        return Affine(self.value * by, self.slopes * np.reshape(by, (-1, 1)), np.abs(by) * self.remainder + more)
+        return Affine(
+            self.value * by,
+            self.slopes * np.reshape(by, (-1, 1)),
+            np.abs(by) * self.remainder + more,
+        )
 
     def plus(self, other: "Affine") -> "Affine":
         """The sum."""
@@ -42,8 +49,14 @@ class Affine(NamedTuple):
 
     def where(self, there: Any) -> "Affine":
         """It where a condition (T,) holds, 0 elsewhere; what is left out may be infinite."""
-        slopes = np.where(np.reshape(there, (-1, 1)), self.slopes, 0.0) if self.slopes.shape[1] else self.slopes
-        return Affine(np.where(there, self.value, 0.0), slopes, np.where(there, self.remainder, 0.0))
+        slopes = (
+            np.where(np.reshape(there, (-1, 1)), self.slopes, 0.0)
+            if self.slopes.shape[1]
+            else self.slopes
+        )
+        return Affine(
+            np.where(there, self.value, 0.0), slopes, np.where(there, self.remainder, 0.0)
+        )
 
     @property
     def ranges(self) -> bool:
@@ -52,13 +65,16 @@ class Affine(NamedTuple):
 
 
 class Arithmetic:
-    """Operations on numbers whose deviations have the `sizes` (T, s); those of kinks and jumps are added to them."""
+    """Operations on numbers whose deviations have the `sizes` (T, s); those of kinks and jumps
+    are added to them.
+    """
 
     def __init__(self, sizes: Rows) -> None:
         self.sizes = sizes
 
     def __call__(self, function: ca.Function, inputs: Sequence[Sequence[Any]]) -> list[Affine]:
-        """Outputs of an SX Function, joined; each component of its inputs is an `Affine`, or (T,) or one number.
+        """Outputs of an SX Function, joined; each component of its inputs is an `Affine`, or (T,)
+        or one number.
 
         ValueError for an operation of which no range is known.
         """
@@ -73,7 +89,8 @@ class Arithmetic:
                 if op == "FMIN" and nodes[of[0]].op == "FMAX":
                     x, low = (made[i] for i in nodes[of[0]].of)
                     if not (low.ranges or given[1].ranges):
-                        op, given = "CLIP", [x, low, given[1]]
+                        op = "CLIP"
+                        given = [x, low, given[1]]
                 made.append(self._made(op, given))
         return [made[i] for i in outputs]
 
@@ -82,7 +99,9 @@ class Arithmetic:
         return (np.abs(x.slopes) * self.sizes[:, : x.slopes.shape[1]]).sum(axis=1) + x.remainder
 
     def fresh(self, value: Any, radius: Any) -> Affine:
-        """A number about a value (T,) that deviates by up to a radius (T,), whatever all others do."""
+        """A number about a value (T,) that deviates by up to a radius (T,), whatever all others
+        do.
+        """
         if not np.any(radius):
             return Affine(value)
         slopes = np.zeros((len(self.sizes), self.sizes.shape[1] + 1))
@@ -92,7 +111,8 @@ class Arithmetic:
 
     def _made(self, op: str, of: list[Affine]) -> Affine:
         """Result of one operation."""
-        x, y = of[0], of[-1]
+        x = of[0]
+        y = of[-1]
         if op in _NUMBERS and not any(each.ranges for each in of):
             return Affine(1.0 * _NUMBERS[op](*(each.value for each in of)))
         if op in _LINEAR:
@@ -104,7 +124,8 @@ class Arithmetic:
             return self._between(_JUMPS[op](x.value - d), _JUMPS[op](x.value + d))
         if op in ("LT", "LE"):
             apart = y.plus(x.times(-1.0))
-            d, holds = self.deviation(apart), np.greater if op == "LT" else np.greater_equal
+            d = self.deviation(apart)
+            holds = np.greater if op == "LT" else np.greater_equal
             return self._between(holds(apart.value - d, 0), holds(apart.value + d, 0))
         if op in ("EQ", "NE"):
             apart = x.plus(y.times(-1.0))
@@ -122,21 +143,24 @@ class Arithmetic:
             over = self._bent(y.plus(x.times(-1.0)).times(sign), lambda v: np.maximum(v, 0.0), 0.0)
             return x.plus(over.times(sign))
         if op == "CLIP":
-            low, high = of[1].value, of[2].value
+            low = of[1].value
+            high = of[2].value
             return self._bent(x, lambda v: np.minimum(np.maximum(v, low), high), low, high)
         if op == "FABS":
             return self._bent(x, np.abs, 0.0)
         if op == "FLOOR":
             d = self.deviation(x)
             low, moves = np.floor(x.value - d), np.floor(x.value - d) < np.floor(x.value + d)
-            return Affine(np.where(moves, x.value - 0.5, low), x.where(moves).slopes, x.where(moves).remainder).plus(
-                self.fresh(0.0, 0.5 * moves)
-            )
+            return Affine(
+                np.where(moves, x.value - 0.5, low), x.where(moves).slopes, x.where(moves).remainder
+            ).plus(self.fresh(0.0, 0.5 * moves))
         if op == "COPYSIGN":
             d = self.deviation(y)
             ends = np.copysign(1.0, y.value - d), np.copysign(1.0, y.value + d)
             return self._product(self._made("FABS", [x]), self._between(*ends))
-        raise ValueError(f"operation must have a range; got {op}. Add it to plant/compiler/affine.py.")
+        raise ValueError(
+            f"operation must have a range; got {op}. Add it to plant/compiler/affine.py."
+        )
 
     def _between(self, low: Any, high: Any) -> Affine:
         """What jumps from one value to another: either, or anything between."""
@@ -149,25 +173,44 @@ class Arithmetic:
         return Affine(x.value * y.value, both.slopes, both.remainder + more)
 
     def _smooth(self, x: Affine, value: Any, slope: Any, bend: Any) -> Affine:
-        """By Taylor: value and slope at the centre, and the largest second derivative in the range."""
+        """By Taylor: value and slope at the centre, and the largest second derivative in the
+        range.
+        """
         return x.times(slope, bend / 2 * self.deviation(x) ** 2)._replace(value=value)
 
     def _bent(self, x: Affine, function: Callable[[Any], Any], *knots: Any) -> Affine:
-        """A function of straight lines between knots as a line, of those tried the nearest, and how far it is."""
+        """A function of straight lines between knots as a line, of those tried the nearest, and
+        how far it is.
+        """
         d = self.deviation(x)
-        low, high = x.value - d, x.value + d
-        places = np.array(np.broadcast_arrays(low, *(np.minimum(np.maximum(knot, low), high) for knot in knots), high))
+        low = x.value - d
+        high = x.value + d
+        places = np.array(
+            np.broadcast_arrays(
+                low, *(np.minimum(np.maximum(knot, low), high) for knot in knots), high
+            )
+        )
         values = function(places)
-        width, rise = np.maximum(high - low, 1e-300), values[-1] - values[0]
-        both = (len(knots) > 1) & (places[1] > low) & (places[-2] < high)  # a line as near to the middle as to the ends
-        slopes = np.array(np.broadcast_arrays(np.where(both, 2 * rise / (width + rise), rise / width), 0.0))
+        width = np.maximum(high - low, 1e-300)
+        rise = values[-1] - values[0]
+        # a line as near to the middle as to the ends
+        both = (len(knots) > 1) & (places[1] > low) & (places[-2] < high)
+        slopes = np.array(
+            np.broadcast_arrays(np.where(both, 2 * rise / (width + rise), rise / width), 0.0)
+        )
         left = values - slopes[:, None] * places
-        radii, middles = np.ptp(left, axis=1) / 2, (left.max(axis=1) + left.min(axis=1)) / 2
-        best = (both & (3 * rise < width)).astype(int)  # of a small part of the range nothing but its size is kept
-        slope, radius, middle = (np.take_along_axis(each, best[None], 0)[0] for each in (slopes, radii, middles))
+        radii = np.ptp(left, axis=1) / 2
+        middles = (left.max(axis=1) + left.min(axis=1)) / 2
+        # of a small part of the range nothing but its size is kept
+        best = (both & (3 * rise < width)).astype(int)
+        slope, radius, middle = (
+            np.take_along_axis(each, best[None], 0)[0] for each in (slopes, radii, middles)
+        )
         exact = radius <= 1e-13 * np.abs(places).max(axis=0)
         line = x.times(slope)
-        return line._replace(value=line.value + middle).plus(self.fresh(0.0, np.where(exact, 0.0, radius)))
+        return line._replace(value=line.value + middle).plus(
+            self.fresh(0.0, np.where(exact, 0.0, radius))
+        )
 
 
 def _inverse(x: Any, d: Any) -> tuple[Any, Any, Any]:
@@ -182,7 +225,11 @@ _LINEAR = {"ASSIGN": 1.0, "ADD": 1.0, "SUB": -1.0, "NEG": -1.0, "TWICE": 2.0}
 _SMOOTH: dict[str, Callable[[Any, Any], tuple[Any, Any, Any]]] = {
     "SQ": lambda x, d: (x**2, 2 * x, 2.0),
     "INV": _inverse,
-    "SQRT": lambda x, d: (np.sqrt(x), 0.5 / np.sqrt(x), np.where(x > d, np.maximum(x - d, 0) ** -1.5 / 4, np.inf)),
+    "SQRT": lambda x, d: (
+        np.sqrt(x),
+        0.5 / np.sqrt(x),
+        np.where(x > d, np.maximum(x - d, 0) ** -1.5 / 4, np.inf),
+    ),
     "SIN": lambda x, d: (np.sin(x), np.cos(x), np.minimum(np.abs(np.sin(x)) + d, 1)),
     "COS": lambda x, d: (np.cos(x), -np.sin(x), np.minimum(np.abs(np.cos(x)) + d, 1)),
     "EXP": lambda x, d: (np.exp(x), np.exp(x), np.exp(x + d)),
@@ -192,8 +239,20 @@ _SMOOTH: dict[str, Callable[[Any, Any], tuple[Any, Any, Any]]] = {
 _JUMPS: dict[str, Callable[[Any], Any]] = {"SIGN": np.sign, "NOT": lambda x: np.equal(x, 0)}
 # Operations on numbers without a range.
 _NUMBERS: dict[str, Callable[..., Any]] = {
-    "ADD": np.add, "SUB": np.subtract, "MUL": np.multiply, "DIV": np.divide, "FLOOR": np.floor, "FABS": np.abs,
-    "COPYSIGN": np.copysign, "FMIN": np.fmin, "FMAX": np.fmax, "LT": np.less, "LE": np.less_equal, "EQ": np.equal,
-    "NE": np.not_equal, "AND": np.logical_and, "OR": np.logical_or,
+    "ADD": np.add,
+    "SUB": np.subtract,
+    "MUL": np.multiply,
+    "DIV": np.divide,
+    "FLOOR": np.floor,
+    "FABS": np.abs,
+    "COPYSIGN": np.copysign,
+    "FMIN": np.fmin,
+    "FMAX": np.fmax,
+    "LT": np.less,
+    "LE": np.less_equal,
+    "EQ": np.equal,
+    "NE": np.not_equal,
+    "AND": np.logical_and,
+    "OR": np.logical_or,
     "IF_ELSE_ZERO": lambda c, x: np.where(c != 0, x, 0.0),
-}  # fmt: skip
+}

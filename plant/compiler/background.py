@@ -1,7 +1,8 @@
-"""Work on a thread of its own while the main thread waits: Ctrl-C comes through at once, whatever runs there.
+"""Work on a thread of its own while the main thread waits: Ctrl-C comes through at once, whatever
+runs there.
 
-Machine code and LLVM do not look for signals. What is interrupted goes on by itself to its end, and what it gives is
-dropped; a compilation is there for the next call.
+Machine code and LLVM do not look for signals. What is interrupted goes on by itself to its end, and
+what it gives is dropped; a compilation is there for the next call.
 """
 
 import contextvars
@@ -12,11 +13,14 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_WAIT = 0.2  # time [s] after which the main thread looks for signals where a lock does not (Windows)
+# time [s] after which the main thread looks for signals where a lock does not (Windows)
+_WAIT = 0.2
 
 
 def in_background(function: Callable[[], T], *, others: int = 0) -> list[T]:
-    """What a function gives on 1 + `others` threads at once; only the main thread waits, another is one of them."""
+    """What a function gives on 1 + `others` threads at once; only the main thread waits, another
+    is one of them.
+    """
     own = threading.current_thread() is not threading.main_thread()
     results: list[Any] = []
     failures: list[BaseException] = []
@@ -50,7 +54,9 @@ def cores() -> int:
 
 
 def shared_out(function: Callable[[Any], T], items: Sequence[Any], threads: int) -> list[T]:
-    """[function(item) for item in items], by so many threads; what raises, and Ctrl-C, ends them after their item."""
+    """[function(item) for item in items], by so many threads; what raises, and Ctrl-C, ends them
+    after their item.
+    """
     results: list[Any] = [None] * len(items)
     places = list(reversed(range(len(items))))
 

@@ -1,7 +1,8 @@
-"""casadi Function -> the lines of a C99 function: straight, without a branch and without memory but its own variables.
+"""casadi Function -> the lines of a C99 function: straight, without a branch and without memory but
+its own variables.
 
-The instructions are those of the compiled kernels (`plant.compiler.translate`, `plant.compiler.instructions`), rounded
-where casadi rounds.
+The instructions are those of the compiled kernels (`plant.compiler.translate`,
+`plant.compiler.instructions`), rounded where casadi rounds.
 """
 
 import re
@@ -16,11 +17,14 @@ from numpy.typing import NDArray
 from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
 from plant.compiler.translate import single_assignment
 
-_SUM, _PRODUCT, _SIGNED, _WHOLE = 1, 2, 3, 4  # how strongly an expression holds together; 0 is a choice
+# how strongly an expression holds together; 0 is a choice
+_SUM = 1
+_PRODUCT = 2
+_SIGNED = 3
+_WHOLE = 4
 
-# How C writes an operation, how strongly that holds together, and how strongly what it needs has to.
-#
-# The others are functions of its library, of the same name, and `_HELPERS`.
+# How C writes an operation, how strongly that holds together, and how strongly what it needs has
+# to.  The others are functions of its library, of the same name, and `_HELPERS`.
 _SPELLING = {
     "ASSIGN": ("{}", 0, (0,)),
     "ADD": ("{} + {}", _SUM, (_SUM, _PRODUCT)),
@@ -52,27 +56,33 @@ _AGAIN = ("SQ", "LIMIT", "SINCOS")  # operations that write their last argument 
 _LONG = 64  # characters from which on an expression gets a variable of its own
 
 _HELPERS = {
-    "sign": """/* -1, 0 or 1 */
+    "sign": (
+        """/* -1, 0 or 1 */
 static double sign(double x)
 {
     return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;
 }
 
-""",
-    "smaller": """/* As fmin, which is seldom compiled in place: of a number and what is none, the number. */
+"""
+    ),
+    "smaller": (
+        """/* As fmin, which is seldom compiled in place: of a number and what is none, the number. */
 static double smaller(double a, double b)
 {
     return a < b || b != b ? a : b;
 }
 
-""",
-    "larger": """/* As fmax */
+"""
+    ),
+    "larger": (
+        """/* As fmax */
 static double larger(double a, double b)
 {
     return a > b || b != b ? a : b;
 }
 
-""",
+"""
+    ),
 }
 
 
@@ -89,10 +99,12 @@ def helpers(body: str) -> str:
 def statements(
     function: ca.Function, inputs: list[list[tuple[str, int]]]
 ) -> tuple[dict[int, list[str]], list[str], set[str]]:
-    """What an SX Function does, in C: declarations by their kind, expressions of results, and the inputs that occur.
+    """What an SX Function does, in C: declarations by their kind, expressions of results, and the
+    inputs that occur.
 
-    For each component of each input, `inputs` holds the C expression that reads it and its kind. The declarations of
-    UNIFORM, TIME and STATE stand in this order; the results are those of all outputs, joined.
+    For each component of each input, `inputs` holds the C expression that reads it and its kind.
+    The declarations of UNIFORM, TIME and STATE stand in this order; the results are those of all
+    outputs, joined.
     """
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=False)
     order = needed(nodes, outputs)
@@ -118,7 +130,10 @@ def statements(
             continue
         call = f"{op.lower()}({', '.join(['{}'] * len(of))})", _WHOLE, [0] * len(of)
         pattern, strength[index], needs = _SPELLING.get(op, call)
-        parts = [text[i] if strength[i] >= least else f"({text[i]})" for i, least in zip(of, needs, strict=True)]
+        parts = [
+            text[i] if strength[i] >= least else f"({text[i]})"
+            for i, least in zip(of, needs, strict=True)
+        ]
         text[index] = pattern.format(*parts)
         if uses[index] > 1 or len(text[index]) > _LONG:
             name = f"{'krx'[(UNIFORM, TIME, STATE).index(kind)]}{len(lines[kind]) + 1}"
@@ -144,7 +159,11 @@ def braced(values: NDArray[np.float64]) -> str:
     inner = "{" + ", ".join(literal(value) for value in values) + "}"
     if len(inner) < 70:
         return inner
-    return "{\n" + textwrap.fill(inner[1:-1], 112, initial_indent="    ", subsequent_indent="    ") + ",\n}"
+    return (
+        "{\n"
+        + textwrap.fill(inner[1:-1], 112, initial_indent="    ", subsequent_indent="    ")
+        + ",\n}"
+    )
 
 
 def constant(name: str, values: Any, said: str) -> str:

@@ -8,22 +8,28 @@ import tempfile
 import warnings
 from pathlib import Path
 
-CACHE_VARIABLE = "ONEPULSE_CACHE"  # environment variable that names another folder for compiled kernels
+# environment variable that names another folder for compiled kernels
+CACHE_VARIABLE = "ONEPULSE_CACHE"
 
-MOST = 2 << 30  # bytes of all kernels in the folder; beyond, those that were not used for the longest time go
+# bytes of all kernels in the folder; beyond, those that were not used for the longest time go
+MOST = 2 << 30
 
 _REFUSED: set[Path] = set()  # folders of which the user has been told
 _KERNEL = re.compile(r"kernel_([0-9a-f]{24})[._]")
 
 
 def cache_folder() -> Path:
-    """Folder of compiled kernels; a private temporary one where the usual one cannot be trusted or written."""
+    """Folder of compiled kernels; a private temporary one where the usual one cannot be trusted
+    or written.
+    """
     base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     folder = Path(os.environ.get(CACHE_VARIABLE) or os.path.join(base, "onepulse"))
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = folder.stat()
-        if hasattr(os, "getuid") and (status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077):
+        if hasattr(os, "getuid") and (
+            status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077
+        ):
             raise PermissionError
         with tempfile.TemporaryFile(dir=folder):
             return folder
@@ -31,8 +37,9 @@ def cache_folder() -> Path:
         if CACHE_VARIABLE in os.environ and folder not in _REFUSED:
             _REFUSED.add(folder)
             warnings.warn(
-                f"{CACHE_VARIABLE} must name a folder of yours that nobody else can enter (chmod 700); {folder} is not "
-                "used, and kernels are compiled anew in every process. Change its mode or name another.",
+                f"{CACHE_VARIABLE} must name a folder of yours that nobody else can enter (chmod"
+                f" 700); {folder} is not used, and kernels are compiled anew in every process."
+                " Change its mode or name another.",
                 stacklevel=2,
             )
         return private_folder()
@@ -46,16 +53,22 @@ def private_folder(kept: list[tempfile.TemporaryDirectory[str]] = []) -> Path:  
 
 
 def is_own(path: Path) -> bool:
-    """Whether a file or a folder is there, no link, and the user's: what another left there is not trusted."""
+    """Whether a file or a folder is there, no link, and the user's: what another left there is
+    not trusted.
+    """
     try:
         status = path.lstat()
     except OSError:
         return False
-    return not stat.S_ISLNK(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
+    return not stat.S_ISLNK(status.st_mode) and (
+        not hasattr(os, "getuid") or status.st_uid == os.getuid()
+    )
 
 
 def prune(folder: Path, used: str) -> None:
-    """Remove kernels from a folder until they have at most `MOST` bytes, not the one whose hash is `used`."""
+    """Remove kernels from a folder until they have at most `MOST` bytes, not the one whose hash
+    is `used`.
+    """
     sizes: dict[str, int] = {}
     ages: dict[str, float] = {}
     files: dict[str, list[Path]] = {}

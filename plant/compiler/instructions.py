@@ -1,15 +1,17 @@
 """The instructions of a function, and shorter ones for what casadi writes at length.
 
-Every input component is declared as *uniform* (a number, the same for all individuals: it runs once), *lane* (a number
-that differs between them: once per individual), *time* (known beforehand, changes with time, as the reference: once per
-step), or *state* (the rest: once per step and individual). An instruction belongs to the latest kind that it needs.
+Every input component is declared as *uniform* (a number, the same for all individuals: it runs
+once), *lane* (a number that differs between them: once per individual), *time* (known beforehand,
+changes with time, as the reference: once per step), or *state* (the rest: once per step and
+individual). An instruction belongs to the latest kind that it needs.
 
 What is rewritten, in one pass:
 
-* copysign(floor(fabs(x)), x) is trunc(x); fmin(fmax(x, -b), b) is limit(x, b) if b is an absolute value.
+* copysign(floor(fabs(x)), x) is trunc(x); fmin(fmax(x, -b), b) is limit(x, b) if b is an absolute
+  value.
 * The sine and the cosine of one angle share their work.
-* Divisions by one number that changes all the time share its reciprocal. (Others stay as they are: a rounding in what
-  the encoder reads is amplified by an observer's gains.)
+* Divisions by one number that changes all the time share its reciprocal. (Others stay as they are:
+  a rounding in what the encoder reads is amplified by an observer's gains.)
 
 and, where other roundings than casadi's are allowed (`relaxed`):
 
@@ -24,14 +26,18 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-UNIFORM, LANE, TIME, STATE = 1, 2, 4, 8
+UNIFORM = 1
+LANE = 2
+TIME = 4
+STATE = 8
 
 
 class Node(NamedTuple):
-    """One instruction: its operation ("CONST" and "INPUT" need none), what it is of, and when it has to run.
+    """One instruction: its operation ("CONST" and "INPUT" need none), what it is of, and when it
+    has to run.
 
-    `of` are the indices of the nodes that it needs, the value of a constant, or the text of an input; `kind` is 0 for a
-    constant.
+    `of` are the indices of the nodes that it needs, the value of a constant, or the text of an
+    input; `kind` is 0 for a constant.
     """
 
     op: str
@@ -51,7 +57,9 @@ def kind_of(kinds: Iterable[int]) -> int:
     return LANE if needs & LANE else UNIFORM
 
 
-def rewritten(nodes: list[Node], outputs: list[int], *, relaxed: bool) -> tuple[list[Node], list[int]]:
+def rewritten(
+    nodes: list[Node], outputs: list[int], *, relaxed: bool
+) -> tuple[list[Node], list[int]]:
     """Nodes and outputs, rewritten; nodes that nothing needs any more are left in.
 
     Each node comes after those it needs.
@@ -128,7 +136,9 @@ def _by_reciprocal(divisions: int, divisor: int, kind: int, relaxed: bool) -> bo
 
 
 def _early_first(nodes: list[Node], outputs: list[int]) -> tuple[list[Node], list[int]]:
-    """Nodes and outputs, in which sums (products) of something and two earlier things join the two earlier first."""
+    """Nodes and outputs, in which sums (products) of something and two earlier things join the
+    two earlier first.
+    """
     new: list[Node] = []
     place: list[int] = []
     uses = _uses(nodes, outputs)
@@ -137,7 +147,8 @@ def _early_first(nodes: list[Node], outputs: list[int]) -> tuple[list[Node], lis
         if isinstance(of, tuple):
             at = tuple(place[i] for i in of)
             for k, m in itertools.product((0, 1), (0, 1)) if op in ("ADD", "MUL") else ():
-                inner, early = new[at[k]], at[1 - k]
+                inner = new[at[k]]
+                early = at[1 - k]
                 if inner.op != op or uses[of[k]] > 1:
                     continue
                 joined = kind_of((new[inner.of[m]].kind, new[early].kind))
@@ -162,7 +173,9 @@ def needed(nodes: list[Node], outputs: list[int]) -> list[int]:
 def _uses(nodes: list[Node], outputs: list[int]) -> Counter[int]:
     """How often each node is needed."""
     arguments = (nodes[index].of for index in needed(nodes, outputs))
-    return Counter(outputs) + Counter(index for of in arguments if isinstance(of, tuple) for index in of)
+    return Counter(outputs) + Counter(
+        index for of in arguments if isinstance(of, tuple) for index in of
+    )
 
 
 def _truncated(nodes: list[Node], magnitude: int, x: int) -> int | None:
@@ -174,7 +187,9 @@ def _truncated(nodes: list[Node], magnitude: int, x: int) -> int | None:
 
 
 def _limited(nodes: list[Node], above: int, bound: int) -> int | None:
-    """The x of fmin(fmax(x, -bound), bound), the bound being an absolute value; None if it is something else."""
+    """The x of fmin(fmax(x, -bound), bound), the bound being an absolute value; None if it is
+    something else.
+    """
     if nodes[above].op != "FMAX" or nodes[bound].op != "FABS":
         return None
     x, below = nodes[above].of

@@ -1,10 +1,11 @@
 """Generated source -> compiled module, cached on disk across processes.
 
-One file per kernel, named by the hash of its content; the hash stands in the module's name and in every function's
-name, because numba's cache would silently hand out another kernel with the same names. The text that runs is always
-the one just generated: the file is there for numba's cache only, and what numba cached is used only if its checksum
-is the one noted when it was made. The folder belongs to the user alone (mode 0700); any other folder is not trusted,
-nor is a file in it of another user (`plant.compiler.cache_folder`).
+One file per kernel, named by the hash of its content; the hash stands in the module's name and in
+every function's name, because numba's cache would silently hand out another kernel with the same
+names. The text that runs is always the one just generated: the file is there for numba's cache
+only, and what numba cached is used only if its checksum is the one noted when it was made. The
+folder belongs to the user alone (mode 0700); any other folder is not trusted, nor is a file in it
+of another user (`plant.compiler.cache_folder`).
 """
 
 import contextlib
@@ -35,9 +36,9 @@ if sys.platform != "win32":
     import fcntl
 
 
-# Environment variable: set to 1 before numba compiles anything, it takes the processor for one without AVX-512.
-#
-# Kernels then take the other path of `plant.compiler.llvm`; numba's cache tells them apart by the processor's features.
+# Environment variable: set to 1 before numba compiles anything, it takes the processor for one
+# without AVX-512.  Kernels then take the other path of `plant.compiler.llvm`; numba's cache tells
+# them apart by the processor's features.
 AVX512_VARIABLE = "ONEPULSE_NO_AVX512"
 
 if os.environ.get(AVX512_VARIABLE) == "1":
@@ -52,7 +53,9 @@ _FORKING: list[bool] = []
 
 
 class Kernel:
-    """Compiled `functions` of one generated file; ``{h}`` in its template stands for the hash, not in their names."""
+    """Compiled `functions` of one generated file; ``{h}`` in its template stands for the hash,
+    not in their names.
+    """
 
     def __init__(self, template: str, functions: Collection[str]) -> None:
         key = "\n".join([template, numba.__version__, platform.python_version()])
@@ -72,24 +75,32 @@ class Kernel:
             return self._function(name)(*arguments)
         if cast(Any, numba.config).DISABLE_JIT:
             raise ValueError(
-                "NUMBA_DISABLE_JIT must be 0: kernels are LLVM, not Python; it is set. Unset it, and restart."
+                "NUMBA_DISABLE_JIT must be 0: kernels are LLVM, not Python; it is set. Unset it,"
+                " and restart."
             )
         (result,) = in_background(lambda: self._first_call(name, *arguments))
         return result
 
     def _first_call(self, name: str, *arguments: Any) -> Any:
         with _LOCK, self._alone():
-            cached, began = self._stamps(), time.monotonic()
+            cached = self._stamps()
+            began = time.monotonic()
             try:
                 result = self._function(name)(*arguments)
             except Exception as error:
-                # numba names no exception for a cache entry that it cannot load. Where there was one, a new compilation
-                # decides: an error of the kernel itself comes again. What the disk refuses is compiled without it.
+                # numba names no exception for a cache entry that it cannot load. Where there was
+                # one, a new compilation decides: an error of the kernel itself comes again. What
+                # the disk refuses is compiled without it.
                 if not cached and not _is_of_disk(error):
                     raise
                 result = self._anew(name, *arguments)
             if self._stamps() != cached:  # something was compiled
-                _LOG.info("kernel %s, %s: compiled in %.1f s", self.hash[:8], name, time.monotonic() - began)
+                _LOG.info(
+                    "kernel %s, %s: compiled in %.1f s",
+                    self.hash[:8],
+                    name,
+                    time.monotonic() - began,
+                )
                 self._note()
             self._fresh.discard(name)
         return result
@@ -103,11 +114,15 @@ class Kernel:
         except Exception as error:
             if not _is_of_disk(error):
                 raise
-        _MODULES[self.hash] = self._executed(self.source.replace("cache=True", "cache=False"), "<kernel>")
+        _MODULES[self.hash] = self._executed(
+            self.source.replace("cache=True", "cache=False"), "<kernel>"
+        )
         return self._function(name)(*arguments)
 
     def function(self, name: str, *arguments: Any) -> Callable[..., Any]:
-        """The compiled function itself, for those who call it often; it is first called with these arguments."""
+        """The compiled function itself, for those who call it often; it is first called with
+        these arguments.
+        """
         self.call(name, *arguments)
         return self._function(name)
 
@@ -133,10 +148,14 @@ class Kernel:
         return self._executed(self.source, str(path))
 
     def _executed(self, source: str, path: str) -> ModuleType:
-        loader, config = _Loader(source, path), cast(Any, numba.config)
+        loader = _Loader(source, path)
+        config = cast(Any, numba.config)
         spec = importlib.machinery.ModuleSpec(f"kernel_{self.hash}", loader)
-        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # numba's cache looks it up by name
-        elsewhere, config.CACHE_DIR = config.CACHE_DIR, ""  # numba's cache stays beside the file
+        # numba's cache looks it up by name
+        module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+        # numba's cache stays beside the file
+        elsewhere = config.CACHE_DIR
+        config.CACHE_DIR = ""
         try:
             loader.exec_module(module)
         finally:
@@ -145,16 +164,20 @@ class Kernel:
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        """While no other process compiles this kernel: what two need at once is compiled by one of them."""
+        """While no other process compiles this kernel: what two need at once is compiled by one
+        of them.
+        """
         with contextlib.ExitStack() as stack:
             if sys.platform != "win32":
                 with contextlib.suppress(OSError):  # a folder that knows no locks
-                    file = stack.enter_context((cache_folder() / f"kernel_{self.hash}.lock").open("w"))
+                    file = stack.enter_context(
+                        (cache_folder() / f"kernel_{self.hash}.lock").open("w")
+                    )
                     fcntl.flock(file, fcntl.LOCK_EX)  # ends with the process that holds it
                     os.utime(file.fileno())  # when it was used last
             yield
 
-    # -- what numba cached, and whether it is still what it was -----------------------------------------------------
+    # -- what numba cached, and whether it is still what it was -----------------------------------
     def _cached(self) -> list[Path]:
         return list((self.path.parent / "__pycache__").glob(f"kernel_{self.hash}.*.nb*"))
 
@@ -181,7 +204,9 @@ class Kernel:
 
     def _note(self) -> None:
         try:
-            replace(self._sums(), json.dumps({file.name: _checksum(file) for file in self._cached()}))
+            replace(
+                self._sums(), json.dumps({file.name: _checksum(file) for file in self._cached()})
+            )
         except OSError:
             return  # not noted, so not trusted: the next process compiles again
         prune(self.path.parent, self.hash)
@@ -190,14 +215,19 @@ class Kernel:
         for file in self._cached():
             if condemned(file):
                 with contextlib.suppress(OSError):
-                    shutil.rmtree(file) if file.is_dir() and not file.is_symlink() else file.unlink()
+                    (
+                        shutil.rmtree(file)
+                        if file.is_dir() and not file.is_symlink()
+                        else file.unlink()
+                    )
 
 
 class _Loader(importlib.abc.InspectLoader):
     """Runs the text it was given, under the name of the file beside which numba caches."""
 
     def __init__(self, source: str, path: str) -> None:
-        self.source, self.path = source, path
+        self.source = source
+        self.path = path
 
     def get_source(self, fullname: str) -> str:
         return self.source
@@ -207,12 +237,18 @@ class _Loader(importlib.abc.InspectLoader):
 
 
 def _is_of_disk(error: Exception) -> bool:
-    """Whether numba could not use its cache: no room, no permission, or no place at all ("no locator")."""
-    return isinstance(error, OSError) or (isinstance(error, RuntimeError) and "cannot cache function" in str(error))
+    """Whether numba could not use its cache: no room, no permission, or no place at all ("no
+    locator").
+    """
+    return isinstance(error, OSError) or (
+        isinstance(error, RuntimeError) and "cannot cache function" in str(error)
+    )
 
 
 def _wait() -> None:
-    """Before a fork: until no other thread compiles, since its locks would stay locked in the child."""
+    """Before a fork: until no other thread compiles, since its locks would stay locked in the
+    child.
+    """
     _FORKING.append(_LOCK.acquire())
 
 

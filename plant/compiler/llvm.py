@@ -1,10 +1,10 @@
 """The operations of kernels as LLVM instructions.
 
-A generated kernel is a numba function whose loops are Python and whose bodies are intrinsics: Python that runs while
-numba compiles and emits one instruction per line through this class. numba itself never sees the lines, which makes
-compiling ten times faster, and nothing is left to chance: what is fused, what is a minimum, what a NaN does is said
-here. No operation branches and only those of the mathematical library call, so that a loop over individuals becomes
-vector instructions.
+A generated kernel is a numba function whose loops are Python and whose bodies are intrinsics:
+Python that runs while numba compiles and emits one instruction per line through this class. numba
+itself never sees the lines, which makes compiling ten times faster, and nothing is left to chance:
+what is fused, what is a minimum, what a NaN does is said here. No operation branches and only those
+of the mathematical library call, so that a loop over individuals becomes vector instructions.
 
 The text of this module stands at the head of every generated file, and so in its hash.
 """
@@ -16,50 +16,72 @@ from llvmlite import ir
 from numba.core import cgutils
 from numba.core.types import float64
 
-# Sine and cosine together: subtract a multiple k of a step in two parts (Cody and Waite; the first has 33 bits, so that
-# its product with k is exact for abs(k) < 2^20), then polynomials in r^2 that interpolate at Chebyshev nodes. Adding
-# 1.5 2^52 rounds to a whole number and leaves its lowest bits in the lowest bits of the sum. No branch and no call.
-# Absolute error below 3e-15 for abs(x) < 1e5; tests/plant/compiler/test_translate.py measures it and works the
-# coefficients out again. With a step of pi both change sign if k is odd. Where 16 numbers can be looked up in registers
-# (AVX-512) the step is pi/8: shorter polynomials, and the sine and cosine of the multiple by the addition theorem.
+# Sine and cosine together: subtract a multiple k of a step in two parts (Cody and Waite; the first
+# has 33 bits, so that its product with k is exact for abs(k) < 2^20), then polynomials in r^2 that
+# interpolate at Chebyshev nodes. Adding 1.5 2^52 rounds to a whole number and leaves its lowest
+# bits in the lowest bits of the sum. No branch and no call. Absolute error below 3e-15 for abs(x) <
+# 1e5; tests/plant/compiler/test_translate.py measures it and works the coefficients out again. With
+# a step of pi both change sign if k is odd. Where 16 numbers can be looked up in registers
+# (AVX-512) the step is pi/8: shorter polynomials, and the sine and cosine of the multiple by the
+# addition theorem.
 STEPS = {
     "pi": (3.1415926534682512, 1.2154201013012384e-10),
     "pi/8": (0.3926990816835314, 1.519275126626548e-11),
 }
 SINE = {
     "pi": (
-        -0.1666666666666665, 0.008333333333325928, -0.00019841269836466636, 2.7557318055221206e-06,
-        -2.505197288121006e-08, 1.6050970646122487e-10, -7.408031343670488e-13,
+        -0.1666666666666665,
+        0.008333333333325928,
+        -0.00019841269836466636,
+        2.7557318055221206e-06,
+        -2.505197288121006e-08,
+        1.6050970646122487e-10,
+        -7.408031343670488e-13,
     ),
-    "pi/8": (-0.16666666666666624, 0.00833333333297451, -0.00019841265187900753, 2.7538007106314512e-06),
-}  # fmt: skip
+    "pi/8": (
+        -0.16666666666666624,
+        0.00833333333297451,
+        -0.00019841265187900753,
+        2.7538007106314512e-06,
+    ),
+}
 COSINE = {
     "pi": (
-        0.04166666666666666, -0.0013888888888884765, 2.480158729891222e-05, -2.7557318573107296e-07,
-        2.087668153639063e-09, -1.1466251369215444e-11, 4.6464228378080794e-14,
+        0.04166666666666666,
+        -0.0013888888888884765,
+        2.480158729891222e-05,
+        -2.7557318573107296e-07,
+        2.087668153639063e-09,
+        -1.1466251369215444e-11,
+        4.6464228378080794e-14,
     ),
     "pi/8": (0.04166666666617326, -0.0013888886585418279, 2.4785654625498236e-05),
-}  # fmt: skip
+}
 EIGHTHS = (0.3826834323650898, 0.7071067811865476, 0.9238795325112867)  # sin(k pi/8), k = 1, 2, 3
 WHOLE = 1.5 * 2.0**52
 
-DOUBLE, LONG, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
+DOUBLE = ir.DoubleType()
+LONG = ir.IntType(64)
+INDEX = ir.IntType(32)
 EIGHT = ir.VectorType(DOUBLE, 8)
 
 
 class Values:
     """What operations work on, at a builder's place, for so many individuals at once.
 
-    Arguments are values of that builder, or Python numbers. With more than one individual a value is a vector; one
-    longer than the processor's becomes several instructions side by side, which do not wait for each other.
+    Arguments are values of that builder, or Python numbers. With more than one individual a value
+    is a vector; one longer than the processor's becomes several instructions side by side, which do
+    not wait for each other.
     """
 
     def __init__(self, context, builder, width=1):
-        self.context, self.builder, self.width = context, builder, width
+        self.context = context
+        self.builder = builder
+        self.width = width
         self.double = DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
         self.long = LONG if width == 1 else ir.VectorType(LONG, width)
 
-    # -- values ------------------------------------------------------------------------------------------------------
+    # -- values -----------------------------------------------------------------------------------
     def value(self, x):
         """A number as a constant; a value as it is."""
         return self._constant(self.double, DOUBLE(float(x))) if isinstance(x, (int, float)) else x
@@ -88,11 +110,16 @@ class Values:
     def _splat(self, x):
         first = self.builder.insert_element(ir.Constant(self.double, ir.Undefined), x, INDEX(0))
         everywhere = ir.Constant(ir.VectorType(INDEX, self.width), [0] * self.width)
-        return self.builder.shuffle_vector(first, ir.Constant(self.double, ir.Undefined), everywhere)
+        return self.builder.shuffle_vector(
+            first, ir.Constant(self.double, ir.Undefined), everywhere
+        )
 
     def widest(self):
-        """Ask for vectors of 512 bits where there are such, which LLVM leaves half empty on many processors."""
-        set.add(self.builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite knows but its own list
+        """Ask for vectors of 512 bits where there are such, which LLVM leaves half empty on many
+        processors.
+        """
+        # llvmlite knows but its own list
+        set.add(self.builder.function.attributes, '"prefer-vector-width"="512"')
 
     def _looked_up(self, table, whole):
         """Of 16 numbers those at the places that the lowest bits say."""
@@ -110,7 +137,8 @@ class Values:
         name = f"table_{'_'.join(x.hex() for x in table[:2])}"
         if name not in self.builder.module.globals:
             variable = ir.GlobalVariable(self.builder.module, kind, name)
-            variable.global_constant, variable.linkage = True, "internal"
+            variable.global_constant = True
+            variable.linkage = "internal"
             variable.initializer = ir.Constant(kind, [DOUBLE(x) for x in table])
         first = self.builder.bitcast(self.builder.module.globals[name], DOUBLE.as_pointer())
         return self.builder.load(self.builder.gep(first, [place], source_etype=DOUBLE), typ=DOUBLE)
@@ -129,12 +157,16 @@ class Values:
 
     def _intrinsic(self, name, *arguments):
         suffix = "f64" if self.width == 1 else f"v{self.width}f64"
-        function = self._function(f"{name}.{suffix}", ir.FunctionType(self.double, [self.double] * len(arguments)))
+        function = self._function(
+            f"{name}.{suffix}", ir.FunctionType(self.double, [self.double] * len(arguments))
+        )
         return self.builder.call(function, [self.value(x) for x in arguments])
 
     def _library(self, function, *arguments):
         call = self.context.get_function(function, float64(*[float64] * len(arguments)))
-        return self._by_lane(lambda *lane: call(self.builder, lane), *(self.value(x) for x in arguments))
+        return self._by_lane(
+            lambda *lane: call(self.builder, lane), *(self.value(x) for x in arguments)
+        )
 
     def _by_lane(self, function, *vectors):
         """A function of numbers, one individual after the other."""
@@ -150,7 +182,7 @@ class Values:
 class Emitter(Values):
     """The operations, each emitted by its method; every public method is one."""
 
-    # -- arithmetic --------------------------------------------------------------------------------------------------
+    # -- arithmetic -------------------------------------------------------------------------------
     def assign(self, x):
         return x
 
@@ -188,7 +220,7 @@ class Emitter(Values):
     def fnma(self, x, y, z):
         return self.fma(self.neg(x), y, z)
 
-    # -- functions ---------------------------------------------------------------------------------------------------
+    # -- functions --------------------------------------------------------------------------------
     def sincos(self, x):
         """Sine and cosine, of an angle below 1e5."""
         return self._sincos_by_table(x) if self._has("avx512f") else self._sincos_by_sign(x)
@@ -212,7 +244,9 @@ class Emitter(Values):
         )
 
     def _reduced(self, x, step):
-        """The nearest multiple of the step, in the lowest bits; what is left of x, and its square."""
+        """The nearest multiple of the step, in the lowest bits; what is left of x, and its
+        square.
+        """
         first, second = STEPS[step]
         whole = self.fma(x, 1 / first, WHOLE)
         k = self.neg(self.sub(whole, WHOLE))
@@ -249,7 +283,7 @@ class Emitter(Values):
     cosh = partialmethod(Values._library, math.cosh)
     tanh = partialmethod(Values._library, math.tanh)
 
-    # -- choices: conditions are 1.0 and 0.0, as casadi has them -----------------------------------------------------
+    # -- choices: conditions are 1.0 and 0.0, as casadi has them ----------------------------------
     def _if(self, condition, x, y):
         return self.builder.select(condition, self.value(x), self.value(y))
 
@@ -260,13 +294,17 @@ class Emitter(Values):
         return self.builder.fcmp_unordered("!=", self.value(x), self.value(0.0))
 
     def limit(self, x, bound):
-        """Return x within +-bound, which is not negative: on AVX-512 the smaller magnitude, with the sign of x."""
+        """Return x within +-bound, which is not negative: on AVX-512 the smaller magnitude, with
+        the sign of x.
+        """
         if self.width != 8 or not self._has("avx512dq"):
             return self.fmin(self.fmax(x, self.neg(bound)), bound)
         kind = ir.FunctionType(EIGHT, [EIGHT, EIGHT, INDEX, EIGHT, ir.IntType(8), INDEX])
         choose = self._function("llvm.x86.avx512.mask.range.pd.512", kind)
         x = self.value(x)
-        return self.builder.call(choose, [x, self.value(bound), INDEX(2), x, ir.IntType(8)(255), INDEX(4)])
+        return self.builder.call(
+            choose, [x, self.value(bound), INDEX(2), x, ir.IntType(8)(255), INDEX(4)]
+        )
 
     def fmin(self, x, y):
         return self._if(self._compare("<", x, y), x, y)
@@ -275,7 +313,9 @@ class Emitter(Values):
         return self._if(self._compare(">", x, y), x, y)
 
     def sign(self, x):
-        return self._if(self._compare(">", x, 0.0), 1.0, self._if(self._compare("<", x, 0.0), -1.0, x))
+        return self._if(
+            self._compare(">", x, 0.0), 1.0, self._if(self._compare("<", x, 0.0), -1.0, x)
+        )
 
     def lt(self, x, y):
         return self._if(self._compare("<", x, y), 1.0, 0.0)
@@ -303,16 +343,29 @@ class Emitter(Values):
 
 
 class View:
-    """Every `stride`-th number of an array from `offset` on, and those of the next individuals, to read and write."""
+    """Every `stride`-th number of an array from `offset` on, and those of the next individuals,
+    to read and write.
+    """
 
     def __init__(self, emitter, data, stride, offset):
-        self.emitter, self.data, self.stride, self.offset = emitter, data, stride, offset
+        self.emitter = emitter
+        self.data = data
+        self.stride = stride
+        self.offset = offset
 
     def _place(self, r):
         builder = self.emitter.builder
-        start = builder.mul(self.stride, LONG(r)) if isinstance(self.stride, ir.Value) else LONG(self.stride * r)
+        start = (
+            builder.mul(self.stride, LONG(r))
+            if isinstance(self.stride, ir.Value)
+            else LONG(self.stride * r)
+        )
         place = builder.gep(self.data, [builder.add(start, self.offset)], source_etype=DOUBLE)
-        return place if self.emitter.width == 1 else builder.bitcast(place, self.emitter.double.as_pointer())
+        return (
+            place
+            if self.emitter.width == 1
+            else builder.bitcast(place, self.emitter.double.as_pointer())
+        )
 
     def __getitem__(self, r):
         return self.emitter.builder.load(self._place(r), align=8, typ=self.emitter.double)
@@ -322,4 +375,6 @@ class View:
 
 
 # Name of an operation -> the method that emits it.
-OPERATIONS = {name.rstrip("_").upper(): f"e.{name}" for name in vars(Emitter) if not name.startswith("_")}
+OPERATIONS = {
+    name.rstrip("_").upper(): f"e.{name}" for name in vars(Emitter) if not name.startswith("_")
+}

@@ -1,4 +1,6 @@
-"""casadi Function -> calls of `llvm.Emitter`, sorted by when each has to run (`instructions`), and cut into pieces."""
+"""casadi Function -> calls of `llvm.Emitter`, sorted by when each has to run (`instructions`),
+and cut into pieces.
+"""
 
 import dataclasses
 import math
@@ -13,7 +15,9 @@ from plant.compiler.llvm import OPERATIONS
 
 
 class Line(NamedTuple):
-    """One assignment; in the template ``{0}``, ``{1}`` stand for what it `needs`: names or literals."""
+    """One assignment; in the template ``{0}``, ``{1}`` stand for what it `needs`: names or
+    literals.
+    """
 
     names: tuple[str, ...]
     template: str
@@ -50,10 +54,11 @@ class Names:
 
 @dataclasses.dataclass
 class Program:
-    """Lines of one function, by the kind of the instruction, and the expressions of its results, outputs joined.
+    """Lines of one function, by the kind of the instruction, and the expressions of its results,
+    outputs joined.
 
-    `crossing` is the row of the work array that carries a variable of a LANE line to a STATE line, `used` the kind of
-    each input expression that occurs.
+    `crossing` is the row of the work array that carries a variable of a LANE line to a STATE line,
+    `used` the kind of each input expression that occurs.
     """
 
     lines: dict[int, list[Line]]
@@ -63,19 +68,27 @@ class Program:
 
 
 def translate(
-    function: ca.Function, inputs: list[list[tuple[str, int]]], names: Names, rows: Callable[[], int], *,
-    relaxed: bool = False, wanted: int | None = None,
-) -> Program:  # fmt: skip
-    """Translate an SX Function; refused if it is not of SX, or holds an operation that has no translation.
+    function: ca.Function,
+    inputs: list[list[tuple[str, int]]],
+    names: Names,
+    rows: Callable[[], int],
+    *,
+    relaxed: bool = False,
+    wanted: int | None = None,
+) -> Program:
+    """Translate an SX Function; refused if it is not of SX, or holds an operation that has no
+    translation.
 
-    `inputs`: for each input, for each component, the expression that reads it, and its kind; `rows` gives a fresh row
-    of the work array for what crosses from LANE to STATE; only what the first `wanted` output components need is
-    translated. `relaxed` allows other roundings than casadi's (`instructions`), above all fused multiply-adds. Which
-    ones is decided here, not by LLVM, so that every kernel of one function gives the same bits.
+    `inputs`: for each input, for each component, the expression that reads it, and its kind; `rows`
+    gives a fresh row of the work array for what crosses from LANE to STATE; only what the first
+    `wanted` output components need is translated. `relaxed` allows other roundings than casadi's
+    (`instructions`), above all fused multiply-adds. Which ones is decided here, not by LLVM, so
+    that every kernel of one function gives the same bits.
     """
     if function.class_name() != "SXFunction":
         raise ValueError(
-            f"function must be built from SX; got {function.class_name()} {function.name()}. Use expand()."
+            f"function must be built from SX; got {function.class_name()} {function.name()}. Use"
+            " expand()."
         )
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=relaxed)
     outputs = outputs[:wanted]
@@ -105,7 +118,12 @@ def translate(
             results = (names(), names()) if node.op == "SINCOS" else (names(),)
             text[index] = results if node.op == "SINCOS" else results[0]
             lines[node.kind].append(
-                Line(results, _CALL[len(needs)].format(OPERATIONS[node.op]), needs, _WEIGHTS.get(node.op, 1))
+                Line(
+                    results,
+                    _CALL[len(needs)].format(OPERATIONS[node.op]),
+                    needs,
+                    _WEIGHTS.get(node.op, 1),
+                )
             )
             if node.kind == LANE:
                 made.update(results)
@@ -116,16 +134,22 @@ def _literal(value: float) -> str:
     return repr(value) if math.isfinite(value) else f'float("{value!r}")'
 
 
-def single_assignment(function: ca.Function, inputs: list[list[tuple[str, int]]]) -> tuple[list[Node], list[int]]:
-    """Nodes of an SX Function, each after those it needs, and the indices of those that are its outputs, joined.
+def single_assignment(
+    function: ca.Function, inputs: list[list[tuple[str, int]]]
+) -> tuple[list[Node], list[int]]:
+    """Nodes of an SX Function, each after those it needs, and the indices of those that are its
+    outputs, joined.
 
     `inputs` are as in `translate`. ValueError for an operation that has no translation (named).
     """
     starts = [sum(function.nnz_out(i) for i in range(k)) for k in range(function.n_out() + 1)]
     latest: dict[int, int] = {}
-    nodes, outputs = [Node("CONST", 0.0, 0)], [0] * starts[-1]
+    nodes = [Node("CONST", 0.0, 0)]
+    outputs = [0] * starts[-1]
     for k in range(function.n_instructions()):
-        code, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+        code = function.instruction_id(k)
+        to = function.instruction_output(k)
+        of = function.instruction_input(k)
         if code == ca.OP_OUTPUT:
             outputs[starts[to[0]] + to[1]] = latest[of[0]]
             continue
@@ -135,11 +159,14 @@ def single_assignment(function: ca.Function, inputs: list[list[tuple[str, int]]]
             node = Node("INPUT", *inputs[of[0]][of[1]])
         elif code in _BY_CODE:
             arguments = tuple(latest[index] for index in of)
-            node = Node(_BY_CODE[code], arguments, kind_of(nodes[index].kind for index in arguments))
+            node = Node(
+                _BY_CODE[code], arguments, kind_of(nodes[index].kind for index in arguments)
+            )
         else:
             raise ValueError(
-                f"operation must be one of {', '.join(_BY_CODE.values())}; got {_CODE_NAMES.get(code, code)} in "
-                f"{function.name()}. Express it by those, or add it to plant/compiler/llvm.py."
+                f"operation must be one of {', '.join(_BY_CODE.values())}; got"
+                f" {_CODE_NAMES.get(code, code)} in {function.name()}. Express it by those, or add"
+                " it to plant/compiler/llvm.py."
             )
         latest[to[0]] = len(nodes)
         nodes.append(node)
@@ -147,31 +174,50 @@ def single_assignment(function: ca.Function, inputs: list[list[tuple[str, int]]]
 
 
 def cut(
-    lines: list[Line], stores: Mapping[int | str, str], rows: Mapping[str, int], fresh: Callable[[], int], size: int
+    lines: list[Line],
+    stores: Mapping[int | str, str],
+    rows: Mapping[str, int],
+    fresh: Callable[[], int],
+    size: int,
 ) -> list[list[str]]:
-    """Pieces of about `size` instructions, loops of their own; ``{row}`` stands for that row of the work array.
+    """Pieces of about `size` instructions, loops of their own; ``{row}`` stands for that row of the
+    work array.
 
-    `stores` says which name or literal a row, or another place, holds in the end, `rows` which row a name may be read
-    from; `fresh` gives a new row. A processor looks a few hundred instructions ahead: in one long loop these belong to
-    one individual, or a vector of them, and wait for each other, in short loops to several.
+    `stores` says which name or literal a row, or another place, holds in the end, `rows` which row
+    a name may be read from; `fresh` gives a new row. A processor looks a few hundred instructions
+    ahead: in one long loop these belong to one individual, or a vector of them, and wait for each
+    other, in short loops to several.
     """
     bounds = _bounds(lines, stores, size)
     rows, last = dict(rows), len(bounds) - 2
-    piece_of = {name: k for k, (a, b) in enumerate(pairwise(bounds)) for line in lines[a:b] for name in line.names}
+    piece_of = {
+        name: k
+        for k, (a, b) in enumerate(pairwise(bounds))
+        for line in lines[a:b]
+        for name in line.names
+    }
     read_in: dict[str, int] = {}  # name -> last piece that reads it
     for k, (a, b) in enumerate(pairwise(bounds)):
         read_in |= dict.fromkeys((name for line in lines[a:b] for name in line.needs), k)
-    read_in |= dict.fromkeys((name for name in stores.values() if name in rows), last)  # copied from row to row
+    # copied from row to row
+    read_in |= dict.fromkeys((name for name in stores.values() if name in rows), last)
     kept: dict[int | str, str] = {row: name for name, row in rows.items()}
-    # A row is overwritten as soon as its new value is known and its old one has been read for the last time.
+    # A row is overwritten as soon as its new value is known and its old one has been read for the
+    # last time.
     known_in = dict.fromkeys(rows, last) | piece_of
-    stored_in = {row: max(known_in.get(name, 0), read_in.get(kept.get(row, ""), 0)) for row, name in stores.items()}
+    stored_in = {
+        row: max(known_in.get(name, 0), read_in.get(kept.get(row, ""), 0))
+        for row, name in stores.items()
+    }
     pieces = []
     for k, (a, b) in enumerate(pairwise(bounds)):
         ending = {row: name for row, name in stores.items() if stored_in[row] == k}
         here = {name for line in lines[a:b] for name in line.names}
-        needed = dict.fromkeys([*(name for line in lines[a:b] for name in line.needs), *ending.values()])
-        # What is read has another name in every piece: variables that are assigned once compile much faster.
+        needed = dict.fromkeys(
+            [*(name for line in lines[a:b] for name in line.needs), *ending.values()]
+        )
+        # What is read has another name in every piece: variables that are assigned once compile
+        # much faster.
         read = {name: f"{name}_{k}" for name in needed if name in rows and name not in here}
         text = [f"{new} = {{{rows[name]}}}" for name, new in read.items()]
         text += [f"{', '.join(line.names)} = {line.text(read)}" for line in lines[a:b]]
@@ -194,7 +240,9 @@ def _target(place: int | str) -> str:
 def _bounds(lines: list[Line], stores: Mapping[int | str, str], size: int) -> list[int]:
     """Where to cut: near equal sizes, at the places that fewest values have to cross."""
     made = {name: i for i, line in enumerate(lines) for name in line.names}
-    read = {name: i for i, line in enumerate(lines) for name in line.needs} | dict.fromkeys(stores.values(), len(lines))
+    read = {name: i for i, line in enumerate(lines) for name in line.needs} | dict.fromkeys(
+        stores.values(), len(lines)
+    )
     change = [0] * (len(lines) + 2)
     for name, i in made.items():
         if name in read:

@@ -1,4 +1,6 @@
-"""A control law or an arm as an FMU: model description, a binary for Linux on x86-64, and its sources."""
+"""A control law or an arm as an FMU: model description, a binary for Linux on x86-64, and its
+sources.
+"""
 
 import hashlib
 import io
@@ -32,7 +34,9 @@ _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibil
 
 
 class _Model(NamedTuple):
-    """What an FMU is made of: its variables, its own C by file, the values of the templates, its usual step [s]."""
+    """What an FMU is made of: its variables, its own C by file, the values of the templates, its
+    usual step [s].
+    """
 
     name: str
     said: str
@@ -43,18 +47,23 @@ class _Model(NamedTuple):
 
 
 @known_options
-def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None, version: int = 2) -> None:
-    """A control law, or an arm with its drives and encoders, as a functional mock-up unit for co-simulation.
+def to_fmu(
+    model: Law | Running | Arm, path: str | Path, rig: Rig | None = None, version: int = 2
+) -> None:
+    """A control law, or an arm with its drives and encoders, as a functional mock-up unit for
+    co-simulation.
 
-    It holds a binary for Linux on x86-64 and its C, and no Python. Its state can be saved, restored and serialised.
+    It holds a binary for Linux on x86-64 and its C, and no Python. Its state can be saved, restored
+    and serialised.
 
     Parameters
     ----------
     model : Law, Running or Arm
-        A law with the guards of `Law.start`; what `Law.start` gave, with guards, limits and ``without=`` of its own; or
-        an arm.
+        A law with the guards of `Law.start`; what `Law.start` gave, with guards, limits and
+        ``without=`` of its own; or an arm.
     path : str or Path
-        Of the file, which ends in ``.fmu``; its name is the model's. An earlier export is overwritten, nothing else is.
+        Of the file, which ends in ``.fmu``; its name is the model's. An earlier export is
+        overwritten, nothing else is.
     rig : Rig, optional
         What the law drives, by default the rig that it holds; of an arm its drives and encoders.
     version : {2, 3}
@@ -63,7 +72,8 @@ def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None,
     Raises
     ------
     ValueError
-        No rig; a law that repeats a log; a name that C or FMI cannot have; another file of that name; no C compiler.
+        No rig; a law that repeats a log; a name that C or FMI cannot have; another file of that
+        name; no C compiler.
 
     See Also
     --------
@@ -71,9 +81,10 @@ def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None,
 
     Notes
     -----
-    A step of a law is one period: it takes counts and reference of its beginning, and gives the torque to be held
-    along it. A step of an arm is any multiple of a quarter of the rig's period: it takes that torque, and gives the
-    counts of its end. A master that steps the law first, and then the arm with its torque, repeats `simulate`.
+    A step of a law is one period: it takes counts and reference of its beginning, and gives the
+    torque to be held along it. A step of an arm is any multiple of a quarter of the rig's period:
+    it takes that torque, and gives the counts of its end. A master that steps the law first, and
+    then the arm with its torque, repeats `simulate`.
 
     Examples
     --------
@@ -88,10 +99,18 @@ def to_fmu(model: Law | Running | Arm, path: str | Path, rig: Rig | None = None,
     choice("version", version, (2, 3))
     place = _free_place(path)
     made = _arm(model, rig) if isinstance(model, Arm) else _law(model, rig)
-    sources, name = _sources(made, f"fmi{version}.c"), place.stem
+    sources = _sources(made, f"fmi{version}.c")
+    name = place.stem
     token = str(uuid.UUID(bytes=hashlib.sha256(repr((sources, made)).encode()).digest()[:16]))
-    values = made.values | {"token": token, "made": f"made by onepulse {__version__}", "model": name}
-    texts = {f"sources/{file}": Template(text).substitute(values) for file, text in (sources | made.files).items()}
+    values = made.values | {
+        "token": token,
+        "made": f"made by onepulse {__version__}",
+        "model": name,
+    }
+    texts = {
+        f"sources/{file}": Template(text).substitute(values)
+        for file, text in (sources | made.files).items()
+    }
     files = [file for file in sources | made.files if file.endswith(".c") and file != "common.c"]
     values |= described(version, made.variables, files)
     values |= {"said": made.said, "tool": f"onepulse {__version__}", "step": repr(made.step)}
@@ -114,22 +133,33 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
         rig = rig_of(model, rig, "to_fmu(law, path, rig)")
         model = model.start(rig, np.zeros(rig.n))
     elif rig is not None:
-        raise ValueError("rig must be left out for a controller that law.start(...) gave; got one. It has its own.")
+        raise ValueError(
+            "rig must be left out for a controller that law.start(...) gave; got one. It has its"
+            " own."
+        )
     said = f"{type(model.law).__name__} with the guards of its running controller"
     values = {"period": repr(model.period), "start": braced(np.zeros(4 * model.n))}
-    return _Model("controller", said, law_variables(model), _controller(model), values, model.period)
+    return _Model(
+        "controller", said, law_variables(model), _controller(model), values, model.period
+    )
 
 
 def _controller(running: Running) -> dict[str, str]:
     """The C of the controller."""
     with tempfile.TemporaryDirectory() as folder:
         running.to_c(folder)
-        return {file: (Path(folder) / file).read_text("ascii") for file in ("controller.h", "controller.c")}
+        return {
+            file: (Path(folder) / file).read_text("ascii")
+            for file in ("controller.h", "controller.c")
+        }
 
 
 def _arm(arm: Arm, rig: Rig | None) -> _Model:
     if rig is None:
-        raise ValueError("rig must be given with an arm: its drives and encoders. Call to_fmu(arm, path, rig=rig).")
+        raise ValueError(
+            "rig must be given with an arm: its drives and encoders. Call to_fmu(arm, path,"
+            " rig=rig)."
+        )
     loop = stepped_loop(arm, rig, 4, 3)
     require_counts(rig)
     said = "A geared arm with its drives and encoders"
@@ -141,11 +171,14 @@ def _sources(made: _Model, interface: str) -> dict[str, str]:
     """Templates by file, of which the numbers of variables are known."""
     kinds = [(variable.whole, variable.settable) for variable in made.variables]
     made.values.update(
-        name=made.name, NAME=made.name.upper(),
+        name=made.name,
+        NAME=made.name.upper(),
         n=str(sum(variable.name.startswith("torque.") for variable in made.variables)),
-        reals=str(sum(not whole for whole, _ in kinds)), reals_set=str(kinds.count((False, True))),
-        wholes=str(sum(whole for whole, _ in kinds)), wholes_set=str(kinds.count((True, True))),
-    )  # fmt: skip
+        reals=str(sum(not whole for whole, _ in kinds)),
+        reals_set=str(kinds.count((False, True))),
+        wholes=str(sum(whole for whole, _ in kinds)),
+        wholes_set=str(kinds.count((True, True))),
+    )
     own = {"arm.h": "arm.h", "model.c": "arm.c"} if made.name == "arm" else {"model.c": "law.c"}
     shared = {file: file for file in ("fmu.h", "common.c", interface)}
     return {file: _template(of) for file, of in (shared | own).items()}
@@ -156,17 +189,19 @@ def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None or not sys.platform.startswith("linux") or platform.machine() != "x86_64":
         raise ValueError(
-            f"to_fmu needs a C compiler (cc or gcc) on Linux, x86_64; this is {platform.system()} on "
-            f"{platform.machine()}, with {compiler or 'none'}. Install gcc there."
+            f"to_fmu needs a C compiler (cc or gcc) on Linux, x86_64; this is {platform.system()}"
+            f" on {platform.machine()}, with {compiler or 'none'}. Install gcc there."
         )
     with tempfile.TemporaryDirectory() as folder:
         for file, text in texts.items():
             (Path(folder) / Path(file).name).write_text(text, "utf-8")
         command = [compiler, *_FLAGS, "-o", "fmu.so", *files, "-lm"]
-        said = subprocess.run(command, cwd=folder, capture_output=True, text=True)  # noqa: S603 - the compiler
+        # the compiler
+        said = subprocess.run(command, cwd=folder, capture_output=True, text=True)  # noqa: S603
         if said.returncode:
             raise ValueError(
-                f"the C must compile; {compiler} says {said.stderr.strip()[:200]!r}. Try another compiler."
+                f"the C must compile; {compiler} says {said.stderr.strip()[:200]!r}. Try another"
+                " compiler."
             )
         return (Path(folder) / "fmu.so").read_bytes()
 
@@ -174,10 +209,15 @@ def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
 def _free_place(given: str | Path) -> Path:
     """The path, if its name is one for C and nothing else lies there."""
     if not isinstance(given, (str, Path)):
-        raise ValueError(f"path must be that of a file; got {given!r:.60}. Give a name that ends in .fmu.")
+        raise ValueError(
+            f"path must be that of a file; got {given!r:.60}. Give a name that ends in .fmu."
+        )
     path = Path(given)
     if path.suffix != ".fmu" or not (path.stem.isidentifier() and path.stem.isascii()):
-        raise ValueError(f"path must end in .fmu, its name in letters, digits and _; got {path.name!r:.60}. Rename it.")
+        raise ValueError(
+            f"path must end in .fmu, its name in letters, digits and _; got {path.name!r:.60}."
+            " Rename it."
+        )
     if path.exists():
         try:
             with zipfile.ZipFile(path) as earlier:
@@ -185,7 +225,10 @@ def _free_place(given: str | Path) -> Path:
         except (OSError, KeyError, zipfile.BadZipFile):
             ours = False
         if not ours:
-            raise ValueError(f"{path} must not exist, or be an earlier export; it is another file. Choose a new name.")
+            raise ValueError(
+                f"{path} must not exist, or be an earlier export; it is another file. Choose a new"
+                " name."
+            )
     return path
 
 
@@ -195,7 +238,8 @@ def _write(path: Path, content: dict[str, bytes]) -> None:
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for file, data in content.items():
             info = zipfile.ZipInfo(file, _STAMP)
-            info.compress_type, info.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
             archive.writestr(info, data)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(buffer.getvalue())

@@ -1,4 +1,5 @@
-"""What an FMU exchanges, as the model descriptions of both versions of FMI list it; the step of `simulate` as C.
+"""What an FMU exchanges, as the model descriptions of both versions of FMI list it; the step of
+`simulate` as C.
 
 The functions of an arm are those of `plant.simulation.closed_loop`; here they are put into text.
 """
@@ -36,18 +37,31 @@ class Variable:
 
 
 def of_joints(
-    quantity: str, joints: Sequence[str], causality: str, said: str, unit: str | None = None, whole: bool = False
+    quantity: str,
+    joints: Sequence[str],
+    causality: str,
+    said: str,
+    unit: str | None = None,
+    whole: bool = False,
 ) -> list[Variable]:
     """One variable per joint, ``torque.elbow``."""
-    return [Variable(f"{quantity}.{joint}", causality, f"{said}, {joint}", unit, whole=whole) for joint in joints]
+    return [
+        Variable(f"{quantity}.{joint}", causality, f"{said}, {joint}", unit, whole=whole)
+        for joint in joints
+    ]
 
 
 def named_joints(labels: Iterable[str]) -> list[str]:
     """Names of joints as FMI has them in ``torque.elbow``, from their labels."""
-    names = [re.sub(r"[^A-Za-z0-9]+", "_", re.sub(r"(?<=\S) \(q\[\d+\]\)$", "", label)).strip("_") for label in labels]
+    names = [
+        re.sub(r"[^A-Za-z0-9]+", "_", re.sub(r"(?<=\S) \(q\[\d+\]\)$", "", label)).strip("_")
+        for label in labels
+    ]
     if len(set(names)) < len(names) or not all(re.match("[A-Za-z]", name) for name in names):
         rule = "differ in letters and digits, and begin with a letter"
-        raise ValueError(f"joint names must {rule}; got {', '.join(names)}. Rename the joints of chain or drive.")
+        raise ValueError(
+            f"joint names must {rule}; got {', '.join(names)}. Rename the joints of chain or drive."
+        )
     return names
 
 
@@ -58,10 +72,16 @@ def law_variables(running: Running) -> list[Variable]:
         *of_joints("q_r", joints, "input", "reference position", unit="rad"),
         *of_joints("qd_r", joints, "input", "reference velocity", unit="rad/s"),
         *of_joints("qdd_r", joints, "input", "reference acceleration", unit="rad/s2"),
-        *of_joints("torque", joints, "output", "joint torque after the amplifier's limit", unit="N.m"),
+        *of_joints(
+            "torque", joints, "output", "joint torque after the amplifier's limit", unit="N.m"
+        ),
         *of_joints("counts", joints, "input", "encoder count", whole=True),
-        Variable("stopped", "output", "0, or why the arm is stopped: a cause in controller.h", whole=True),
-        Variable("brake", "output", "1 where the mechanical brakes should hold the arm", whole=True),
+        Variable(
+            "stopped", "output", "0, or why the arm is stopped: a cause in controller.h", whole=True
+        ),
+        Variable(
+            "brake", "output", "1 where the mechanical brakes should hold the arm", whole=True
+        ),
     ]
 
 
@@ -70,10 +90,15 @@ def arm_variables(arm: Arm) -> list[Variable]:
     joints = named_joints(arm.dynamics.chain.joint_labels)
     f = enumerate(zip(arm.dynamics.names, arm.f, strict=True), 1)
     return [
-        *of_joints("torque", joints, "input", "joint torque; the amplifier's limit is kept", unit="N.m"),
+        *of_joints(
+            "torque", joints, "input", "joint torque; the amplifier's limit is kept", unit="N.m"
+        ),
         *of_joints("q_start", joints, "parameter", "position at the start", unit="rad"),
         *of_joints("qd_start", joints, "parameter", "velocity at the start", unit="rad/s"),
-        *(Variable(f"f[{i}]", "parameter", f"inertial parameter {name}", start=value) for i, (name, value) in f),
+        *(
+            Variable(f"f[{i}]", "parameter", f"inertial parameter {name}", start=value)
+            for i, (name, value) in f
+        ),
         *of_joints("q", joints, "output", "true joint position", unit="rad"),
         *of_joints("qd", joints, "output", "true joint velocity", unit="rad/s"),
         *of_joints("counts", joints, "output", "encoder count", whole=True),
@@ -81,9 +106,15 @@ def arm_variables(arm: Arm) -> list[Variable]:
 
 
 def described(version: int, variables: Sequence[Variable], files: Sequence[str]) -> dict[str, str]:
-    """Lists of a model description; a variable's value reference is its place, and the reals come first."""
+    """Lists of a model description; a variable's value reference is its place, and the reals
+    come first.
+    """
     places = [place for place, variable in enumerate(variables) if not variable.settable]
-    known = {"variables": [_declared(variable, place, version) for place, variable in enumerate(variables)]}
+    known = {
+        "variables": [
+            _declared(variable, place, version) for place, variable in enumerate(variables)
+        ]
+    }
     if version == 2:
         known["outputs"] = [f'<Unknown index="{place + 1}"/>' for place in places]
         known["files"] = [f'<File name="{file}"/>' for file in files]
@@ -91,13 +122,20 @@ def described(version: int, variables: Sequence[Variable], files: Sequence[str])
         known["outputs"] = [f'<Output valueReference="{place}"/>' for place in places]
         known["initial"] = [f'<InitialUnknown valueReference="{place}"/>' for place in places]
         known["files"] = [f'<SourceFile name="{file}"/>' for file in files]
-    return {"count": str(len(variables)), **{name: "\n      ".join(lines) for name, lines in known.items()}}
+    return {
+        "count": str(len(variables)),
+        **{name: "\n      ".join(lines) for name, lines in known.items()},
+    }
 
 
 def _declared(variable: Variable, place: int, version: int) -> str:
     """One variable of ModelVariables."""
-    about = {"name": variable.name, "valueReference": str(place), "description": variable.said,
-             "causality": variable.causality}  # fmt: skip
+    about = {
+        "name": variable.name,
+        "valueReference": str(place),
+        "description": variable.said,
+        "causality": variable.causality,
+    }
     if variable.causality == "parameter":
         about["variability"] = "fixed"
     elif variable.whole:
@@ -107,9 +145,15 @@ def _declared(variable: Variable, place: int, version: int) -> str:
         value["start"] = str(int(variable.start)) if variable.whole else repr(float(variable.start))
     else:
         about["initial"] = "calculated"
-    said, given = (" ".join(f"{key}={quoteattr(text)}" for key, text in each.items()) for each in (about, value))
+    said, given = (
+        " ".join(f"{key}={quoteattr(text)}" for key, text in each.items())
+        for each in (about, value)
+    )
     if version == 2:
-        return f"<ScalarVariable {said}><{'Integer' if variable.whole else 'Real'} {given}/></ScalarVariable>"
+        return (
+            f"<ScalarVariable {said}><{'Integer' if variable.whole else 'Real'}"
+            f" {given}/></ScalarVariable>"
+        )
     return f"<{'Int32' if variable.whole else 'Float64'} {said} {given}/>"
 
 
@@ -120,15 +164,22 @@ def arm_values(arm: Arm, loop: ClosedLoop) -> dict[str, str]:
     numbers = loop.number_values(arm.f)[p:]
     bodies = {"settled": _settled(loop), "moved": _moved(loop), "observed": _observed(loop)}
     return {
-        "h": repr(loop.h), "steps": str(loop.steps_per_sample), "states": str(len(loop.state_names)),
-        "listed": comment(", ".join(loop.number_names[p:]))[3:-3], "numbers": braced(numbers),
-        "helpers": helpers("\n".join(bodies.values())), "start": braced(start), **bodies,
-    }  # fmt: skip
+        "h": repr(loop.h),
+        "steps": str(loop.steps_per_sample),
+        "states": str(len(loop.state_names)),
+        "listed": comment(", ".join(loop.number_names[p:]))[3:-3],
+        "numbers": braced(numbers),
+        "helpers": helpers("\n".join(bodies.values())),
+        "start": braced(start),
+        **bodies,
+    }
 
 
 def _settled(loop: ClosedLoop) -> str:
     """The state at the start."""
-    q, qd, numbers = (ca.SX.sym(name, size) for name, size in (("q", loop.n), ("qd", loop.n), ("f", _count(loop))))
+    q, qd, numbers = (
+        ca.SX.sym(name, size) for name, size in (("q", loop.n), ("qd", loop.n), ("f", _count(loop)))
+    )
     places = loop._places
     state = ca.SX(loop.initial_state(np.zeros(loop.n), np.zeros(loop.n)))
     given = {"q": q, "qd": qd}
@@ -147,25 +198,39 @@ def _moved(loop: ClosedLoop) -> str:
     times = [("0.0", UNIFORM)] * len(loop.time_names)
     times[logged : logged + loop.n] = [(f"torque[{i}]", TIME) for i in range(loop.n)]
     times[-1] = (repr(loop.h), UNIFORM)
-    state, time, numbers = (ca.SX.sym(name, loop.substep.size1_in(i)) for i, name in enumerate(("x", "t", "numbers")))
+    state, time, numbers = (
+        ca.SX.sym(name, loop.substep.size1_in(i)) for i, name in enumerate(("x", "t", "numbers"))
+    )
     function = ca.Function("moved", [state, time, numbers], loop.substep(state, time, numbers)[:1])
-    return _body(function, [_state(loop), times, _numbers(loop)], {"state": range(len(loop.state_names))})
+    return _body(
+        function, [_state(loop), times, _numbers(loop)], {"state": range(len(loop.state_names))}
+    )
 
 
 def _observed(loop: ClosedLoop) -> str:
     """Position, velocity and counts of a state, and whether they are bounded."""
-    n, places, state = loop.n, loop._places, ca.SX.sym("state", len(loop.state_names))
+    n = loop.n
+    places = loop._places
+    state = ca.SX.sym("state", len(loop.state_names))
     rows = {name: state[at.start : at.stop] for name, at in places.items()}
     q, qd = (rows["link"], rows["link_speed"]) if "link" in loop.giving else (rows["q"], rows["qd"])
     counts = loop.rig.true_counts(q if loop.rig.encoder.side == "link" else rows["q"])
     sound = ca.logic_and(rows["ok"] > 0, bounded(ca.vertsplit(ca.vertcat(rows["q"], rows["qd"]))))
     function = ca.Function("observed", [state], [ca.cse(ca.vertcat(q, qd, counts, sound))])
-    text = _body(function, [_state(loop)], {"seen": range(2 * n), "counts": range(n), "const int sound": None})
+    text = _body(
+        function,
+        [_state(loop)],
+        {"seen": range(2 * n), "counts": range(n), "const int sound": None},
+    )
     return f"{text}\n    return sound;"
 
 
-def _body(function: ca.Function, inputs: list[list[tuple[str, int]]], targets: dict[str, range | None]) -> str:
-    """Statements that write the results, joined, into arrays; all are read before one is written."""
+def _body(
+    function: ca.Function, inputs: list[list[tuple[str, int]]], targets: dict[str, range | None]
+) -> str:
+    """Statements that write the results, joined, into arrays; all are read before one is
+    written.
+    """
     lines, values, _ = statements(function, inputs)
     listed = "".join(f"    {value},\n" for value in values)
     body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
@@ -174,7 +239,11 @@ def _body(function: ca.Function, inputs: list[list[tuple[str, int]]], targets: d
     for name, places in targets.items():
         count = 1 if places is None else len(places)
         last = f"{name} = results[{first}] != 0.0;"
-        body.append(last if places is None else f"memcpy({name}, results + {first}, {count} * sizeof *results);")
+        body.append(
+            last
+            if places is None
+            else f"memcpy({name}, results + {first}, {count} * sizeof *results);"
+        )
         first += count
     return textwrap.indent("\n".join(body), "    ")
 
@@ -190,4 +259,7 @@ def _state(loop: ClosedLoop) -> list[tuple[str, int]]:
 def _numbers(loop: ClosedLoop) -> list[tuple[str, int]]:
     """F of the instance, and the numbers that are fixed."""
     p = loop.dynamics.p
-    return [*((f"f[{i}]", UNIFORM) for i in range(p)), *((f"numbers[{i}]", UNIFORM) for i in range(_count(loop) - p))]
+    return [
+        *((f"f[{i}]", UNIFORM) for i in range(p)),
+        *((f"numbers[{i}]", UNIFORM) for i in range(_count(loop) - p)),
+    ]

@@ -16,8 +16,8 @@ from plant.parts.part import number, part, structure
 class P(StatelessLaw):
     """P control, the experiment's: motor torque proportional to the tracking error in pulses.
 
-    It is fast hardware (a counter and an amplifier), evaluated at every sub-step: sampled at the log's 0.7 ms the same
-    loop would be unstable.
+    It is fast hardware (a counter and an amplifier), evaluated at every sub-step: sampled at the
+    log's 0.7 ms the same loop would be unstable.
 
     Parameters
     ----------
@@ -43,14 +43,17 @@ class P(StatelessLaw):
         super().__post_init__()
         signs(self, not_negative=("gain",))
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """Tau = k P (reference pulses - pulses)."""
         return rig.drive.joint_torque(self.gain, setpoint.pulses - pulses), state
 
 
 @part
 class PD(Law):
-    """PD control: motor torque = gain e + derivative edot, with e the tracking error in pulses and edot its derivative.
+    """PD control: motor torque = gain e + derivative edot, with e the tracking error in pulses and
+    edot its derivative.
 
     Parameters
     ----------
@@ -61,7 +64,8 @@ class PD(Law):
     filter : float
         Pole of the first-order low-pass in front of the backward difference [rad/s].
     period : float, optional
-        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every
+        sub-step.
 
     See Also
     --------
@@ -90,7 +94,9 @@ class PD(Law):
         """No reading yet."""
         return no_reading(n)
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """Tau = k (P e + D edot)."""
         motor, state = self.motor_torque(setpoint.pulses - pulses, state, dt)
         return rig.drive.joint_torque(motor), state
@@ -135,25 +141,33 @@ class PID(PD):
         """No reading yet, nothing integrated, nothing commanded."""
         return np.concatenate([no_reading(n), np.zeros(2 * n)])
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """Tau = k (P e + I (integral of e) + D edot)."""
-        n, error = rig.n, setpoint.pulses - pulses
-        memory, integral, asked = state[: n + 1], state[n + 1 : -n], state[-n:]
+        n = rig.n
+        error = setpoint.pulses - pulses
+        memory = state[: n + 1]
+        integral = state[n + 1 : -n]
+        asked = state[-n:]
         missing = rig.drive.motor_torque(torque) - asked
         tracking = self.integral / self.gain  # type: ignore[operator]  # mypy takes inherited fields for what goes in
         integral = integrated(integral, self.integral * error, missing, tracking, dt)
 
         motor, memory = self.motor_torque(error, memory, dt)
-        return rig.drive.joint_torque(motor + integral), ca.vertcat(memory, integral, motor + integral)
+        return rig.drive.joint_torque(motor + integral), ca.vertcat(
+            memory, integral, motor + integral
+        )
 
 
 @part
 class Cascade(Law):
-    """Cascade control: P on the position, PI on the speed; motor torque = speed (w - pulses') + integral of the same.
+    """Cascade control: P on the position, PI on the speed; motor torque = speed (w - pulses') +
+    integral of the same.
 
-    The commanded speed is w = position e, with e the tracking error in pulses; pulses' is the filtered difference of
-    the counts, or their difference over some samples. Nothing is fed forward, so in steady motion the error is the
-    reference's speed over `position`.
+    The commanded speed is w = position e, with e the tracking error in pulses; pulses' is the
+    filtered difference of the counts, or their difference over some samples. Nothing is fed
+    forward, so in steady motion the error is the reference's speed over `position`.
 
     Parameters
     ----------
@@ -166,9 +180,11 @@ class Cascade(Law):
     filter : float, optional
         Pole of the first-order low-pass in front of the backward difference [rad/s].
     difference : int, optional
-        Samples over which the difference is taken, in place of the filter; such a cascade has a period.
+        Samples over which the difference is taken, in place of the filter; such a cascade has a
+        period.
     period : float, optional
-        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every sub-step.
+        Sampling period [s], the torque held in between. None: fast hardware, evaluated at every
+        sub-step.
 
     See Also
     --------
@@ -192,15 +208,25 @@ class Cascade(Law):
         super().__post_init__()
         signs(self, positive=("speed",), not_negative=("position", "integral"))
         optional_period(self)
-        if isinstance(self.difference, bool) or not isinstance(self.difference, int) or self.difference < 0:
-            raise ValueError(f"difference must be a number of samples; got {self.difference!r}. Give 1 or more.")
+        if (
+            isinstance(self.difference, bool)
+            or not isinstance(self.difference, int)
+            or self.difference < 0
+        ):
+            raise ValueError(
+                f"difference must be a number of samples; got {self.difference!r}. Give 1 or more."
+            )
         if (self.filter is None) == (not self.difference):
             raise ValueError(
-                f"one of filter and difference must be given; got {self.filter} and {self.difference}. Give the pole "
-                "[rad/s], or the samples that the drive takes its speed from."
+                f"one of filter and difference must be given; got {self.filter} and"
+                f" {self.difference}. Give the pole [rad/s], or the samples that the drive takes"
+                " its speed from."
             )
         if self.difference and self.period is None:
-            raise ValueError("difference needs a sampled cascade; got period=None. Give the period [s], or a filter.")
+            raise ValueError(
+                "difference needs a sampled cascade; got period=None. Give the period [s], or a"
+                " filter."
+            )
         if self.filter is not None:
             signs(self, positive=("filter",))
 
@@ -208,16 +234,22 @@ class Cascade(Law):
         """No reading yet, nothing integrated, nothing commanded."""
         return np.concatenate([no_reading(n, self.difference or 1), np.zeros(2 * n)])
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
         n = rig.n
-        memory, integral, asked = state[: -2 * n], state[-2 * n : -n], state[-n:]
+        memory = state[: -2 * n]
+        integral = state[-2 * n : -n]
+        asked = state[-n:]
         missing = rig.drive.motor_torque(torque) - asked
         if self.difference:
             rate, memory = difference(pulses, memory, self.difference, dt)
         else:
             rate, memory = filtered_difference(pulses, memory, self.filter, dt)
         slow = self.position * (setpoint.pulses - pulses) - rate
-        integral = integrated(integral, self.integral * slow, missing, self.integral / self.speed, dt)
+        integral = integrated(
+            integral, self.integral * slow, missing, self.integral / self.speed, dt
+        )
         motor = self.speed * slow + integral
         return rig.drive.joint_torque(motor), ca.vertcat(memory, integral, motor)

@@ -1,4 +1,6 @@
-"""Laws that repeat the torque or the current of a log, in open loop; and what a law without memory commanded in one."""
+"""Laws that repeat the torque or the current of a log, in open loop; and what a law without
+memory commanded in one.
+"""
 
 from typing import Any
 
@@ -33,14 +35,17 @@ class LoggedTorque(StatelessLaw):
 
     replays = "torque"
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """Tau = the logged one."""
         return setpoint.logged, state
 
 
 @part
 class LoggedCurrent(StatelessLaw):
-    """The logged motor currents, the record's column `current` [A], repeated in open loop by the rig's motor gain.
+    """The logged motor currents, the record's column `current` [A], repeated in open loop by the
+    rig's motor gain.
 
     The current of a sample acts from there to the next: zero-order hold.
 
@@ -57,7 +62,9 @@ class LoggedCurrent(StatelessLaw):
 
     replays = "current"
 
-    def equations(self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX) -> Step:
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
         """Tau = k K_i i."""
         return rig.drive.joint_torque(rig.drive.motor_gain, setpoint.logged), state
 
@@ -66,14 +73,21 @@ _AT_ONCE = 1 << 14  # samples that are worked out at once
 
 
 def commanded_torque(record: Any) -> NDArray[np.float64] | None:
-    """Commanded torques (N, n) [N m] of a record under a law without memory, before the limit; None for other laws."""
-    law, rig = record.law, record.rig
+    """Commanded torques (N, n) [N m] of a record under a law without memory, before the limit;
+    None for other laws.
+    """
+    law = record.law
+    rig = record.rig
     if law is None or law.replays or law.has_memory(record.n):
         return None
-    block, counts, found = law.block(rig), record.counts, np.empty((len(record), record.n))
+    block = law.block(rig)
+    counts = record.counts
+    found = np.empty((len(record), record.n))
     zero = np.zeros(record.n)
     for start in range(0, len(record), _AT_ONCE):
         rows = slice(start, start + _AT_ONCE)
         pulses = record.reference_pulses[rows].T, counts[rows].T
-        found[rows] = block.step([], zero, zero, zero, *pulses, zero, rig.period, block.values)[0].full().T
+        found[rows] = (
+            block.step([], zero, zero, zero, *pulses, zero, rig.period, block.values)[0].full().T
+        )
     return found

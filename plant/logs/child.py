@@ -1,9 +1,9 @@
 """The child process that reads one file by libraries of others: a corrupt one may crash them.
 
-Run as a script it imports nothing of this project but `formats`, takes an order (JSON) as its argument, and answers on
-stdout: a line of names, types and shapes (JSON) and the bytes of the columns, or one line that says why not (exit
-status 3). What it may use is limited before
-it imports what reads the file.
+Run as a script it imports nothing of this project but `formats`, takes an order (JSON) as its
+argument, and answers on stdout: a line of names, types and shapes (JSON) and the bytes of the
+columns, or one line that says why not (exit status 3). What it may use is limited before it imports
+what reads the file.
 """
 
 import contextlib
@@ -18,15 +18,16 @@ from typing import Any
 
 REFUSED = 3
 
-# What the package `formats` is called here: its folder is not on the path, and neither is this one, which holds files
-# whose names other libraries import.
+# What the package `formats` is called here: its folder is not on the path, and neither is this one,
+# which holds files whose names other libraries import.
 _FORMATS = "onepulse_formats"
 
 
 def main(order: dict[str, Any]) -> int:
     """Read a file and write its columns to stdout.
 
-    The order holds kind, path, names (or None), prefix and options; seconds, memory and bytes are the limits.
+    The order holds kind, path, names (or None), prefix and options; seconds, memory and bytes are
+    the limits.
     """
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a library prints must not get into the answer
@@ -49,7 +50,10 @@ def main(order: dict[str, Any]) -> int:
     except BaseException as error:  # the parent wants one line, whatever it was
         said = str(error)
         if not isinstance(error, refusal):
-            said = f"must be a sound file; reading it gave {f'{type(error).__name__} {said}':.200}. Write it again."
+            said = (
+                f"must be a sound file; reading it gave {f'{type(error).__name__} {said}':.200}."
+                " Write it again."
+            )
         with contextlib.suppress(ValueError):
             answer.write(said.encode(errors="replace"))
             answer.close()
@@ -73,11 +77,17 @@ def _limit(seconds: int, memory: int) -> None:
         import resource
     except ImportError:  # Windows has none; the parent's clock still holds
         return
-    limits = (resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds), (resource.RLIMIT_FSIZE, memory)
+    limits = (
+        (resource.RLIMIT_AS, memory),
+        (resource.RLIMIT_CPU, seconds),
+        (resource.RLIMIT_FSIZE, memory),
+    )
     for what, most in (*limits, (resource.RLIMIT_CORE, 0)):
         hard = resource.getrlimit(what)[1]
         with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+            resource.setrlimit(
+                what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard)
+            )
 
 
 if __name__ == "__main__":

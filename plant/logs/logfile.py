@@ -1,4 +1,6 @@
-"""A log file as a table of named columns, whatever its format; every failure to read it is one `LoadError`."""
+"""A log file as a table of named columns, whatever its format; every failure to read it is one
+`LoadError`.
+"""
 
 import contextlib
 import os
@@ -15,10 +17,20 @@ from plant.parts.csv_rows import read_rows
 from plant.parts.files import require_bounded
 
 _SUFFIXES = {
-    ".csv": "csv", ".txt": "csv", ".tsv": "csv", ".npz": "npz", ".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5",
-    ".parquet": "parquet", ".pq": "parquet", ".mcap": "mcap", ".db3": "rosbag2",
-}  # fmt: skip
-_FOLDERS = {"rosbag2": "metadata.yaml", "lerobot": "meta/info.json"}  # kind -> what is in such a folder
+    ".csv": "csv",
+    ".txt": "csv",
+    ".tsv": "csv",
+    ".npz": "npz",
+    ".mat": "mat",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+    ".parquet": "parquet",
+    ".pq": "parquet",
+    ".mcap": "mcap",
+    ".db3": "rosbag2",
+}
+# kind -> what is in such a folder
+_FOLDERS = {"rosbag2": "metadata.yaml", "lerobot": "meta/info.json"}
 _MOST = 256 << 20  # bytes of all columns together
 _OF_MESSAGES = ("mcap", "rosbag2")
 _MOST_OF_MESSAGES = 64 << 30  # bytes of a file of which only some topics are read
@@ -55,7 +67,9 @@ def load_errors(path: str | Path) -> Iterator[None]:
         raise LoadError(_line(f"{path} {error}")) from None
     except Exception as error:
         said = f"{type(error).__name__}: {error}"
-        raise LoadError(_line(f"{path} must be a sound file; reading it gave {said:.200}. Write it again.")) from None
+        raise LoadError(
+            _line(f"{path} must be a sound file; reading it gave {said:.200}. Write it again.")
+        ) from None
 
 
 def _line(text: str) -> str:
@@ -64,36 +78,45 @@ def _line(text: str) -> str:
 
 @known_options
 def read_table(
-    path: str | Path, *, names: Sequence[str] | None = None, prefix: str = "", episode: int | None = None
+    path: str | Path,
+    *,
+    names: Sequence[str] | None = None,
+    prefix: str = "",
+    episode: int | None = None,
 ) -> dict[str, NDArray[Any]]:
-    r"""Read the columns of a log, by its ending: CSV with a line of names, NPZ, MAT version 5, HDF5, Parquet, MCAP, or
-    a bag of ROS 2; or a LeRobot data set, which is a folder, as a bag may be.
+    r"""Read the columns of a log, by its ending: CSV with a line of names, NPZ, MAT version 5,
+    HDF5, Parquet, MCAP, or a bag of ROS 2; or a LeRobot data set, which is a folder, as a bag may
+    be.
 
-    All but CSV and NPZ are read in a child process with limits of time and memory, and all but those and MAT need the
-    extra of their name: ``hdf5``, ``parquet``, ``mcap``, ``rosbag2``, ``lerobot``. Columns of a group, a structure, a
-    topic are named ``group/name``, ``structure.name`` and ``/topic.name``; one of a list ``name[1]`` or ``name.elbow``.
+    All but CSV and NPZ are read in a child process with limits of time and memory, and all but
+    those and MAT need the extra of their name: ``hdf5``, ``parquet``, ``mcap``, ``rosbag2``,
+    ``lerobot``. Columns of a group, a structure, a topic are named ``group/name``,
+    ``structure.name`` and ``/topic.name``; one of a list ``name[1]`` or ``name.elbow``.
 
     Parameters
     ----------
     path : str or Path
     names : sequence of str, optional
-        Columns to read; by default all, which then must all be real numbers. Of messages, all that are.
+        Columns to read; by default all, which then must all be real numbers. Of messages, all that
+        are.
     prefix : str
-        What the names in the file begin with, as in ``run_07/``; it is left out of those of the table.
+        What the names in the file begin with, as in ``run_07/``; it is left out of those of the
+        table.
     episode : int, optional
         Of a LeRobot data set; by default 0.
 
     Returns
     -------
     dict of str to numpy.ndarray
-        Columns (N,) or blocks of columns (N, n); floats, or integers as they were. A missing cell is NaN. A topic has
-        as many rows as messages.
+        Columns (N,) or blocks of columns (N, n); floats, or integers as they were. A missing cell
+        is NaN. A topic has as many rows as messages.
 
     Raises
     ------
     LoadError
-        A file that is missing, corrupt, or larger than 256 MiB once expanded; a column that is not there, or that
-        holds anything but real numbers. Its reader has 4.5 s; messages and CSV have 60 s.
+        A file that is missing, corrupt, or larger than 256 MiB once expanded; a column that is not
+        there, or that holds anything but real numbers. Its reader has 4.5 s; messages and CSV have
+        60 s.
 
     See Also
     --------
@@ -120,23 +143,34 @@ def kind_of(path: str | Path) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in _SUFFIXES:
         known = f"{', '.join(_SUFFIXES)}, or be a folder with {' or '.join(_FOLDERS.values())}"
-        raise ValueError(f"must end in one of {known}; got {suffix!r}. Rename it, or save it as one.")
+        raise ValueError(
+            f"must end in one of {known}; got {suffix!r}. Rename it, or save it as one."
+        )
     return _SUFFIXES[suffix]
 
 
 def options_of(kind: str, episode: int | None = None, clock: str | None = None) -> dict[str, Any]:
-    """What a reader of this kind is given besides names: the episode of a data set, the clock of messages."""
+    """What a reader of this kind is given besides names: the episode of a data set, the clock of
+    messages.
+    """
     if kind == "lerobot":
-        return {"episode": whole("episode", 0 if episode is None else episode, "Count from 0.", least=0)}
+        return {
+            "episode": whole("episode", 0 if episode is None else episode, "Count from 0.", least=0)
+        }
     if episode is not None:
-        raise ValueError(f"has no episodes, as a LeRobot data set does; got episode={episode!r:.20}. Leave it out.")
+        raise ValueError(
+            f"has no episodes, as a LeRobot data set does; got episode={episode!r:.20}. Leave it"
+            " out."
+        )
     return {"clock": clock} if kind in _OF_MESSAGES else {}
 
 
 def read_file(
     kind: str, path: str | Path, names: Iterable[str] | None, prefix: str, **options: Any
 ) -> dict[str, NDArray[Any]]:
-    """Read columns of a file of a known kind, as `read_table` does; `options` as `options_of` gives them."""
+    """Read columns of a file of a known kind, as `read_table` does; `options` as `options_of`
+    gives them.
+    """
     with load_errors(path):
         if not (kind in _FOLDERS and Path(path).is_dir()):
             require_bounded(path, _MOST_OF_MESSAGES if kind in _OF_MESSAGES else _MOST)
@@ -147,30 +181,44 @@ def read_file(
             known, columns = _csv(path, wanted, prefix)
         else:
             given = os.fspath(path), wanted, prefix, _MOST
-            known, columns = read_npz(*given) if kind == "npz" else read_isolated(kind, *given, **options)
+            known, columns = (
+                read_npz(*given) if kind == "npz" else read_isolated(kind, *given, **options)
+            )
         require_columns(wanted or (), columns, known)
         if not columns:
-            raise ValueError(f"must hold columns whose names begin with {prefix!r}; got {known[:5]}. Check prefix.")
+            raise ValueError(
+                f"must hold columns whose names begin with {prefix!r}; got {known[:5]}. Check"
+                " prefix."
+            )
         return {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()}
 
 
-def require_columns(names: Iterable[str], columns: Mapping[str, Any], known: Iterable[str] | None = None) -> None:
-    """Refuse a table that lacks one of these columns, and offer the nearest of those that it has."""
+def require_columns(
+    names: Iterable[str], columns: Mapping[str, Any], known: Iterable[str] | None = None
+) -> None:
+    """Refuse a table that lacks one of these columns, and offer the nearest of those that it
+    has.
+    """
     known = list(dict.fromkeys(columns if known is None else known))
     for name in names:
         if name not in columns:
-            some, hint = ", ".join(repr(other) for other in known[:6]), near(name, known, "Correct the mapping.")
+            some = ", ".join(repr(other) for other in known[:6])
+            hint = near(name, known, "Correct the mapping.")
             some = f"{len(known)} others: {some}{', ...' * (len(known) > 6)}" if known else "none"
             raise ValueError(f"column {name!r} must be there; got {some:.220}. {hint}")
 
 
-def _csv(path: str | Path, wanted: Collection[str] | None, prefix: str) -> tuple[list[str], dict[str, NDArray[Any]]]:
+def _csv(
+    path: str | Path, wanted: Collection[str] | None, prefix: str
+) -> tuple[list[str], dict[str, NDArray[Any]]]:
     def chosen(name: str) -> bool:
         return name.startswith(prefix) if wanted is None else name in wanted
 
     names, rows = read_rows(path, chosen=chosen)
     if names is None:
-        raise ValueError("must name its columns in a line above the numbers, without #; got none. Add that line.")
+        raise ValueError(
+            "must name its columns in a line above the numbers, without #; got none. Add that line."
+        )
     read = [name for name in names if chosen(name)]
     if len(set(read)) < len(read):
         twice = next(name for i, name in enumerate(read) if name in read[:i])
@@ -182,9 +230,14 @@ def _numbers(name: str, column: NDArray[Any]) -> NDArray[Any]:
     """A column as float64 or int64 of this machine, one-dimensional or (N, n)."""
     column = np.atleast_1d(column)
     if column.ndim > 2 or column.size == 0:
-        raise ValueError(f"must hold columns (N,) or (N, n); got shape {column.shape} in {name!r}. Leave it out.")
+        raise ValueError(
+            f"must hold columns (N,) or (N, n); got shape {column.shape} in {name!r}. Leave it out."
+        )
     if column.dtype.kind == "f":
         return column.astype(float)
     if column.dtype.kind == "u" and (column > np.iinfo(np.int64).max).any():
-        raise ValueError(f"must hold whole numbers below 2^63; got {column.max()} in column {name!r}. Correct it.")
+        raise ValueError(
+            f"must hold whole numbers below 2^63; got {column.max()} in column {name!r}."
+            " Correct it."
+        )
     return column.astype(np.int64)

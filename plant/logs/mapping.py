@@ -1,4 +1,6 @@
-"""A table of named columns as the fields of a `Record`: units, encoder wrap, missing cells, angles into counts."""
+"""A table of named columns as the fields of a `Record`: units, encoder wrap, missing cells,
+angles into counts.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -28,44 +30,66 @@ from plant.parts.messages import warn
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _ASKED = ("reference_position", "reference_motor_position")
-_NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}  # one number of a column
+# one number of a column
+_NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}
 _PARTIAL = ("link_position",)  # of some joints: None in place of the name of the column of others
 _KNOWN = (*UNITS, "valid", *_NOTED)
 
-_LEVELS, _CLEAN = 50, 0.05  # different angles that tell; and share of a step by which each may be off its multiple
+# different angles that tell; and share of a step by which each may be off its multiple
+_LEVELS = 50
+_CLEAN = 0.05
 
-# Pulses about a whole one that tell no other gear; factor of it, at most; and distance of the logarithm of a step to a
-# power of ten, of radians or degrees, at which decimals were cut.
-_NEAR, _FACTOR, _DECIMAL = 0.02, 5.0, 1e-3
+# Pulses about a whole one that tell no other gear; factor of it, at most; and distance of the
+# logarithm of a step to a power of ten, of radians or degrees, at which decimals were cut.
+_NEAR = 0.02
+_FACTOR = 5.0
+_DECIMAL = 1e-3
 
 
 def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
-    """Names of the table's columns that a mapping needs, in order; the mapping and its units are validated."""
+    """Names of the table's columns that a mapping needs, in order; the mapping and its units are
+    validated.
+    """
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
     for field in columns:
         choice("what a column is mapped to", field, _KNOWN)
     measured = [field for field in MEASURED if field in columns]
     if len(measured) != 1:
-        raise ValueError(f"columns must hold exactly one of {', '.join(MEASURED)}; got {measured or 'none'}. {advice}")
+        raise ValueError(
+            f"columns must hold exactly one of {', '.join(MEASURED)}; got {measured or 'none'}."
+            f" {advice}"
+        )
     commanded = [field for field in REFERENCE if field in columns]
     if len(commanded) > 1:
-        raise ValueError(f"columns may hold one reference; got {', '.join(commanded)}. Leave out the others.")
-    require_units(columns, {} if units is None else instance("units", units, dict, 'Give units={"t": "s", ...}.'))
+        raise ValueError(
+            f"columns may hold one reference; got {', '.join(commanded)}. Leave out the others."
+        )
+    require_units(
+        columns,
+        {} if units is None else instance("units", units, dict, 'Give units={"t": "s", ...}.'),
+    )
     listed = [(field, name) for field, value in columns.items() for name in _names(value)]
     names = [name for field, name in listed if name is not None or field not in _PARTIAL]
     if not all(isinstance(name, str) for name in names):
         raise ValueError(f"columns must be mapped by their names; got {names!r:.80}. {advice}")
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
-        raise ValueError(f"columns must map each column once; got {twice!r} twice. Give each joint its own.")
+        raise ValueError(
+            f"columns must map each column once; got {twice!r} twice. Give each joint its own."
+        )
     return names
 
 
 def record_fields(
-    table: Mapping[str, ArrayLike], *, rig: Rig, columns: Mapping[str, Any], units: Mapping[str, Unit] | None,
-    wrap: ArrayLike | None, reference: Reference | None,
-) -> dict[str, Any]:  # fmt: skip
+    table: Mapping[str, ArrayLike],
+    *,
+    rig: Rig,
+    columns: Mapping[str, Any],
+    units: Mapping[str, Unit] | None,
+    wrap: ArrayLike | None,
+    reference: Reference | None,
+) -> dict[str, Any]:
     """Fields of a record from a table; see `Record.from_table`."""
     names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")
@@ -76,7 +100,9 @@ def record_fields(
     N = {len(value) for value in values.values()}
     if len(N) > 1:
         lengths = ", ".join(f"{field} {len(value)}" for field, value in values.items())
-        raise ValueError(f"columns must have one length; got {lengths}. Map columns of one sampling.")
+        raise ValueError(
+            f"columns must have one length; got {lengths}. Map columns of one sampling."
+        )
     notes = {field: float(of(values.pop(field))) for field, of in _NOTED.items() if field in values}
     values, t = _in_time(values, stated, rig)
     asked = next((each for each in _ASKED if each in values), None)
@@ -91,17 +117,22 @@ def record_fields(
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
     if reference is None and asked is not None and known is not None and not rig.encoder.smooth:
-        angles, commanded = converted_angle(asked, values[asked], stated[asked], rig), fields["reference_pulses"]
+        angles = converted_angle(asked, values[asked], stated[asked], rig)
+        commanded = fields["reference_pulses"]
         fields["reference"] = path = path_through(t[known], angles[known], commanded[known], rig)
         if path is not None and not known.all():
             commanded[~known] = rig.counts(path(t[~known] - t[known][0]).q)
-    counts, commanded = fields.pop("counts", None), fields.get("reference_pulses")
+    counts = fields.pop("counts", None)
+    commanded = fields.get("reference_pulses")
     if commanded is None and reference is not None:
         commanded = fields["reference_pulses"] = rig.counts(reference(t).q)
     if counts is not None:
         fields["error_pulses"] = -counts if commanded is None else commanded - counts
     elif commanded is None:
-        raise ValueError("error_pulses need what was commanded; got none. Map reference_pulses, or pass reference=.")
+        raise ValueError(
+            "error_pulses need what was commanded; got none. Map reference_pulses, or pass"
+            " reference=."
+        )
     return fields
 
 
@@ -110,7 +141,10 @@ def _unit(field: str, unit: Any, n: int) -> Unit:
     if isinstance(unit, str):
         return unit
     if len(unit) != n:
-        raise ValueError(f"units of {field!r} must be one, or {n}, one per joint; got {len(unit)}. State as many.")
+        raise ValueError(
+            f"units of {field!r} must be one, or {n}, one per joint; got {len(unit)}. State as"
+            " many."
+        )
     return unit[0] if len(set(unit)) == 1 else tuple(unit)
 
 
@@ -128,16 +162,26 @@ def _block(table, field, value, n):
     for name in _names(value):
         part = np.full(length, np.nan) if name is None else np.asarray(table[name])
         if part.dtype.kind not in "biuf" or part.ndim not in (1, 2):
-            raise ValueError(f"column {name!r} must be real numbers, (N,) or (N, n); got {part.dtype} {part.shape}.")
+            raise ValueError(
+                f"column {name!r} must be real numbers, (N,) or (N, n); got {part.dtype}"
+                f" {part.shape}."
+            )
         parts.append(part[:, None] if part.ndim == 1 else part)
     if len({len(part) for part in parts}) != 1:
-        raise ValueError(f"columns of {field!r} must have one length; got {[len(part) for part in parts]}. Check them.")
+        raise ValueError(
+            f"columns of {field!r} must have one length; got {[len(part) for part in parts]}. Check"
+            " them."
+        )
     block = np.concatenate(parts, axis=1)
     if block.shape[1] != (1 if single else n):
         expected = "one column" if single else f"{n} columns, one per joint"
-        raise ValueError(f"{field!r} must have {expected}; got {block.shape[1]} ({value!r:.80}). Map as many.")
+        raise ValueError(
+            f"{field!r} must have {expected}; got {block.shape[1]} ({value!r:.80}). Map as many."
+        )
     if np.isinf(block).any():
-        raise ValueError(f"{field!r} must be finite, or NaN where it is missing; got inf. Mark such cells NaN.")
+        raise ValueError(
+            f"{field!r} must be finite, or NaN where it is missing; got inf. Mark such cells NaN."
+        )
     return block[:, 0] if single else block
 
 
@@ -147,10 +191,15 @@ def _in_time(values, stated, rig):
         return values, rig.period * np.arange(len(next(iter(values.values()))))
     stamp = values.pop("t")
     if np.isnan(stamp).any():
-        raise ValueError(f"t must be finite; got nan in row {int(np.argmax(np.isnan(stamp)))}. Drop that row.")
+        raise ValueError(
+            f"t must be finite; got nan in row {int(np.argmax(np.isnan(stamp)))}. Drop that row."
+        )
     new = np.append(True, stamp[1:] != stamp[:-1])
     if not new.all():
-        text = f"{(~new).sum()} rows repeat the time of the row before and are left out, from row {np.argmin(new)} on"
+        text = (
+            f"{(~new).sum()} rows repeat the time of the row before and are left out, from row"
+            f" {np.argmin(new)} on"
+        )
         warn(text)
     t = (stamp[new] - stamp[0]) / TIME[stated["t"]]
     require_period(t, stated["t"], rig.period)
@@ -158,7 +207,9 @@ def _in_time(values, stated, rig):
 
 
 def _held(values, labels):
-    """Values with the last known one in place of every NaN, and weights that are zero in such rows."""
+    """Values with the last known one in place of every NaN, and weights that are zero in such
+    rows.
+    """
     weight = np.asarray(values.get("valid", np.ones(len(next(iter(values.values()))))), float)
     valid = np.where(np.isnan(weight), 0.0, weight)
     held = {}
@@ -169,7 +220,10 @@ def _held(values, labels):
         if field in _PARTIAL:
             known |= ~known.any(axis=0)
         if not known.any(axis=0).all():
-            raise ValueError(f"{field!r} must hold numbers; {labels[np.argmin(known.any(axis=0))]} has none. Check.")
+            raise ValueError(
+                f"{field!r} must hold numbers; {labels[np.argmin(known.any(axis=0))]} has none."
+                " Check."
+            )
         row = np.maximum.accumulate(np.where(known, np.arange(len(value))[:, None], -1), axis=0)
         row = np.where(row < 0, np.argmax(known, axis=0), row)  # before the first: the first
         held[field] = np.take_along_axis(value, row, axis=0)
@@ -178,27 +232,42 @@ def _held(values, labels):
 
 
 def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray[Any]:
-    """Values whose steps are never more than half a wrap: whole wraps, counted in integers, are added."""
+    """Values whose steps are never more than half a wrap: whole wraps, counted in integers, are
+    added.
+    """
     n = len(labels)
     wrap = np.broadcast_to(wrap, n) if np.ndim(wrap) == 0 else np.asarray(wrap)
     if wrap.shape != (n,):
-        raise ValueError(f"wrap must be one number, or {n}, one per joint; got shape {wrap.shape}. Give as many.")
-    wrap = np.array([real("wrap", w, "Give counts per wrap, or an angle.", positive=True) for w in wrap.tolist()])
+        raise ValueError(
+            f"wrap must be one number, or {n}, one per joint; got shape {wrap.shape}. Give as many."
+        )
+    wrap = np.array(
+        [
+            real("wrap", w, "Give counts per wrap, or an angle.", positive=True)
+            for w in wrap.tolist()
+        ]
+    )
     if (np.ptp(value, axis=0) > wrap * (1 + 1e-9)).any():
         joint = int(np.argmax(np.ptp(value, axis=0) / wrap))
         got = f"{labels[joint]} spans {np.ptp(value[:, joint]):g}"
-        raise ValueError(f"wrap must be as large as what is logged; got {wrap[joint]:g}, but {got}. Correct it.")
+        raise ValueError(
+            f"wrap must be as large as what is logged; got {wrap[joint]:g}, but {got}. Correct it."
+        )
     whole = value.dtype.kind == "i" or (value == np.round(value)).all()
     kind = np.int64 if whole and (wrap == np.round(wrap)).all() else float
-    value, wrap = value.astype(kind), wrap.astype(kind)
+    value = value.astype(kind)
+    wrap = wrap.astype(kind)
     turns = -np.cumsum(np.round(np.diff(value, axis=0) / wrap).astype(np.int64), axis=0)
     return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
 
 
 def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, float]:
-    """Notes of joints whose positions (N, n) are clean multiples of one step that is no whole pulse [pulses]."""
+    """Notes of joints whose positions (N, n) are clean multiples of one step that is no whole
+    pulse [pulses].
+    """
     place = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
-    notes, pulses = dict[str, float](), np.abs(np.diagonal(place(np.eye(rig.n) * factors(unit))))
+    notes = dict[str, float]()
+    pulses = np.abs(np.diagonal(place(np.eye(rig.n) * factors(unit))))
     for i in range(0 if rig.encoder.smooth else rig.n):
         step = _clean_step(value[:, i])
         share = step * pulses[i]
@@ -215,8 +284,10 @@ def _clean_step(value: NDArray[np.float64]) -> float:
     if len(levels) < _LEVELS:
         return 0.0
     apart = np.diff(levels)
-    apart = apart[apart > _CLEAN * np.median(apart)]  # the rest is one level, written in other last digits
+    # the rest is one level, written in other last digits
+    apart = apart[apart > _CLEAN * np.median(apart)]
     # The cell at zero of `fix` is two wide: its neighbours' centres are half a step further.
     halves = np.round(2 * apart / apart.min())
-    step, off = float(2 * apart.sum() / halves.sum()), 2 * (levels - levels[0])
+    step = float(2 * apart.sum() / halves.sum())
+    off = 2 * (levels - levels[0])
     return step if np.abs(off / step - np.round(off / step)).max() < _CLEAN else 0.0

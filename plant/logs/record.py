@@ -1,7 +1,7 @@
 """The log of an experiment: all that passes from plant to identification.
 
-A record keeps the rig, the law and the reference that made it, so that the same experiment can be replayed with
-another arm. A file from a real robot enters exactly where a simulation does.
+A record keeps the rig, the law and the reference that made it, so that the same experiment can be
+replayed with another arm. A file from a real robot enters exactly where a simulation does.
 """
 
 import dataclasses
@@ -41,7 +41,8 @@ class Record(FromFiles, Frozen):
     error_pulses : (N, n) array_like
         Commanded minus counted [pulses], on the motor's shaft, with its sign.
     reference_pulses : (N, n) array_like, optional
-        Commanded counts. Left out where nothing was commanded: all 0, so that the errors are minus the counts.
+        Commanded counts. Left out where nothing was commanded: all 0, so that the errors are minus
+        the counts.
     rig : Rig
     law : Law, optional
         What controlled the arm.
@@ -52,31 +53,35 @@ class Record(FromFiles, Frozen):
     current : (N, n) array_like, optional
         Motor current [A], of all that torque.
     injected : (N, n) array_like, optional
-        Known joint torque that acted beside the law's, added to it at the amplifier [N m], such as an excitation; held
-        from its sample to the next. The motors gave the sum, within the amplifier's limit; the law did not know of it.
+        Known joint torque that acted beside the law's, added to it at the amplifier [N m], such as
+        an excitation; held from its sample to the next. The motors gave the sum, within the
+        amplifier's limit; the law did not know of it.
     initial : (2, n) array_like, optional
-        Position [rad] and velocity [rad/s] at t = 0. Left out, a replay starts with the reference, but a joint whose
-        first error is a pulse or more starts where its encoder says.
+        Position [rad] and velocity [rad/s] at t = 0. Left out, a replay starts with the reference,
+        but a joint whose first error is a pulse or more starts where its encoder says.
     valid : (N,) array_like, optional
-        Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all have 1.
+        Weight of each sample, 0 to 1; a sample that was dropped or is wrong has 0. By default all
+        have 1.
     link_counts : (N, n) array_like, optional
-        What encoders on the links count, behind elastic gears, in pulses of the motors' shafts; NaN throughout in the
-        column of a joint that has none.
+        What encoders on the links count, behind elastic gears, in pulses of the motors' shafts; NaN
+        throughout in the column of a joint that has none.
     true_q, true_qd : (N, n) array_like, optional
         True joint motion; only a simulation knows it, and identification never reads it.
     name : str
-        What messages call it: of a record that was read, its file. Records that differ only in this, in `columns` or in
-        `notes` are equal.
+        What messages call it: of a record that was read, its file. Records that differ only in
+        this, in `columns` or in `notes` are equal.
     columns : dict, optional
-        Field -> name of its column in the file, or names, one per joint, as `from_table` was given them; for messages.
+        Field -> name of its column in the file, or names, one per joint, as `from_table` was given
+        them; for messages.
     notes : dict, optional
-        What is known of the log: text or numbers by name, such as ``robot``, ``time`` (ISO 8601, or Unix seconds),
-        ``temperature`` [°C]; a `ctc.Fleet` reads these three.
+        What is known of the log: text or numbers by name, such as ``robot``, ``time`` (ISO 8601, or
+        Unix seconds), ``temperature`` [°C]; a `ctc.Fleet` reads these three.
 
     Raises
     ------
     ValueError
-        Wrong shapes, NaN, time that does not increase, with the index; a law that repeats a column that is not there.
+        Wrong shapes, NaN, time that does not increase, with the index; a law that repeats a column
+        that is not there.
 
     See Also
     --------
@@ -112,20 +117,32 @@ class Record(FromFiles, Frozen):
     notes: Mapping[str, Any] | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        for name, kind in (("rig", Rig), ("law", (Law, type(None))), ("reference", (Reference, type(None)))):
+        for name, kind in (
+            ("rig", Rig),
+            ("law", (Law, type(None))),
+            ("reference", (Reference, type(None))),
+        ):
             if not isinstance(getattr(self, name), kind):
-                raise ValueError(f"{name} of a record must be a {name.capitalize()}; got {getattr(self, name)!r:.60}.")
+                raise ValueError(
+                    f"{name} of a record must be a {name.capitalize()}; got"
+                    f" {getattr(self, name)!r:.60}."
+                )
         instance("name", self.name, str, "Give a word, such as the file's name.")
         if self.columns is not None:
             instance("columns", self.columns, dict, "Give the mapping of from_table.")
         object.__setattr__(self, "notes", _noted(self.notes))
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].", shared=True)
         if not len(t):
-            raise ValueError("t must hold samples; got none. Check that the log was written to the end.")
+            raise ValueError(
+                "t must hold samples; got none. Check that the log was written to the end."
+            )
         stuck = np.flatnonzero(np.diff(t) <= 0)
         if len(stuck):
             i = int(stuck[0]) + 1
-            raise ValueError(f"t must increase; got {t[i]} after {t[i - 1]} at index {i}. Sort the rows or drop one.")
+            raise ValueError(
+                f"t must increase; got {t[i]} after {t[i - 1]} at index {i}. Sort the rows or drop"
+                " one."
+            )
         shape = (len(t), self.rig.n)
         values = {"t": t}
         for name in COLUMNS:
@@ -133,21 +150,30 @@ class Record(FromFiles, Frozen):
             if value is not None:
                 some = name == "link_counts"
                 advice = "Give one row per sample, one column per joint."
-                values[name] = array(name, value, shape, advice=advice, finite=not some, shared=True)
+                values[name] = array(
+                    name, value, shape, advice=advice, finite=not some, shared=True
+                )
                 if some:
                     _require_sensors(self.rig, values[name])
         if self.error_pulses is None:
-            raise ValueError(f"error_pulses must have shape {shape}; got None. Without a reference, give -counts.")
+            raise ValueError(
+                f"error_pulses must have shape {shape}; got None. Without a reference, give"
+                " -counts."
+            )
         if self.reference_pulses is None:
             values["reference_pulses"] = np.zeros(shape)
         valid = np.ones(len(t)) if self.valid is None else self.valid
-        values["valid"] = valid = array("valid", valid, shape[:1], advice="Give one weight per sample.", shared=True)
+        values["valid"] = valid = array(
+            "valid", valid, shape[:1], advice="Give one weight per sample.", shared=True
+        )
         wrong = np.flatnonzero((valid < 0) | (valid > 1))
         if len(wrong):
             got = f"got {valid[wrong[0]]:g} at index {wrong[0]}"
             raise ValueError(f"valid must be 0 to 1; {got}. 0 leaves a sample out.")
         if self.initial is not None:
-            values["initial"] = array("initial", self.initial, (2, self.rig.n), advice="Give q and qd at t = 0.")
+            values["initial"] = array(
+                "initial", self.initial, (2, self.rig.n), advice="Give q and qd at t = 0."
+            )
         for name, value in values.items():
             value.setflags(write=False)
             object.__setattr__(self, name, value)
@@ -165,7 +191,8 @@ class Record(FromFiles, Frozen):
         return self.reference_pulses - self.error_pulses
 
     def column(self, field: str, joint: int) -> str:
-        """What messages call the column of a field ("counts", "reference", "torque", ...) and a joint.
+        """What messages call the column of a field ("counts", "reference", "torque", ...) and a
+        joint.
 
         Its name in the file, if one was mapped, and the field; otherwise the field alone.
         """
@@ -173,7 +200,11 @@ class Record(FromFiles, Frozen):
         names = [name for name in (field, *SOURCES.get(field, ())) if name in own]
         mapped = own[names[0]] if names else None
         if isinstance(mapped, str):
-            return f"column {mapped!r}, place {joint} ({names[0]})" if self.n > 1 else f"column {mapped!r} ({names[0]})"
+            return (
+                f"column {mapped!r}, place {joint} ({names[0]})"
+                if self.n > 1
+                else f"column {mapped!r} ({names[0]})"
+            )
         if mapped is not None and len(mapped) == self.n:
             return f"column {mapped[joint]!r} ({names[0]})"
         return field
@@ -187,37 +218,53 @@ class Record(FromFiles, Frozen):
 
     def __repr__(self) -> str:
         made = type(self.law).__name__ if self.law is not None else "an unknown law"
-        return f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under {made})"
+        return (
+            f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under"
+            f" {made})"
+        )
 
     def cut(self, begin: float, end: float = np.inf) -> Self:
-        """The stretch from `begin` to before `end` [s], on its own time from 0; its reference goes on.
+        """The stretch from `begin` to before `end` [s], on its own time from 0; its reference goes
+        on.
 
         Raises
         ------
         ValueError
             A stretch without samples.
         """
-        begin, end = real("begin", begin, "Give seconds of the record's t."), float(end)
+        begin = real("begin", begin, "Give seconds of the record's t.")
+        end = float(end)
         rows = np.flatnonzero((self.t >= begin) & (self.t < end))
         if not len(rows):
             whole = f"The record has {self.t[0]:g} to {self.t[-1]:g} s."
-            raise ValueError(f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. {whole}")
-        some, reference = slice(rows[0], rows[-1] + 1), self.reference
+            raise ValueError(
+                f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. {whole}"
+            )
+        some = slice(rows[0], rows[-1] + 1)
+        reference = self.reference
         gone = float(self.t[rows[0]] - self.t[0])
         values = {name: getattr(self, name) for name in (*COLUMNS, "valid")}
-        cut: dict[str, Any] = {name: None if value is None else value[some] for name, value in values.items()}
+        cut: dict[str, Any] = {
+            name: None if value is None else value[some] for name, value in values.items()
+        }
         if reference is not None and gone:
             reference = reference.later(gone)
         return dataclasses.replace(
-            self, **cut, t=self.t[some] - self.t[rows[0]], reference=reference, initial=None if gone else self.initial
+            self,
+            **cut,
+            t=self.t[some] - self.t[rows[0]],
+            reference=reference,
+            initial=None if gone else self.initial,
         )
 
     @known_options
     def resampled(self, period: float) -> Self:
-        """The same experiment at uniform times, its counts interpolated linearly and rounded to whole pulses.
+        """The same experiment at uniform times, its counts interpolated linearly and rounded to
+        whole pulses.
 
-        The true motion likewise. Torques and current are means over each new period, of a zero-order hold, or of a line
-        across a gap (above 1.5 median intervals). A sample between two has their smaller weight, and none in a gap.
+        The true motion likewise. Torques and current are means over each new period, of a
+        zero-order hold, or of a line across a gap (above 1.5 median intervals). A sample between
+        two has their smaller weight, and none in a gap.
 
         Parameters
         ----------
@@ -227,25 +274,37 @@ class Record(FromFiles, Frozen):
         Raises
         ------
         ValueError
-            A period more than 20 times longer or shorter than the nominal interval: it is in another unit.
+            A period more than 20 times longer or shorter than the nominal interval: it is in
+            another unit.
         """
-        return type(self)(**resampled_fields(self, real("period", period, "Give seconds.", positive=True)))
+        return type(self)(
+            **resampled_fields(self, real("period", period, "Give seconds.", positive=True))
+        )
 
 
 def _require_sensors(rig: Rig, counts: Floats) -> None:
     """Refuse columns of link encoders that hold gaps, none at all, or others than the rig has."""
-    numbers, stated = np.isfinite(counts), rig.encoder.side
+    numbers = np.isfinite(counts)
+    stated = rig.encoder.side
     there = np.asarray(numbers.any(axis=0))
     advice = "A joint without a second encoder is NaN throughout."
     if (numbers != there).any():
         index = tuple(np.argwhere(numbers != there)[0].tolist())
-        raise ValueError(f"link_counts must be finite; got {counts[index]} at index {index}. {advice}")
+        raise ValueError(
+            f"link_counts must be finite; got {counts[index]} at index {index}. {advice}"
+        )
     if not there.any():
-        raise ValueError(f"link_counts must be of a joint at least; got NaN alone. Leave them out. {advice}")
+        raise ValueError(
+            f"link_counts must be of a joint at least; got NaN alone. Leave them out. {advice}"
+        )
     wrong = np.flatnonzero(there != rig.encoder.on_links(rig.n))
     if len(wrong) and stated not in ("motor", "link"):
-        label, got = rig.joint_labels[wrong[0]], "has a column" if there[wrong[0]] else "is NaN"
-        raise ValueError(f"link_counts must be of joints with side 'both'; {label} {got}, its rig says {stated!r}.")
+        label = rig.joint_labels[wrong[0]]
+        got = "has a column" if there[wrong[0]] else "is NaN"
+        raise ValueError(
+            f"link_counts must be of joints with side 'both'; {label} {got}, its rig says"
+            f" {stated!r}."
+        )
 
 
 def _noted(notes: Any) -> dict[str, str | float]:
@@ -254,7 +313,11 @@ def _noted(notes: Any) -> dict[str, str | float]:
     given = {} if notes is None else instance("notes", notes, dict, advice)
     for name, value in given.items():
         if not isinstance(name, str) or not name or value == "":
-            raise ValueError(f"notes must be text or numbers by name; got {name!r:.40}: {value!r:.40}. {advice}")
+            raise ValueError(
+                f"notes must be text or numbers by name; got {name!r:.40}: {value!r:.40}. {advice}"
+            )
         if name in NUMBERS or not isinstance(value, str):
             real(f"note {name!r:.40}", value, advice)
-    return {name: value if isinstance(value, str) else float(value) for name, value in given.items()}
+    return {
+        name: value if isinstance(value, str) else float(value) for name, value in given.items()
+    }

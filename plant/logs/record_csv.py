@@ -1,4 +1,6 @@
-"""A record as a CSV file, which gives back every bit; and plain files of time, reference and error in pulses."""
+"""A record as a CSV file, which gives back every bit; and plain files of time, reference and
+error in pulses.
+"""
 
 import json
 from collections.abc import Mapping
@@ -17,19 +19,28 @@ from plant.parts.plain import from_plain
 
 # Field of a record with a number per joint -> what its columns are called, and their unit.
 COLUMNS = {
-    "reference_pulses": ("reference", "pulses"), "error_pulses": ("error", "pulses"), "torque": ("torque", "N m"),
-    "current": ("current", "A"), "injected": ("injected", "N m"), "link_counts": ("link", "pulses"),
-    "true_q": ("true_q", "rad"), "true_qd": ("true_qd", "rad/s"),
-}  # fmt: skip
+    "reference_pulses": ("reference", "pulses"),
+    "error_pulses": ("error", "pulses"),
+    "torque": ("torque", "N m"),
+    "current": ("current", "A"),
+    "injected": ("injected", "N m"),
+    "link_counts": ("link", "pulses"),
+    "true_q": ("true_q", "rad"),
+    "true_qd": ("true_qd", "rad/s"),
+}
 
 
 def write(record: Any, path: str | Path) -> None:
     """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
     parts = {name: getattr(record, name) for name in ("rig", "law", "reference")}
-    header = {"onepulse": 1, **{name: None if part is None else part.describe() for name, part in parts.items()}}
+    header = {
+        "onepulse": 1,
+        **{name: None if part is None else part.describe() for name, part in parts.items()},
+    }
     header["initial"] = None if record.initial is None else record.initial.tolist()
     header["notes"] = dict(record.notes)
-    names, columns = ["t [s]"], [record.t[:, None]]
+    names = ["t [s]"]
+    columns = [record.t[:, None]]
     for field, (name, unit) in COLUMNS.items():
         value = getattr(record, field)
         if value is not None:
@@ -45,17 +56,26 @@ def write(record: Any, path: str | Path) -> None:
 
 
 def read(
-    path: str | Path, *, rig: Rig | None, law: Law | None, reference: Reference | None, initial: ArrayLike | None
+    path: str | Path,
+    *,
+    rig: Rig | None,
+    law: Law | None,
+    reference: Reference | None,
+    initial: ArrayLike | None,
 ) -> dict[str, Any]:
     """Read what `write` wrote, or a plain file, as the fields of a record."""
     header: dict[str, Any] = {}
-    names, table = read_rows(path, comment=lambda count, line: header.update(header or _header(count, line)))
+    names, table = read_rows(
+        path, comment=lambda count, line: header.update(header or _header(count, line))
+    )
     _require_finite(path, names, table)
     rig = rig or _part(header, "rig")
     if rig is None:
         raise ValueError("does not name its rig; a plain file needs one. Pass rig= and law=.")
     if not isinstance(rig, Rig):
-        raise ValueError(f"cannot be read: rig of a record must be a Rig; got {rig!r:.60}. Pass rig=.")
+        raise ValueError(
+            f"cannot be read: rig of a record must be a Rig; got {rig!r:.60}. Pass rig=."
+        )
     named = names is not None and any("[" in name for name in names)
     return {
         "t": table[:, 0],
@@ -76,32 +96,50 @@ def _require_finite(path: str | Path, names: list[str] | None, table: Floats) ->
         return
     row, column = broken[0]
     with open(path, encoding="utf-8-sig") as file:
-        lines = [count for count, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
+        lines = [
+            count
+            for count, line in enumerate(file, 1)
+            if line.strip() and not line.lstrip().startswith("#")
+        ]
     got = f"got {table[row, column]:g} in column {repr(names[column]) if names else column + 1}"
-    advice = "Cut such rows out, or put a number there and mark the row invalid, 0 in a column 'valid [1]'"
-    raise ValueError(f"line {lines[row + (names is not None)]} must have finite numbers; {got}. {advice}.")
+    advice = (
+        "Cut such rows out, or put a number there and mark the row invalid, 0 in a column 'valid"
+        " [1]'"
+    )
+    raise ValueError(
+        f"line {lines[row + (names is not None)]} must have finite numbers; {got}. {advice}."
+    )
 
 
 def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
     n = rig.n
     if table.shape[1] != 1 + 2 * n:
-        got, advice = f"got {table.shape[1]} columns", "Leave out others, or name them with columns=."
+        got = f"got {table.shape[1]} columns"
+        advice = "Leave out others, or name them with columns=."
         raise ValueError(f"must hold t, {n} reference and {n} error columns; {got}. {advice}")
     broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
     if len(broken) and not rig.encoder.smooth:
         row, column = broken[0] + (0, 1)
         value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
-        raise ValueError(f"must hold whole pulses; {value}. Turn angles into counts with rig.counts(q).")
+        raise ValueError(
+            f"must hold whole pulses; {value}. Turn angles into counts with rig.counts(q)."
+        )
     return {"reference_pulses": table[:, 1 : 1 + n], "error_pulses": table[:, 1 + n :]}
 
 
 def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
-    known = {f"{name}_{i + 1} [{unit}]": (field, i) for field, (name, unit) in COLUMNS.items() for i in range(n)}
+    known = {
+        f"{name}_{i + 1} [{unit}]": (field, i)
+        for field, (name, unit) in COLUMNS.items()
+        for i in range(n)
+    }
     known["valid [1]"] = "valid", 0
     fields: dict[str, Floats] = {}
     for column, name in enumerate(names[1:], 1):
         if name not in known:
-            raise ValueError(f"has an unknown column {name!r:.40}; known are {', '.join(known)}. Rename it.")
+            raise ValueError(
+                f"has an unknown column {name!r:.40}; known are {', '.join(known)}. Rename it."
+            )
         if name in names[1:column]:
             raise ValueError(f"has column {name!r} twice; each may come once. Drop one.")
         field, joint = known[name]
@@ -110,7 +148,9 @@ def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
         else:
             fields.setdefault(field, np.full((len(table), n), np.nan))[:, joint] = table[:, column]
     if "error_pulses" not in fields:
-        raise ValueError(f"must hold columns error_1 [pulses] to error_{n} [pulses]; got none. Add them.")
+        raise ValueError(
+            f"must hold columns error_1 [pulses] to error_{n} [pulses]; got none. Add them."
+        )
     return fields
 
 
@@ -120,7 +160,9 @@ def _header(count: int, line: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         return {}  # a comment
     if isinstance(header, dict) and header.get("onepulse", 1) != 1:
-        raise ValueError(f"line {count} must be version 1; got {header['onepulse']!r}. Use a newer library.")
+        raise ValueError(
+            f"line {count} must be version 1; got {header['onepulse']!r}. Use a newer library."
+        )
     return header if isinstance(header, dict) else {}
 
 
@@ -128,4 +170,6 @@ def _part(header: Mapping[str, Any], name: str) -> Any:
     try:
         return from_plain(header.get(name))
     except RecursionError:
-        raise ValueError(f"must describe its {name} as to_csv does; it is nested too deep. Correct it.") from None
+        raise ValueError(
+            f"must describe its {name} as to_csv does; it is nested too deep. Correct it."
+        ) from None

@@ -1,4 +1,6 @@
-"""Class methods of `Record` that read files: the library's own, and mapped columns of every other format."""
+"""Class methods of `Record` that read files: the library's own, and mapped columns of every
+other format.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,21 +31,29 @@ class FromFiles:
     """The readers and the writer of a `Record`."""
 
     def to_csv(self, path: str | Path) -> None:
-        """Write a CSV file that `from_csv` reads back without loss; line 1 has what are no columns, such as the rig."""
+        """Write a CSV file that `from_csv` reads back without loss; line 1 has what are no
+        columns, such as the rig.
+        """
         record_csv.write(self, path)
 
     def to_mcap(self, path: str | Path) -> None:
-        """Write an MCAP file for Foxglove, PlotJuggler and Rerun, from time 0: joints in rad and N m, and all columns.
+        """Write an MCAP file for Foxglove, PlotJuggler and Rerun, from time 0: joints in rad and N
+        m, and all columns.
 
-        ``/joint_states`` has what was measured, ``/reference`` what was commanded, and ``/sample`` this record's own
-        columns. Of an evaluation, write its ``record``.
+        ``/joint_states`` has what was measured, ``/reference`` what was commanded, and ``/sample``
+        this record's own columns. Of an evaluation, write its ``record``.
         """
         record: Any = self
         times = np.rint(1e9 * (record.t - record.t[0])).astype(int).tolist()
-        columns = {name: getattr(record, name) for name in record_csv.COLUMNS if getattr(record, name) is not None}
+        columns = {
+            name: getattr(record, name)
+            for name in record_csv.COLUMNS
+            if getattr(record, name) is not None
+        }
         columns |= {"valid": record.valid[:, None]}
         topics = joint_topics(record.n, {name: values.shape[1] for name, values in columns.items()})
-        q, q_r = record.rig.cell_centre(record.counts), record.rig.to_angle(record.reference_pulses)
+        q = record.rig.cell_centre(record.counts)
+        q_r = record.rig.to_angle(record.reference_pulses)
         torque = columns.get("torque", np.zeros((len(times), 0)))
         with McapFile(path, record.rig.drive.joints, record.n, topics) as file:
             for k, time in enumerate(times):
@@ -54,35 +64,54 @@ class FromFiles:
     @classmethod
     @known_options
     def from_csv(
-        cls, path: str | Path, *, rig: Rig | None = None, law: Law | None = None, reference: Reference | None = None,
-        initial: ArrayLike | None = None, columns: Mapping[str, Any] | None = None,
-        units: Mapping[str, Any] | None = None, wrap: ArrayLike | None = None, prefix: str = "",
-    ) -> Self:  # fmt: skip
-        """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses], or a log of others.
+        cls,
+        path: str | Path,
+        *,
+        rig: Rig | None = None,
+        law: Law | None = None,
+        reference: Reference | None = None,
+        initial: ArrayLike | None = None,
+        columns: Mapping[str, Any] | None = None,
+        units: Mapping[str, Any] | None = None,
+        wrap: ArrayLike | None = None,
+        prefix: str = "",
+    ) -> Self:
+        """Read what `to_csv` wrote, a plain CSV of t [s], n reference and n error columns [pulses],
+        or a log of others.
 
         Parameters
         ----------
         path : str or Path
         rig, law, reference, initial : optional
-            As in `Record`. A plain file needs rig and law; without a reference the logged counts are replayed. In place
-            of those named in the file otherwise.
+            As in `Record`. A plain file needs rig and law; without a reference the logged counts
+            are replayed. In place of those named in the file otherwise.
         columns : dict, optional
-            With it, the file is a table of named columns, which this maps to the fields of a record; `from_table` says
-            how, and what `units` and `wrap` are.
+            With it, the file is a table of named columns, which this maps to the fields of a
+            record; `from_table` says how, and what `units` and `wrap` are.
         prefix : str
             What the names of the mapped columns begin with in the file, as in ``run_07/``.
 
         Raises
         ------
         LoadError
-            A file that cannot be read; a cell that is no number, a short row, an unknown column, a header that cannot
-            be read; with the line.
+            A file that cannot be read; a cell that is no number, a short row, an unknown column, a
+            header that cannot be read; with the line.
         """
         if columns is not None:
-            log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
-            return cls._read("csv", path, None, rig=rig, law=law, reference=reference, initial=initial, **log)
+            log: dict[str, Any] = {
+                "columns": columns,
+                "units": units,
+                "wrap": wrap,
+                "prefix": prefix,
+            }
+            return cls._read(
+                "csv", path, None, rig=rig, law=law, reference=reference, initial=initial, **log
+            )
         if units is not None or wrap is not None or prefix:
-            raise ValueError("units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as well.")
+            raise ValueError(
+                "units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as"
+                " well."
+            )
         with load_errors(path):
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
             return cls(**fields | {"name": str(path)})
@@ -90,11 +119,21 @@ class FromFiles:
     @classmethod
     @known_options
     def read(
-        cls, path: str | Path, *, rig: Rig, columns: Mapping[str, Any], units: Mapping[str, Any] | None = None,
-        wrap: ArrayLike | None = None, prefix: str = "", episode: int | None = None, law: Law | None = None,
-        reference: Reference | None = None, initial: ArrayLike | None = None,
-    ) -> Self:  # fmt: skip
-        """Read mapped columns of a log in any format that `read_table` knows by its ending, or a folder's contents.
+        cls,
+        path: str | Path,
+        *,
+        rig: Rig,
+        columns: Mapping[str, Any],
+        units: Mapping[str, Any] | None = None,
+        wrap: ArrayLike | None = None,
+        prefix: str = "",
+        episode: int | None = None,
+        law: Law | None = None,
+        reference: Reference | None = None,
+        initial: ArrayLike | None = None,
+    ) -> Self:
+        """Read mapped columns of a log in any format that `read_table` knows by its ending, or a
+        folder's contents.
 
         Of messages, columns of other topics than the measured one hold their last value.
 
@@ -115,10 +154,14 @@ class FromFiles:
         with load_errors(path):
             kind = kind_of(path)
         log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
-        return cls._read(kind, path, episode, rig=rig, law=law, reference=reference, initial=initial, **log)
+        return cls._read(
+            kind, path, episode, rig=rig, law=law, reference=reference, initial=initial, **log
+        )
 
     @classmethod
-    def _read(cls, kind: str, path: str | Path, episode: int | None, *, prefix: str, **log: Any) -> Self:
+    def _read(
+        cls, kind: str, path: str | Path, episode: int | None, *, prefix: str, **log: Any
+    ) -> Self:
         names = mapped_names(log["columns"], log["units"])
         instance("rig", log["rig"], Rig, "Pass rig=.")
         measured = next(log["columns"][field] for field in MEASURED if field in log["columns"])
@@ -131,11 +174,20 @@ class FromFiles:
     @classmethod
     @known_options
     def from_table(
-        cls, table: Mapping[str, ArrayLike], *, rig: Rig, columns: Mapping[str, Any],
-        units: Mapping[str, Any] | None = None, wrap: ArrayLike | None = None, law: Law | None = None,
-        reference: Reference | None = None, initial: ArrayLike | None = None, name: str = "",
-    ) -> Self:  # fmt: skip
-        """Make a record of named columns, such as `read_table` reads or several files give together.
+        cls,
+        table: Mapping[str, ArrayLike],
+        *,
+        rig: Rig,
+        columns: Mapping[str, Any],
+        units: Mapping[str, Any] | None = None,
+        wrap: ArrayLike | None = None,
+        law: Law | None = None,
+        reference: Reference | None = None,
+        initial: ArrayLike | None = None,
+        name: str = "",
+    ) -> Self:
+        """Make a record of named columns, such as `read_table` reads or several files give
+        together.
 
         Parameters
         ----------
@@ -143,19 +195,21 @@ class FromFiles:
         rig : Rig
             Its gear and resolution turn angles into counts, its period is held against the times.
         columns : dict
-            Field of the record -> name of its column, or names, one per joint. Exactly one of ``position`` (joint
-            angles), ``motor_position``, ``counts`` and ``error_pulses``; and if there are, ``t``, ``valid``,
-            ``torque``, ``current``, ``injected``, ``link_position`` (a second sensor's; None of a joint without one)
-            and one of ``reference_pulses``, ``reference_position``, ``reference_motor_position``. Positions that are
-            smooth and not rounded become the record's reference. The mean of ``temperature`` [°C], and the first of
-            ``time`` (Unix seconds), become notes.
+            Field of the record -> name of its column, or names, one per joint. Exactly one of
+            ``position`` (joint angles), ``motor_position``, ``counts`` and ``error_pulses``; and if
+            there are, ``t``, ``valid``, ``torque``, ``current``, ``injected``, ``link_position`` (a
+            second sensor's; None of a joint without one) and one of ``reference_pulses``,
+            ``reference_position``, ``reference_motor_position``. Positions that are smooth and not
+            rounded become the record's reference. The mean of ``temperature`` [°C], and the first
+            of ``time`` (Unix seconds), become notes.
         units : dict
-            Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of positions, of joints
-            that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one that slides) or ``motor N m`` of torques,
-            ``A`` or ``mA`` of current. Where some joints turn and others slide, one per joint: ``("rad", "m")``.
+            Field -> unit: ``s``, ``ms``, ``us`` or ``ns`` of t, ``rad``, ``deg`` or ``pulses`` of
+            positions, of joints that slide ``m`` or ``mm``, ``N m`` (of the joint), ``N`` (of one
+            that slides) or ``motor N m`` of torques, ``A`` or ``mA`` of current. Where some joints
+            turn and others slide, one per joint: ``("rad", "m")``.
         wrap : float or (n,) array_like, optional
-            Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is unwrapped by whole
-            wraps, each the one nearest to the sample before.
+            Where the measured position starts again, in its own unit: 2**16 counts, 2 pi rad. It is
+            unwrapped by whole wraps, each the one nearest to the sample before.
         law, reference, initial : optional
             As in `Record`; a reference also gives the commanded counts where no column does.
         name : str
@@ -163,18 +217,29 @@ class FromFiles:
 
         Notes
         -----
-        Time starts at zero; without a column it is k period. Of rows with one time the first is kept, with a warning.
-        A row with NaN in any mapped column has no weight (`valid` is 0) and holds the values of the row before; rows
-        that are missing altogether are long time steps. Angles become whole pulses: where they are on a grid of one
-        pulse, up to a shift per joint, these, otherwise what the rig's encoder would count, with a warning.
+        Time starts at zero; without a column it is k period. Of rows with one time the first is
+        kept, with a warning. A row with NaN in any mapped column has no weight (`valid` is 0) and
+        holds the values of the row before; rows that are missing altogether are long time steps.
+        Angles become whole pulses: where they are on a grid of one pulse, up to a shift per joint,
+        these, otherwise what the rig's encoder would count, with a warning.
 
         Raises
         ------
         ValueError
-            A column that is missing, has another length or holds anything but real numbers; a unit that is not stated,
-            or does not fit the rig. Whatever `Record` refuses.
+            A column that is missing, has another length or holds anything but real numbers; a unit
+            that is not stated, or does not fit the rig. Whatever `Record` refuses.
         """
-        given: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial, "name": name}
-        given["columns"] = {key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()}
-        fields = record_fields(table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference)
+        given: dict[str, Any] = {
+            "rig": rig,
+            "law": law,
+            "reference": reference,
+            "initial": initial,
+            "name": name,
+        }
+        given["columns"] = {
+            key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
+        }
+        fields = record_fields(
+            table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference
+        )
         return cls(**given | {key: value for key, value in fields.items() if value is not None})

@@ -20,25 +20,34 @@ from plant.parts.arguments import decimal, known_options
 
 @known_options
 def read_records(
-    paths: str | Path | Iterable[str | Path], *, rig: Rig | None = None, columns: Mapping[str, Any] | None = None,
-    units: Mapping[str, Any] | None = None, wrap: ArrayLike | None = None, prefix: str = "", law: Law | None = None,
-    reference: Reference | None = None, initial: ArrayLike | None = None, episodes: Iterable[int] | None = None,
+    paths: str | Path | Iterable[str | Path],
+    *,
+    rig: Rig | None = None,
+    columns: Mapping[str, Any] | None = None,
+    units: Mapping[str, Any] | None = None,
+    wrap: ArrayLike | None = None,
+    prefix: str = "",
+    law: Law | None = None,
+    reference: Reference | None = None,
+    initial: ArrayLike | None = None,
+    episodes: Iterable[int] | None = None,
     notes: str | Mapping[str, Any] | None = None,
-) -> tuple[Record, ...]:  # fmt: skip
+) -> tuple[Record, ...]:
     """Read several logs of one machine, of any format that `read_table` knows, each as a record.
 
     Parameters
     ----------
     paths : str, Path, or several
-        Files; a pattern such as ``"runs/*.mcap"`` stands for all that match, sorted by name. A LeRobot data set is read
-        as one record per episode.
+        Files; a pattern such as ``"runs/*.mcap"`` stands for all that match, sorted by name. A
+        LeRobot data set is read as one record per episode.
     episodes : sequence of int, optional
         Of LeRobot data sets; by default all.
     notes : str or dict, optional
         What is noted of each record, beside what its file says: a pattern of file names such as
         ``"{robot}/{time}_{temperature}C"``, or names and values for all.
     rig, columns, units, wrap, prefix, law, reference, initial
-        As in `Record.from_csv`, the same for all. Without `columns` the files are those of `Record.to_csv`.
+        As in `Record.from_csv`, the same for all. Without `columns` the files are those of
+        `Record.to_csv`.
 
     Returns
     -------
@@ -67,27 +76,39 @@ def read_records(
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     files = [file for path in given for file in _matches(path)]
     if not files:
-        raise ValueError("paths must name at least one file; got none. Give files, or a pattern such as 'runs/*.csv'.")
+        raise ValueError(
+            "paths must name at least one file; got none. Give files, or a pattern such as"
+            " 'runs/*.csv'."
+        )
     log: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial}
     if columns is None:
-        read = (Record.from_csv(file, **log, units=units, wrap=wrap, prefix=prefix) for file in files)
-        return tuple(_with_notes(record, notes, file) for record, file in zip(read, files, strict=True))
+        read = (
+            Record.from_csv(file, **log, units=units, wrap=wrap, prefix=prefix) for file in files
+        )
+        return tuple(
+            _with_notes(record, notes, file) for record, file in zip(read, files, strict=True)
+        )
     log |= {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
     records = list[Record]()
     for file in files:
         with load_errors(file):
             kind = kind_of(file)
-            chosen = tuple(range(episodes_of(str(file))) if episodes is None else episodes) if kind == "lerobot" else ()
+            chosen = (
+                tuple(range(episodes_of(str(file))) if episodes is None else episodes)
+                if kind == "lerobot"
+                else ()
+            )
         for episode in chosen or (None,):
             records.append(_with_notes(Record.read(file, episode=episode, **log), notes, file))
     return tuple(records)
 
 
 def notes_of(given: str | Mapping[str, Any], path: str | Path) -> dict[str, Any]:
-    """Notes as given, or what a pattern such as ``"{robot}/{time}_{temperature}C"`` finds in the name of a file.
+    """Notes as given, or what a pattern such as ``"{robot}/{time}_{temperature}C"`` finds in the
+    name of a file.
 
-    It is held against the end of the path without its ending, from a folder or the first letter on; what comes first
-    takes the most.
+    It is held against the end of the path without its ending, from a folder or the first letter on;
+    what comes first takes the most.
     """
     if not isinstance(given, str):
         return dict(given)
@@ -95,15 +116,21 @@ def notes_of(given: str | Mapping[str, Any], path: str | Path) -> dict[str, Any]
     names = parts[1::2]
     if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
         raise ValueError(
-            f'notes must name what they find in braces, as "{{robot}}_{{time}}"; got {given!r:.60}. Do so.'
+            f'notes must name what they find in braces, as "{{robot}}_{{time}}"; got {given!r:.60}.'
+            " Do so."
         )
-    spelt = "".join(f"(?P<{part}>[^/]+)" if i % 2 else re.escape(part) for i, part in enumerate(parts))
+    spelt = "".join(
+        f"(?P<{part}>[^/]+)" if i % 2 else re.escape(part) for i, part in enumerate(parts)
+    )
     found = re.fullmatch(f"(?:.*/)?{spelt}", re.sub(r"\.[A-Za-z]\w*$", "", Path(path).as_posix()))
     if found is None:
         raise ValueError(
-            f"notes must fit the name {Path(path).name!r:.80}; {given!r:.60} does not. Correct the pattern."
+            f"notes must fit the name {Path(path).name!r:.80}; {given!r:.60} does not. Correct the"
+            " pattern."
         )
-    return {name: decimal(text) if name in NUMBERS else text for name, text in found.groupdict().items()}
+    return {
+        name: decimal(text) if name in NUMBERS else text for name, text in found.groupdict().items()
+    }
 
 
 def _with_notes(record: Record, notes: Any, file: str | Path) -> Record:
@@ -114,7 +141,9 @@ def _with_notes(record: Record, notes: Any, file: str | Path) -> Record:
 
 
 def _matches(path: str | Path) -> list[str | Path]:
-    """The files of a pattern, in order of their names; a path without wildcards stands for itself."""
+    """The files of a pattern, in order of their names; a path without wildcards stands for
+    itself.
+    """
     if not glob.has_magic(str(path)) or Path(path).exists():
         return [path]
     found: list[str | Path] = sorted(glob.glob(str(path)))

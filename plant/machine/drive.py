@@ -1,9 +1,12 @@
-"""The drive of each joint: motor, gear, friction and amplifier. The only file that crosses the gear.
+"""The drive of each joint: motor, gear, friction and amplifier. The only file that crosses the
+gear.
 
-Source: paper Fig. 4 and appendix. Conventions: q_m = k q, tau = k tau_m, with k signed; friction is given motor side,
-as the paper measured it, and becomes b k^2 and c abs(k) on the joint. Where one motor moves several joints, all this
-holds on its gear's output, the shaft (`plant.mechanics.coupling`), which otherwise is the joint. The current loop is
-neglected (paper 3.3, 4.2: its time constant is far below the mechanical one): the motor torque is the commanded torque.
+Source: paper Fig. 4 and appendix. Conventions: q_m = k q, tau = k tau_m, with k signed; friction is
+given motor side, as the paper measured it, and becomes b k^2 and c abs(k) on the joint. Where one
+motor moves several joints, all this holds on its gear's output, the shaft
+(`plant.mechanics.coupling`), which otherwise is the joint. The current loop is neglected
+(paper 3.3, 4.2: its time constant is far below the mechanical one): the motor torque is the
+commanded torque.
 """
 
 import dataclasses
@@ -15,7 +18,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction, TorqueRipple, rounded, torque_steps
+from plant.machine.drive_effects import (
+    CurrentLag,
+    FrictionDrift,
+    LoadFriction,
+    TorqueRipple,
+    rounded,
+    torque_steps,
+)
 from plant.machine.elasticity import Elasticity, Resonance
 from plant.machine.friction import FrictionCurve, Presliding
 from plant.mechanics.coupling import Coupling
@@ -30,16 +40,20 @@ _FRICTION = ("viscous", "coulomb")  # what may be left open
 
 @part
 class Drive(Part):
-    """Motors and gears of all joints; every field has one number per joint, or one for all, and is *motor side*.
+    """Motors and gears of all joints; every field has one number per joint, or one for all, and is
+    *motor side*.
 
     Parameters
     ----------
     gear : (n,) array_like
-        k, motor turns per turn of the joint, signed: negative where the motor turns against the joint.
+        k, motor turns per turn of the joint, signed: negative where the motor turns against the
+        joint.
     motor_inertia : (n,) array_like
-        Jm [kg m^2]. Already inside f (f1 and f7 of the paper hold Jm k^2): never added to D a second time.
+        Jm [kg m^2]. Already inside f (f1 and f7 of the paper hold Jm k^2): never added to D a
+        second time.
     viscous : (n,) array_like or None
-        Kfr-visc [N m s/rad]. None leaves it open: `identification.identify` finds it together with f.
+        Kfr-visc [N m s/rad]. None leaves it open: `identification.identify` finds it together with
+        f.
     coulomb : (n,) array_like or None
         Kfr-stat, static and sliding friction alike [N m]; None likewise.
     motor_gain : (n,) array_like
@@ -54,19 +68,24 @@ class Drive(Part):
         Stiffness [N m/rad], damping [N m s/rad] and backlash [rad] of the gears, joint side (also
         `Elasticity.from_resonance`); none by default: rigid gears.
     current_lag : float or CurrentLag, optional
-        Time constant with which the motor currents follow the commanded ones [s]; none by default, and with 0.
+        Time constant with which the motor currents follow the commanded ones [s]; none by default,
+        and with 0.
     presliding : Presliding, optional
-        How far friction gives before it slides [rad], and its micro-damping [N m s/rad]; none by default.
+        How far friction gives before it slides [rad], and its micro-damping [N m s/rad]; none by
+        default.
     load_friction : (n,) array_like or LoadFriction, optional
-        Rise of the Coulomb level over the torque that the gear transmits, a share, joint side; none by default.
+        Rise of the Coulomb level over the torque that the gear transmits, a share, joint side; none
+        by default.
     friction_drift : FrictionDrift, optional
         Slow drift of all friction, relative, from the start of a run [s]; none by default.
     ripple : TorqueRipple, optional
         Cogging of the motors [N m] over their angle [rad]; none by default.
     torque_step : float or (n,) array_like, optional
-        Step to whose multiples motor torques are rounded [N m]: of CiA 402 a thousandth of the rated torque.
+        Step to whose multiples motor torques are rounded [N m]: of CiA 402 a thousandth of the
+        rated torque.
     joints : tuple of str, optional
-        Names of the joints, for messages, tables and figures of the logs and the laws of this drive.
+        Names of the joints, for messages, tables and figures of the logs and the laws of this
+        drive.
     left_open : tuple of str, optional
         Which of "viscous" and "coulomb" are open, and zero until they are found; None adds them.
 
@@ -108,19 +127,32 @@ class Drive(Part):
                 object.__setattr__(self, name, np.zeros(np.shape(self.gear)))
                 object.__setattr__(self, "left_open", (*self.left_open, name))
         super().__post_init__()
-        still_open = tuple(name for name in _FRICTION if name in self.left_open and not getattr(self, name).any())
+        still_open = tuple(
+            name for name in _FRICTION if name in self.left_open and not getattr(self, name).any()
+        )
         object.__setattr__(self, "left_open", still_open)
         joints = self.joints
-        if isinstance(joints, str) or not all(isinstance(j, str) for j in joints) or len(joints) not in (0, self.n):
-            raise ValueError(f"joints must be {self.n} names, or none; got {joints!r:.80}. Name every joint.")
+        if (
+            isinstance(joints, str)
+            or not all(isinstance(j, str) for j in joints)
+            or len(joints) not in (0, self.n)
+        ):
+            raise ValueError(
+                f"joints must be {self.n} names, or none; got {joints!r:.80}. Name every joint."
+            )
         object.__setattr__(self, "joints", tuple(joints))
         labels = joint_labels(joints, self.n)
         if (zero := np.flatnonzero(self.gear == 0)).size:
-            raise ValueError(f"gear must not be zero; got 0.0 at {labels[zero[0]]}. Its sign is the motor's.")
+            raise ValueError(
+                f"gear must not be zero; got 0.0 at {labels[zero[0]]}. Its sign is the motor's."
+            )
         signs(
-            self, positive=("motor_gain", "current_limit"), not_negative=("motor_inertia", "viscous", "coulomb"),
-            advice="Friction and gains are magnitudes.", labels=labels,
-        )  # fmt: skip
+            self,
+            positive=("motor_gain", "current_limit"),
+            not_negative=("motor_inertia", "viscous", "coulomb"),
+            advice="Friction and gains are magnitudes.",
+            labels=labels,
+        )
         self.coupling.require_size(self.n, "drive")
         if self.current_lag is not None and not isinstance(self.current_lag, CurrentLag):
             lag = real("current_lag", self.current_lag, "Give seconds, or None.")
@@ -132,22 +164,40 @@ class Drive(Part):
         if self.load_friction is not None and not isinstance(self.load_friction, LoadFriction):
             object.__setattr__(self, "load_friction", LoadFriction(share=self.load_friction))
         if self.elasticity is not None:
-            instance("elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=..., ...).")
+            instance(
+                "elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=..., ...)."
+            )
         self.require_joints(self.n)
         play = None if self.elasticity is None else self.elasticity.backlash
-        if play is not None and (beyond := np.flatnonzero(play * np.abs(self.gear) > 2 * np.pi)).size:
-            turn = f"one turn of the motor, {2 * np.pi / abs(self.gear[beyond[0]]):.3g} rad at {labels[beyond[0]]}"
-            raise ValueError(f"backlash must be within {turn}; got {play[beyond[0]]:g}. Give it joint side, in rad.")
+        if (
+            play is not None
+            and (beyond := np.flatnonzero(play * np.abs(self.gear) > 2 * np.pi)).size
+        ):
+            turn = (
+                f"one turn of the motor, {2 * np.pi / abs(self.gear[beyond[0]]):.3g} rad at"
+                f" {labels[beyond[0]]}"
+            )
+            raise ValueError(
+                f"backlash must be within {turn}; got {play[beyond[0]]:g}. Give it joint side, in"
+                " rad."
+            )
 
     @classmethod
     def from_urdf(
-        cls, path: str | Path, joints: Sequence[str] | None = None, *, base: str | None = None, tip: str | None = None,
+        cls,
+        path: str | Path,
+        joints: Sequence[str] | None = None,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
         **fields: Any,
-    ) -> Self:  # fmt: skip
-        """A drive with the friction and the efforts that a URDF file states on the joints of `Chain.from_urdf`.
+    ) -> Self:
+        """A drive with the friction and the efforts that a URDF file states on the joints of
+        `Chain.from_urdf`.
 
-        The other ``fields`` are those of a `Drive`: gear, motor_inertia and motor_gain, which no file has; those that
-        the file has too go before it. A joint of which it does not state what is needed, or an effort of 0, is refused.
+        The other ``fields`` are those of a `Drive`: gear, motor_inertia and motor_gain, which no
+        file has; those that the file has too go before it. A joint of which it does not state what
+        is needed, or an effort of 0, is refused.
 
         Examples
         --------
@@ -159,17 +209,24 @@ class Drive(Part):
         chosen = read_urdf(path).chain_joints(joints, base, tip)
         if np.ndim(fields.get("gear", ())) == 0:
             fields["gear"] = np.full(len(chosen), fields["gear"])
-        names, own = tuple(joint.name for joint in chosen), {"viscous": 0.0, "coulomb": 0.0, "current_limit": np.inf}
+        names = tuple(joint.name for joint in chosen)
+        own = {"viscous": 0.0, "coulomb": 0.0, "current_limit": np.inf}
         drive = cls(**({"joints": names} | own | fields))
-        per_motor, stated = np.abs(drive.gear), np.array([(*joint.friction, joint.limits[3]) for joint in chosen]).T
+        per_motor = np.abs(drive.gear)
+        stated = np.array([(*joint.friction, joint.limits[3]) for joint in chosen]).T
         scales = per_motor**2, per_motor, per_motor * drive.motor_gain
         changes: dict[str, Any] = {}
-        for key, what, values, scale in zip(own, ("damping", "friction", "effort"), stated, scales, strict=True):
+        for key, what, values, scale in zip(
+            own, ("damping", "friction", "effort"), stated, scales, strict=True
+        ):
             if key in fields:
                 continue
             if (lacking := np.flatnonzero(~np.isfinite(values))).size:
                 where = f"{what} of joint {names[lacking[0]]} in {Path(path).name}"
-                raise ValueError(f"{where} must be stated; it is not, or 0. Give {key} motor side (friction: or None).")
+                raise ValueError(
+                    f"{where} must be stated; it is not, or 0. Give {key} motor side (friction: or"
+                    " None)."
+                )
             changes[key] = values / scale
         return dataclasses.replace(drive, **changes)
 
@@ -182,8 +239,8 @@ class Drive(Part):
         """Refuse friction that is left open."""
         if self.left_open:
             raise ValueError(
-                f"friction must be known; this drive leaves {' and '.join(self.left_open)} open. Take found.rig of "
-                "identify, which finds it, or give numbers; 0 is none."
+                f"friction must be known; this drive leaves {' and '.join(self.left_open)} open."
+                " Take found.rig of identify, which finds it, or give numbers; 0 is none."
             )
 
     def motor_angle(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -195,7 +252,9 @@ class Drive(Part):
         return self.coupling.joint(q_m / self.gear)
 
     def joint_torque(self, tau_m: ArrayOrSymbols, times: ArrayOrSymbols = 1.0) -> ArrayOrSymbols:
-        """Joint torque tau = k tau_m [N m] of motor torques, or of gains (motor torque per unit) times a quantity."""
+        """Joint torque tau = k tau_m [N m] of motor torques, or of gains (motor torque per unit)
+        times a quantity.
+        """
         return self.coupling.joint_torque(self.gear * tau_m * times)
 
     def motor_torque(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -207,16 +266,24 @@ class Drive(Part):
         return self.motor_torque(per_joint("torque", tau, self.n)) / self.motor_gain
 
     def torque_limit(self) -> Floats:
-        """Largest torque that the amplifier allows [N m], on the joint (of coupled motors: on the shaft)."""
+        """Largest torque that the amplifier allows [N m], on the joint (of coupled motors: on
+        the shaft).
+        """
         return self.motor_gain * self.current_limit * _magnitude(self.gear)
 
     def limited_to(self, torque: ArrayLike) -> Self:
-        """This drive with an amplifier that allows at most these torques [N m], on the joint (or shaft)."""
-        current = np.minimum(self.current_limit, np.asarray(torque) / (self.motor_gain * np.abs(self.gear)))
+        """This drive with an amplifier that allows at most these torques [N m], on the joint (or
+        shaft).
+        """
+        current = np.minimum(
+            self.current_limit, np.asarray(torque) / (self.motor_gain * np.abs(self.gear))
+        )
         return dataclasses.replace(self, current_limit=current)
 
     def limited(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Joint torque [N m] after rounding to the drive's step, if it has one, and saturation of the amplifier."""
+        """Joint torque [N m] after rounding to the drive's step, if it has one, and saturation
+        of the amplifier.
+        """
         limit: ArrayOrSymbols = self.torque_limit()
         shaft = self.coupling.shaft_torque(tau)
         if self.torque_step is not None:
@@ -230,39 +297,57 @@ class Drive(Part):
         return self.viscous * self.gear * self.gear
 
     def joint_coulomb(self, qd: ArrayOrSymbols = 0.0) -> ArrayOrSymbols:
-        """Coulomb level c abs(k) [N m] at speeds qd [rad/s], by default at rest; on the joint, or shaft."""
-        level = self.coulomb if self.curve is None else self.coulomb + self.curve.level(self.gear * qd)
+        """Coulomb level c abs(k) [N m] at speeds qd [rad/s], by default at rest; on the joint,
+        or shaft.
+        """
+        level = (
+            self.coulomb if self.curve is None else self.coulomb + self.curve.level(self.gear * qd)
+        )
         return level * _magnitude(self.gear)
 
     def joint_presliding(self) -> tuple[ArrayOrSymbols, ArrayOrSymbols | None]:
-        """Presliding distance d / abs(k) [rad] and, if any, micro-damping [N m s/rad], on the joint (or shaft)."""
+        """Presliding distance d / abs(k) [rad] and, if any, micro-damping [N m s/rad], on the
+        joint (or shaft).
+        """
         given: Any = self.presliding
         damping = None if given.damping is None else given.damping * self.gear * self.gear
         return given.distance / _magnitude(self.gear), damping
 
     def ripple_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Joint torque of the motors' ripple [N m] at motors that are where joints at q on rigid gears have them."""
+        """Joint torque of the motors' ripple [N m] at motors that are where joints at q on rigid
+        gears have them.
+        """
         given: Any = self.ripple
         return self.joint_torque(given.torque(self.motor_angle(q)))
 
     def joint_offset(self) -> ArrayOrSymbols:
-        """Friction torque that keeps its sign when the motion reverses [N m], on the joint (or shaft)."""
+        """Friction torque that keeps its sign when the motion reverses [N m], on the joint (or
+        shaft).
+        """
         return 0.0 if self.curve is None else self.gear * self.curve.offset
 
     def friction(self, qd: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Friction torque [N m] at joint speeds qd, joint side; its Coulomb part is zero at rest (feed-forward)."""
+        """Friction torque [N m] at joint speeds qd, joint side; its Coulomb part is zero at rest
+        (feed-forward).
+        """
         qd = self.coupling.shaft(qd)
         sign = np.sign(qd) if isinstance(qd, np.ndarray) else ca.sign(qd)
         shaft = self.joint_viscous() * qd + self.joint_coulomb(qd) * sign + self.joint_offset()
         return self.coupling.joint_torque(shaft)
 
     def rotor_torque(self, qdd: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Torque that accelerates the rotors alone [N m], joint side; qdd as joints on rigid gears would have it."""
+        """Torque that accelerates the rotors alone [N m], joint side; qdd as joints on rigid
+        gears would have it.
+        """
         return self.coupling.joint_torque(self.reflected_inertia() * self.coupling.shaft(qdd))
 
     def reflected_inertia(self, motor_inertia: Floats | None = None) -> Floats:
-        """Rotor inertia reflected to the joint (or shaft), Jm k^2 [kg m^2]; of this drive's Jm, or of another."""
-        return (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear
+        """Rotor inertia reflected to the joint (or shaft), Jm k^2 [kg m^2]; of this drive's Jm,
+        or of another.
+        """
+        return (
+            (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear
+        )
 
 
 def _magnitude(x: ArrayOrSymbols) -> ArrayOrSymbols:

@@ -1,4 +1,6 @@
-"""What drives do beside their torque: current lag, torque ripple, friction that depends on load or drifts."""
+"""What drives do beside their torque: current lag, torque ripple, friction that depends on load
+or drifts.
+"""
 
 from typing import Any
 
@@ -47,7 +49,12 @@ class TorqueRipple(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        signs(self, positive=("cycles",), not_negative=("amplitude",), advice="Shift the phase by pi to turn a sign.")
+        signs(
+            self,
+            positive=("cycles",),
+            not_negative=("amplitude",),
+            advice="Shift the phase by pi to turn a sign.",
+        )
 
     def torque(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor torque [N m] at motor angles [rad]."""
@@ -55,7 +62,8 @@ class TorqueRipple(Part):
         return self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))
 
 
-# Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are above.
+# Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are
+# above.
 _LONGEST = 0.02
 
 
@@ -74,13 +82,20 @@ class CurrentLag(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.time > 0:
-            raise ValueError(f"current_lag must be positive; got {self.time:g} s. Leave it out for none.")
+            raise ValueError(
+                f"current_lag must be positive; got {self.time:g} s. Leave it out for none."
+            )
         if self.time > _LONGEST:
-            raise ValueError(f"current_lag must be at most {_LONGEST:g} s; got {self.time:g}. Give it in seconds.")
+            raise ValueError(
+                f"current_lag must be at most {_LONGEST:g} s; got {self.time:g}. Give it in"
+                " seconds."
+            )
 
 
 def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Mean torque in a step of length h, and the torque at its end, of currents that follow with a time constant."""
+    """Mean torque in a step of length h, and the torque at its end, of currents that follow with
+    a time constant.
+    """
     decay = ca.exp(-h / lag.time)
     end = commanded + (driven - commanded) * decay
     return commanded + (driven - commanded) * (lag.time / h) * (1 - decay), end
@@ -88,7 +103,9 @@ def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple
 
 def torque_steps(given: Any, n: int) -> tuple[float, ...]:
     """Steps of the commanded motor torques [N m], one per joint, of one for all or of one each."""
-    step = array("torque_step", np.full(n, given) if np.ndim(given) == 0 else given, (n,), advice="Give N m.")
+    step = array(
+        "torque_step", np.full(n, given) if np.ndim(given) == 0 else given, (n,), advice="Give N m."
+    )
     if not (step > 0).all():
         raise ValueError(f"torque_step must be positive; got {step}. Leave it out for none.")
     return tuple(step.tolist())
@@ -114,7 +131,10 @@ class LoadFriction(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not ((self.share >= 0) & (self.share < 1)).all():
-            raise ValueError(f"load_friction must be from 0 to below 1; got {self.share}. Give a share, such as 0.1.")
+            raise ValueError(
+                f"load_friction must be from 0 to below 1; got {self.share}. Give a share, such as"
+                " 0.1."
+            )
 
     def level(self, load: ca.SX) -> ca.SX:
         """Rise of the Coulomb level [N m] under a transmitted torque [N m], both on the shaft."""
@@ -123,7 +143,8 @@ class LoadFriction(Part):
 
 @part
 class FrictionDrift(Part):
-    """Slow drift of friction from the start of a run, as of a gear that warms up; viscous and dry friction alike.
+    """Slow drift of friction from the start of a run, as of a gear that warms up; viscous and dry
+    friction alike.
 
     Friction is 1 + amount (1 - exp(-t / time)) times its value at the start.
 
@@ -152,7 +173,9 @@ class FrictionDrift(Part):
         super().__post_init__()
         signs(self, positive=("time",), advice="Give the time constant in seconds.")
         if (self.amount <= -1).any():
-            raise ValueError(f"amount must be above -1; got {self.amount}. Give a relative change, such as -0.2.")
+            raise ValueError(
+                f"amount must be above -1; got {self.amount}. Give a relative change, such as -0.2."
+            )
 
     def factor(self, drifted: ArrayOrSymbols) -> ArrayOrSymbols:
         """Friction over that at the start, when so much of the way is done (0 to 1)."""
@@ -161,4 +184,6 @@ class FrictionDrift(Part):
     def following(self, drifted: ArrayOrSymbols, h: ArrayOrSymbols) -> ArrayOrSymbols:
         """How much of the way is done a time h [s] later."""
         passed = -h / self.time
-        return 1 - (1 - drifted) * (np.exp(passed) if isinstance(passed, np.ndarray) else ca.exp(passed))
+        return 1 - (1 - drifted) * (
+            np.exp(passed) if isinstance(passed, np.ndarray) else ca.exp(passed)
+        )

@@ -1,4 +1,6 @@
-"""Elastic gears: stiffness, damping and backlash between the motor's shaft and its joint, and their sub-step."""
+"""Elastic gears: stiffness, damping and backlash between the motor's shaft and its joint, and
+their sub-step.
+"""
 
 from typing import Any, NamedTuple
 
@@ -13,14 +15,16 @@ from plant.parts.fields import Vector
 from plant.parts.messages import joint_label, warn
 from plant.parts.part import Part, number, part
 
-DAMPING_RATIO = 0.01  # of gears of which none is stated, against their locked motors; measured ones have 0.01 to 0.03
+# of gears of which none is stated, against their locked motors; measured ones have 0.01 to 0.03
+DAMPING_RATIO = 0.01
 
 _CRITICAL = 1.0
 
 
 @part
 class Elasticity(Part):
-    """Stiffness, damping and backlash of every gear, joint side (of coupled motors: on their shafts).
+    """Stiffness, damping and backlash of every gear, joint side (of coupled motors: on their
+    shafts).
 
     Parameters
     ----------
@@ -29,7 +33,8 @@ class Elasticity(Part):
     damping : (n,) array_like
         Torque per rate of deflection [N m s/rad].
     backlash : (n,) array_like, optional
-        How far the joint can turn while the motor stands [rad]; at most one turn of the motor. None by default.
+        How far the joint can turn while the motor stands [rad]; at most one turn of the motor. None
+        by default.
 
     Raises
     ------
@@ -58,13 +63,21 @@ class Elasticity(Part):
         advice = "Give it joint side, in N m, rad and s; leave elasticity out of a rigid drive."
         signs(self, positive=("stiffness",), not_negative=("damping", "backlash"), advice=advice)
         if self.backlash is not None and (self.backlash > 2 * np.pi).any():
-            raise ValueError(f"backlash must be within one turn; got {self.backlash.max():g}. {advice}")
+            raise ValueError(
+                f"backlash must be within one turn; got {self.backlash.max():g}. {advice}"
+            )
 
     @classmethod
     def from_resonance(
-        cls, arm: Arm, hz: ArrayLike, damping_ratio: ArrayLike, *, drive: Any = None,
-        q: ArrayLike | None = None, backlash: ArrayLike | None = None,
-    ) -> "Elasticity | Resonance":  # fmt: skip
+        cls,
+        arm: Arm,
+        hz: ArrayLike,
+        damping_ratio: ArrayLike,
+        *,
+        drive: Any = None,
+        q: ArrayLike | None = None,
+        backlash: ArrayLike | None = None,
+    ) -> "Elasticity | Resonance":
         """The gears of these locked-rotor resonances [Hz].
 
         Hz of joint i: sqrt(k_i / (D_ii - Jm_i k_i^2)) / 2 pi, every other joint held.
@@ -75,7 +88,8 @@ class Elasticity(Part):
         hz, damping_ratio : float or (n,) array_like
             Locked-rotor resonance [Hz], and its damping ratio; above critical it warns.
         drive : Drive, optional
-            Whose motor inertias are part of the arm's D; without it, those of the `Drive` that this becomes a part of.
+            Whose motor inertias are part of the arm's D; without it, those of the `Drive` that this
+            becomes a part of.
         q : (n,) array_like, optional
             Pose [rad]; zeros by default.
         backlash : (n,) array_like, optional
@@ -91,8 +105,12 @@ class Elasticity(Part):
         hz, ratio = (np.broadcast_to(np.asarray(value, float), n) for value in (hz, damping_ratio))
         if (rigid := np.flatnonzero(np.isinf(hz))).size:
             advice = "Give it one above all that matters, or leave elasticity out if all are rigid."
-            raise ValueError(f"hz must be finite; {arm.dynamics.chain.joint_labels[rigid[0]]} has inf. {advice}")
-        pose = array("q", np.zeros(n) if q is None else q, (n,), advice="Give one angle per joint [rad].")
+            raise ValueError(
+                f"hz must be finite; {arm.dynamics.chain.joint_labels[rigid[0]]} has inf. {advice}"
+            )
+        pose = array(
+            "q", np.zeros(n) if q is None else q, (n,), advice="Give one angle per joint [rad]."
+        )
         shaft = arm.dynamics.chain.coupling.shaft_inertia(ca.DM(arm.D(pose))).full()
         found = Resonance(hz=hz, damping_ratio=ratio, inertia=np.diag(shaft), backlash=backlash)
         return found if drive is None else found.of(drive)
@@ -114,38 +132,48 @@ class Resonance(Part):
         super().__post_init__()
         signs(self, positive=("hz",), advice="Leave elasticity out of a rigid drive.")
         if (self.damping_ratio < 0).any():
-            least, usual = self.damping_ratio.min(), DAMPING_RATIO
-            raise ValueError(f"damping_ratio must not be negative; got {least:g}. Gears have {usual:g} to 0.03.")
+            least = self.damping_ratio.min()
+            usual = DAMPING_RATIO
+            raise ValueError(
+                f"damping_ratio must not be negative; got {least:g}. Gears have {usual:g} to 0.03."
+            )
         if (self.damping_ratio > _CRITICAL).any():
             most = self.damping_ratio.max()
             warn(f"damping_ratio {most:g} is above critical: such a joint does not oscillate.")
 
     def of(self, drive: Any) -> Elasticity:
-        """The elasticity of a drive; motors that weigh more than the arm's whole inertia are refused."""
+        """The elasticity of a drive; motors that weigh more than the arm's whole inertia are
+        refused.
+        """
         links = self.inertia - drive.reflected_inertia()
         if (links <= 0).any():
             joint = int(np.flatnonzero(links <= 0)[0])
-            label, rotor = joint_label(drive.joints, joint), drive.reflected_inertia()[joint]
+            label = joint_label(drive.joints, joint)
+            rotor = drive.reflected_inertia()[joint]
             raise ValueError(
-                f"D must exceed the motors' inertia; {label} has {self.inertia[joint]:.4g} kg m^2, its motor "
-                f"{rotor:.4g}. Use the drive whose motors are in f."
+                f"D must exceed the motors' inertia; {label} has {self.inertia[joint]:.4g} kg m^2,"
+                f" its motor {rotor:.4g}. Use the drive whose motors are in f."
             )
         stiffness, damping = gears(self.hz, self.damping_ratio, links)
         return Elasticity(stiffness=stiffness, damping=damping, backlash=self.backlash)
 
 
 def gears(hz: Any, damping_ratio: Any, inertia: Any) -> tuple[Any, Any]:
-    """Stiffness [N m/rad] and damping [N m s/rad] of gears of a locked-rotor resonance, with an inertia [kg m^2]."""
+    """Stiffness [N m/rad] and damping [N m s/rad] of gears of a locked-rotor resonance, with an
+    inertia [kg m^2].
+    """
     omega = 2 * np.pi * hz
     return inertia * omega**2, 2 * damping_ratio * inertia * omega
 
 
-# (omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it too slow.
+# (omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it
+# too slow.
 FOLLOWED = 2
 
 
 class Spring(NamedTuple):
-    """Torque on the link at the middle of a step, with the speeds at its start [N m], and the inertia that is added.
+    """Torque on the link at the middle of a step, with the speeds at its start [N m], and the
+    inertia that is added.
 
     ``added`` [kg m^2]: inertia by which the spring resists a change of the deflection's speed.
     """
@@ -155,10 +183,12 @@ class Spring(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """Motors and links in a step: motors feel each other through the links alone, so one matrix (n, n) is left.
+    """Motors and links in a step: motors feel each other through the links alone, so one matrix (n,
+    n) is left.
 
-    ``alone`` (n, 1): inertia of a motor and of the spring that it drags along. ``passed``: share of its impulse that
-    its link gets. ``links``: inverse of the links' inertia, with that of the motors as far as springs hold them.
+    ``alone`` (n, 1): inertia of a motor and of the spring that it drags along. ``passed``: share of
+    its impulse that its link gets. ``links``: inverse of the links' inertia, with that of the
+    motors as far as springs hold them.
     """
 
     alone: ca.SX
@@ -187,18 +217,24 @@ def reduced(motor: Any, link: Any) -> Any:
     return motor * link / (motor + link)
 
 
-def spring(elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.SX, link: ca.SX) -> Spring:
-    """The spring of each gear in a step of length h [s], between the inertias of motor and link (n, 1) [kg m^2].
+def spring(
+    elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.SX, link: ca.SX
+) -> Spring:
+    """The spring of each gear in a step of length h [s], between the inertias of motor and link (n,
+    1) [kg m^2].
 
-    Deflection: shaft minus link at the middle of the step [rad]; rate: its rate at the start [rad/s].
+    Deflection: shaft minus link at the middle of the step [rad]; rate: its rate at the start
+    [rad/s].
 
-    A drift-kick-drift step whose kick is taken at the middle position plus kappa h times the change of speed. kappa = 0
-    is the explicit leapfrog step, 1/4 the implicit midpoint rule. With 1/12 the frequency of a spring is right to
-    fourth order in omega h; where (omega h)^2 exceeds 2, kappa grows to 1/3, and the step is stable for any stiffness.
-    All that changes the inertia, not the energy. The damper is raised by (omega h)^2 / 12, which makes its damping
-    ratio right to fourth order too.
+    A drift-kick-drift step whose kick is taken at the middle position plus kappa h times the change
+    of speed. kappa = 0 is the explicit leapfrog step, 1/4 the implicit midpoint rule. With 1/12 the
+    frequency of a spring is right to fourth order in omega h; where (omega h)^2 exceeds 2, kappa
+    grows to 1/3, and the step is stable for any stiffness. All that changes the inertia, not the
+    energy. The damper is raised by (omega h)^2 / 12, which makes its damping ratio right to fourth
+    order too.
     """
-    stiffness, swinging = elasticity.stiffness, reduced(motor, link)
+    stiffness = elasticity.stiffness
+    swinging = reduced(motor, link)
     kick = h * h * stiffness
     added = ca.fmax(kick / 12, kick / 3 - swinging / 2)
     damping = elasticity.damping * (1 + ca.fmin(kick / swinging, FOLLOWED) / 12)
@@ -206,5 +242,8 @@ def spring(elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.
         half = elasticity.backlash / 2
         wound = deflection - ca.fmin(ca.fmax(deflection, -half), half)
         touching = ca.if_else(ca.fabs(wound) > 0, 1, 0)
-        stiffness, damping, deflection, added = touching * stiffness, touching * damping, wound, touching * added
+        stiffness = touching * stiffness
+        damping = touching * damping
+        deflection = wound
+        added = touching * added
     return Spring(stiffness * deflection + damping * rate, added + h / 2 * damping)

@@ -1,4 +1,6 @@
-"""The incremental encoder on the motor shaft: the only file that crosses to pulses. Source: paper Fig. 4."""
+"""The incremental encoder on the motor shaft: the only file that crosses to pulses.
+Source: paper Fig. 4.
+"""
 
 from typing import Any
 
@@ -12,13 +14,16 @@ from plant.parts.part import Part, number, part, structure
 
 
 def fix(x: ArrayOrSymbols) -> ArrayOrSymbols:
-    """Round towards zero: the quantisation cell around zero is two pulses wide. Source: paper 3.3."""
+    """Round towards zero: the quantisation cell around zero is two pulses wide.
+    Source: paper 3.3.
+    """
     return ca.copysign(ca.floor(ca.fabs(x)), x) if isinstance(x, ca.SX) else np.trunc(x)
 
 
 @part
 class Phase(Part):
-    """Offset of the counters' zero within a pulse, unknown to a controller: it is added before rounding.
+    """Offset of the counters' zero within a pulse, unknown to a controller: it is added before
+    rounding.
 
     Parameters
     ----------
@@ -41,9 +46,11 @@ class Phase(Part):
 
 @part
 class QuadratureError(Part):
-    """Periodic error of an encoder's tracks: of their phase and their duty cycle, with the period of four counts.
+    """Periodic error of an encoder's tracks: of their phase and their duty cycle, with the period
+    of four counts.
 
-    Counts are taken of the position plus amplitude sin(pi/2 position + phase), in pulses; a controller does not know.
+    Counts are taken of the position plus amplitude sin(pi/2 position + phase), in pulses; a
+    controller does not know.
 
     Parameters
     ----------
@@ -69,12 +76,16 @@ class QuadratureError(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not ((self.amplitude >= 0) & (self.amplitude < 2 / np.pi)).all():
-            raise ValueError(f"amplitude must be from 0 to below 2/pi pulses; got {self.amplitude}. Give pulses.")
+            raise ValueError(
+                f"amplitude must be from 0 to below 2/pi pulses; got {self.amplitude}. Give pulses."
+            )
 
     def shifted(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
         """Position that the tracks show, of a true one, both in pulses."""
         angle = np.pi / 2 * position if self.phase is None else np.pi / 2 * position + self.phase
-        return position + self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))
+        return position + self.amplitude * (
+            np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle)
+        )
 
 
 @part
@@ -88,16 +99,18 @@ class Encoder(Part):
     smooth : bool
         True leaves out the quantisation, for derivatives (those of a quantiser are zero).
     rounding : {"floor", "fix", "round"}
-        Of a position in pulses to counts: down by default, as quadrature counters do, whose cells are all one pulse
-        wide; towards zero, as the paper's rig does: the cell around zero is two pulses wide; or to the nearest.
+        Of a position in pulses to counts: down by default, as quadrature counters do, whose cells
+        are all one pulse wide; towards zero, as the paper's rig does: the cell around zero is two
+        pulses wide; or to the nearest.
     phase : Phase, optional
-        By default zero is where a pulse begins; ``Phase(shift=(0.3, 0.6))`` [pulses] places it elsewhere.
+        By default zero is where a pulse begins; ``Phase(shift=(0.3, 0.6))`` [pulses] places it
+        elsewhere.
     quadrature : QuadratureError, optional
         None by default: every pulse is as wide as the next.
     side : {"motor", "link", "both"} or (n,) tuple of "motor" and "both"
-        Whether it turns with the motor, or behind an elastic gear with the link; its pulses are those of the motor's
-        shaft in any case. With both, the law reads the motor's, and a record holds the link's beside them. A tuple
-        where some joints alone have both.
+        Whether it turns with the motor, or behind an elastic gear with the link; its pulses are
+        those of the motor's shaft in any case. With both, the law reads the motor's, and a record
+        holds the link's beside them. A tuple where some joints alone have both.
 
     See Also
     --------
@@ -125,7 +138,11 @@ class Encoder(Part):
         signs(self, positive=("resolution",), advice="Give pulses per motor turn.")
         choice("rounding", self.rounding, ("floor", "fix", "round"))
         if isinstance(self.side, (tuple, list)):
-            object.__setattr__(self, "side", tuple(choice("side of a joint", x, ("motor", "both")) for x in self.side))
+            object.__setattr__(
+                self,
+                "side",
+                tuple(choice("side of a joint", x, ("motor", "both")) for x in self.side),
+            )
             self.require_joints(len(self.side))
         else:
             choice("side", self.side, ("motor", "link", "both"))
@@ -145,7 +162,9 @@ class Encoder(Part):
         return self.quantised(self.position_in_pulses(q_m))
 
     def quantised(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Counts of a position in pulses, without the phase; the position itself if the encoder is smooth."""
+        """Counts of a position in pulses, without the phase; the position itself if the encoder
+        is smooth.
+        """
         if self.smooth:
             return position
         if self.rounding == "fix":
@@ -154,7 +173,9 @@ class Encoder(Part):
         return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
 
     def true_counts(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Counts at a position in pulses, with the phase and the quadrature error (a smooth encoder has none)."""
+        """Counts at a position in pulses, with the phase and the quadrature error (a smooth
+        encoder has none).
+        """
         if self.quadrature is not None and not self.smooth:
             position = self.quadrature.shifted(position)
         return self.quantised(position if self.phase is None else position + self.phase.shift)
@@ -164,13 +185,19 @@ class Encoder(Part):
         return position * (2 * np.pi / self.resolution)
 
     def cell_centre(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Motor angle [rad] in the middle of the quantisation cell of these counts, as far as a controller knows."""
+        """Motor angle [rad] in the middle of the quantisation cell of these counts, as far as a
+        controller knows.
+        """
         if self.smooth or self.rounding == "round":
             return self.to_angle(counts)
         if self.rounding == "floor":
             return self.to_angle(counts + 0.5)
-        return self.to_angle(counts + 0.5 * (ca.sign(counts) if isinstance(counts, ca.SX) else np.sign(counts)))
+        return self.to_angle(
+            counts + 0.5 * (ca.sign(counts) if isinstance(counts, ca.SX) else np.sign(counts))
+        )
 
     def half_cell(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Half the width of the quantisation cell of these counts [pulses]: a half, but around zero of `fix` one."""
+        """Half the width of the quantisation cell of these counts [pulses]: a half, but around
+        zero of `fix` one.
+        """
         return 0.5 + (0.5 * (counts == 0) if self.rounding == "fix" else 0 * counts)

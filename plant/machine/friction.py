@@ -1,19 +1,21 @@
 """Coulomb friction as a set-valued law with true stiction, by impulses.
 
-In a step of length h the friction impulse of joint i lies within +-C_i h: it is the one that stops the joint, or, if
-that is too large, the largest one against the motion. There is no branch, no regularisation and no creep: sweeps over
-the joints (projected Gauss-Seidel) start from the impulse of the last step, so that an arm at rest stays held by the
-friction that held it. Source: paper Fig. 4 (static friction); the law is Coulomb's, with equal static
-and sliding level.
+In a step of length h the friction impulse of joint i lies within +-C_i h: it is the one that stops
+the joint, or, if that is too large, the largest one against the motion. There is no branch, no
+regularisation and no creep: sweeps over the joints (projected Gauss-Seidel) start from the impulse
+of the last step, so that an arm at rest stays held by the friction that held it.
+Source: paper Fig. 4 (static friction); the law is Coulomb's, with equal static and sliding level.
 
-Presliding friction is that of bristles that bend before they slide. Sources: Dahl (1968); Canudas de Wit et al. (1995),
-LuGre. Their deflection r, in units of the presliding distance d, follows dr/dt = (v - abs(v) r) / d with the speed v;
-friction is level r + damping d dr/dt. So it rises with the path as 1 - exp(-path / d), from a stiffness of level / d,
-and is Coulomb's in the limit of no distance. (LuGre's bristles have one stiffness at every level; these have one
-distance. Where the level is constant the two are the same.) In a sub-step they bend with the speed at its start for the
-first half, and with that at its end for the second; the speed at the end is the one that their friction leaves, in
-closed form for each joint, in sweeps as above. That is stable for any distance. The step itself damps the bristles like
-a damping of stiffness h / 2, so only what a stated damping has beyond that is added.
+Presliding friction is that of bristles that bend before they slide. Sources: Dahl (1968); Canudas
+de Wit et al. (1995), LuGre. Their deflection r, in units of the presliding distance d, follows
+dr/dt = (v - abs(v) r) / d with the speed v; friction is level r + damping d dr/dt. So it rises with
+the path as 1 - exp(-path / d), from a stiffness of level / d, and is Coulomb's in the limit of no
+distance. (LuGre's bristles have one stiffness at every level; these have one distance. Where the
+level is constant the two are the same.) In a sub-step they bend with the speed at its start for the
+first half, and with that at its end for the second; the speed at the end is the one that their
+friction leaves, in closed form for each joint, in sweeps as above. That is stable for any distance.
+The step itself damps the bristles like a damping of stiffness h / 2, so only what a stated damping
+has beyond that is added.
 """
 
 from typing import Any, NamedTuple, Self
@@ -26,7 +28,8 @@ from plant.parts.arguments import signs
 from plant.parts.fields import ArrayOrSymbols, Vector
 from plant.parts.part import Part, number, part
 
-# Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the Coulomb level.
+# Joint speed [rad/s] at which the smooth law, used for derivatives only, reaches tanh(1) of the
+# Coulomb level.
 REGULARISATION = 1e-3
 
 
@@ -37,12 +40,13 @@ class FrictionCurve(Part):
     Parameters
     ----------
     offset : (n,) array_like
-        Friction torque that keeps its sign when the motion reverses [N m]. Coulomb friction that is c+ forwards and
-        c- backwards is ``coulomb = (c+ + c-) / 2`` with ``offset = (c+ - c-) / 2``.
+        Friction torque that keeps its sign when the motion reverses [N m]. Coulomb friction that is
+        c+ forwards and c- backwards is ``coulomb = (c+ + c-) / 2`` with ``offset = (c+ - c-) / 2``.
     breakaway : (n,) array_like, optional
         Excess of the breakaway level over ``coulomb`` [N m]; left out, with `speed`, there is none.
     speed : (n,) array_like, optional
-        Stribeck speed, of the motor [rad/s]: level = coulomb + breakaway exp(-(motor speed / speed)^2).
+        Stribeck speed, of the motor [rad/s]: level = coulomb + breakaway exp(-(motor speed /
+        speed)^2).
 
     See Also
     --------
@@ -64,27 +68,38 @@ class FrictionCurve(Part):
         super().__post_init__()
         signs(self, positive=("speed",), not_negative=("breakaway",), advice="Both are magnitudes.")
         if (self.breakaway is None) != (self.speed is None):
-            raise ValueError("breakaway and speed must be given together; one is missing. Give both, or neither.")
+            raise ValueError(
+                "breakaway and speed must be given together; one is missing. Give both, or neither."
+            )
 
     def level(self, qd_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Excess over the Coulomb level [N m] at motor speeds [rad/s]."""
         if self.breakaway is None:
             return 0.0
         ratio = qd_m / self.speed
-        return self.breakaway * (np.exp(-(ratio**2)) if isinstance(ratio, np.ndarray) else ca.exp(-(ratio**2)))
+        return self.breakaway * (
+            np.exp(-(ratio**2)) if isinstance(ratio, np.ndarray) else ca.exp(-(ratio**2))
+        )
 
 
-def friction_impulse(inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int) -> ca.SX:
-    """Friction impulse (n, 1) of one step [N m s]; the sweeps over the joints start from that of the last step.
+def friction_impulse(
+    inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int
+) -> ca.SX:
+    """Friction impulse (n, 1) of one step [N m s]; the sweeps over the joints start from that of
+    the last step.
 
-    `inverse` is of the inertia matrix [kg m^2], joint side; `stopping` would stop joint i if friction acted on it
-    alone: -inverse.alone qd, the velocity that of the end without Coulomb friction; `bound` is the Coulomb level times
-    step.
+    `inverse` is of the inertia matrix [kg m^2], joint side; `stopping` would stop joint i if
+    friction acted on it alone: -inverse.alone qd, the velocity that of the end without Coulomb
+    friction; `bound` is the Coulomb level times step.
     """
-    n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.fabs(bound)
+    n = stopping.shape[0]
+    impulses = ca.vertsplit(impulse)
+    bound = ca.fabs(bound)
     for _ in range(sweeps):
         for i in range(n):
-            wanted = sum((inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i])
+            wanted = sum(
+                (inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i]
+            )
             impulses[i] = ca.fmin(ca.fmax(wanted, -bound[i]), bound[i])
     return ca.vertcat(*impulses)
 
@@ -105,8 +120,9 @@ class Presliding(Part):
     Parameters
     ----------
     distance : (n,) array_like
-        Of the motor [rad]: Coulomb level over the stiffness of the bristles. After this way from rest friction is at
-        63 % of its level. Zero is Coulomb friction. ``encoder.to_angle(pulses)`` is that of so many pulses.
+        Of the motor [rad]: Coulomb level over the stiffness of the bristles. After this way from
+        rest friction is at 63 % of its level. Zero is Coulomb friction.
+        ``encoder.to_angle(pulses)`` is that of so many pulses.
     damping : (n,) array_like, optional
         Micro-damping, torque per speed of the bristles [N m s/rad]; none by default.
 
@@ -136,14 +152,18 @@ class Presliding(Part):
 
 
 class Bristles(NamedTuple):
-    """Bristles of all shafts: deflection (-1 to 1, over the distance), distance [rad], damping [N m s/rad]."""
+    """Bristles of all shafts: deflection (-1 to 1, over the distance), distance [rad], damping
+    [N m s/rad].
+    """
 
     deflection: ca.SX
     distance: ca.SX
     damping: ca.SX | None
 
     def damped(self, bound: ca.SX) -> ca.SX:
-        """Impulse per change of deflection in a step with this largest impulse of friction [N m s]."""
+        """Impulse per change of deflection in a step with this largest impulse of friction [N m
+        s].
+        """
         return bound if self.damping is None else ca.fmax(bound, 2 * self.distance * self.damping)
 
     def bent(self, speed: ca.SX, time: ca.SX) -> Self:
@@ -154,24 +174,36 @@ class Bristles(NamedTuple):
 
 
 def bristle_impulse(
-    inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bristles: Bristles, bound: ca.SX, h: ca.SX, sweeps: int
+    inverse: Inverse,
+    stopping: ca.SX,
+    impulse: ca.SX,
+    bristles: Bristles,
+    bound: ca.SX,
+    h: ca.SX,
+    sweeps: int,
 ) -> tuple[ca.SX, ca.SX]:
-    """Friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end; as `friction_impulse`.
+    """Friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end; as
+    `friction_impulse`.
 
-    The bristles are those of the middle of the step, of length h [s]. Of a joint alone, with x its momentum at the end,
-    m what it would be if the friction of the middle stayed, and D the momentum with which it goes the distance in half
-    a step: x^2 + (D - m + damped (1 - r)) x - D m = 0.
+    The bristles are those of the middle of the step, of length h [s]. Of a joint alone, with x its
+    momentum at the end, m what it would be if the friction of the middle stayed, and D the momentum
+    with which it goes the distance in half a step: x^2 + (D - m + damped (1 - r)) x - D m = 0.
     """
-    n, impulses, bound = stopping.shape[0], ca.vertsplit(impulse), ca.vertsplit(ca.fabs(bound))
+    n = stopping.shape[0]
+    impulses = ca.vertsplit(impulse)
+    bound = ca.vertsplit(ca.fabs(bound))
     deflection = ca.vertsplit(bristles.deflection)
     distance = ca.vertsplit(2 / h * inverse.alone * bristles.distance)
     damped = ca.vertsplit(bristles.damped(ca.vertcat(*bound)))
     following = list(deflection)
     for _ in range(sweeps):
         for i in range(n):
-            wanted = sum((inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i])
+            wanted = sum(
+                (inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i]
+            )
             free = -(wanted + bound[i] * deflection[i])
-            forwards, m = ca.sign(free), ca.fabs(free)
+            forwards = ca.sign(free)
+            m = ca.fabs(free)
             room = 1 - forwards * deflection[i]
             half = (distance[i] - m + damped[i] * room) / 2
             larger = ca.fabs(half) + ca.sqrt(half * half + distance[i] * m)
@@ -185,10 +217,12 @@ def bristle_impulse(
 def smooth_bristle_impulse(
     inverse: Inverse, stopping: ca.SX, bristles: Bristles, bound: ca.SX, h: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Friction impulse and deflection (n, 1) of a differentiable step, the bristles those of its start.
+    """Friction impulse and deflection (n, 1) of a differentiable step, the bristles those of its
+    start.
 
-    Every joint by itself, linear in the change of its speed, and bent at the speed of the end all along: of first
-    order, with a limit for h to 0, and at rest where Coulomb friction is, also if the bristles are stiff for the step.
+    Every joint by itself, linear in the change of its speed, and bent at the speed of the end all
+    along: of first order, with a limit for h to 0, and at rest where Coulomb friction is, also if
+    the bristles are stiff for the step.
     """
     kept = bound * bristles.deflection
     speed = -inverse.diagonal * (stopping + kept)

@@ -18,10 +18,12 @@ _REFUSED = (TypeError, ValueError, RuntimeError, IndexError, AttributeError, Not
 
 
 class KnownTorque(Part, abc.ABC):
-    """Base of all that drives the joints beside the motors, by where they are: a `@part` class that gives ``torque``.
+    """Base of all that drives the joints beside the motors, by where they are: a `@part` class that
+    gives ``torque``.
 
-    It acts on the links, also behind elastic gears; no motor, no gear and no amplifier feels it but through the arm.
-    Its fields declared with `plant.number` are numbers of the rig, ``springs.stiffness[0]``.
+    It acts on the links, also behind elastic gears; no motor, no gear and no amplifier feels it but
+    through the arm. Its fields declared with `plant.number` are numbers of the rig,
+    ``springs.stiffness[0]``.
 
     See Also
     --------
@@ -43,18 +45,26 @@ class KnownTorque(Part, abc.ABC):
 
     @abc.abstractmethod
     def torque(self, q: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] on the joints at q (n, 1) [rad], in casadi; positive in the direction of q."""
+        """Torque (n, 1) [N m] on the joints at q (n, 1) [rad], in casadi; positive in the
+        direction of q.
+        """
 
 
 def total_torque(parts: Iterable[KnownTorque], q: ArrayOrSymbols) -> ArrayOrSymbols:
-    """Sum of their torques [N m] at q: (n, 1) of casadi symbols, (..., n) of an array (..., n) [rad]."""
+    """Sum of their torques [N m] at q: (n, 1) of casadi symbols, (..., n) of an array (..., n)
+    [rad].
+    """
     if isinstance(q, (ca.SX, ca.MX, ca.DM)):
         return functools.reduce(operator.add, (part.torque(q) for part in parts))
     angles = np.asarray(q, dtype=float)
     symbols = ca.SX.sym("q", angles.shape[-1])
     function = ca.Function("torque", [symbols], [ca.densify(total_torque(parts, symbols))])
     rows = angles.reshape(-1, angles.shape[-1])
-    return function.map(len(rows))(rows.T).full().T.reshape(angles.shape) if len(rows) else angles.copy()
+    return (
+        function.map(len(rows))(rows.T).full().T.reshape(angles.shape)
+        if len(rows)
+        else angles.copy()
+    )
 
 
 def require_torques(parts: Iterable[Any], n: int) -> None:
@@ -62,40 +72,52 @@ def require_torques(parts: Iterable[Any], n: int) -> None:
     for each in parts:
         if not isinstance(each, KnownTorque):
             given = type(each).__name__
-            raise ValueError(f"springs must be KnownTorque, or several; got {given}. Give JointSpring(stiffness=...).")
+            raise ValueError(
+                f"springs must be KnownTorque, or several; got {given}. Give"
+                " JointSpring(stiffness=...)."
+            )
         kind = type(each).__name__
         each.require_joints(n, f"{kind}.")
-        q, numbers = ca.SX.sym("q", n), ca.SX.sym("numbers", len(each.number_names()))
+        q = ca.SX.sym("q", n)
+        numbers = ca.SX.sym("numbers", len(each.number_names()))
         try:
             torque = each.with_numbers(numbers).torque(q)
         except _REFUSED as error:
             reason = (str(error).strip() or "it fails").splitlines()[-1][:80].rstrip(".")
-            raise ValueError(f"torque of {kind} must be a casadi expression of q ({n}, 1); {reason}.") from error
-        if not isinstance(torque, ca.SX) or torque.shape != (n, 1):
-            given = torque.shape if isinstance(torque, (ca.SX, np.ndarray)) else type(torque).__name__
             raise ValueError(
-                f"torque of {kind} must return casadi SX of shape ({n}, 1), one torque per joint; got {given}. Write "
-                "ca.vertcat(...), 0 for joints that it does not drive."
+                f"torque of {kind} must be a casadi expression of q ({n}, 1); {reason}."
+            ) from error
+        if not isinstance(torque, ca.SX) or torque.shape != (n, 1):
+            given = (
+                torque.shape if isinstance(torque, (ca.SX, np.ndarray)) else type(torque).__name__
+            )
+            raise ValueError(
+                f"torque of {kind} must return casadi SX of shape ({n}, 1), one torque per joint;"
+                f" got {given}. Write ca.vertcat(...), 0 for joints that it does not drive."
             )
         known = {symbol.name() for symbol in (*ca.vertsplit(q), *ca.vertsplit(numbers))}
         free = [symbol.name() for symbol in ca.symvar(torque) if symbol.name() not in known]
         if free:
-            raise ValueError(f"torque of {kind} must depend on q and the part's numbers alone; got {free[0]!r}.")
+            raise ValueError(
+                f"torque of {kind} must depend on q and the part's numbers alone; got {free[0]!r}."
+            )
 
 
 @part
 class JointSpring(KnownTorque):
-    """Linear springs about the joints' axes: preload - stiffness (q - angle). Joint side, on the links.
+    """Linear springs about the joints' axes: preload - stiffness (q - angle). Joint side, on the
+    links.
 
     Parameters
     ----------
     stiffness : (n,) array_like
-        Torque per angle [N m/rad]; of joints that slide, force per path [N/m]. 0 where there is no spring.
+        Torque per angle [N m/rad]; of joints that slide, force per path [N/m]. 0 where there is no
+        spring.
     angle : (n,) array_like
         Joint position at which the spring is at rest [rad].
     preload : (n,) array_like, optional
-        Torque there, in the direction of q [N m]: of a spring of constant torque, or in place of an angle that is not
-        known, since the torque is linear in it.
+        Torque there, in the direction of q [N m]: of a spring of constant torque, or in place of an
+        angle that is not known, since the torque is linear in it.
 
     Raises
     ------
@@ -120,23 +142,30 @@ class JointSpring(KnownTorque):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        signs(self, not_negative=("stiffness",), advice="A spring that pushes away from its rest is a Counterbalance.")
+        signs(
+            self,
+            not_negative=("stiffness",),
+            advice="A spring that pushes away from its rest is a Counterbalance.",
+        )
 
     def torque(self, q: ca.SX) -> ca.SX:
         torque = -self.stiffness * (q - self.angle)
         return torque if self.preload is None else torque + self.preload
 
 
-_SHORTEST = 1e-18  # square of a length [m^2] below which a spring has no direction: of joints that have none, all is 0
+# square of a length [m^2] below which a spring has no direction: of joints that have none, all is 0
+_SHORTEST = 1e-18
 
 
 @part
 class Counterbalance(KnownTorque):
-    """A coil spring per joint, between a point of the link before it and a point of the link after it.
+    """A coil spring per joint, between a point of the link before it and a point of the link after
+    it.
 
     Both points turn about the joint's axis, at the distances a and b from it, so that the spring is
-    L = sqrt(a^2 + b^2 - 2 a b cos(q - angle)) long, pulls with tension + stiffness (L - free_length), and turns the
-    joint by -dL/dq times that. It is on its dead centre at q = angle, where it is shortest, and half a turn from there.
+    L = sqrt(a^2 + b^2 - 2 a b cos(q - angle)) long, pulls with tension + stiffness (L -
+    free_length), and turns the joint by -dL/dq times that. It is on its dead centre at q = angle,
+    where it is shortest, and half a turn from there.
 
     Parameters
     ----------
@@ -149,12 +178,14 @@ class Counterbalance(KnownTorque):
     angle : (n,) array_like
         Joint position at which both points are in one direction from the axis [rad].
     tension : (n,) array_like, optional
-        Force at the free length [N], positive where it pulls, negative where it pushes; none by default.
+        Force at the free length [N], positive where it pulls, negative where it pushes; none by
+        default.
 
     Raises
     ------
     ValueError
-        Negative stiffness or lengths; equal arms of a spring that is not of free length 0: its ends would meet.
+        Negative stiffness or lengths; equal arms of a spring that is not of free length 0: its ends
+        would meet.
 
     See Also
     --------
@@ -180,18 +211,26 @@ class Counterbalance(KnownTorque):
     def __post_init__(self) -> None:
         super().__post_init__()
         lengths = "base_arm", "link_arm", "free_length"
-        signs(self, not_negative=("stiffness", *lengths), advice="Give magnitudes; angle says where it is shortest.")
-        forced = (self.stiffness * self.free_length > 0) | (0 if self.tension is None else self.tension != 0)
+        signs(
+            self,
+            not_negative=("stiffness", *lengths),
+            advice="Give magnitudes; angle says where it is shortest.",
+        )
+        forced = (self.stiffness * self.free_length > 0) | (
+            0 if self.tension is None else self.tension != 0
+        )
         meet = (self.base_arm == self.link_arm) & (self.base_arm > 0) & forced
         if meet.any():
             equal = self.base_arm[meet.argmax()]
             raise ValueError(
-                f"base_arm and link_arm must differ; joint {meet.argmax()} has {equal:g} m twice, and the ends of its "
-                "spring would meet. Correct one."
+                f"base_arm and link_arm must differ; joint {meet.argmax()} has {equal:g} m twice,"
+                " and the ends of its spring would meet. Correct one."
             )
 
     def torque(self, q: ca.SX) -> ca.SX:
-        a, b, phi = self.base_arm, self.link_arm, q - self.angle
+        a = self.base_arm
+        b = self.link_arm
+        phi = q - self.angle
         length = ca.sqrt(ca.fmax(a * a + b * b - 2 * (a * b) * ca.cos(phi), _SHORTEST))
         force = self.stiffness * (length - self.free_length)
         force = force if self.tension is None else force + self.tension
@@ -200,7 +239,8 @@ class Counterbalance(KnownTorque):
 
 @part
 class CosineTorque(KnownTorque):
-    """amplitude cos(q - phase) on each joint: of an ideal counterbalance, of a weight on the other side of the axis.
+    """amplitude cos(q - phase) on each joint: of an ideal counterbalance, of a weight on the other
+    side of the axis.
 
     Parameters
     ----------

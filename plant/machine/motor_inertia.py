@@ -1,8 +1,9 @@
 """Lower bound of the inertia matrix: D(q) must exceed the reflected rotor inertias at every pose.
 
-A candidate for f may track well and still have a D that is nearly singular off the path; no computed torque built on it
-is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite for all q, with Jm_min the smallest rotor inertia
-of such a motor (of coupled motors: D seen from their shafts).
+A candidate for f may track well and still have a D that is nearly singular off the path; no
+computed torque built on it is stable. So D(q) - diag(Jm_min k^2) has to be positive semidefinite
+for all q, with Jm_min the smallest rotor inertia of such a motor (of coupled motors: D seen from
+their shafts).
 """
 
 import functools
@@ -20,9 +21,12 @@ from plant.mechanics.lumping import STANDARD
 from plant.mechanics.symmetric_inverse import eliminated
 from plant.parts.fields import Floats
 
-LEAST_MOTOR_INERTIA = 0.5  # jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2.
+# jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2.
+LEAST_MOTOR_INERTIA = 0.5
 
-_GRID = 360  # poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of its range
+# poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of
+# its range
+_GRID = 360
 
 _SCATTERED = 4096  # poses (a Sobol sequence) when D depends on several joints
 
@@ -30,7 +34,8 @@ _BATCH = 16384  # poses of candidates in one batch: they stay in the processor's
 
 
 def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
-    """Smallest pivot (P,) of D(q) - diag(Jm_min k^2) over all poses q, for each candidate f (P, p) [kg m^2].
+    """Smallest pivot (P,) of D(q) - diag(Jm_min k^2) over all poses q, for each candidate f (P, p)
+    [kg m^2].
 
     Negative where the matrix is indefinite somewhere.
     """
@@ -38,7 +43,8 @@ def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
     kernel, poses = _smallest_pivot(dynamics, rig.drive.coupling)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA * rig.drive.motor_inertia)
     candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
-    margins, size = np.empty(len(f)), max(1, _BATCH // poses.shape[1])
+    margins = np.empty(len(f))
+    size = max(1, _BATCH // poses.shape[1])
     for start in range(0, len(f), size):
         batch = slice(start, start + size)
         margins[batch] = kernel(poses, candidates[:, batch])[0].min(axis=1)
@@ -46,7 +52,9 @@ def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
 
 
 def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> Floats:
-    """Diagonal (p, n) of D on the motors' shafts at a pose (n,), of each parameter alone: D is linear in f."""
+    """Diagonal (p, n) of D on the motors' shafts at a pose (n,), of each parameter alone: D is
+    linear in f.
+    """
     own = [rig.drive.coupling.shaft_inertia(dynamics.D(q, unit)) for unit in np.eye(dynamics.p)]
     return np.array([np.diag(matrix.full()) for matrix in own])
 
@@ -64,9 +72,10 @@ def require_inertia(arm: Arm, rig: Rig) -> None:
     margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
     if not margin >= 0:
         raise ValueError(
-            f"D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min = {LEAST_MOTOR_INERTIA:g} Jm, at every "
-            f"q; f = {np.array2string(arm.f, precision=3)} falls short by {-margin:.3g} kg m^2 (in a pivot). Identify "
-            "again, or check f, the gears, and that the chain's rotors are drive.reflected_inertia()."
+            "D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min ="
+            f" {LEAST_MOTOR_INERTIA:g} Jm, at every q; f = {np.array2string(arm.f, precision=3)}"
+            f" falls short by {-margin:.3g} kg m^2 (in a pivot). Identify again, or check f, the"
+            " gears, and that the chain's rotors are drive.reflected_inertia()."
         )
 
 
@@ -74,7 +83,9 @@ def require_inertia(arm: Arm, rig: Rig) -> None:
 def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, Floats]:
     """Compiled (q, least, f) -> smallest pivot, and the poses at which it is taken."""
     n = dynamics.n
-    q, least, f = ca.SX.sym("q", n), ca.SX.sym("least", n), ca.SX.sym("f", dynamics.p)
+    q = ca.SX.sym("q", n)
+    least = ca.SX.sym("least", n)
+    f = ca.SX.sym("f", dynamics.p)
     _, found = eliminated(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
     # A pivot after one that is not positive means nothing, so the first bad one decides.
     smallest = found[n - 1]
@@ -90,4 +101,7 @@ def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, 
 
         angles = np.zeros((_SCATTERED, n))
         angles[:, joints] = 2 * np.pi * qmc.Sobol(len(joints), seed=0).random(_SCATTERED)
-    return MapKernel(ca.Function("pivots", [q, least, f], ca.cse([ca.densify(smallest)])), outer=2), angles.T
+    return (
+        MapKernel(ca.Function("pivots", [q, least, f], ca.cse([ca.densify(smallest)])), outer=2),
+        angles.T,
+    )

@@ -1,4 +1,6 @@
-"""The rig: drives, encoders, sampling period and delay, springs: all that stands between a controller and the arm."""
+"""The rig: drives, encoders, sampling period and delay, springs: all that stands between a
+controller and the arm.
+"""
 
 import dataclasses
 
@@ -15,18 +17,25 @@ from plant.parts.fields import ArrayOrSymbols
 from plant.parts.messages import joint_labels
 from plant.parts.part import Part, number, part, structure
 
-# How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear analysis.
-DRY_FRICTION = "drive.coulomb", "drive.curve.breakaway", "drive.load_friction", "drive.presliding.damping"
+# How the names of a rig's numbers begin that are zero for joints without dry friction, as in linear
+# analysis.
+DRY_FRICTION = (
+    "drive.coulomb",
+    "drive.curve.breakaway",
+    "drive.load_friction",
+    "drive.presliding.damping",
+)
 
 _LARGE = 2**20  # above all streams by far, so that those of two streams are as good as independent
 
 
 @part
 class Jitter(Part):
-    """Random displacement of the instants at which a law with a period reads the encoders; uniform, each on its own.
+    """Random displacement of the instants at which a law with a period reads the encoders; uniform,
+    each on its own.
 
-    The log is taken at its own even instants, the torque begins where it would without; linear analysis leaves
-    jitter out.
+    The log is taken at its own even instants, the torque begins where it would without; linear
+    analysis leaves jitter out.
 
     Parameters
     ----------
@@ -55,11 +64,24 @@ class Jitter(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.share <= 0.5:
-            raise ValueError(f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants stay apart so.")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
-            raise ValueError(f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such as 0.")
+            raise ValueError(
+                f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants stay"
+                " apart so."
+            )
+        if (
+            isinstance(self.seed, bool)
+            or not isinstance(self.seed, (int, np.integer))
+            or self.seed < 0
+        ):
+            raise ValueError(
+                f"seed must be a whole number, 0 or more; got {self.seed!r:.60}. Give one, such"
+                " as 0."
+            )
         if self.stream < 0 or self.stream % 1:
-            raise ValueError(f"stream must be a whole number, 0 or more; got {self.stream:g}. One loop needs none.")
+            raise ValueError(
+                f"stream must be a whole number, 0 or more; got {self.stream:g}. One loop needs"
+                " none."
+            )
         object.__setattr__(self, "seed", int(self.seed))
 
     def draws(self, steps: int) -> NDArray[np.float64]:
@@ -74,7 +96,8 @@ class Jitter(Part):
 
 @part
 class Transport(Part):
-    """Delayed torque and lost samples of a rig, under a law with a period; linear analysis leaves them out.
+    """Delayed torque and lost samples of a rig, under a law with a period; linear analysis leaves
+    them out.
 
     Parameters
     ----------
@@ -105,13 +128,20 @@ class Transport(Part):
         signs(self, not_negative=("delay",), advice="Give seconds after the sample.")
         lost = self.lost
         if isinstance(lost, str) or not np.iterable(lost):
-            raise ValueError(f"lost must be a sequence of steps; got {lost!r:.60}. Write ({lost!r:.60},).")
+            raise ValueError(
+                f"lost must be a sequence of steps; got {lost!r:.60}. Write ({lost!r:.60},)."
+            )
         if not all(isinstance(k, (int, np.integer)) and k >= 1 for k in lost):
-            raise ValueError(f"lost must be whole numbers of at least 1; got {lost!r:.60}. The first counts arrive.")
+            raise ValueError(
+                f"lost must be whole numbers of at least 1; got {lost!r:.60}. The first counts"
+                " arrive."
+            )
         object.__setattr__(self, "lost", tuple(int(k) for k in lost))
 
     def words(self, steps: int) -> NDArray[np.float64]:
-        """Words (steps,) of one loop: 1 at the steps of the law whose counts are lost, 0 at the others."""
+        """Words (steps,) of one loop: 1 at the steps of the law whose counts are lost, 0 at the
+        others.
+        """
         words = np.zeros(steps)
         words[[k for k in self.lost if k < steps]] = 1.0
         return words
@@ -143,7 +173,8 @@ class Rig(Part):
     jitter : Jitter, optional
         Of the instants at which a law reads the encoders, a share of its period.
     springs : KnownTorque or tuple of KnownTorque, optional
-        `JointSpring`, `Counterbalance`, `CosineTorque` or a part of one's own, on the links; none by default.
+        `JointSpring`, `Counterbalance`, `CosineTorque` or a part of one's own, on the links; none
+        by default.
 
     See Also
     --------
@@ -175,12 +206,14 @@ class Rig(Part):
             object.__setattr__(self, "encoder", dataclasses.replace(self.encoder, resolution=alike))
         if len(self.encoder.resolution) != self.drive.n:
             raise ValueError(
-                f"encoder must have {self.drive.n} joints like the drive; got {len(self.encoder.resolution)}. "
-                "Give one resolution per joint."
+                f"encoder must have {self.drive.n} joints like the drive; got"
+                f" {len(self.encoder.resolution)}. Give one resolution per joint."
             )
 
         if self.encoder.side != "motor" and self.drive.elasticity is None:
-            raise ValueError("an encoder on the link's side needs elastic gears; got rigid ones. Add elasticity.")
+            raise ValueError(
+                "an encoder on the link's side needs elastic gears; got rigid ones. Add elasticity."
+            )
         if isinstance(self.springs, (tuple, list)):
             object.__setattr__(self, "springs", tuple(self.springs) or None)
         require_torques(self._springs, self.n)
@@ -205,22 +238,29 @@ class Rig(Part):
     def require_fit(self, chain: Chain) -> None:
         """Refuse a chain of another number of joints, or with another coupling."""
         if self.n != chain.n:
-            raise ValueError(f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig.")
+            raise ValueError(
+                f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig."
+            )
         if self.drive.coupling != chain.coupling:
             raise ValueError(
-                f"chain and drive must have the same coupling; got {chain.coupling.matrix or 'none'} in the chain and "
-                f"{self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling (chain.coupled)."
+                "chain and drive must have the same coupling; got"
+                f" {chain.coupling.matrix or 'none'} in the chain and"
+                f" {self.drive.coupling.matrix or 'none'} in the drive. Give both the same Coupling"
+                " (chain.coupled)."
             )
 
     def spring_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Torque of the springs on the links at q [rad], in the direction of q [N m]; 0 without springs.
+        """Torque of the springs on the links at q [rad], in the direction of q [N m]; 0 without
+        springs.
 
         Of casadi's (n, 1), or for each row of an array (..., n).
         """
         return total_torque(self._springs, q) if self._springs else 0.0
 
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without the unknown phase."""
+        """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without
+        the unknown phase.
+        """
         return self.encoder.quantised(self.position_in_pulses(per_joint("q", q, self.n)))
 
     def true_counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -241,10 +281,13 @@ class Rig(Part):
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
     def outside_cell(self, distance: ca.SX, counts: ca.SX, share: ca.SX) -> ca.SX:
-        """What of a distance from the middle of these counts' cell (n, 1) [rad] lies beyond that share of its half."""
+        """What of a distance from the middle of these counts' cell (n, 1) [rad] lies beyond that
+        share of its half.
+        """
         if self.encoder.smooth:
             return distance  # without a kink where it is zero, where loops are linearised
-        position, half = self.position_in_pulses(distance), self.encoder.half_cell(counts)
+        position = self.position_in_pulses(distance)
+        half = self.encoder.half_cell(counts)
         beyond = position - ca.fmin(ca.fmax(position, -share * half), share * half)
         return self.drive.joint_angle(self.encoder.to_angle(beyond))
 
@@ -256,11 +299,17 @@ def punctual_rig(rig: Rig) -> Rig:
 
 def smooth_rig(rig: Rig) -> Rig:
     """The same rig without quantisation of counts and torques."""
-    drive, encoder = dataclasses.replace(rig.drive, torque_step=None), dataclasses.replace(rig.encoder, smooth=True)
+    drive = dataclasses.replace(rig.drive, torque_step=None)
+    encoder = dataclasses.replace(rig.encoder, smooth=True)
     return dataclasses.replace(rig, drive=drive, encoder=encoder)
 
 
 def sliding_rig(rig: Rig) -> Rig:
-    """The same rig without dry friction, as joints that slide one way have it in linear analysis."""
-    names, values = rig.number_names(), rig.number_values()
-    return rig.with_numbers(np.where([name.startswith(DRY_FRICTION) for name in names], 0.0, values))
+    """The same rig without dry friction, as joints that slide one way have it in linear
+    analysis.
+    """
+    names = rig.number_names()
+    values = rig.number_values()
+    return rig.with_numbers(
+        np.where([name.startswith(DRY_FRICTION) for name in names], 0.0, values)
+    )

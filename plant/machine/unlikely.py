@@ -1,4 +1,6 @@
-"""What a rig states that no arm has, beside a motion: speeds in other units, friction of another side, slow periods."""
+"""What a rig states that no arm has, beside a motion: speeds in other units, friction of another
+side, slow periods.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -14,31 +16,42 @@ _TURNS = 3.0  # turns that no revolute joint of an arm makes from end to end
 _SLUGGISH = 30.0  # acceleration [rad/s^2] that any motor of an arm gives its rotor alone
 
 
-def unlikely_statements(rig: Rig, q: Floats, qd: Floats, prismatic: Sequence[bool]) -> Iterator[str]:
-    """Lines on what cannot be meant, along positions and velocities (N, n) of the joints [rad, rad/s]."""
-    drive, labels = rig.drive, rig.joint_labels
+def unlikely_statements(
+    rig: Rig, q: Floats, qd: Floats, prismatic: Sequence[bool]
+) -> Iterator[str]:
+    """Lines on what cannot be meant, along positions and velocities (N, n) of the joints [rad,
+    rad/s].
+    """
+    drive = rig.drive
+    labels = rig.joint_labels
     if rig.period > SLOWEST:
-        yield f"a period of {rig.period:g} s is no arm's: state the time from sample to sample [s], such as 0.001."
+        yield (
+            f"a period of {rig.period:g} s is no arm's: state the time from sample to sample [s],"
+            " such as 0.001."
+        )
     turns = np.ptp(q, axis=0) / (2 * np.pi)
-    limit, friction = drive.motor_gain * drive.current_limit, drive.viscous * np.abs(drive.gear * qd).max(axis=0)
+    limit = drive.motor_gain * drive.current_limit
+    friction = drive.viscous * np.abs(drive.gear * qd).max(axis=0)
     for i in range(rig.n):
         if turns[i] > _TURNS and not prismatic[i]:
             yield (
-                f"{labels[i]} moves over {turns[i]:.3g} turns: positions are in rad, resolutions in counts per turn "
-                "of the motor. Are they in degrees, or per radian?"
+                f"{labels[i]} moves over {turns[i]:.3g} turns: positions are in rad, resolutions in"
+                " counts per turn of the motor. Are they in degrees, or per radian?"
             )
         elif friction[i] > limit[i]:
             yield (
-                f"at the speed of this motion, the viscous friction of {labels[i]} is {friction[i]:.3g} N m at the "
-                f"motor, which gives at most {limit[i]:.3g} N m: viscous is motor side [N m s/rad]."
+                f"at the speed of this motion, the viscous friction of {labels[i]} is"
+                f" {friction[i]:.3g} N m at the motor, which gives at most {limit[i]:.3g} N m:"
+                " viscous is motor side [N m s/rad]."
             )
         elif drive.coulomb[i] > limit[i]:
             yield (
-                f"the Coulomb friction of {labels[i]} is {drive.coulomb[i]:.3g} N m at the motor, which gives at most "
-                f"{limit[i]:.3g} N m: coulomb is motor side [N m]."
+                f"the Coulomb friction of {labels[i]} is {drive.coulomb[i]:.3g} N m at the motor,"
+                f" which gives at most {limit[i]:.3g} N m: coulomb is motor side [N m]."
             )
         if limit[i] < _SLUGGISH * drive.motor_inertia[i]:
             yield (
-                f"the motor of {labels[i]} gives its rotor alone {limit[i] / drive.motor_inertia[i]:.2g} rad/s^2 at "
-                f"most: motor_inertia is in kg m^2, {drive.motor_inertia[i]:.3g} is stated. 1 g cm^2 is 1e-7 kg m^2."
+                f"the motor of {labels[i]} gives its rotor alone"
+                f" {limit[i] / drive.motor_inertia[i]:.2g} rad/s^2 at most: motor_inertia is in kg"
+                f" m^2, {drive.motor_inertia[i]:.3g} is stated. 1 g cm^2 is 1e-7 kg m^2."
             )

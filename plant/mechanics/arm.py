@@ -47,8 +47,8 @@ class Arm(Part):
         names = self.dynamics.short_names
         if np.shape(self.f) != (len(names),):
             raise ValueError(
-                f"f has shape {np.shape(self.f)}; this arm has {len(names)} parameters ({names[0]}..{names[-1]}). "
-                "Pass found.arm.f, or dynamics.f(bodies)."
+                f"f has shape {np.shape(self.f)}; this arm has {len(names)} parameters"
+                f" ({names[0]}..{names[-1]}). Pass found.arm.f, or dynamics.f(bodies)."
             )
         super().__post_init__()
 
@@ -66,11 +66,15 @@ class Arm(Part):
         return self.dynamics.h(q, qd, self.f).full().ravel()
 
     def inverse(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Floats:
-        """Inverse dynamics without friction: torque (n,) [N m] of a motion, tau = Y(q, qd, qdd) f."""
+        """Inverse dynamics without friction: torque (n,) [N m] of a motion, tau = Y(q, qd, qdd)
+        f.
+        """
         return (self.dynamics.Y(q, qd, qdd).full() @ self.f).ravel()
 
     def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Floats:
-        """Forward dynamics without friction: acceleration (n,) [rad/s^2] under a torque; D(q) has to be positive."""
+        """Forward dynamics without friction: acceleration (n,) [rad/s^2] under a torque; D(q)
+        has to be positive.
+        """
         tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
         self.require_positive(q)
         return np.asarray(np.linalg.solve(self.D(q), tau - self.h(q, qd)), dtype=float)
@@ -80,6 +84,6 @@ class Arm(Part):
         smallest = np.linalg.eigvalsh(self.D(q) - np.diag(np.broadcast_to(least, self.n)))[0]
         if not smallest > 0:
             raise ValueError(
-                f"D must be positive definite; its smallest eigenvalue is {smallest:.3g} at q = {np.asarray(q)}. "
-                "Correct f: no links have such an inertia."
+                f"D must be positive definite; its smallest eigenvalue is {smallest:.3g} at q ="
+                f" {np.asarray(q)}. Correct f: no links have such an inertia."
             )

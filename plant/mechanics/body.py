@@ -1,4 +1,6 @@
-"""Body: mass, centre of mass and inertia of a link and all that is fixed to it; its pseudo-inertia."""
+"""Body: mass, centre of mass and inertia of a link and all that is fixed to it; its
+pseudo-inertia.
+"""
 
 from __future__ import annotations
 
@@ -26,15 +28,17 @@ class Body(Part):
     com : (3,) array_like
         Centre of mass in the link's frame [m].
     inertia : (6,) array_like
-        Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, axes of the link's frame [kg m^2]; entries of the
-        inertia matrix (Ixy = -integral of x y dm). Zero, that of a point mass, by default.
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass, axes of the link's frame [kg m^2];
+        entries of the inertia matrix (Ixy = -integral of x y dm). Zero, that of a point mass, by
+        default.
     rotor : float
         Rotor inertia reflected to the joint (of a coupled motor: to its shaft), Jm k^2 [kg m^2]
         (`Drive.reflected_inertia`).
 
     Notes
     -----
-    Physically inconsistent numbers are accepted, since base parameters can need them; `require_physical` refuses them.
+    Physically inconsistent numbers are accepted, since base parameters can need them;
+    `require_physical` refuses them.
 
     See Also
     --------
@@ -58,9 +62,16 @@ class Body(Part):
         signs(self, not_negative=("mass", "rotor"), advice="Check the body's numbers.")
 
     def joined(self, other: Body) -> Body:
-        """This body and another one (a tool, a load) fixed to it as one body; all in the same frame."""
+        """This body and another one (a tool, a load) fixed to it as one body; all in the same
+        frame.
+        """
         if not self.mass + other.mass:
-            return Body(mass=0.0, com=self.com, inertia=self.inertia + other.inertia, rotor=self.rotor + other.rotor)
+            return Body(
+                mass=0.0,
+                com=self.com,
+                inertia=self.inertia + other.inertia,
+                rotor=self.rotor + other.rotor,
+            )
         mass = self.mass + other.mass
         com = (self.mass * self.com + other.mass * other.com) / mass
         inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, other))
@@ -68,7 +79,8 @@ class Body(Part):
 
     @property
     def standard_parameters(self) -> Floats:
-        """Its standard parameters phi (10,): m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz, without the rotor's.
+        """Its standard parameters phi (10,): m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz, without
+        the rotor's.
 
         Mass [kg], first moments [kg m], and inertia about the *origin* of the frame [kg m^2].
         """
@@ -78,10 +90,18 @@ class Body(Part):
     @classmethod
     def from_standard_parameters(cls, parameters: ArrayLike) -> Body:
         """The body with these `standard_parameters` (10,); all zero: none."""
-        phi = array("parameters", parameters, (10,), advice="Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz.")
+        phi = array(
+            "parameters",
+            parameters,
+            (10,),
+            advice="Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz.",
+        )
         mass = float(phi[0])
         if not mass > 0 and phi.any():
-            raise ValueError(f"a load must have a positive mass; got {mass:g} kg. Only an empty gripper has none.")
+            raise ValueError(
+                f"a load must have a positive mass; got {mass:g} kg. Only an empty gripper has"
+                " none."
+            )
         com = phi[1:4] / mass if mass > 0 else np.zeros(3)
         return cls(mass=mass, com=com, inertia=phi[4:] - mass * parallel_axis(com))
 
@@ -95,21 +115,25 @@ class Body(Part):
     def require_physical(self, name: str) -> None:
         """Refuse a body that is not physically consistent.
 
-        Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum of the others.
+        Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum
+        of the others.
         """
         moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
         slack = 1e-9 * max(1e-300, np.abs(moments).max())
         if not self.mass > 0:
-            raise ValueError(f"link {name} must have a positive mass; got {self.mass}. Give it in kg.")
+            raise ValueError(
+                f"link {name} must have a positive mass; got {self.mass}. Give it in kg."
+            )
         if moments[0] < -slack:
             raise ValueError(
-                f"link {name} must have a positive semidefinite inertia; got principal moments {moments}. Check the "
-                "signs of Ixy, Ixz and Iyz, and that it is given about the centre of mass."
+                f"link {name} must have a positive semidefinite inertia; got principal moments"
+                f" {moments}. Check the signs of Ixy, Ixz and Iyz, and that it is given about the"
+                " centre of mass."
             )
         if moments[2] > moments[0] + moments[1] + slack:
             raise ValueError(
-                f"link {name} must have an inertia that a body can have (triangle inequality); got principal moments "
-                f"{moments}. Check its entries."
+                f"link {name} must have an inertia that a body can have (triangle inequality); got"
+                f" principal moments {moments}. Check its entries."
             )
 
 
@@ -130,15 +154,17 @@ def inertia_matrix(entries: ArrayLike) -> Floats:
 
 
 def pseudo_inertia(parameters: ArrayLike) -> Floats:
-    """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of a body's standard parameters (10,), S the integral of r r' dm.
+    """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of a body's standard parameters (10,), S the
+    integral of r r' dm.
 
-    A body of positive density exists exactly where P is positive definite: positive mass, positive inertia about the
-    centre of mass, and the triangle inequality in one. Source: P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix
-    inequalities for physically consistent inertial parameter identification, IEEE Robotics and Automation Letters 3
-    (2018).
+    A body of positive density exists exactly where P is positive definite: positive mass, positive
+    inertia about the centre of mass, and the triangle inequality in one. Source: P. M. Wensing, S.
+    Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial parameter
+    identification, IEEE Robotics and Automation Letters 3 (2018).
     """
     m, *rest = np.asarray(parameters, float)
-    inertia, result = inertia_matrix(rest[3:]), np.zeros((4, 4))
+    inertia = inertia_matrix(rest[3:])
+    result = np.zeros((4, 4))
     result[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
     result[:3, 3] = result[3, :3] = rest[:3]
     result[3, 3] = m
@@ -154,7 +180,9 @@ def from_pseudo_inertia(P: ArrayLike) -> Floats:
 
 
 def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
-    """The body of an element at this pose in its link's frame; None of one that has no mass and no inertia."""
+    """The body of an element at this pose in its link's frame; None of one that has no mass and
+    no inertia.
+    """
     if mass < 0:
         raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
     if not mass and not np.any(inertia):
@@ -173,17 +201,22 @@ def symmetric_basis(d: int) -> Floats:
     return np.array(found)
 
 
-_THIN = 0.03  # extent [m], root mean square, that a prior gets where it has none: a point mass, a rod
+# extent [m], root mean square, that a prior gets where it has none: a point mass, a rod
+_THIN = 0.03
 
 
 def prior_factor(parameters: ArrayLike) -> Floats:
-    """L (4, 4) with L L' the pseudo-inertia of a body (10,) that is a prior, made a little thick where it is thin."""
+    """L (4, 4) with L L' the pseudo-inertia of a body (10,) that is a prior, made a little thick
+    where it is thin.
+    """
     P = pseudo_inertia(parameters)
     if not P[3, 3] > 0:
         P = P + np.diag([0.0, 0.0, 0.0, 1e-3 * max(1e-3, float(np.trace(P[:3, :3])))])
     central = P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]
     widths, axes = np.linalg.eigh(central)
-    thin = np.maximum(widths, _THIN**2 * P[3, 3] * (widths < (1e-3 * _THIN) ** 2 * P[3, 3])) - widths
+    thin = (
+        np.maximum(widths, _THIN**2 * P[3, 3] * (widths < (1e-3 * _THIN) ** 2 * P[3, 3])) - widths
+    )
     P[:3, :3] += axes @ np.diag(thin) @ axes.T
     return np.asarray(np.linalg.cholesky(P), dtype=float)
 

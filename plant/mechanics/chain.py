@@ -64,18 +64,31 @@ class Chain(Part):
     def __post_init__(self) -> None:
         links = tuple(self.links) if np.iterable(self.links) else (self.links,)
         if not links or not all(isinstance(link, Link) for link in links):
-            raise ValueError(f"links must be at least one Link; got {self.links!r:.80}. Give a tuple of Link(...).")
+            raise ValueError(
+                f"links must be at least one Link; got {self.links!r:.80}. Give a tuple of"
+                " Link(...)."
+            )
         names = [link.name for link in links]
         twice = [name for i, name in enumerate(names) if name in names[:i]]
         if twice:
-            raise ValueError(f"links must have names of their own; {twice[0]!r} comes twice. Rename one.")
+            raise ValueError(
+                f"links must have names of their own; {twice[0]!r} comes twice. Rename one."
+            )
         gravity = array("gravity", self.gravity, (3,), advice="Give m/s^2, such as (0, 0, -9.81).")
         bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
-        if bodies and (len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)):
-            raise ValueError(f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave out.")
+        if bodies and (
+            len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)
+        ):
+            raise ValueError(
+                f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave"
+                " out."
+            )
         self.coupling.require_size(len(links), "chain")
         if self.limits is not None and self.limits.n != len(links):
-            raise ValueError(f"limits must have {len(links)} joints; got {self.limits.n}. Give one number per joint.")
+            raise ValueError(
+                f"limits must have {len(links)} joints; got {self.limits.n}. Give one number per"
+                " joint."
+            )
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))
         object.__setattr__(self, "bodies", bodies)
@@ -91,20 +104,32 @@ class Chain(Part):
         return joint_labels([link.name for link in self.links], self.n)
 
     def tilted(self, rotation: ArrayLike) -> Chain:
-        """The same chain on a tilted base; rotation (3, 3): the base's axes as columns, in a frame with z upwards."""
+        """The same chain on a tilted base; rotation (3, 3): the base's axes as columns, in a
+        frame with z upwards.
+        """
         placement = Placement(rotation=rotation)
-        return dataclasses.replace(self, gravity=np.array(placement.rotation).T @ np.array(self.gravity))
+        return dataclasses.replace(
+            self, gravity=np.array(placement.rotation).T @ np.array(self.gravity)
+        )
 
     def coupled(self, coupling: Coupling) -> Chain:
         """The same chain with the coupling of its `Drive`."""
         return dataclasses.replace(self, coupling=coupling)
 
     def with_rotors(self, drive: Any) -> Chain:
-        """The same chain with the rotor inertias of a `Drive` in its bodies, and with its coupling."""
+        """The same chain with the rotor inertias of a `Drive` in its bodies, and with its
+        coupling.
+        """
         if not self.bodies:
-            raise ValueError("bodies must be known to get rotors; this chain has none. Give the Chain its bodies.")
+            raise ValueError(
+                "bodies must be known to get rotors; this chain has none. Give the Chain its"
+                " bodies."
+            )
         if drive.n != self.n:
-            raise ValueError(f"drive must have {self.n} joints like the chain; got {drive.n}. Use a matching drive.")
+            raise ValueError(
+                f"drive must have {self.n} joints like the chain; got {drive.n}. Use a matching"
+                " drive."
+            )
         pairs = zip(self.bodies, drive.reflected_inertia(), strict=True)
         bodies = tuple(dataclasses.replace(body, rotor=float(rotor)) for body, rotor in pairs)
         return dataclasses.replace(self, bodies=bodies, coupling=drive.coupling)
@@ -112,55 +137,70 @@ class Chain(Part):
     def carrying(self, body: Body, link: int | str = -1) -> Chain:
         """The same chain with a tool or a load fixed to a link, the last one by default.
 
-        The body is in the frame of that link's own body; the link is a place in the chain from 0, or a name.
+        The body is in the frame of that link's own body; the link is a place in the chain from 0,
+        or a name.
         """
         instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
         if not self.bodies:
-            raise ValueError("bodies must be known to carry one more; this chain has none. Give the Chain its bodies.")
+            raise ValueError(
+                "bodies must be known to carry one more; this chain has none. Give the Chain its"
+                " bodies."
+            )
         names = [each.name for each in self.links]
         if isinstance(link, str):
             link = names.index(choice("link", link, names))
         if not isinstance(link, (int, np.integer)) or not -self.n <= link < self.n:
-            raise ValueError(f"link must be a name or a place below {self.n}; got {link!r}. Names: {', '.join(names)}.")
+            raise ValueError(
+                f"link must be a name or a place below {self.n}; got {link!r}. Names:"
+                f" {', '.join(names)}."
+            )
         bodies = list(self.bodies)
         bodies[link] = bodies[link].joined(body)
         return dataclasses.replace(self, bodies=tuple(bodies))
 
     @classmethod
     def from_urdf(
-        cls, path: str | Path, joints: Sequence[str] | None = None, *, base: str | None = None, tip: str | None = None,
+        cls,
+        path: str | Path,
+        joints: Sequence[str] | None = None,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-    ) -> Chain:  # fmt: skip
+    ) -> Chain:
         """A chain, with bodies, from a URDF file.
 
         Parameters
         ----------
         path : str or Path
         joints : sequence of str, optional
-            Names of the chain's joints, base first; by default all that move, if they form one chain. Other joints that
-            move are held at zero and lumped with the link that carries them, like fixed joints. So are, unless named,
-            joints that mimic another one, and those that they mimic: a gripper's; inside the chain they are refused.
+            Names of the chain's joints, base first; by default all that move, if they form one
+            chain. Other joints that move are held at zero and lumped with the link that carries
+            them, like fixed joints. So are, unless named, joints that mimic another one, and those
+            that they mimic: a gripper's; inside the chain they are refused.
         base, tip : str, optional
-            Names of links, in place of joints: the joints between them. By default the base is that of the file.
+            Names of links, in place of joints: the joints between them. By default the base is that
+            of the file.
         gravity : (3,) array_like
             In the frame of the file's base link.
 
         Returns
         -------
         Chain
-            Bodies in the frames of the file's links, with `limits`; meshes and transmissions are not read. Friction and
-            efforts make a `Drive`: `Drive.from_urdf`.
+            Bodies in the frames of the file's links, with `limits`; meshes and transmissions are
+            not read. Friction and efforts make a `Drive`: `Drive.from_urdf`.
 
         Raises
         ------
         ValueError
-            A file that is malformed, too large, or describes no such chain; a body that is not physically consistent.
+            A file that is malformed, too large, or describes no such chain; a body that is not
+            physically consistent.
 
         Warns
         -----
         UserWarning
-            Angles within 1e-3 rad of right ones are put right: files round them, and axes that are nearly parallel or
-            perpendicular have base parameters that no log excites.
+            Angles within 1e-3 rad of right ones are put right: files round them, and axes that are
+            nearly parallel or perpendicular have base parameters that no log excites.
         """
         model = read_urdf(path)
         names = [joint.name for joint in model.chain_joints(joints, base, tip)]
@@ -169,11 +209,13 @@ class Chain(Part):
 
     @classmethod
     def from_mjcf(cls, path: str | Path, joints: Sequence[str] | None = None) -> Chain:
-        """A chain, with bodies, from a MuJoCo model: trees of bodies with one hinge or slide joint each, or none.
+        """A chain, with bodies, from a MuJoCo model: trees of bodies with one hinge or slide joint
+        each, or none.
 
-        As `from_urdf`, with the file's gravity, rotors (``armature``) and `limits` (``range``, ``actuatorfrcrange``);
-        of damping and frictionloss nothing is read (they are the `Drive`'s). Elements whose forces or joints a chain
-        does not have are refused: tendons, equalities, free and ball joints, springs, fluids, plugins.
+        As `from_urdf`, with the file's gravity, rotors (``armature``) and `limits` (``range``,
+        ``actuatorfrcrange``); of damping and frictionloss nothing is read (they are the `Drive`'s).
+        Elements whose forces or joints a chain does not have are refused: tendons, equalities, free
+        and ball joints, springs, fluids, plugins.
         """
         model = read_mjcf(path)
         links, bodies, limits = links_of_chain(model, joints)
@@ -181,7 +223,11 @@ class Chain(Part):
 
     @classmethod
     def standard(
-        cls, rows: Sequence[Mapping[str, Any]], *, gravity: ArrayLike = (0.0, 0.0, -9.81), bodies: Sequence[Body] = ()
+        cls,
+        rows: Sequence[Mapping[str, Any]],
+        *,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        bodies: Sequence[Body] = (),
     ) -> Chain:
         """A chain from rows of the *standard* Denavit-Hartenberg table.
 
@@ -197,14 +243,25 @@ class Chain(Part):
         links: list[Link] = []
         reached: dict[str, Any] = {"alpha": 0.0, "a": 0.0}
         for i, row in enumerate(rows):
-            instance(f"row {i}", row, dict, "Give alpha, a and d by name; rows of the modified table are Links.")
+            instance(
+                f"row {i}",
+                row,
+                dict,
+                "Give alpha, a and d by name; rows of the modified table are Links.",
+            )
             for key in row:
-                choice(f"a key of row {i} (standard table; rows of the modified one are Links)", key, _KEYS)
+                choice(
+                    f"a key of row {i} (standard table; rows of the modified one are Links)",
+                    key,
+                    _KEYS,
+                )
             for key in ("alpha", "a", "d"):
                 if key not in row:
                     raise ValueError(f"row {i} must have {key}; it has {', '.join(row)}. Add it.")
                 real(f"{key} of row {i}", row[key], "Give it in SI units.")
-            rest = {"name": str(i + 1)} | {key: row[key] for key in ("name", "d", "theta", "prismatic") if key in row}
+            rest = {"name": str(i + 1)} | {
+                key: row[key] for key in ("name", "d", "theta", "prismatic") if key in row
+            }
             end = {"alpha": row["alpha"], "a": row["a"]}
             links.append(Link(**reached, **rest, frame=Placement.of_row(**end)))
             reached = end

@@ -1,7 +1,8 @@
 """Coupling of motors and joints, as in a wrist where one motor moves several joints.
 
-The output of a motor's gear is its *shaft*. Without coupling the shaft is the joint; with it shaft angles are C q, and
-joint torques C^T times shaft torques. Rotor inertia and friction act on the shafts, the links on the joints.
+The output of a motor's gear is its *shaft*. Without coupling the shaft is the joint; with it shaft
+angles are C q, and joint torques C^T times shaft torques. Rotor inertia and friction act on the
+shafts, the links on the joints.
 """
 
 import functools
@@ -24,12 +25,14 @@ class Coupling(Part):
     Parameters
     ----------
     matrix : (n, n) array_like, optional
-        C: turns of shaft i per turn of joint j, shaft = C q. By default none: every motor moves its own joint alone.
+        C: turns of shaft i per turn of joint j, shaft = C q. By default none: every motor moves its
+        own joint alone.
 
     Notes
     -----
-    Angles, speeds and torques are (n,) or (N, n) numpy arrays, or casadi columns (n, 1). The same coupling belongs to
-    the `Chain` (rotors turn with the shafts) and to its `Drive` (encoders and friction are on the shafts).
+    Angles, speeds and torques are (n,) or (N, n) numpy arrays, or casadi columns (n, 1). The same
+    coupling belongs to the `Chain` (rotors turn with the shafts) and to its `Drive` (encoders and
+    friction are on the shafts).
 
     See Also
     --------
@@ -53,16 +56,25 @@ class Coupling(Part):
         advice = "Give a square matrix of numbers: shaft turns per joint turn."
         matrix = array("matrix of a coupling", self.matrix, ("n", "n"), advice=advice)
         if matrix.shape[0] != matrix.shape[1]:
-            raise ValueError(f"matrix of a coupling must be (n, n); got shape {matrix.shape}. {advice}")
+            raise ValueError(
+                f"matrix of a coupling must be (n, n); got shape {matrix.shape}. {advice}"
+            )
         if not np.linalg.cond(matrix) < _NEARLY_SINGULAR:
-            raise ValueError(f"matrix of a coupling must not be singular; got {matrix.tolist()}. Check its rows.")
+            raise ValueError(
+                f"matrix of a coupling must not be singular; got {matrix.tolist()}. Check its rows."
+            )
         plain = (matrix == np.eye(len(matrix))).all()
-        object.__setattr__(self, "matrix", () if plain else tuple(tuple(row) for row in matrix.tolist()))
+        object.__setattr__(
+            self, "matrix", () if plain else tuple(tuple(row) for row in matrix.tolist())
+        )
 
     def require_size(self, n: int, owner: str) -> None:
         """Refuse a coupling that is not of n joints."""
         if self.matrix and len(self.matrix) != n:
-            raise ValueError(f"coupling of the {owner} must be ({n}, {n}); got {len(self.matrix)} rows. One per joint.")
+            raise ValueError(
+                f"coupling of the {owner} must be ({n}, {n}); got {len(self.matrix)} rows. One per"
+                " joint."
+            )
 
     def shaft(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Shaft angles or speeds, C q, of joint angles or speeds q."""
@@ -93,4 +105,5 @@ class Coupling(Part):
             return x
         if isinstance(x, (ca.SX, ca.DM, ca.MX)):
             return ca.sparsify(ca.DM(matrix)) @ x
-        return (np.asarray(x)[..., None, :] * matrix).sum(axis=-1)  # no BLAS: the same bits everywhere
+        # no BLAS: the same bits everywhere
+        return (np.asarray(x)[..., None, :] * matrix).sum(axis=-1)

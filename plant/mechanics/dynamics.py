@@ -1,4 +1,5 @@
-"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, linear in its inertial parameters f.
+"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, linear in its inertial
+parameters f.
 
 Source: paper eq. (2). The torque is `plant.mechanics.newton_euler`; D, h, C and Y are read off it.
 """
@@ -23,7 +24,9 @@ from plant.parts.checked_function import CheckedFunction
 from plant.parts.fields import ArrayOrSymbols, Floats, Nested
 from plant.parts.part import Part, part, structure
 
-_FEW = 3  # joints up to which sums over f and over products of speeds are shorter than what the recursion gives
+# joints up to which sums over f and over products of speeds are shorter than what the recursion
+# gives
+_FEW = 3
 
 _SHORT = 6  # letters up to which a name of f is short
 
@@ -36,15 +39,17 @@ class Dynamics(Part):
     ----------
     chain : Chain
     lumping : Lumping
-        How f is made of the links' inertial parameters; one whose torque is not the chain's is refused.
+        How f is made of the links' inertial parameters; one whose torque is not the chain's is
+        refused.
     ranges : (p, 2) nested tuple, optional
         Lower and upper bound of each f, in which a search looks by default.
 
     Notes
     -----
-    `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot - 2 C skew, and
-    `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C qd_r + gravity = Y f. All
-    take numpy arrays (and give casadi DM) or casadi symbols. Units of a prismatic joint are m and N.
+    `D(q, f)` (n, n), `h(q, qd, f)` (n, 1), `C(q, qd, f)` (n, n) with h = C qd + gravity and Ddot -
+    2 C skew, and `Y(q, qd, qdd)` (n, p) with tau = Y f, or `Y(q, qd, qd_r, qdd_r)` with D qdd_r + C
+    qd_r + gravity = Y f. All take numpy arrays (and give casadi DM) or casadi symbols. Units of a
+    prismatic joint are m and N.
 
     See Also
     --------
@@ -65,20 +70,30 @@ class Dynamics(Part):
     ranges: Nested = structure(default=None)
 
     def __repr__(self) -> str:
-        return f"Dynamics({self.n} joints, {self.p} parameters {self.short_names[0]}..{self.short_names[-1]})"
+        return (
+            f"Dynamics({self.n} joints, {self.p} parameters"
+            f" {self.short_names[0]}..{self.short_names[-1]})"
+        )
 
     def __post_init__(self) -> None:
         width = len(STANDARD) * self.chain.n
         if len(self.lumping.matrix[0]) != width:
-            raise ValueError(f"lumping must have {width} columns; got {len(self.lumping.matrix[0])}. Match the chain.")
+            raise ValueError(
+                f"lumping must have {width} columns; got {len(self.lumping.matrix[0])}. Match the"
+                " chain."
+            )
         if self.ranges is not None:
-            ranges = array("ranges", self.ranges, (self.p, 2), advice="Give a low and a high end for each f.")
+            ranges = array(
+                "ranges", self.ranges, (self.p, 2), advice="Give a low and a high end for each f."
+            )
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
         self._prove()
 
     @classmethod
     def from_chain(cls, chain: Chain, *, rotors: bool = True) -> "Dynamics":
-        """Equations of a chain in its base parameters, with rotor inertias or without (`base_parameters`)."""
+        """Equations of a chain in its base parameters, with rotor inertias or without
+        (`base_parameters`).
+        """
         return cls(chain=chain, lumping=base_lumping(chain, rotors=rotors))
 
     @property
@@ -98,7 +113,9 @@ class Dynamics(Part):
 
     @property
     def short_names(self) -> tuple[str, ...]:
-        """Names of f for tables and figures: the names themselves, or f1, f2, ... where they are sums (`legend`)."""
+        """Names of f for tables and figures: the names themselves, or f1, f2, ... where they are
+        sums (`legend`).
+        """
         if max(map(len, self.names)) <= _SHORT:
             return self.names
         return tuple(f"f{i + 1}" for i in range(self.p))
@@ -109,22 +126,35 @@ class Dynamics(Part):
         if self.short_names == self.names:
             return ""
         width = len(self.short_names[-1])
-        return "\n".join(f"{s:<{width}} = {name}" for s, name in zip(self.short_names, self.names, strict=True))
+        return "\n".join(
+            f"{s:<{width}} = {name}" for s, name in zip(self.short_names, self.names, strict=True)
+        )
 
     def f(self, bodies: Sequence[Body] | None = None) -> Floats:
-        """Parameters f (p,) of an arm with these bodies, one per link; by default those of the chain."""
+        """Parameters f (p,) of an arm with these bodies, one per link; by default those of the
+        chain.
+        """
         bodies = self.chain.bodies if bodies is None else tuple(bodies)
         if not bodies:
-            raise ValueError("bodies must be known to work out f; this chain has none. Give the Chain its bodies.")
+            raise ValueError(
+                "bodies must be known to work out f; this chain has none. Give the Chain its"
+                " bodies."
+            )
         if len(bodies) != self.n:
-            raise ValueError(f"bodies must be {self.n}, one per link; got {len(bodies)}. Join a tool to its link.")
+            raise ValueError(
+                f"bodies must be {self.n}, one per link; got {len(bodies)}. Join a tool to its"
+                " link."
+            )
         for body in bodies:
             instance("each of the bodies", body, Body, "Give mass, com and inertia.")
-        in_place = [body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)]
+        in_place = [
+            body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)
+        ]
         return np.array(self.lumping.matrix) @ standard_parameters(in_place)
 
     def load_matrix(self, link: int | str = -1) -> Floats:
-        """Increments B (p, 10) of f by a load on a link: f of the empty arm + B ``body.standard_parameters``.
+        """Increments B (p, 10) of f by a load on a link: f of the empty arm + B
+        ``body.standard_parameters``.
 
         The link is given by its place in the chain from 0, or its name; by default it is the last.
         """
@@ -134,7 +164,7 @@ class Dynamics(Part):
         """The arm with these f (p,)."""
         return Arm(dynamics=self, f=f)
 
-    # -- everything below is read off one torque ----------------------------------------------------------------
+    # -- everything below is read off one torque --------------------------------------------------
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         q, qd, qdd = (ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd"))
@@ -142,11 +172,15 @@ class Dynamics(Part):
 
     @cached_property
     def _equations(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """D, Coriolis and gravity torque; with few joints collected as sums over f, in which terms have cancelled."""
+        """D, Coriolis and gravity torque; with few joints collected as sums over f, in which
+        terms have cancelled.
+        """
         q, qd, qdd, f = self._symbols
-        strength, rest = float(np.linalg.norm(self.chain.gravity)), ca.SX.zeros(self.n)
+        strength = float(np.linalg.norm(self.chain.gravity))
+        rest = ca.SX.zeros(self.n)
         moving, at_rest = lumped_torque(self.chain, self.lumping, q, qd, qdd, f)
-        D, coriolis = ca.jacobian(moving, qdd), ca.substitute(moving, qdd, rest)
+        D = ca.jacobian(moving, qdd)
+        coriolis = ca.substitute(moving, qdd, rest)
         if self.n <= _FEW:
             D = ca.reshape(collected(D, q, f), self.n, self.n)
             coriolis = by_speeds(coriolis, q, qd, f)
@@ -156,16 +190,22 @@ class Dynamics(Part):
 
     def _function(self, name: str, inputs: Sequence[str], result: ca.SX) -> CheckedFunction:
         symbols = dict(zip(("q", "qd", "qdd", "f"), self._symbols, strict=True))
-        return CheckedFunction(ca.Function(name, [symbols[each] for each in inputs], [result], inputs, [name]))
+        return CheckedFunction(
+            ca.Function(name, [symbols[each] for each in inputs], [result], inputs, [name])
+        )
 
     @cached_property
     def D(self) -> CheckedFunction:
-        """Inertia matrix D(q, f) (n, n) [kg m^2], rotor inertias included. Source: paper eq. (2)."""
+        """Inertia matrix D(q, f) (n, n) [kg m^2], rotor inertias included.
+        Source: paper eq. (2).
+        """
         return self._function("D", ("q", "f"), self._equations[0])
 
     @cached_property
     def h(self) -> CheckedFunction:
-        """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m]. Source: paper eq. (2)."""
+        """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m].
+        Source: paper eq. (2).
+        """
         _, coriolis, gravity = self._equations
         return self._function("h", ("q", "qd", "f"), coriolis + gravity)
 
@@ -181,7 +221,9 @@ class Dynamics(Part):
 
     @cached_property
     def C(self) -> CheckedFunction:
-        """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is skew."""
+        """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is
+        skew.
+        """
         q, qd, *_ = self._symbols
         D = self._equations[0]
         dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
@@ -189,7 +231,9 @@ class Dynamics(Part):
         skewed = ca.SX(self.n, self.n)
         for i in range(self.n):
             for j in range(self.n):
-                skewed[i, j] = sum(((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), ca.SX(0))
+                skewed[i, j] = sum(
+                    ((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), ca.SX(0)
+                )
         return self._function("C", ("q", "qd", "f"), (rate + skewed) / 2)
 
     @cached_property
@@ -202,26 +246,38 @@ class Dynamics(Part):
     @cached_property
     def _passive_regressor(self) -> CheckedFunction:
         q, qd, _, f = self._symbols
-        qd_r, qdd_r = ca.SX.sym("qd_r", self.n), ca.SX.sym("qdd_r", self.n)
+        qd_r = ca.SX.sym("qd_r", self.n)
+        qdd_r = ca.SX.sym("qdd_r", self.n)
         D, _, gravity = self._equations
         Y = ca.jacobian(D @ qdd_r + self.C(q, qd, f) @ qd_r + gravity, f)
         names = ["q", "qd", "qd_r", "qdd_r"]
-        return CheckedFunction(ca.Function("Y", [q, qd, qd_r, qdd_r], [ca.densify(Y)], names, ["Y"]))
+        return CheckedFunction(
+            ca.Function("Y", [q, qd, qd_r, qdd_r], [ca.densify(Y)], names, ["Y"])
+        )
 
-    def Y(self, q: ArrayOrSymbols, qd: ArrayOrSymbols, *accelerations: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Regressor (n, p): tau = Y(q, qd, qdd) f, or D qdd_r + C qd_r + gravity = Y(q, qd, qd_r, qdd_r) f."""
-        return (self._passive_regressor if len(accelerations) == 2 else self._regressor)(q, qd, *accelerations)
+    def Y(
+        self, q: ArrayOrSymbols, qd: ArrayOrSymbols, *accelerations: ArrayOrSymbols
+    ) -> ArrayOrSymbols:
+        """Regressor (n, p): tau = Y(q, qd, qdd) f, or D qdd_r + C qd_r + gravity = Y(q, qd,
+        qd_r, qdd_r) f.
+        """
+        return (self._passive_regressor if len(accelerations) == 2 else self._regressor)(
+            q, qd, *accelerations
+        )
 
     def _prove(self) -> None:
         """Refuse a lumping whose torque is not the chain's, at random states.
 
         A lumping without any rotor inertia is for an arm without rotors.
         """
-        random, matrix = np.random.default_rng(0), np.array(self.lumping.matrix)
+        random = np.random.default_rng(0)
+        matrix = np.array(self.lumping.matrix)
         rotors = slice(STANDARD.index("J"), None, len(STANDARD))
         q, qd, qdd, f = self._symbols
         pi = ca.SX.sym("pi", len(STANDARD) * self.n)
-        chain_torque = ca.Function("tau", [q, qd, qdd, pi], [torque(self.chain, q, qd, qdd, pi, self.chain.gravity)])
+        chain_torque = ca.Function(
+            "tau", [q, qd, qdd, pi], [torque(self.chain, q, qd, qdd, pi, self.chain.gravity)]
+        )
         for _ in range(3):
             point = [random.normal(size=self.n) for _ in range(3)]
             links = random.uniform(0.5, 1.5, len(STANDARD) * self.n)
@@ -230,19 +286,23 @@ class Dynamics(Part):
             got = self.Y(*point).full() @ (matrix @ links)
             if not np.allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()):
                 raise ValueError(
-                    f"lumping must describe the motion of the chain; its torque is {got}, the chain's {expected}. "
-                    "Correct the equation for f or the table of links."
+                    f"lumping must describe the motion of the chain; its torque is {got}, the"
+                    f" chain's {expected}. Correct the equation for f or the table of links."
                 )
 
 
 @lru_cache(maxsize=32)
 def _load_matrix(dynamics: Dynamics, link: int | str) -> Floats:
     """B, from point masses at ten places whose standard parameters are independent."""
-    empty = dataclasses.replace(dynamics.chain, bodies=(Body(mass=0.0, com=(0, 0, 0)),) * dynamics.n)
+    empty = dataclasses.replace(
+        dynamics.chain, bodies=(Body(mass=0.0, com=(0, 0, 0)),) * dynamics.n
+    )
     places = [np.zeros(3), *np.eye(3), *-np.eye(3)]
     places += [a + b for a, b in itertools.combinations(np.eye(3), 2)]
     probes = [Body(mass=1.0, com=place) for place in places]
     increments = np.array([dynamics.f(empty.carrying(probe, link).bodies) for probe in probes])
-    matrix = np.linalg.solve(np.array([probe.standard_parameters for probe in probes]), increments).T
+    matrix = np.linalg.solve(
+        np.array([probe.standard_parameters for probe in probes]), increments
+    ).T
     matrix[np.abs(matrix) < 1e-13 * np.abs(matrix).max()] = 0.0  # rounding
     return matrix

@@ -13,15 +13,18 @@ _LONGEST = 50.0  # length [m] of no link of an arm
 
 @part
 class Link(Part):
-    """One joint and its link: its frame in that of the previous link, by a row of the *modified* table.
+    """One joint and its link: its frame in that of the previous link, by a row of the *modified*
+    table.
 
-    The frame is ``before`` RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d), or with d + q for a prismatic joint; the
-    joint turns about, or slides along, its z axis. `Chain.standard` reads rows of the standard table.
+    The frame is ``before`` RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d), or with d + q for a
+    prismatic joint; the joint turns about, or slides along, its z axis. `Chain.standard` reads rows
+    of the standard table.
 
     Parameters
     ----------
     name : str
-        Number or name of the link as the literature counts it; it labels the joint and the link's parameters ("Izz3").
+        Number or name of the link as the literature counts it; it labels the joint and the link's
+        parameters ("Izz3").
     alpha : float
         Twist alpha_{i-1} about x_{i-1} [rad].
     a : float
@@ -33,7 +36,8 @@ class Link(Part):
     prismatic : bool
         The joint slides: q is in m, and the torque a force [N].
     before : Placement
-        Pose, in the previous link's frame, of the frame in which the row begins: for geometry that no row describes.
+        Pose, in the previous link's frame, of the frame in which the row begins: for geometry that
+        no row describes.
     frame : Placement
         Pose, in the link's frame, of the frame in which its body is given (`Body`).
 
@@ -62,25 +66,49 @@ class Link(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         angle = ("an angle in radians, within one turn", 2 * np.pi, "Use np.radians.")
-        length = (f"a length in metres, at most {_LONGEST:g}", _LONGEST, "Divide by 1000 what is in mm.")
-        for name, (rule, most, advice) in (("alpha", angle), ("theta", angle), ("a", length), ("d", length)):
+        length = (
+            f"a length in metres, at most {_LONGEST:g}",
+            _LONGEST,
+            "Divide by 1000 what is in mm.",
+        )
+        for name, (rule, most, advice) in (
+            ("alpha", angle),
+            ("theta", angle),
+            ("a", length),
+            ("d", length),
+        ):
             if abs(value := getattr(self, name)) > most:
-                raise ValueError(f"{name} of link {self.name} must be {rule}; got {value:g}. {advice}")
+                raise ValueError(
+                    f"{name} of link {self.name} must be {rule}; got {value:g}. {advice}"
+                )
         if (far := max(map(abs, self.before.position))) > _LONGEST:
             rule, _, advice = length
-            raise ValueError(f"before.position of link {self.name} must be {rule}; got {far:g}. {advice}")
+            raise ValueError(
+                f"before.position of link {self.name} must be {rule}; got {far:g}. {advice}"
+            )
 
     def rotation(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3, 3) from this link's frame to the previous one, and the origin's position (3,) there [m]."""
+        """Rotation (3, 3) from this link's frame to the previous one, and the origin's position
+        (3,) there [m].
+        """
         angle, offset = (self.theta, self.d + q) if self.prismatic else (q + self.theta, self.d)
         ca_, sa = (float(exact(f(self.alpha))) for f in (np.cos, np.sin))
-        c, s = (float(exact(f(angle))) for f in (np.cos, np.sin)) if self.prismatic else (ca.cos(angle), ca.sin(angle))
-        rotation = ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s * ca_, c * ca_, -sa), ca.horzcat(s * sa, c * sa, ca_))
+        c, s = (
+            (float(exact(f(angle))) for f in (np.cos, np.sin))
+            if self.prismatic
+            else (ca.cos(angle), ca.sin(angle))
+        )
+        rotation = ca.vertcat(
+            ca.horzcat(c, -s, 0), ca.horzcat(s * ca_, c * ca_, -sa), ca.horzcat(s * sa, c * sa, ca_)
+        )
         position = ca.vertcat(self.a, -sa * offset, ca_ * offset)
         if self.before == Placement():
             return rotation, position
         before = ca.DM(exact(np.array(self.before.rotation)))
-        return ca.sparsify(before) @ rotation, ca.DM(self.before.position) + ca.sparsify(before) @ position
+        return (
+            ca.sparsify(before) @ rotation,
+            ca.DM(self.before.position) + ca.sparsify(before) @ position,
+        )
 
 
 @part

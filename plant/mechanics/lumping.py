@@ -1,9 +1,11 @@
-"""Lumping f = B pi: the combinations of the links' standard parameters in which the torque is written.
+"""Lumping f = B pi: the combinations of the links' standard parameters in which the torque is
+written.
 
-The torque is linear in the *standard parameters* pi of the links (11 each), of which only some combinations f = B pi
-are identifiable, and tau = Y f. B is written once, as an expression in masses, centres of mass and inertias (for the
-paper's arm: equation (3)), and made a matrix here. A row of B belongs to the inertial torque, to the gravity torque, or
-to both: the paper's f3 = m3 x3 a3 is inertial and its f5 = m3 x3 gravitational, although on a physical arm f3 = a3 f5.
+The torque is linear in the *standard parameters* pi of the links (11 each), of which only some
+combinations f = B pi are identifiable, and tau = Y f. B is written once, as an expression in
+masses, centres of mass and inertias (for the paper's arm: equation (3)), and made a matrix here. A
+row of B belongs to the inertial torque, to the gravity torque, or to both: the paper's f3 = m3 x3
+a3 is inertial and its f5 = m3 x3 gravitational, although on a physical arm f3 = a3 f5.
 """
 
 from __future__ import annotations
@@ -24,8 +26,8 @@ if TYPE_CHECKING:
     from plant.mechanics.link import Link
 
 
-# Names of one link's standard parameters: mass [kg], first moments [kg m], inertia about the frame's *origin*
-# [kg m^2], and the rotor inertia reflected to the joint, J [kg m^2].
+# Names of one link's standard parameters: mass [kg], first moments [kg m], inertia about the
+# frame's *origin* [kg m^2], and the rotor inertia reflected to the joint, J [kg m^2].
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz", "J")
 
 LOAD = STANDARD[:-1]  # those of a load, a body fixed to a link
@@ -39,7 +41,9 @@ def parameter_name(kind: str, link: Link) -> str:
 
 
 def standard_parameters(bodies: Iterable[Body]) -> Floats:
-    """Standard parameters (11 n,) of bodies, which are given by mass, centre of mass and inertia about it."""
+    """Standard parameters (11 n,) of bodies, which are given by mass, centre of mass and inertia
+    about it.
+    """
     return np.concatenate([[*body.standard_parameters, body.rotor] for body in bodies])
 
 
@@ -54,7 +58,8 @@ class Lumping(Part):
     matrix : (p, 11 n) nested tuple
         B, for the standard parameters in the order of `STANDARD`, link by link.
     inertial, gravitational : tuple of bool
-        Whether each f enters the inertial torque (D and the Coriolis terms), and the gravity torque.
+        Whether each f enters the inertial torque (D and the Coriolis terms), and the gravity
+        torque.
 
     See Also
     --------
@@ -79,11 +84,22 @@ class Lumping(Part):
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, float)
         p = len(self.names)
-        if matrix.ndim != 2 or matrix.shape[0] != p or matrix.shape[1] % len(STANDARD) or not np.isfinite(matrix).all():
-            raise ValueError(f"matrix must be finite, ({p}, 11 n); got shape {matrix.shape}. Give one row per name.")
+        if (
+            matrix.ndim != 2
+            or matrix.shape[0] != p
+            or matrix.shape[1] % len(STANDARD)
+            or not np.isfinite(matrix).all()
+        ):
+            raise ValueError(
+                f"matrix must be finite, ({p}, 11 n); got shape {matrix.shape}. Give one row per"
+                " name."
+            )
         for field in ("inertial", "gravitational"):
             if len(getattr(self, field)) != p:
-                raise ValueError(f"{field} must have {p} flags; got {len(getattr(self, field))}. Give one per name.")
+                raise ValueError(
+                    f"{field} must have {p} flags; got {len(getattr(self, field))}. Give one per"
+                    " name."
+                )
             object.__setattr__(self, field, tuple(bool(flag) for flag in getattr(self, field)))
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "matrix", tuple(tuple(row) for row in matrix.tolist()))
@@ -93,37 +109,49 @@ class Lumping(Part):
         """No lumping: f is the standard parameters themselves."""
         names = tuple(parameter_name(name, link) for link in chain.links for name in STANDARD)
         everywhere = (True,) * len(names)
-        return cls(names=names, matrix=np.eye(len(names)), inertial=everywhere, gravitational=everywhere)
+        return cls(
+            names=names, matrix=np.eye(len(names)), inertial=everywhere, gravitational=everywhere
+        )
 
     @classmethod
     def from_equation(
-        cls, equation: Callable[..., dict[str, Any]], links: int, *, inertial: Collection[str],
+        cls,
+        equation: Callable[..., dict[str, Any]],
+        links: int,
+        *,
+        inertial: Collection[str],
         gravitational: Collection[str],
-    ) -> Lumping:  # fmt: skip
+    ) -> Lumping:
         """Read B off an equation for f in physical parameters.
 
         Parameters
         ----------
         equation : callable
-            Takes one object per link with attributes m, x, y, z [m, in the link's frame], Ixx..Izz (about the centre
-            of mass) and J (reflected rotor inertia); returns a dictionary name -> expression, linear in the standard
-            parameters.
+            Takes one object per link with attributes m, x, y, z [m, in the link's frame], Ixx..Izz
+            (about the centre of mass) and J (reflected rotor inertia); returns a dictionary name ->
+            expression, linear in the standard parameters.
         links : int
         inertial, gravitational : collection of str
             Names that enter the inertial torque, and the gravity torque.
         """
         links_ = [[ca.SX.sym(f"{name}{i}") for name in _PHYSICAL] for i in range(links)]
-        f = equation(*(SimpleNamespace(**dict(zip(_PHYSICAL, symbols, strict=True))) for symbols in links_))
+        f = equation(
+            *(SimpleNamespace(**dict(zip(_PHYSICAL, symbols, strict=True))) for symbols in links_)
+        )
         physical = ca.vertcat(*(s for symbols in links_ for s in symbols))
         values = ca.Function("f", [physical], [ca.vertcat(*f.values())])
         slope = ca.Function("B", [physical], [ca.jacobian(ca.vertcat(*f.values()), physical)])
-        # For unit masses at the origin, physical and standard parameters change alike, so the slope there is B.
+        # For unit masses at the origin, physical and standard parameters change alike, so the slope
+        # there is B.
         matrix = slope([1.0 if name == "m" else 0.0 for name in _PHYSICAL] * links).full()
         trial = np.random.default_rng(0).uniform(0.5, 1.5, (links, len(_PHYSICAL)))
         bodies = [Body(mass=v[0], com=v[1:4], inertia=v[4:10], rotor=v[10]) for v in trial]
         lumped = values(trial.ravel()).full().ravel()
         if not np.allclose(matrix @ standard_parameters(bodies), lumped, rtol=1e-12):
-            raise ValueError("equation must be linear in masses, first moments and inertias; it is not. Correct it.")
+            raise ValueError(
+                "equation must be linear in masses, first moments and inertias; it is not."
+                " Correct it."
+            )
         inert, heavy = (tuple(name in those for name in f) for those in (inertial, gravitational))
         return cls(names=tuple(f), matrix=matrix, inertial=inert, gravitational=heavy)
 
@@ -136,8 +164,11 @@ class Lumping(Part):
         return self._section(self.gravitational)
 
     def _section(self, rows: tuple[bool, ...]) -> Floats:
-        """Fewest parameters S with B S = 1 on these rows: as many columns of B as rows, found by pivoted QR."""
-        from scipy.linalg import qr  # 0.1 s, which no log needs; its choice among equal columns is in all results
+        """Fewest parameters S with B S = 1 on these rows: as many columns of B as rows, found by
+        pivoted QR.
+        """
+        # 0.1 s, which no log needs; its choice among equal columns is in all results
+        from scipy.linalg import qr
 
         matrix = np.array(self.matrix)
         section = np.zeros(matrix.T.shape)
@@ -145,7 +176,10 @@ class Lumping(Part):
         if len(chosen):
             _, triangle, order = qr(matrix[chosen], mode="economic", pivoting=True)
             if abs(triangle[-1, len(chosen) - 1]) < 1e-10 * abs(triangle[0, 0]):
-                raise ValueError(f"f must be independent; the {len(chosen)} of one torque are not. Leave some out.")
+                raise ValueError(
+                    f"f must be independent; the {len(chosen)} of one torque are not. Leave some"
+                    " out."
+                )
             columns = np.sort(order[: len(chosen)])
             section[np.ix_(columns, chosen)] = np.linalg.inv(matrix[np.ix_(chosen, columns)])
         return section

@@ -1,4 +1,6 @@
-"""A model file as a tree of links and joints, and the chain that lies in it; fixed joints lumped."""
+"""A model file as a tree of links and joints, and the chain that lies in it; fixed joints
+lumped.
+"""
 
 import dataclasses
 import graphlib
@@ -27,8 +29,8 @@ MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> wheth
 class ModelJoint:
     """A joint as a model file has it.
 
-    `origin` is the pose of the child link's frame at zero, in the parent link's frame; `axis` and `anchor`, a point of
-    it, are in the child link's frame; `zero` is the joint's coordinate there.
+    `origin` is the pose of the child link's frame at zero, in the parent link's frame; `axis` and
+    `anchor`, a point of it, are in the child link's frame; `zero` is the joint's coordinate there.
     """
 
     name: str
@@ -52,8 +54,8 @@ class ModelJoint:
 class ModelFile:
     """What a model file says: links by name with their bodies (None without mass), joints, gravity.
 
-    `inertials` holds the element of each body, the frame of its inertia in the link's frame, and the element of each
-    link; `data` the bytes of the file.
+    `inertials` holds the element of each body, the frame of its inertia in the link's frame, and
+    the element of each link; `data` the bytes of the file.
     """
 
     path: Path
@@ -66,42 +68,68 @@ class ModelFile:
     def chain_joints(
         self, names: Sequence[str] | None = None, base: str | None = None, tip: str | None = None
     ) -> list[ModelJoint]:
-        """The joints of the chain, base first; by default all that move, but those that mimic and are mimicked."""
+        """The joints of the chain, base first; by default all that move, but those that mimic
+        and are mimicked.
+        """
         if base is not None or tip is not None:
             base = None if base is None else choice("base", base, tuple(self.bodies))
             if names is not None or tip is None:
-                raise ValueError(f"tip must be given with base, and no joints; got tip {tip}. Leave joints out.")
+                raise ValueError(
+                    f"tip must be given with base, and no joints; got tip {tip}. Leave joints out."
+                )
             names = self.joints_between(base, tip)
         _require_tree(self.bodies, self.joints)
         return _chosen(self.joints, names)
 
     def joints_between(self, base: str | None, tip: str) -> list[str]:
-        """Names of the joints that move on their own from one link to another below it, by default from the root."""
+        """Names of the joints that move on their own from one link to another below it, by
+        default from the root.
+        """
         _require_tree(self.bodies, self.joints)
-        end = {joint.child: joint for joint in self.joints.values()}.get(choice("tip", tip, tuple(self.bodies)))
-        way = [] if end is None else _way({joint.child: joint for joint in self.joints.values()}, base, end)
+        end = {joint.child: joint for joint in self.joints.values()}.get(
+            choice("tip", tip, tuple(self.bodies))
+        )
+        way = (
+            []
+            if end is None
+            else _way({joint.child: joint for joint in self.joints.values()}, base, end)
+        )
         if base is not None and (not way or way[0].parent != base):
-            raise ValueError(f"tip must lie below base; {tip} does not hang on {base}. Take a link of its branch.")
+            raise ValueError(
+                f"tip must lie below base; {tip} does not hang on {base}. Take a link of its"
+                " branch."
+            )
         found = [joint.name for joint in way if joint.kind in MOVING and not joint.mimics]
         _require_own([joint for joint in way if joint.mimics in found])
         if not found:
-            raise ValueError(f"a joint must move between base and tip {tip}; none does. Give links further apart.")
+            raise ValueError(
+                f"a joint must move between base and tip {tip}; none does. Give links further"
+                " apart."
+            )
         return found
 
 
-def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:
+def links_of_chain(
+    model: ModelFile, names: Sequence[str] | None
+) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:
     """Links, bodies and limits of the chain of these joints; see `Chain.from_urdf`."""
-    chosen, every = model.chain_joints(names), model.joints
-    links, made, rounded = [], [], dict[str, float]()
-    parents, hanging = {joint.child: joint for joint in every.values()}, _hanging_on(every)
+    chosen = model.chain_joints(names)
+    every = model.joints
+    links = []
+    made = []
+    rounded = dict[str, float]()
+    parents = {joint.child: joint for joint in every.values()}
+    hanging = _hanging_on(every)
     moving = {joint.name for joint in chosen}
     at = Placement()  # pose of the last chosen joint's frame in the link being walked
     for i, joint in enumerate(chosen):
-        before, start = Placement(), chosen[i - 1].child if i else None
+        before = Placement()
+        start = chosen[i - 1].child if i else None
         for step in _way(parents, start, joint):
             before = before if step.origin is HERE else before @ step.origin
         on_axis = Placement(rotation=axis_frame(joint.axis), position=joint.anchor)
-        slides, frame = MOVING[joint.kind], on_axis.inverse()
+        slides = MOVING[joint.kind]
+        frame = on_axis.inverse()
         zero = {"d" if slides else "theta": -joint.zero}
         pose, rounded[joint.name] = righted(at @ before @ on_axis)
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
@@ -110,18 +138,32 @@ def links_of_chain(model: ModelFile, names: Sequence[str] | None) -> tuple[tuple
     if not any(body.mass for body in made):
         those = f"of links {chosen[0].child} to {chosen[-1].child} none does"
         raise ValueError(f"links must state their masses; {those}. Give them <inertial>.")
-    for label, body in zip(joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True):
-        if body is made[-1] or body.standard_parameters.any():  # nothing may lie between two joints whose axes meet
+    for label, body in zip(
+        joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True
+    ):
+        # nothing may lie between two joints whose axes meet
+        if body is made[-1] or body.standard_parameters.any():
             body.require_physical(f"behind {label}")
     if most := max(rounded.values()):
-        where = f"that before joint {max(rounded, key=lambda name: rounded[name])} by {most:.2g} rad"
-        warnings.warn(f"{model.path.name} rounds right angles, {where}; they are put right.", stacklevel=3)
-    made = [dataclasses.replace(body, rotor=joint.armature) for body, joint in zip(made, chosen, strict=True)]
+        where = (
+            f"that before joint {max(rounded, key=lambda name: rounded[name])} by {most:.2g} rad"
+        )
+        warnings.warn(
+            f"{model.path.name} rounds right angles, {where}; they are put right.", stacklevel=3
+        )
+    made = [
+        dataclasses.replace(body, rotor=joint.armature)
+        for body, joint in zip(made, chosen, strict=True)
+    ]
     lower, upper, velocity, effort = np.array([joint.limits for joint in chosen]).T
-    return tuple(links), tuple(made), Limits(lower=lower, upper=upper, velocity=velocity, effort=effort)
+    return (
+        tuple(links),
+        tuple(made),
+        Limits(lower=lower, upper=upper, velocity=velocity, effort=effort),
+    )
 
 
-# -- the tree -------------------------------------------------------------------------------------------------------
+# -- the tree ------------------------------------------------------------------------------------
 def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint]) -> None:
     """Refuse missing links, links with two parents, and loops."""
     parents: dict[str, ModelJoint] = {}
@@ -131,15 +173,19 @@ def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint])
                 choice(f"link of joint {joint.name}", link, tuple(bodies))
         if joint.child in parents:
             raise ValueError(
-                f"link {joint.child} must hang on one joint; it hangs on {parents[joint.child].name} and {joint.name}. "
-                "Only trees can be read."
+                f"link {joint.child} must hang on one joint; it hangs on"
+                f" {parents[joint.child].name} and {joint.name}. Only trees can be read."
             )
         parents[joint.child] = joint
     try:
-        graphlib.TopologicalSorter({child: [joint.parent] for child, joint in parents.items()}).prepare()
+        graphlib.TopologicalSorter(
+            {child: [joint.parent] for child, joint in parents.items()}
+        ).prepare()
     except graphlib.CycleError as error:
         name = error.args[1][0]
-        raise ValueError(f"links must form a tree; {name} hangs on itself. Remove a joint of the loop.") from None
+        raise ValueError(
+            f"links must form a tree; {name} hangs on itself. Remove a joint of the loop."
+        ) from None
 
 
 def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[ModelJoint]:
@@ -147,20 +193,27 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
     moving = [joint for joint in every.values() if joint.kind in MOVING]
     if names is None:
         mimicked = {joint.mimics for joint in moving}
-        moving = [joint for joint in moving if not joint.mimics and joint.name not in mimicked] or moving
+        moving = [
+            joint for joint in moving if not joint.mimics and joint.name not in mimicked
+        ] or moving
         chosen = _ordered(every, moving)
         if chosen is None:
             raise ValueError(
-                f"joints must be named where the file has a tree; it has {several(j.name for j in moving)}. "
-                "Pass tip='name of a link', and base= where it is not the file's."
+                "joints must be named where the file has a tree; it has"
+                f" {several(j.name for j in moving)}. Pass tip='name of a link', and base= where it"
+                " is not the file's."
             )
     else:
         if isinstance(names, str) or not names:
-            raise ValueError(f"joints must be a list of at least one name; got {names!r}. Write ['name', ...].")
+            raise ValueError(
+                f"joints must be a list of at least one name; got {names!r}. Write ['name', ...]."
+            )
         names = list(names)
         for name in names:
             if name in every and every[name].kind == "fixed":
-                raise ValueError(f"joints must move; {name} is fixed. Leave it out, its link is lumped.")
+                raise ValueError(
+                    f"joints must move; {name} is fixed. Leave it out, its link is lumped."
+                )
             if name not in every or every[name].kind not in MOVING:
                 choice("joints", name, tuple(joint.name for joint in moving))
         twice = next((name for name, count in Counter(names).items() if count > 1), None)
@@ -169,25 +222,35 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
         chosen = _ordered(every, [every[name] for name in names])
         if chosen is None or [joint.name for joint in chosen] != names:
             do = "Reorder." if chosen else "They are on two branches: leave out those of one."
-            raise ValueError(f"joints must lie behind each other, base first; got {several(names)}. {do}")
+            raise ValueError(
+                f"joints must lie behind each other, base first; got {several(names)}. {do}"
+            )
     if not chosen:
-        raise ValueError("the file must have at least one joint that moves; it has none. Give another one.")
+        raise ValueError(
+            "the file must have at least one joint that moves; it has none. Give another one."
+        )
     start = None if names is None else chosen[0].parent
     _require_own(_way({joint.child: joint for joint in every.values()}, start, chosen[-1]))
     return chosen
 
 
 def _require_own(way: list[ModelJoint]) -> None:
-    """Refuse joints between base and tip that mimic others: held at zero, they would change the arm."""
+    """Refuse joints between base and tip that mimic others: held at zero, they would change the
+    arm.
+    """
     for joint in way:
         if joint.mimics:
             how = f"{joint.name} mimics {joint.mimics}"
-            raise ValueError(f"joints must move on their own; {how}. End the chain before it, or fix it in the file.")
+            raise ValueError(
+                f"joints must move on their own; {how}. End the chain before it, or fix it in the"
+                " file."
+            )
 
 
 def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
     """These joints from the base outwards; None if they are not all on one way."""
-    parents, depths = {joint.child: joint for joint in every.values()}, dict[str, int]()
+    parents = {joint.child: joint for joint in every.values()}
+    depths = dict[str, int]()
     for joint in joints:
         way = [joint]
         while way[-1].parent in parents and way[-1].name not in depths:
@@ -197,7 +260,8 @@ def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[Mod
             depths[other.name] = depth + steps
     ordered = sorted(joints, key=lambda joint: depths[joint.name])
     for before, joint in pairwise(ordered):
-        steps, other = depths[joint.name] - depths[before.name], joint
+        steps = depths[joint.name] - depths[before.name]
+        other = joint
         for _ in range(steps):
             other = parents[other.parent]
         if not steps or other is not before:
@@ -206,15 +270,21 @@ def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[Mod
 
 
 def _way(parents: dict[str, ModelJoint], start: str | None, joint: ModelJoint) -> list[ModelJoint]:
-    """Joints from behind a link (None: the base) to this joint; those between are fixed, or held at zero."""
+    """Joints from behind a link (None: the base) to this joint; those between are fixed, or held
+    at zero.
+    """
     way = [joint]
     while way[-1].parent != start and way[-1].parent in parents:
         way.append(parents[way[-1].parent])
     return way[::-1]
 
 
-def fixed_to(every: dict[str, ModelJoint], link: str, moving: Collection[str]) -> dict[str, Placement]:
-    """Everything that moves with a link: name -> pose in its frame; joints that are none of `moving` are at zero."""
+def fixed_to(
+    every: dict[str, ModelJoint], link: str, moving: Collection[str]
+) -> dict[str, Placement]:
+    """Everything that moves with a link: name -> pose in its frame; joints that are none of
+    `moving` are at zero.
+    """
     return _moving_with(_hanging_on(every), link, moving)
 
 
@@ -226,19 +296,27 @@ def _hanging_on(every: dict[str, ModelJoint]) -> dict[str, list[ModelJoint]]:
     return hanging
 
 
-def _moving_with(hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]) -> dict[str, Placement]:
-    found, waiting = {}, [(link, Placement())]
+def _moving_with(
+    hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]
+) -> dict[str, Placement]:
+    found = {}
+    waiting = [(link, Placement())]
     while waiting:
         name, placement = waiting.pop()
         found[name] = placement
         for joint in hanging.get(name, ()):
             if joint.name not in moving:
-                waiting.append((joint.child, placement if joint.origin is HERE else placement @ joint.origin))
+                waiting.append(
+                    (joint.child, placement if joint.origin is HERE else placement @ joint.origin)
+                )
     return found
 
 
 def _lumped(
-    bodies: dict[str, Body | None], hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]
+    bodies: dict[str, Body | None],
+    hanging: dict[str, list[ModelJoint]],
+    link: str,
+    moving: Collection[str],
 ) -> Body:
     """Everything that moves with a link, as one Body in its frame."""
     found = None

@@ -57,17 +57,28 @@ class Placement(Part):
     position: Nested = structure(default=(0.0, 0.0, 0.0))
 
     def __post_init__(self) -> None:
-        rotation = array("rotation", self.rotation, (3, 3), advice="Give the axes of the frame as columns.")
+        rotation = array(
+            "rotation", self.rotation, (3, 3), advice="Give the axes of the frame as columns."
+        )
         position = array("position", self.position, (3,), advice="Give x, y and z [m].")
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(rotation) < 0:
-            raise ValueError(f"rotation must be a right-handed rotation; got {rotation.tolist()}. Check its signs.")
+        if (
+            not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+            or np.linalg.det(rotation) < 0
+        ):
+            raise ValueError(
+                f"rotation must be a right-handed rotation; got {rotation.tolist()}. Check its"
+                " signs."
+            )
         object.__setattr__(self, "rotation", tuple(tuple(row) for row in rotation.tolist()))
         object.__setattr__(self, "position", tuple(position.tolist()))
 
     def __matmul__(self, other: Placement) -> Placement:
         """Composition: `other`, a pose in this frame, as a pose in this frame's reference frame."""
-        rotation, position = np.array(self.rotation), np.array(self.position)
-        return Placement(rotation=rotation @ other.rotation, position=position + rotation @ other.position)
+        rotation = np.array(self.rotation)
+        position = np.array(self.position)
+        return Placement(
+            rotation=rotation @ other.rotation, position=position + rotation @ other.position
+        )
 
     def inverse(self) -> Placement:
         """Pose of the reference frame in this frame."""
@@ -75,23 +86,31 @@ class Placement(Part):
         return Placement(rotation=rotation, position=-rotation @ self.position)
 
     @classmethod
-    def of_row(cls, *, alpha: float = 0.0, a: float = 0.0, d: float = 0.0, theta: float = 0.0) -> Placement:
-        """RotX(alpha) TransX(a) RotZ(theta) TransZ(d): a row of the modified Denavit-Hartenberg table."""
+    def of_row(
+        cls, *, alpha: float = 0.0, a: float = 0.0, d: float = 0.0, theta: float = 0.0
+    ) -> Placement:
+        """RotX(alpha) TransX(a) RotZ(theta) TransZ(d): a row of the modified Denavit-Hartenberg
+        table.
+        """
         twist = cls(rotation=turn((1, 0, 0), alpha), position=(a, 0.0, 0.0))
         return twist @ cls(rotation=turn((0, 0, 1), theta), position=(0.0, 0.0, d))
 
     @classmethod
-    def of_angles(cls, roll: float, pitch: float, yaw: float, position: ArrayLike = (0.0, 0.0, 0.0)) -> Placement:
+    def of_angles(
+        cls, roll: float, pitch: float, yaw: float, position: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> Placement:
         """RotZ(yaw) RotY(pitch) RotX(roll), as URDF has them [rad]."""
         rotation = turn((0, 0, 1), yaw) @ turn((0, 1, 0), pitch) @ turn((1, 0, 0), roll)
         return cls(rotation=rotation, position=position)
 
 
-RIGHT = 1e-3  # angle [rad] up to which a model file's angle is taken for the right one that it rounds
+# angle [rad] up to which a model file's angle is taken for the right one that it rounds
+RIGHT = 1e-3
 
 
 def righted(pose: Placement) -> tuple[Placement, float]:
-    """A pose of an axis z in the frame of another, angles within `RIGHT` of right ones put right; by how much.
+    """A pose of an axis z in the frame of another, angles within `RIGHT` of right ones put right;
+    by how much.
 
     The angles are those of RotZ RotX RotZ: between the axes, and about each of them.
     """

@@ -1,7 +1,9 @@
-"""Symbolic inverse and elimination of a symmetric matrix, so that forward dynamics needs no numeric solver in a kernel.
+"""Symbolic inverse and elimination of a symmetric matrix, so that forward dynamics needs no numeric
+solver in a kernel.
 
-casadi's `ldl` rounds otherwise, and gains nothing: of six joints its inverse takes 464 operations (70 divisions), this
-one 399 (45); its pivots take 84 instead of 164, in the same 91 ns, most of which are those of D (602).
+casadi's `ldl` rounds otherwise, and gains nothing: of six joints its inverse takes 464 operations
+(70 divisions), this one 399 (45); its pivots take 84 instead of 164, in the same 91 ns, most of
+which are those of D (602).
 """
 
 from typing import NamedTuple
@@ -10,11 +12,13 @@ import casadi as ca
 
 
 class Inverse(NamedTuple):
-    """Inverse of a symmetric positive definite matrix A, row by row: A^-1 x = diagonal * (x - share x).
+    """Inverse of a symmetric positive definite matrix A, row by row: A^-1 x = diagonal * (x - share
+    x).
 
-    ``alone``, 1 / diagonal: with A the inertia matrix, the inertia against an impulse on joint i alone. ``share`` (n,
-    n): minus the inverse, rows divided by their diagonal, and zero there: coupling of impulses on joint j to joint i.
-    ``minors``: all positive if, and only if, A is positive definite.
+    ``alone``, 1 / diagonal: with A the inertia matrix, the inertia against an impulse on joint i
+    alone. ``share`` (n, n): minus the inverse, rows divided by their diagonal, and zero there:
+    coupling of impulses on joint j to joint i. ``minors``: all positive if, and only if, A is
+    positive definite.
     """
 
     diagonal: ca.SX
@@ -23,7 +27,9 @@ class Inverse(NamedTuple):
     minors: list[ca.SX]
 
     def own(self, x: ca.SX) -> ca.SX:
-        """Impulses that alone give each joint the change of speed that x (n, 1) gives it: x - share x."""
+        """Impulses that alone give each joint the change of speed that x (n, 1) gives it: x -
+        share x.
+        """
         return x - self.share @ x
 
     def solve(self, x: ca.SX) -> ca.SX:
@@ -38,10 +44,14 @@ class Inverse(NamedTuple):
 def inverse(matrix: ca.SX) -> Inverse:
     """Symbolic inverse of a symmetric matrix (n, n), by blocks of two rows."""
     if matrix.shape[0] == 2:
-        a, b, c = matrix[0, 0], matrix[0, 1], matrix[1, 1]
+        a = matrix[0, 0]
+        b = matrix[0, 1]
+        c = matrix[1, 1]
         determinant = a * c - b * b
         share = ca.vertcat(ca.horzcat(0, b / c), ca.horzcat(b / a, 0))
-        return Inverse(ca.vertcat(c, a) / determinant, determinant / ca.vertcat(c, a), share, [a, determinant])
+        return Inverse(
+            ca.vertcat(c, a) / determinant, determinant / ca.vertcat(c, a), share, [a, determinant]
+        )
     of, minors = _by_blocks(matrix)
     return row_by_row(of, minors)
 
@@ -60,7 +70,9 @@ def _by_blocks(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
         return ca.SX(0, 0), []
     if n == 1:
         return 1 / matrix, [matrix]
-    a, b, c = matrix[0, 0], matrix[0, 1], matrix[1, 1]
+    a = matrix[0, 0]
+    b = matrix[0, 1]
+    c = matrix[1, 1]
     determinant = a * c - b * b
     first = ca.vertcat(ca.horzcat(c, -b), ca.horzcat(-b, a)) / determinant
     if n == 2:
@@ -73,11 +85,14 @@ def _by_blocks(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
 
 
 def eliminated(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
-    """L (n, n), unit lower triangular, and pivots (n,) of a symmetric matrix L diag(pivots) L^T (n, n).
+    """L (n, n), unit lower triangular, and pivots (n,) of a symmetric matrix L diag(pivots) L^T (n,
+    n).
 
     What comes after a zero pivot means nothing.
     """
-    n, columns, pivots = matrix.shape[0], [], []
+    n = matrix.shape[0]
+    columns = []
+    pivots = []
     while matrix.shape[0]:
         pivots.append(matrix[0, 0])
         columns.append(ca.vertcat(ca.SX.zeros(n - matrix.shape[0]), matrix[:, 0] / matrix[0, 0]))

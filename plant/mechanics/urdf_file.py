@@ -1,4 +1,6 @@
-"""What a URDF file says of its links and joints: every number and body checked, nothing executed or fetched."""
+"""What a URDF file says of its links and joints: every number and body checked, nothing executed
+or fetched.
+"""
 
 import math
 from pathlib import Path
@@ -11,7 +13,8 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed
 from plant.parts.arguments import choice
 
-INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # attributes of <inertia>, in the order of `Body.inertia`
+# attributes of <inertia>, in the order of `Body.inertia`
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def read_urdf(path: str | Path) -> ModelFile:
@@ -19,7 +22,8 @@ def read_urdf(path: str | Path) -> ModelFile:
     robot, data = parsed(path, "robot", "URDF")
     if is_xacro(robot):
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
-    bodies, joints = _bodies(robot), _joints(robot)
+    bodies = _bodies(robot)
+    joints = _joints(robot)
     links = {link.attributes["name"]: link for link in robot.all("link")}
     return ModelFile(path=Path(path), data=data, bodies=bodies, joints=joints, links=links)
 
@@ -43,10 +47,16 @@ def _bodies(robot: Element) -> dict[str, Body | None]:
         name = element.attributes.get("name", "")
         where = f"link {name}"
         if not name or name in bodies:
-            raise ValueError(f"links must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
+            raise ValueError(
+                f"links must have names of their own; got {name!r} {'twice' if name else ''}."
+                " Name it."
+            )
         inertial, bodies[name] = element.find("inertial"), None
         if len(element.all("inertial")) > 1:
-            raise ValueError(f"{where} must have one <inertial>; it has {len(element.all('inertial'))}. Join them.")
+            raise ValueError(
+                f"{where} must have one <inertial>; it has {len(element.all('inertial'))}. Join"
+                " them."
+            )
         if inertial is not None:
             mass = numbers_of(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
             matrix = inertial.find("inertia")
@@ -59,27 +69,45 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
     """Name of a joint -> ModelJoint."""
     joints: dict[str, ModelJoint] = {}
     for element in robot.all("joint"):
-        name, kind = element.attributes.get("name", ""), element.attributes.get("type", "")
+        name = element.attributes.get("name", "")
+        kind = element.attributes.get("type", "")
         where = f"joint {name}"
         if not name or name in joints:
-            raise ValueError(f"joints must have names of their own; got {name!r} {'twice' if name else ''}. Name it.")
+            raise ValueError(
+                f"joints must have names of their own; got {name!r} {'twice' if name else ''}."
+                " Name it."
+            )
         if kind in ("floating", "planar"):
-            raise ValueError(f"{where} must move about or along one axis; it is {kind}. Replace it by single joints.")
+            raise ValueError(
+                f"{where} must move about or along one axis; it is {kind}. Replace it by single"
+                " joints."
+            )
         choice(f"type of {where}", kind, (*MOVING, "fixed"))
         ends = [element.find(tag) for tag in ("parent", "child")]
         parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)
         if not parent or not child:
-            raise ValueError(f"{where} must have a parent and a child link; one is missing. Add it.")
+            raise ValueError(
+                f"{where} must have a parent and a child link; one is missing. Add it."
+            )
         axis = numbers_of(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
         if kind in MOVING and np.linalg.norm(axis) < 1e-6:
-            raise ValueError(f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it.")
+            raise ValueError(
+                f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it."
+            )
         mimic = element.find("mimic")
         mimics = "" if mimic is None else mimic.attributes.get("joint", "") or "another one"
         joints[name] = ModelJoint(
-            name=name, kind=kind, parent=parent, child=child, origin=origin_of(element, where), axis=axis,
-            mimics=mimics, limits=_limits(element.find("limit"), kind, where), element=element,
+            name=name,
+            kind=kind,
+            parent=parent,
+            child=child,
+            origin=origin_of(element, where),
+            axis=axis,
+            mimics=mimics,
+            limits=_limits(element.find("limit"), kind, where),
+            element=element,
             friction=_friction(element.find("dynamics"), where),
-        )  # fmt: skip
+        )
     return joints
 
 
@@ -91,9 +119,12 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
     if limit is None or kind not in MOVING:
         return (-math.inf, math.inf, math.inf, math.inf)
     keys = "lower", "upper", "velocity", "effort"
-    lower, upper, velocity, effort = (numbers_of(limit, key, 1, "0", f"{where}, limit")[0] for key in keys)
+    lower, upper, velocity, effort = (
+        numbers_of(limit, key, 1, "0", f"{where}, limit")[0] for key in keys
+    )
     if kind == "continuous" or lower == upper == 0.0:
-        lower, upper = -math.inf, math.inf
+        lower = -math.inf
+        upper = math.inf
     return (lower, upper, velocity or math.inf, effort or math.inf)
 
 
@@ -105,7 +136,9 @@ def _friction(dynamics: Element | None, where: str) -> tuple[float, float]:
         for key in ("damping", "friction")
     )
     if viscous < 0 or coulomb < 0:
-        raise ValueError(f"{where} must not have negative friction; got {viscous:g} and {coulomb:g}. Correct it.")
+        raise ValueError(
+            f"{where} must not have negative friction; got {viscous:g} and {coulomb:g}. Correct it."
+        )
     return viscous, coulomb
 
 
@@ -115,16 +148,20 @@ def is_xacro(element: Element) -> bool:
 
 
 def expanded(path: Path) -> bytes:
-    """The URDF that a xacro file makes; its macros may read other files, and evaluate expressions."""
+    """The URDF that a xacro file makes; its macros may read other files, and evaluate
+    expressions.
+    """
     try:
         import xacrodoc
     except ImportError:
         raise ValueError(
-            f"{path} must be a URDF file; it is xacro. Expand it (xacro {path.name} > robot.urdf), or pip install "
-            "xacrodoc."
+            f"{path} must be a URDF file; it is xacro. Expand it (xacro {path.name} > robot.urdf),"
+            " or pip install xacrodoc."
         ) from None
     try:
         text: str = xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()
     except Exception as error:
-        raise ValueError(f"{path} must be xacro that can be expanded; {error}. Expand it by hand.") from error
+        raise ValueError(
+            f"{path} must be xacro that can be expanded; {error}. Expand it by hand."
+        ) from error
     return text.encode()

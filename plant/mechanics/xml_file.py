@@ -1,4 +1,6 @@
-"""XML with places: elements that know which bytes of their file they are, and edits of these bytes alone."""
+"""XML with places: elements that know which bytes of their file they are, and edits of these
+bytes alone.
+"""
 
 import dataclasses
 import re
@@ -26,7 +28,9 @@ _ATTRIBUTE = re.compile(rb"""([^\s=/>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
 @dataclasses.dataclass
 class Element:
-    """An XML element, and the bytes of its file that it takes: its start tag `start:opened`, all of it `start:stop`."""
+    """An XML element, and the bytes of its file that it takes: its start tag `start:opened`, all
+    of it `start:stop`.
+    """
 
     tag: str
     attributes: dict[str, str]
@@ -45,8 +49,12 @@ class Element:
         return [child for child in self.children if child.tag == tag]
 
     def attribute_edit(self, data: bytes, name: str, value: str | None) -> Edit:
-        """The edit that gives an attribute this value, or takes it away (None); data: the bytes of the file."""
-        for match in _ATTRIBUTE.finditer(data, self.start + 1 + len(self.tag.encode()), self.opened):
+        """The edit that gives an attribute this value, or takes it away (None); data: the bytes
+        of the file.
+        """
+        for match in _ATTRIBUTE.finditer(
+            data, self.start + 1 + len(self.tag.encode()), self.opened
+        ):
             if match[1].decode() == name:
                 start, stop = match.span(2)
                 if value is None:
@@ -56,7 +64,9 @@ class Element:
         return place, place, b"" if value is None else f" {name}={quoteattr(value)}".encode()
 
     def child_edit(self, data: bytes, text: str, *, first: bool = False) -> Edit:
-        """The edit that adds a child of this text at the end, or as the first, indented like its neighbour."""
+        """The edit that adds a child of this text at the end, or as the first, indented like its
+        neighbour.
+        """
         if not self.children:
             name = data[self.start + 1 : self.start + 1 + len(self.tag.encode())]
             if self.opened == self.stop:
@@ -69,15 +79,19 @@ class Element:
         return place, place, data[before : neighbour.start] + text.encode()
 
 
-def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None = None) -> tuple[Element, bytes]:
+def parsed(
+    path: str | Path, root_tag: str | None, what: str, data: bytes | None = None
+) -> tuple[Element, bytes]:
     """The root of a file and its bytes, or a refusal: nothing is executed, expanded or fetched.
 
-    `root_tag`: that the file must have, None for any; `what` kind of file it is, for messages; `data`: its content,
-    where that is not what the file has. Refused are another root, a document type, entities, malformed XML, and a file
-    that is too large or too deep.
+    `root_tag`: that the file must have, None for any; `what` kind of file it is, for messages;
+    `data`: its content, where that is not what the file has. Refused are another root, a document
+    type, entities, malformed XML, and a file that is too large or too deep.
     """
     if isinstance(path, str) and path.lstrip().startswith("<"):
-        raise ValueError(f"path must be the name of a {what} file; got its text. Write it to a file first.")
+        raise ValueError(
+            f"path must be the name of a {what} file; got its text. Write it to a file first."
+        )
     path = Path(path)
     try:
         data = read_bounded(path, _LARGEST) if data is None else data
@@ -95,7 +109,9 @@ def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None
         (open_elements[-1].children if open_elements else root).append(element)
         open_elements.append(element)
         if len(open_elements) > _DEEPEST:
-            raise ValueError(f"{path} must nest at most {_DEEPEST} elements; it has more. Give a {what} file.")
+            raise ValueError(
+                f"{path} must nest at most {_DEEPEST} elements; it has more. Give a {what} file."
+            )
 
     def end(_: str) -> None:
         element = open_elements.pop()
@@ -103,16 +119,21 @@ def parsed(path: str | Path, root_tag: str | None, what: str, data: bytes | None
         element.stop = element.opened if empty else data.find(b">", parser.CurrentByteIndex) + 1
 
     def refuse(*_: object) -> None:
-        raise ValueError(f"{path} must not declare a document type or entities; it does. Remove them.")
+        raise ValueError(
+            f"{path} must not declare a document type or entities; it does. Remove them."
+        )
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
     try:
         parser.Parse(data, True)
     except xml.parsers.expat.ExpatError as error:
         raise ValueError(f"{path} must be well-formed XML; {error}. Correct the file.") from None
     if root_tag is not None and root[0].tag != root_tag:
-        raise ValueError(f"{path} must hold a <{root_tag}>; got <{root[0].tag}>. Give a {what} file.")
+        raise ValueError(
+            f"{path} must hold a <{root_tag}>; got <{root[0].tag}>. Give a {what} file."
+        )
     return root[0], data
 
 
@@ -122,7 +143,9 @@ def _tag_end(data: bytes, start: int) -> int:
     return match.end() if match else start
 
 
-def numbers_of(element: Element | None, attribute: str, count: int, default: str | None, where: str) -> Floats:
+def numbers_of(
+    element: Element | None, attribute: str, count: int, default: str | None, where: str
+) -> Floats:
     """So many finite numbers of an attribute."""
     text = default if element is None else element.attributes.get(attribute, default)
     if text is None:
@@ -131,13 +154,17 @@ def numbers_of(element: Element | None, attribute: str, count: int, default: str
     values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
     if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
         what = "one finite number" if count == 1 else f"{count} finite numbers"
-        raise ValueError(f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or 1e-3.")
+        raise ValueError(
+            f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or"
+            " 1e-3."
+        )
     return values
 
 
 def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
     """The bytes with these edits, all others as they were."""
-    pieces, at = [], 0
+    pieces = []
+    at = 0
     for start, stop, text in sorted(edits, key=lambda edit: edit[:2]):
         pieces += [data[at:start], text]
         at = stop
@@ -150,35 +177,47 @@ ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -> Floats:
     """Rotation matrix (3, 3) of an MJCF element: its axes as columns, in the parent's frame.
 
-    ``sequence`` is ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes. Two orientations at once
-    are refused.
+    ``sequence`` is ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes. Two
+    orientations at once are refused.
     """
     given = [name for name in ORIENTATIONS if name in element.attributes]
     if len(given) > 1:
-        raise ValueError(f"{where} must have one orientation; it has {' and '.join(given)}. Leave one out.")
+        raise ValueError(
+            f"{where} must have one orientation; it has {' and '.join(given)}. Leave one out."
+        )
     if not given:
         return np.eye(3)
     name = given[0]
     count = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}[name]
-    values, unit = numbers_of(element, name, count, None, where), np.pi / 180 if degrees else 1.0
+    values = numbers_of(element, name, count, None, where)
+    unit = np.pi / 180 if degrees else 1.0
     if name == "euler":
         rotation = np.eye(3)
         for letter, angle in zip(sequence, values * unit, strict=True):
             step = turn(np.eye(3)["xyz".index(letter.lower())], angle)
             rotation = rotation @ step if letter.islower() else step @ rotation
         return rotation
-    parts = {"quat": [values], "axisangle": [values[:3]], "xyaxes": [values[:3], values[3:]], "zaxis": [values]}[name]
+    parts = {
+        "quat": [values],
+        "axisangle": [values[:3]],
+        "xyaxes": [values[:3], values[3:]],
+        "zaxis": [values],
+    }[name]
     if min(np.linalg.norm(part) for part in parts) < 1e-9:
-        raise ValueError(f"{where} must have a direction in {name}; got {values.tolist()}. Correct it.")
+        raise ValueError(
+            f"{where} must have a direction in {name}; got {values.tolist()}. Correct it."
+        )
     if name == "axisangle":
         return turn(values[:3], values[3] * unit)
     if name == "quat":
-        w, vector = values[0], values[1:]
+        w = values[0]
+        vector = values[1:]
         length = np.linalg.norm(vector)
         return turn(vector, 2 * np.arctan2(length, w)) if length else np.eye(3)
     if name == "zaxis":
         z = values / np.linalg.norm(values)
-        axis, angle = np.cross((0, 0, 1), z), np.arccos(np.clip(z[2], -1, 1))
+        axis = np.cross((0, 0, 1), z)
+        angle = np.arccos(np.clip(z[2], -1, 1))
         return turn(axis if np.linalg.norm(axis) > 1e-10 else (1, 0, 0), angle)
     x = values[:3] / np.linalg.norm(values[:3])
     y = values[3:] - x * (x @ values[3:])

@@ -1,4 +1,6 @@
-"""How well an inertial agrees with all else that a model file says, and what is impossible or exact in it."""
+"""How well an inertial agrees with all else that a model file says, and what is impossible or
+exact in it.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,20 +10,29 @@ import numpy as np
 from plant.models.hypotheses import Shape, Stated
 from plant.parts.fields import Floats
 
-# Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its logarithm.
-_DENSITY, _TIMES = 1500.0, 1.2
+# Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its
+# logarithm.
+_DENSITY = 1500.0
+_TIMES = 1.2
 
-# Share by which a link may be larger than its shape in the file, and what a body says that needs more.
-_SLACK, _OUTSIDE = 0.05, 15.0
+# Share by which a link may be larger than its shape in the file, and what a body says that needs
+# more.
+_SLACK = 0.05
+_OUTSIDE = 15.0
 
 _FAR = 1.0  # the same share, for a proof: shapes for collisions leave parts out
 
 _FAITHFUL = 3  # links that have to fit their shapes before shapes are taken for what links are
 
-_LIGHTEST, HEAVIEST = 1.0, 23000.0  # density [kg/m^3] of nothing that links are made of: above that of osmium
+# density [kg/m^3] of nothing that links are made of: above that of osmium
+_LIGHTEST = 1.0
+HEAVIEST = 23000.0
 
-# Relative differences at which a link is its partner mirrored, or its shape uniformly filled, and what that says.
-_SAME, _UNIFORM, _COINCIDENCE = 1e-4, 2e-3, 15.0
+# Relative differences at which a link is its partner mirrored, or its shape uniformly filled, and
+# what that says.
+_SAME = 1e-4
+_UNIFORM = 2e-3
+_COINCIDENCE = 15.0
 
 _APART = 20.0  # what a whole difference from the link on the other side says
 
@@ -46,8 +57,14 @@ def mirrored(given: Stated, plane: Floats) -> Stated:
 
 
 def coincides(given: Stated, link: CheckedLink) -> bool:
-    """Whether an inertial is exactly that of the other side, or that of the shape uniformly filled."""
-    alike = (agrees(given, mirrored(partner, plane)) for partner, plane in link.partners if partner.physical())
+    """Whether an inertial is exactly that of the other side, or that of the shape uniformly
+    filled.
+    """
+    alike = (
+        agrees(given, mirrored(partner, plane))
+        for partner, plane in link.partners
+        if partner.physical()
+    )
     return any(alike) or uniform(given, link.shape)
 
 
@@ -66,10 +83,11 @@ def uniform(given: Stated, shape: Shape | None) -> bool:
 
 
 def impossible(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> bool:
-    """Whether no body within the robot, or within the link's shape, can have this inertial, or is as dense.
+    """Whether no body within the robot, or within the link's shape, can have this inertial, or is
+    as dense.
 
-    The shape may be a third of the link, as shapes for collisions are; but as large as it is where the other links of
-    the file (at least `_FAITHFUL`) are all as large as theirs.
+    The shape may be a third of the link, as shapes for collisions are; but as large as it is where
+    the other links of the file (at least `_FAITHFUL`) are all as large as theirs.
     """
     spread = given.spread / given.mass
     if given.density() > HEAVIEST:
@@ -79,12 +97,21 @@ def impossible(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) 
         others = [
             each.shape.holds(each.stated.com, each.stated.spread / each.stated.mass, _SLACK)
             for each in links.values()
-            if each is not link and each.shape is not None and each.stated is not None and each.stated.physical()
+            if each is not link
+            and each.shape is not None
+            and each.stated is not None
+            and each.stated.physical()
         ]
         faithful = len(others) >= _FAITHFUL and all(others)
         return dense or not link.shape.holds(given.com, spread, 2 * _SLACK if faithful else _FAR)
-    whole = sum(float(np.linalg.norm(each.places, axis=1).max()) for each in links.values() if len(each.places))
-    return bool(whole) and bool(max(np.linalg.norm(given.com), np.sqrt(np.trace(spread))) > 2.0 * whole)
+    whole = sum(
+        float(np.linalg.norm(each.places, axis=1).max())
+        for each in links.values()
+        if len(each.places)
+    )
+    return bool(whole) and bool(
+        max(np.linalg.norm(given.com), np.sqrt(np.trace(spread))) > 2.0 * whole
+    )
 
 
 def cost_of(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> float:
@@ -101,7 +128,11 @@ def cost_of(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> 
         cost += 0.0 if link.shape.holds(given.com, spread, _SLACK) else _OUTSIDE
         cost -= _COINCIDENCE if uniform(given, link.shape) else 0.0
     else:
-        masses = [other.stated.mass for other in links.values() if other is not link and other.stated is not None]
+        masses = [
+            other.stated.mass
+            for other in links.values()
+            if other is not link and other.stated is not None
+        ]
         median = float(np.median([abs(mass) for mass in masses])) if masses else given.mass
         cost = 0.5 * min(_CAP, (np.log(given.mass / max(median, 1e-9)) / 1.5) ** 2)
         ends = np.linalg.norm(link.places, axis=1)
@@ -110,7 +141,11 @@ def cost_of(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> 
         cost += 0.5 * min(_CAP, float(middle @ middle) / size**2)
         cost += 0.5 * min(_CAP, (np.log(np.trace(spread) / (0.3 * size) ** 2) / 2.0) ** 2)
     if link.partners:
-        other = [apart(given, mirrored(partner, plane)) for partner, plane in link.partners if partner.mass > 0]
+        other = [
+            apart(given, mirrored(partner, plane))
+            for partner, plane in link.partners
+            if partner.mass > 0
+        ]
         cost += min([_CAP / 2, *(_APART * each for each in other)])
         cost -= _COINCIDENCE if other and min(other) < _SAME else 0.0
     return cost
@@ -119,12 +154,19 @@ def cost_of(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> 
 def _reach(links: dict[str, CheckedLink]) -> float:
     """The longest distance of two joints on a link [m]."""
     return max(
-        (float(np.linalg.norm(link.places, axis=1).max()) for link in links.values() if len(link.places)), default=0.1
+        (
+            float(np.linalg.norm(link.places, axis=1).max())
+            for link in links.values()
+            if len(link.places)
+        ),
+        default=0.1,
     )
 
 
 def _divergence(spread: Floats, scale: Floats) -> float:
-    """Log-det divergence of second moments from those of a shape; a flat body is as thick as a hundredth of it."""
+    """Log-det divergence of second moments from those of a shape; a flat body is as thick as a
+    hundredth of it.
+    """
     ratio = np.linalg.solve(scale, spread)
     sign, logarithm = np.linalg.slogdet(ratio + 1e-4 * np.eye(3))
     return float(np.trace(ratio) - logarithm - 3) if sign > 0 else _CAP
@@ -132,7 +174,9 @@ def _divergence(spread: Floats, scale: Floats) -> float:
 
 def apart(one: Stated, other: Stated) -> float:
     """How far two bodies are from each other, relative to their own size."""
-    size = max(np.trace(one.spread) / one.mass, np.trace(np.abs(other.spread)) / abs(other.mass), 1e-12)
+    size = max(
+        np.trace(one.spread) / one.mass, np.trace(np.abs(other.spread)) / abs(other.mass), 1e-12
+    )
     mass = np.log(one.mass / abs(other.mass)) ** 2
     where = float((one.com - other.com) @ (one.com - other.com)) / size
     spread = float(np.abs(one.spread / one.mass - other.spread / other.mass).max()) / size

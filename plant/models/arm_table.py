@@ -1,4 +1,6 @@
-"""The table [arm] of a robot file: a chain from rows or from a model file beside it, what f is, and f."""
+"""The table [arm] of a robot file: a chain from rows or from a model file beside it, what f is,
+and f.
+"""
 
 import dataclasses
 from collections.abc import Mapping
@@ -15,7 +17,12 @@ from plant.mechanics.lumping import STANDARD, Lumping, parameter_name
 from plant.models.tables import part_of, table_of
 from plant.parts.arguments import choice, instance, real
 
-_TORQUES = {"both": (True, True), "inertial": (True, False), "gravity": (False, True), "none": (False, False)}
+_TORQUES = {
+    "both": (True, True),
+    "inertial": (True, False),
+    "gravity": (False, True),
+    "none": (False, False),
+}
 
 
 def _names(chain: Chain) -> list[str]:
@@ -24,7 +31,8 @@ def _names(chain: Chain) -> list[str]:
 
 def lumping_table(lumping: Lumping, chain: Chain) -> dict[str, dict[str, Any]]:
     """Name of f -> its sum, ``{Izz3 = 1.0, J3 = 1.0, torque = "inertial"}``."""
-    names, words = _names(chain), {flags: word for word, flags in _TORQUES.items()}
+    names = _names(chain)
+    words = {flags: word for word, flags in _TORQUES.items()}
     table: dict[str, dict[str, Any]] = {}
     for i, name in enumerate(lumping.names):
         row = np.array(lumping.matrix[i])
@@ -35,24 +43,45 @@ def lumping_table(lumping: Lumping, chain: Chain) -> dict[str, dict[str, Any]]:
 
 def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
     """The lumping of such a table; a name that is no standard parameter of the chain is refused."""
-    names, matrix, flags = _names(chain), [], []
+    names = _names(chain)
+    matrix = []
+    flags = []
     for name, given in table.items():
         where = f"{name} of [arm.parameters]"
-        terms, row = dict(instance(where, given, dict, "Write {Izz2 = 1.0, torque = 'both'}.")), np.zeros(len(names))
-        flags.append(_TORQUES[choice(f"torque of {where}", terms.pop("torque", "both"), tuple(_TORQUES))])
+        terms = dict(instance(where, given, dict, "Write {Izz2 = 1.0, torque = 'both'}."))
+        row = np.zeros(len(names))
+        flags.append(
+            _TORQUES[choice(f"torque of {where}", terms.pop("torque", "both"), tuple(_TORQUES))]
+        )
         for parameter, coefficient in terms.items():
             choice(f"a term of {where}", parameter, names)
-            row[names.index(parameter)] = real(f"{parameter} in {where}", coefficient, "Give a number.")
+            row[names.index(parameter)] = real(
+                f"{parameter} in {where}", coefficient, "Give a number."
+            )
         matrix.append(row)
     inertial, gravitational = zip(*flags, strict=True) if flags else ((), ())
-    return Lumping(names=tuple(table), matrix=np.array(matrix), inertial=inertial, gravitational=gravitational)
+    return Lumping(
+        names=tuple(table), matrix=np.array(matrix), inertial=inertial, gravitational=gravitational
+    )
 
 
 _ARM = (
-    "table", "links", "urdf", "mjcf", "joints", "gravity", "bodies", "coupling", "limits", "rotors", "parameters",
-    "ranges", "f",
-)  # fmt: skip
-_BASE, _ROTORLESS = "base", "base without rotors"
+    "table",
+    "links",
+    "urdf",
+    "mjcf",
+    "joints",
+    "gravity",
+    "bodies",
+    "coupling",
+    "limits",
+    "rotors",
+    "parameters",
+    "ranges",
+    "f",
+)
+_BASE = "base"
+_ROTORLESS = "base without rotors"
 
 
 def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics, Any]:
@@ -84,21 +113,35 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
         choice("a key of [arm]", key, _ARM)
     sources = [key for key in ("links", "urdf", "mjcf") if key in table]
     if len(sources) != 1:
-        raise ValueError(f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give one.")
+        raise ValueError(
+            f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give"
+            " one."
+        )
     changes: dict[str, Any] = {key: table[key] for key in ("gravity",) if key in table}
     if sources != ["links"]:
         if unused := [key for key in ("table", "bodies", "limits") if key in table]:
-            raise ValueError(f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove one.")
+            raise ValueError(
+                f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove"
+                " one."
+            )
         path = model_beside(table, folder)
         if path is None or not path.is_file():
-            raise ValueError(f"{sources[0]} of [arm] must name a file; {path} is not there. Put it beside this one.")
+            raise ValueError(
+                f"{sources[0]} of [arm] must name a file; {path} is not there. Put it beside this"
+                " one."
+            )
         read = Chain.from_urdf if sources == ["urdf"] else Chain.from_mjcf
         chain = read(path, table.get("joints"))
     else:
         kept: dict[str, Any] = {
-            key: table[key] for key in ("links", "gravity", "bodies", "coupling", "limits") if key in table
+            key: table[key]
+            for key in ("links", "gravity", "bodies", "coupling", "limits")
+            if key in table
         }
-        if choice("table of [arm]", table.get("table", "modified"), ("modified", "standard")) == "modified":
+        if (
+            choice("table of [arm]", table.get("table", "modified"), ("modified", "standard"))
+            == "modified"
+        ):
             made: Chain = part_of(kept, "plant.Chain", "arm")
             return made
         bodies = tuple(part_of(each, "plant.Body", "arm.bodies") for each in kept.get("bodies", ()))

@@ -1,4 +1,6 @@
-"""New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes; MJCF made of a URDF's tree."""
+"""New inertials, friction and rotors for a URDF or MJCF file: edits of those bytes; MJCF made of
+a URDF's tree.
+"""
 
 from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import quoteattr
@@ -20,28 +22,46 @@ _LIKELY = 3.0  # of two repairs of what no body can have, the likelier by e^3 is
 
 def only(trials: list[tuple[float, str, Stated]], best: Stated) -> bool:
     """Whether all other bodies that one mistake leaves agree with the file much less."""
-    costs = [cost for cost, _, other in trials if not np.allclose(other.spread, best.spread, rtol=1e-3, atol=0)]
+    costs = [
+        cost
+        for cost, _, other in trials
+        if not np.allclose(other.spread, best.spread, rtol=1e-3, atol=0)
+    ]
     least = min(cost for cost, _, _ in trials)
     return bool(np.isfinite(least) and min(costs, default=np.inf) - least > _LIKELY)
 
 
 def guess(link: CheckedLink, links: dict[str, CheckedLink]) -> Body | None:
-    """The partner's body mirrored; or the link's shape filled, where all others are filled alike."""
+    """The partner's body mirrored; or the link's shape filled, where all others are filled
+    alike.
+    """
     for partner, plane in link.partners:
         if partner.physical():
             return body_of(mirrored(partner, plane))
-    others = [other for other in links.values() if other is not link and other.stated is not None and other.shape]
+    others = [
+        other
+        for other in links.values()
+        if other is not link and other.stated is not None and other.shape
+    ]
     densities = [
         other.stated.mass / other.shape.volume
         for other in others
-        if other.stated is not None and other.shape is not None and uniform(other.stated, other.shape)
+        if other.stated is not None
+        and other.shape is not None
+        and uniform(other.stated, other.shape)
     ]
-    alike = len(densities) > 1 and len(densities) == len(others) and np.ptp(densities) < 0.01 * min(densities)
+    alike = (
+        len(densities) > 1
+        and len(densities) == len(others)
+        and np.ptp(densities) < 0.01 * min(densities)
+    )
     if link.shape is None or not alike:
         return None
     mass = float(np.median(densities)) * link.shape.volume
     spread = mass * link.shape.spread
-    return body_of(Stated(mass, link.shape.centre, np.eye(3), np.trace(spread) * np.eye(3) - spread))
+    return body_of(
+        Stated(mass, link.shape.centre, np.eye(3), np.trace(spread) * np.eye(3) - spread)
+    )
 
 
 def body_of(given: Stated) -> Body:
@@ -51,7 +71,9 @@ def body_of(given: Stated) -> Body:
 
 
 def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
-    """Edits that give a URDF link this body (in the link's frame); the orientation of its origin stays."""
+    """Edits that give a URDF link this body (in the link's frame); the orientation of its origin
+    stays.
+    """
     inertial = link.find("inertial")
     if inertial is None:
         parts = f'<origin xyz="{_text(body.com)}"/><mass value="{_text(body.mass)}"/>'
@@ -59,7 +81,11 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
     edits: list[Edit] = []
     for tag, name, value in (("origin", "xyz", body.com), ("mass", "value", body.mass)):
         if (element := inertial.find(tag)) is None:
-            edits.append(inertial.child_edit(data, f'<{tag} {name}="{_text(value)}"/>', first=tag == "origin"))
+            edits.append(
+                inertial.child_edit(
+                    data, f'<{tag} {name}="{_text(value)}"/>', first=tag == "origin"
+                )
+            )
         else:
             edits.append(element.attribute_edit(data, name, _text(value)))
     turned = body.seen_from(Placement(rotation=origin_of(inertial, "inertial").rotation).inverse())
@@ -72,7 +98,9 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
 
 
 def _matrix(body: Body) -> str:
-    values = " ".join(f'{key}="{_text(value)}"' for key, value in zip(INERTIA, body.inertia, strict=True))
+    values = " ".join(
+        f'{key}="{_text(value)}"' for key, value in zip(INERTIA, body.inertia, strict=True)
+    )
     return f"<inertia {values}/>"
 
 
@@ -80,7 +108,11 @@ def urdf_friction(data: bytes, joint: Element, viscous: float, coulomb: float) -
     """Edits that give a URDF joint this damping and friction."""
     dynamics = joint.find("dynamics")
     if dynamics is None:
-        return [joint.child_edit(data, f'<dynamics damping="{_text(viscous)}" friction="{_text(coulomb)}"/>')]
+        return [
+            joint.child_edit(
+                data, f'<dynamics damping="{_text(viscous)}" friction="{_text(coulomb)}"/>'
+            )
+        ]
     pairs = (("damping", viscous), ("friction", coulomb))
     return [dynamics.attribute_edit(data, name, _text(value)) for name, value in pairs]
 
@@ -91,9 +123,17 @@ def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
     if inertial is None:
         return [body_element.child_edit(data, _mjcf_inertial_text(body), first=True)]
     values: dict[str, str | None] = dict.fromkeys((*ORIENTATIONS, "diaginertia"))
-    values |= {"pos": _text(body.com), "mass": _text(body.mass), "fullinertia": _text(body.inertia[list(FULL)])}
+    values |= {
+        "pos": _text(body.com),
+        "mass": _text(body.mass),
+        "fullinertia": _text(body.inertia[list(FULL)]),
+    }
     there = inertial.attributes
-    return [inertial.attribute_edit(data, key, value) for key, value in values.items() if value or key in there]
+    return [
+        inertial.attribute_edit(data, key, value)
+        for key, value in values.items()
+        if value or key in there
+    ]
 
 
 def _mjcf_inertial_text(body: Body) -> str:
@@ -107,13 +147,17 @@ def mjcf_joint(data: bytes, joint: Element, values: dict[str, float]) -> list[Ed
 
 
 def mjcf_text(
-    model: ModelFile, bodies: Mapping[str, Body], values: Mapping[str, Mapping[str, float]], gravity: Sequence[float],
+    model: ModelFile,
+    bodies: Mapping[str, Body],
+    values: Mapping[str, Mapping[str, float]],
+    gravity: Sequence[float],
     motors: str = "",
-) -> bytes:  # fmt: skip
-    """A tree of links as MJCF, without shapes: those joints move that have values, all others are fixed at zero.
+) -> bytes:
+    """A tree of links as MJCF, without shapes: those joints move that have values, all others are
+    fixed at zero.
 
-    `bodies`, by link, are in place of the file's own; `values` by the name of each joint that moves are armature,
-    damping, frictionloss; `motors` is their section.
+    `bodies`, by link, are in place of the file's own; `values` by the name of each joint that moves
+    are armature, damping, frictionloss; `motors` is their section.
     """
     lines = [
         f"<mujoco model={quoteattr(model.path.stem)}>",
@@ -141,15 +185,28 @@ def mjcf_text(
     children = {joint.child for joint in model.joints.values()}
     for root in (link for link in model.bodies if link not in children):
         add(root, "", None, 2)
-    return "\n".join([*lines, "  </worldbody>", *([f"  {motors}"] if motors else []), "</mujoco>", ""]).encode()
+    return "\n".join(
+        [*lines, "  </worldbody>", *([f"  {motors}"] if motors else []), "</mujoco>", ""]
+    ).encode()
 
 
 def mjcf_motors(joints: Sequence[str], drive: Drive) -> str:
-    """A section with the motor of each joint, which is commanded by the torque on its own side [N m]."""
+    """A section with the motor of each joint, which is commanded by the torque on its own side
+    [N m].
+    """
     motors = []
-    for joint, gear, limit in zip(joints, drive.gear, drive.motor_gain * drive.current_limit, strict=True):
-        within = f' ctrllimited="true" ctrlrange="{_text((-limit, limit))}"' if np.isfinite(limit) else ""
-        motors.append(f'<motor name={quoteattr(joint)} joint={quoteattr(joint)} gear="{_text(gear)}"{within}/>')
+    for joint, gear, limit in zip(
+        joints, drive.gear, drive.motor_gain * drive.current_limit, strict=True
+    ):
+        within = (
+            f' ctrllimited="true" ctrlrange="{_text((-limit, limit))}"'
+            if np.isfinite(limit)
+            else ""
+        )
+        motors.append(
+            f"<motor name={quoteattr(joint)} joint={quoteattr(joint)}"
+            f' gear="{_text(gear)}"{within}/>'
+        )
     return "\n    ".join(["<actuator>", *motors]) + "\n  </actuator>"
 
 
@@ -162,7 +219,9 @@ def _mjcf_joint_text(joint: ModelJoint, values: Mapping[str, float]) -> str:
         parts.append(f'range="{_text((lower, upper))}"')
     if np.isfinite(effort):
         parts.append(f'actuatorfrcrange="{_text((-effort, effort))}"')
-    return " ".join([*parts, *(f'{name}="{_text(value)}"' for name, value in values.items())]) + "/>"
+    return (
+        " ".join([*parts, *(f'{name}="{_text(value)}"' for name, value in values.items())]) + "/>"
+    )
 
 
 def _text(values: object) -> str:

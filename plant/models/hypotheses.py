@@ -1,4 +1,6 @@
-"""What a URDF file says of a link: its inertial without each mistake that files have, shapes, joints, other sides."""
+"""What a URDF file says of a link: its inertial without each mistake that files have, shapes,
+joints, other sides.
+"""
 
 import dataclasses
 import itertools
@@ -14,7 +16,9 @@ from plant.parts.fields import Floats
 
 @dataclasses.dataclass(frozen=True)
 class Stated:
-    """An inertial as the file states it: mass, centre of mass and rotation in the link's frame, inertia in its own."""
+    """An inertial as the file states it: mass, centre of mass and rotation in the link's frame,
+    inertia in its own.
+    """
 
     mass: float
     com: Floats
@@ -28,7 +32,8 @@ class Stated:
         return np.asarray(np.trace(turned) / 2 * np.eye(3) - turned)
 
     def density(self) -> float:
-        """Least density [kg/m^3] of the densest part: that of the ball with this mass and these second moments.
+        """Least density [kg/m^3] of the densest part: that of the ball with this mass and these
+        second moments.
 
         Of all that is nowhere denser than rho, the ball has the least second moments.
         """
@@ -38,7 +43,11 @@ class Stated:
     def physical(self) -> bool:
         """Whether a body can have it."""
         widths = np.linalg.eigvalsh(self.spread)
-        return bool(self.mass > 0 and widths[0] >= -1e-6 * max(np.abs(widths).max(), 1e-300) and widths[2] > 0)
+        return bool(
+            self.mass > 0
+            and widths[0] >= -1e-6 * max(np.abs(widths).max(), 1e-300)
+            and widths[2] > 0
+        )
 
 
 _UNITS = (  # what was written in another unit -> mass, length, inertia of the file in SI
@@ -61,7 +70,8 @@ _PRODUCTS = ((0, 1), (0, 2), (1, 2))
 def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
     """Each mistake in words, and the inertial without it."""
     m, c, I = given.mass, given.com, given.inertia  # noqa: E741 - the field's letter
-    moments, orders = np.diag(np.diag(I)), [list(order) for order in itertools.permutations(range(3))][1:]
+    moments = np.diag(np.diag(I))
+    orders = [list(order) for order in itertools.permutations(range(3))][1:]
     if m < 0 or (np.diag(I) < 0).any():
         turned = I * (1 - 2 * (np.trace(I) < 0))
         yield "a negative mass or inertia", dataclasses.replace(given, mass=abs(m), inertia=turned)
@@ -72,7 +82,10 @@ def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
     apart = given.rotation.T @ c
     about = m * (apart @ apart * np.eye(3) - np.outer(apart, apart))
     if np.abs(about).max() > 1e-9 * np.abs(I).max():
-        yield "inertia about the link's frame, not the centre of mass", dataclasses.replace(given, inertia=I - about)
+        yield (
+            "inertia about the link's frame, not the centre of mass",
+            dataclasses.replace(given, inertia=I - about),
+        )
     products = np.array([I[place] for place in _PRODUCTS])
     if products.any():
         for signs in [*itertools.product((1, -1), repeat=3)][1:]:
@@ -91,7 +104,10 @@ def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
         plane[axis, axis] = -1.0
         turned = plane @ given.rotation @ plane
         yield (f"a link mirrored in {'xyz'[axis]}", Stated(m, plane @ c, turned, plane @ I @ plane))
-        yield f"a centre of mass mirrored in {'xyz'[axis]}", dataclasses.replace(given, com=plane @ c)
+        yield (
+            f"a centre of mass mirrored in {'xyz'[axis]}",
+            dataclasses.replace(given, com=plane @ c),
+        )
 
 
 def _with(given: Stated, products: Floats) -> Stated:
@@ -101,15 +117,24 @@ def _with(given: Stated, products: Floats) -> Stated:
     return dataclasses.replace(given, inertia=inertia)
 
 
-_SIDES = (("left", "right"), ("l", "r"), ("fl", "fr"), ("hl", "hr"), ("rl", "rr"), ("lf", "rf"), ("lh", "rh"))
-# Reflections of a link on the other side; the last is none, for frames that are mirrored themselves.
+_SIDES = (
+    ("left", "right"),
+    ("l", "r"),
+    ("fl", "fr"),
+    ("hl", "hr"),
+    ("rl", "rr"),
+    ("lf", "rf"),
+    ("lh", "rh"),
+)
+# Reflections of a link on the other side; the last is none, for frames that are mirrored
+# themselves.
 _PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1)))
 
 
 @dataclasses.dataclass(frozen=True)
 class Shape:
-    """Volume [m^3], centroid (3,) [m], second moments about it per unit mass (3, 3) [m^2], if uniformly filled; corners
-    (2, 3) of the box around it, along the axes of the link's frame [m].
+    """Volume [m^3], centroid (3,) [m], second moments about it per unit mass (3, 3) [m^2], if
+    uniformly filled; corners (2, 3) of the box around it, along the axes of the link's frame [m].
     """
 
     volume: float
@@ -118,27 +143,39 @@ class Shape:
     corners: Floats
 
     def holds(self, com: Floats, spread: Floats, slack: float) -> bool:
-        """Whether mass within the box can have this centre and these second moments per unit mass about it.
+        """Whether mass within the box can have this centre and these second moments per unit mass
+        about it.
 
-        Of anything between a and b the variance is at most (b - mean)(mean - a) (R. Bhatia, C. Davis, 2000). The box is
-        taken larger by a share `slack` of its edges, since shapes in files are approximate.
+        Of anything between a and b the variance is at most (b - mean)(mean - a) (R. Bhatia, C.
+        Davis, 2000). The box is taken larger by a share `slack` of its edges, since shapes in files
+        are approximate.
         """
         wider = slack * (self.corners[1] - self.corners[0])
-        below, above = com - self.corners[0] + wider, self.corners[1] - com + wider
-        return bool((below > 0).all() and (above > 0).all() and (np.diag(spread) < below * above).all())
+        below = com - self.corners[0] + wider
+        above = self.corners[1] - com + wider
+        return bool(
+            (below > 0).all() and (above > 0).all() and (np.diag(spread) < below * above).all()
+        )
 
 
 def shape_of(link: Element) -> Shape | None:
-    """The primitives of a link's collision geometry, else of its visual one, as one uniform body; None without."""
+    """The primitives of a link's collision geometry, else of its visual one, as one uniform
+    body; None without.
+    """
     for tag in ("collision", "visual"):
         found = [shape for element in link.all(tag) if (shape := _primitive(element)) is not None]
         if found and len(found) == len(link.all(tag)):
             volume = sum(shape.volume for shape in found)
             centre = sum((shape.volume * shape.centre for shape in found), np.zeros(3)) / volume
             apart = [np.outer(shape.centre - centre, shape.centre - centre) for shape in found]
-            spread = sum((s.volume * (s.spread + r) for s, r in zip(found, apart, strict=True)), np.zeros((3, 3)))
+            spread = sum(
+                (s.volume * (s.spread + r) for s, r in zip(found, apart, strict=True)),
+                np.zeros((3, 3)),
+            )
             low, high = np.array([each.corners for each in found]).swapaxes(0, 1)
-            return Shape(volume, centre, spread / volume, np.array([low.min(axis=0), high.max(axis=0)]))
+            return Shape(
+                volume, centre, spread / volume, np.array([low.min(axis=0), high.max(axis=0)])
+            )
     return None
 
 
@@ -146,25 +183,34 @@ def _primitive(element: Element) -> Shape | None:
     geometry = element.find("geometry")
     if geometry is None or not geometry.children:
         return None
-    form, where = geometry.children[0], element.tag
+    form = geometry.children[0]
+    where = element.tag
     pose = origin_of(element, where)
     if form.tag == "box":
         edges = numbers_of(form, "size", 3, None, where)
-        volume, spread, half = float(np.prod(edges)), np.diag(edges**2 / 12), edges / 2
+        volume = float(np.prod(edges))
+        spread = np.diag(edges**2 / 12)
+        half = edges / 2
     elif form.tag == "sphere":
         radius = numbers_of(form, "radius", 1, None, where)[0]
-        volume, spread, half = 4 / 3 * np.pi * radius**3, np.eye(3) * radius**2 / 5, np.full(3, radius)
+        volume = 4 / 3 * np.pi * radius**3
+        spread = np.eye(3) * radius**2 / 5
+        half = np.full(3, radius)
     elif form.tag == "cylinder":
         radius, length = (numbers_of(form, key, 1, None, where)[0] for key in ("radius", "length"))
-        volume, spread = np.pi * radius**2 * length, np.diag([radius**2 / 4, radius**2 / 4, length**2 / 12])
+        volume = np.pi * radius**2 * length
+        spread = np.diag([radius**2 / 4, radius**2 / 4, length**2 / 12])
         half = np.array([radius, radius, length / 2])
     else:
         return None
     if not volume > 0:
         return None
     rotation = np.array(pose.rotation)
-    centre, reach = np.array(pose.position), np.abs(rotation) @ half
-    return Shape(volume, centre, rotation @ spread @ rotation.T, np.array([centre - reach, centre + reach]))
+    centre = np.array(pose.position)
+    reach = np.abs(rotation) @ half
+    return Shape(
+        volume, centre, rotation @ spread @ rotation.T, np.array([centre - reach, centre + reach])
+    )
 
 
 def joint_places(robot: Element, name: str) -> Floats:
@@ -190,14 +236,22 @@ def partner_of(name: str, names: list[str]) -> str | None:
     return None
 
 
-def mirrors(shapes: tuple[Shape | None, Shape | None], places: tuple[Floats, Floats]) -> list[Floats]:
-    """Reflections (3, 3) that take the partner's shape and joints to the link's own; several where nothing tells."""
+def mirrors(
+    shapes: tuple[Shape | None, Shape | None], places: tuple[Floats, Floats]
+) -> list[Floats]:
+    """Reflections (3, 3) that take the partner's shape and joints to the link's own; several
+    where nothing tells.
+    """
     kept = []
     for plane in _PLANES:
-        same = places[0].shape == places[1].shape and np.allclose(places[0], places[1] @ plane, atol=1e-4)
+        same = places[0].shape == places[1].shape and np.allclose(
+            places[0], places[1] @ plane, atol=1e-4
+        )
         if shapes[0] is not None and shapes[1] is not None:
             same = same and np.allclose(shapes[0].centre, plane @ shapes[1].centre, atol=1e-4)
-            same = same and np.allclose(shapes[0].spread, plane @ shapes[1].spread @ plane, rtol=1e-3, atol=1e-9)
+            same = same and np.allclose(
+                shapes[0].spread, plane @ shapes[1].spread @ plane, rtol=1e-3, atol=1e-9
+            )
         if same:
             kept.append(plane)
     return kept

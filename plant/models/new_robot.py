@@ -1,4 +1,6 @@
-"""A robot file to complete, of a URDF file: what that does not say is marked, not guessed; and its completion."""
+"""A robot file to complete, of a URDF file: what that does not say is marked, not guessed; and
+its completion.
+"""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -17,7 +19,9 @@ from plant.models.arm_table import model_beside
 from plant.models.tables import check_keys, meaning_of, toml_lines
 from plant.parts.part import Part
 
-MISSING, _STATED = "?", "urdf"  # what stands for a value: nobody has said it yet; the URDF file states it, on the joint
+# what stands for a value: nobody has said it yet; the URDF file states it, on the joint
+MISSING = "?"
+_STATED = "urdf"
 
 _OF_URDF = ("viscous", "coulomb", "current_limit")
 _PARTS: dict[str, type] = {"rig": Rig, "drive": Drive, "encoder": Encoder, "law": P}
@@ -34,7 +38,9 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
     for key, unit, values in zip(_OF_URDF, ("N m s/rad", "N m", "N m"), stated, strict=True):
         drive[key] = _STATED if np.isfinite(values).all() and values.any() else MISSING
         if drive[key] == _STATED:
-            comments[key] = f"the file's {', '.join(f'{value:g}' for value in values)} {unit}, on the joints"
+            comments[key] = (
+                f"the file's {', '.join(f'{value:g}' for value in values)} {unit}, on the joints"
+            )
     tables: dict[str, Any] = {
         "name": Path(path).stem,
         "rig": {"period": MISSING},
@@ -48,14 +54,20 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
         missing = tables[where[0]][key] == MISSING if where else False
         return meaning_of(_PARTS[where[0]], key) if missing else comments.get(key, "")
 
-    head = f'# Replace each "{MISSING}", which {Path(path).name} does not say, by one number for all joints, or a list.'
+    head = (
+        f'# Replace each "{MISSING}", which {Path(path).name} does not say, by one number for all'
+        " joints, or a list."
+    )
     return "\n".join([head, *toml_lines(tables, comment=comment), ""])
 
 
 def require_complete(data: Mapping[str, Any]) -> None:
     """Refuse a file in which something is still marked as missing."""
     if missing := list(_missing(data)):
-        raise ValueError(f"the file must be complete; still missing: {', '.join(missing)}. Replace each {MISSING!r}.")
+        raise ValueError(
+            f"the file must be complete; still missing: {', '.join(missing)}. Replace each"
+            f" {MISSING!r}."
+        )
 
 
 def _missing(table: Mapping[str, Any], path: str = "") -> Iterator[str]:
@@ -70,10 +82,17 @@ def per_joint_table(table: Any, cls: type[Part], n: int) -> Any:
     """A table with one number for all joints written out."""
     if not isinstance(table, Mapping):
         return table
-    many = {name for name, field in cls.__dataclass_fields__.items() if field.metadata.get("number") == ("n",)}
+    many = {
+        name
+        for name, field in cls.__dataclass_fields__.items()
+        if field.metadata.get("number") == ("n",)
+    }
     for key in many & set(table):
         if isinstance(table[key], list) and len(table[key]) != n:
-            raise ValueError(f"{key} must have {n} numbers; got {len(table[key])}. Give one per joint, or one for all.")
+            raise ValueError(
+                f"{key} must have {n} numbers; got {len(table[key])}. Give one per joint, or one"
+                " for all."
+            )
     alike = {key for key in many & set(table) if isinstance(table[key], (int, float))}
     return {key: [value] * n if key in alike else value for key, value in table.items()}
 
@@ -85,9 +104,14 @@ def drive_table(table: dict[str, Any], arm: dict[str, Any], folder: Path) -> dic
         return table
     check_keys(table, Drive, "drive")
     if "urdf" not in arm:
-        raise ValueError(f'[drive] must have numbers where [arm] has no urdf; got {words[0]} = "urdf". Write them.')
+        raise ValueError(
+            f'[drive] must have numbers where [arm] has no urdf; got {words[0]} = "urdf". Write'
+            " them."
+        )
     path = model_beside(arm, folder)
-    kept = {key: table[key] for key in ("gear", "motor_inertia", "motor_gain")} | dict.fromkeys(_OF_URDF, 1.0)
+    kept = {key: table[key] for key in ("gear", "motor_inertia", "motor_gain")} | dict.fromkeys(
+        _OF_URDF, 1.0
+    )
     given = {key: value for key, value in kept.items() if key not in words}
     drive = Drive.from_urdf(path or "", arm.get("joints"), **given)
     return table | {key: getattr(drive, key).tolist() for key in words}

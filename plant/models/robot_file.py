@@ -1,4 +1,6 @@
-"""Robot files: one TOML file describes arm, drive, encoder, law and log columns; `read_robot`, `write_robot`."""
+"""Robot files: one TOML file describes arm, drive, encoder, law and log columns; `read_robot`,
+`write_robot`.
+"""
 
 import dataclasses
 import tomllib
@@ -75,12 +77,21 @@ class Robot(Frozen):
 
     def __post_init__(self) -> None:
         instance("rig", self.rig, Rig, "Give Rig(drive=..., encoder=..., period=...).")
-        for key, kind in (("arm", Arm), ("dynamics", Dynamics), ("law", Law), ("uncertainty", Part)):
+        for key, kind in (
+            ("arm", Arm),
+            ("dynamics", Dynamics),
+            ("law", Law),
+            ("uncertainty", Part),
+        ):
             if getattr(self, key) is not None:
-                instance(key, getattr(self, key), kind, f"Give one {kind.__name__}, or leave it out.")
+                instance(
+                    key, getattr(self, key), kind, f"Give one {kind.__name__}, or leave it out."
+                )
         if self.dynamics is None:
             if self.arm is None:
-                raise ValueError("arm or dynamics must be given; got neither. Pass arm=dynamics.arm(f).")
+                raise ValueError(
+                    "arm or dynamics must be given; got neither. Pass arm=dynamics.arm(f)."
+                )
             object.__setattr__(self, "dynamics", self.arm.dynamics)
         if self.arm is not None and self.arm.dynamics != self.dynamics:
             raise ValueError("dynamics must be those of the arm; got others. Leave them out.")
@@ -109,8 +120,8 @@ def read_robot(path: str | Path) -> Robot:
     Raises
     ------
     ValueError
-        Not TOML; keys that are unknown (the nearest one is offered, with its unit), missing, or wrong; a law of a
-        package that is not imported. In one line that names file and table.
+        Not TOML; keys that are unknown (the nearest one is offered, with its unit), missing, or
+        wrong; a law of a package that is not imported. In one line that names file and table.
 
     See Also
     --------
@@ -126,13 +137,20 @@ def read_robot(path: str | Path) -> Robot:
     place = own if not Path(path).suffix and own.is_file() else Path(path)
     if not place.is_file():
         packaged = ", ".join(sorted(each.stem for each in FOLDER.glob("*.toml")))
-        raise ValueError(f"{path} must be a robot file; there is none. Give its path, or one of {packaged}.")
+        raise ValueError(
+            f"{path} must be a robot file; there is none. Give its path, or one of {packaged}."
+        )
     if place.stat().st_size > _LARGEST:
-        raise ValueError(f"{path} must be a robot file of at most {_LARGEST} bytes; it has more. Give a smaller one.")
+        raise ValueError(
+            f"{path} must be a robot file of at most {_LARGEST} bytes; it has more. Give a smaller"
+            " one."
+        )
     try:
         data = tomllib.loads(place.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{path} must be TOML; {str(error).splitlines()[0]}. Correct it there.") from None
+        raise ValueError(
+            f"{path} must be TOML; {str(error).splitlines()[0]}. Correct it there."
+        ) from None
     try:
         return _robot(data, place.parent)
     except ValueError as error:
@@ -145,13 +163,19 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
         choice("a table of the file", key, _KEYS)
     for key in ("arm", "drive", "encoder", "rig"):
         if not isinstance(data.get(key), dict):
-            raise ValueError(f"the file must have [{key}]; it has {', '.join(data) or 'nothing'}. Add it.")
+            raise ValueError(
+                f"the file must have [{key}]; it has {', '.join(data) or 'nothing'}. Add it."
+            )
     parts = {key: data[key] for key in ("drive", "encoder")}
     twice = [key for key in parts if key in data["rig"]]
     if twice:
-        raise ValueError(f"[rig] must not have {twice[0]!r}: it has a table of its own. Move it to [{twice[0]}].")
+        raise ValueError(
+            f"[rig] must not have {twice[0]!r}: it has a table of its own. Move it to [{twice[0]}]."
+        )
     chain = chain_of(data["arm"], folder)
-    parts["drive"] = drive_table(per_joint_table(parts["drive"], Drive, chain.n), data["arm"], folder)
+    parts["drive"] = drive_table(
+        per_joint_table(parts["drive"], Drive, chain.n), data["arm"], folder
+    )
     made = {key: part_of(table, f"plant.{key.capitalize()}", key) for key, table in parts.items()}
     places = {f"[{key}]": part for key, part in made.items()}
     rig = part_of(data["rig"] | {key: f"[{key}]" for key in made}, "plant.Rig", "rig", places)
@@ -160,15 +184,25 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
     known = {"[rig]": rig} | ({} if arm is None else {"[arm]": arm})
     law = None
     if "law" in data:
-        kind = class_of(data["law"].get("kind", ""), "law") if isinstance(data["law"], dict) else Law
+        kind = (
+            class_of(data["law"].get("kind", ""), "law") if isinstance(data["law"], dict) else Law
+        )
         law = part_of(per_joint_table(data["law"], kind, chain.n), "", "law", known)
-    uncertainty = part_of(data["uncertainty"], _UNCERTAINTY, "uncertainty") if "uncertainty" in data else None
+    uncertainty = (
+        part_of(data["uncertainty"], _UNCERTAINTY, "uncertainty") if "uncertainty" in data else None
+    )
     name = data.get("name", "")
     return Robot(
-        name=instance("name", name, str, "Write it in quotes."), rig=rig, arm=arm, dynamics=dynamics, law=law,
-        uncertainty=uncertainty, columns=data.get("columns"), units=data.get("units"),
+        name=instance("name", name, str, "Write it in quotes."),
+        rig=rig,
+        arm=arm,
+        dynamics=dynamics,
+        law=law,
+        uncertainty=uncertainty,
+        columns=data.get("columns"),
+        units=data.get("units"),
         model=model_beside(data["arm"], folder),
-    )  # fmt: skip
+    )
 
 
 @known_options
@@ -204,18 +238,30 @@ def write_robot(robot: Robot, path: str | Path, *, overwrite: bool = False) -> N
 
 
 def _lines(robot: Robot) -> Iterator[str]:
-    rig, dynamics = table_of(robot.rig, "plant.Rig"), cast(Dynamics, robot.dynamics)  # which Robot sets
+    # which Robot sets
+    rig = table_of(robot.rig, "plant.Rig")
+    dynamics = cast(Dynamics, robot.dynamics)
     tables: dict[str, Any] = {"name": robot.name} if robot.name else {}
     tables |= {"rig": {key: value for key, value in rig.items() if key not in ("drive", "encoder")}}
-    tables |= {"drive": rig["drive"], "encoder": rig["encoder"], "arm": arm_table(dynamics, robot.arm)}
+    tables |= {
+        "drive": rig["drive"],
+        "encoder": rig["encoder"],
+        "arm": arm_table(dynamics, robot.arm),
+    }
     if robot.law is not None:
         known = {"[rig]": robot.rig} | ({} if robot.arm is None else {"[arm]": robot.arm})
         tables["law"] = table_of(robot.law, "", known)
         class_of(tables["law"]["kind"], "law")  # a law of the user's own has no name in a file
     if robot.uncertainty is not None:
         tables["uncertainty"] = table_of(robot.uncertainty, _UNCERTAINTY)
-    tables |= {key: value for key in ("columns", "units") if (value := getattr(robot, key)) is not None}
-    classes: dict[str, type] = {"rig": Rig, "drive": type(robot.rig.drive), "encoder": type(robot.rig.encoder)}
+    tables |= {
+        key: value for key in ("columns", "units") if (value := getattr(robot, key)) is not None
+    }
+    classes: dict[str, type] = {
+        "rig": Rig,
+        "drive": type(robot.rig.drive),
+        "encoder": type(robot.rig.encoder),
+    }
 
     if robot.law is not None:
         classes["law"] = type(robot.law)

@@ -1,4 +1,6 @@
-"""Parts as tables of a robot file, and back: kinds that go without saying, checked keys, and TOML text."""
+"""Parts as tables of a robot file, and back: kinds that go without saying, checked keys, and
+TOML text.
+"""
 
 import dataclasses
 import difflib
@@ -27,20 +29,25 @@ def unit_of(cls: type, field: str) -> str:
     return match[1] if match else ""
 
 
-# Class -> field -> the kind of part that it holds where the file names none, beside those that are declared.
+# Class -> field -> the kind of part that it holds where the file names none, beside those that are
+# declared.
 _KINDS = {
     "Drive": {
-        "elasticity": "plant.Elasticity", "current_lag": "plant.CurrentLag", "load_friction": "plant.LoadFriction",
+        "elasticity": "plant.Elasticity",
+        "current_lag": "plant.CurrentLag",
+        "load_friction": "plant.LoadFriction",
     },
     "Chain": {"links": "plant.Link", "bodies": "plant.Body"},
-}  # fmt: skip
+}
 
 
 def _kinds(cls: type[Part]) -> dict[str, str]:
     """Field -> the kind of part that it holds where the file names none."""
     declared = {field.name: field.metadata.get("kind") for field in dataclasses.fields(cls)}
     parts = {name: kind_of(kind) for name, kind in declared.items() if isinstance(kind, type)}
-    return {name: kind for name, kind in parts.items() if kind in PARTS} | _KINDS.get(cls.__name__, {})
+    return {name: kind for name, kind in parts.items() if kind in PARTS} | _KINDS.get(
+        cls.__name__, {}
+    )
 
 
 def class_of(kind: Any, where: str) -> type[Part]:
@@ -49,23 +56,36 @@ def class_of(kind: Any, where: str) -> type[Part]:
         return PARTS[kind]
     package = str(kind).split(".")[0]
     hint = near(kind, PARTS, "Write it like 'plant.P'.", cutoff=0.6)
-    if package in ("identification", "ctc") and not any(name.startswith(f"{package}.") for name in PARTS):
+    if package in ("identification", "ctc") and not any(
+        name.startswith(f"{package}.") for name in PARTS
+    ):
         hint = f"Import {package} first."
     raise ValueError(f"kind in [{where}] must be that of a part; got {kind!r:.60}. {hint}")
 
 
 def check_keys(table: Any, cls: type[Part], where: str) -> None:
-    """Refuse a key that is no field, and the lack of one that has no default; with meaning and unit."""
+    """Refuse a key that is no field, and the lack of one that has no default; with meaning and
+    unit.
+    """
     if not isinstance(table, Mapping):
-        raise ValueError(f"[{where}] must be a table of keys; got {table!r:.60}. Write [{where}] on a line of its own.")
+        raise ValueError(
+            f"[{where}] must be a table of keys; got {table!r:.60}. Write [{where}] on a line of"
+            " its own."
+        )
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for key in table:
         if key not in fields and key != "kind":
             close = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
-            said = f"Did you mean {close[0]!r}{_said(cls, close[0])}?" if close else f"It has {', '.join(fields)}."
+            said = (
+                f"Did you mean {close[0]!r}{_said(cls, close[0])}?"
+                if close
+                else f"It has {', '.join(fields)}."
+            )
             raise ValueError(f"[{where}] must have keys of {cls.__name__}; got {key!r}. {said}")
     for name, field in fields.items():
-        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        needed = (
+            field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        )
         if needed and name not in table:
             raise ValueError(f"[{where}] must have {name!r}{_said(cls, name)}; it has not. Add it.")
 
@@ -78,8 +98,9 @@ def _said(cls: type[Part], name: str) -> str:
 def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None = None) -> Any:
     """The part that a table describes, of this kind where the table names none.
 
-    `where` is its heading, for messages; `known` is what text in the place of a part stands for: ``"[arm]"``. Unknown,
-    missing or misspelt keys, and what the part itself refuses, are refused with the heading.
+    `where` is its heading, for messages; `known` is what text in the place of a part stands for:
+    ``"[arm]"``. Unknown, missing or misspelt keys, and what the part itself refuses, are refused
+    with the heading.
     """
     cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, where)
     check_keys(table, cls, where)
@@ -102,7 +123,9 @@ def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None 
 
 
 def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> dict[str, Any]:
-    """The table of a part: fields that are not their defaults, kinds that do not go without saying."""
+    """The table of a part: fields that are not their defaults, kinds that do not go without
+    saying.
+    """
     kinds = _kinds(type(part))
 
     def value_of(key: str, value: Any, plain: Any) -> Any:
@@ -115,11 +138,14 @@ def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> 
             return [table_of(each, kinds.get(key, ""), known) for each in value]
         return plain
 
-    described, own = part.describe(), kind_of(type(part))
+    described = part.describe()
+    own = kind_of(type(part))
     table: dict[str, Any] = {} if own == kind else {"kind": own}
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
-        if value is None or (field.default is not dataclasses.MISSING and _same(value, field.default)):
+        if value is None or (
+            field.default is not dataclasses.MISSING and _same(value, field.default)
+        ):
             continue
         table[field.name] = value_of(field.name, value, described[field.name])
     return table
@@ -139,19 +165,27 @@ _WIDE = 110  # characters above which the entries of a list get lines of their o
 
 
 def toml_lines(
-    table: Mapping[str, Any], path: tuple[str, ...] = (), comment: Callable[..., str] = lambda *_: ""
+    table: Mapping[str, Any],
+    path: tuple[str, ...] = (),
+    comment: Callable[..., str] = lambda *_: "",
 ) -> Iterator[str]:
-    """Lines of a table: plain values first, then the tables and lists of tables within it; `path` leads to the table.
+    """Lines of a table: plain values first, then the tables and lists of tables within it; `path`
+    leads to the table.
 
     ``comment(path, key)`` is what stands behind a value. What TOML cannot hold is refused.
     """
-    nested = {key: value for key, value in table.items() if _is_table(value) and not (path and _is_short(value))}
+    nested = {
+        key: value
+        for key, value in table.items()
+        if _is_table(value) and not (path and _is_short(value))
+    }
     for key, value in table.items():
         if key not in nested:
             text = comment(path, key)
             yield f"{_key(key)} = {_value(value)}{f'  # {text}' if text else ''}"
     for key, value in nested.items():
-        name, several = (*path, key), isinstance(value, (list, tuple))
+        name = (*path, key)
+        several = isinstance(value, (list, tuple))
         for each in value if several else (value,):
             label = ".".join(map(_key, name))
             yield from ("", f"[[{label}]]" if several else f"[{label}]")
@@ -166,7 +200,9 @@ def _is_table(value: Any) -> bool:
 
 def _is_short(value: Any) -> bool:
     """Whether a table is a few words and numbers, written in one line."""
-    plain = isinstance(value, Mapping) and not any(isinstance(each, (Mapping, list, tuple)) for each in value.values())
+    plain = isinstance(value, Mapping) and not any(
+        isinstance(each, (Mapping, list, tuple)) for each in value.values()
+    )
     return plain and len(_value(value)) < _WIDE
 
 
@@ -191,5 +227,10 @@ def _value(value: Any) -> str:
         texts = [_value(each) for each in value]
         line = f"[{', '.join(texts)}]"
         rows = bool(value) and isinstance(value[0], (list, tuple))
-        return line if len(line) < _WIDE and not rows else "[\n    " + ",\n    ".join(texts) + ",\n]"
-    raise ValueError(f"a robot file must hold numbers, text and flags; got a {type(value).__name__}. Leave it out.")
+        return (
+            line if len(line) < _WIDE and not rows else "[\n    " + ",\n    ".join(texts) + ",\n]"
+        )
+    raise ValueError(
+        f"a robot file must hold numbers, text and flags; got a {type(value).__name__}. Leave it"
+        " out."
+    )

@@ -1,8 +1,10 @@
-"""Torque demand of a motion: its peak as a share of the amplifiers' limits, and its shortest duration.
+"""Torque demand of a motion: its peak as a share of the amplifiers' limits, and its shortest
+duration.
 
-Along a path r(s), at speed v = ds/dt and acceleration a = dv/dt, q = r, qd = r' v and qdd = r'' v^2 + r' a, so the
-torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis and gravity of `Dynamics` at the
-path's own motion. All torques are those on the shafts (`Drive.torque_limit`), which without coupling are the joints.
+Along a path r(s), at speed v = ds/dt and acceleration a = dv/dt, q = r, qd = r' v and qdd = r'' v^2
++ r' a, so the torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis and
+gravity of `Dynamics` at the path's own motion. All torques are those on the shafts
+(`Drive.torque_limit`), which without coupling are the joints.
 """
 
 import dataclasses
@@ -27,10 +29,11 @@ _FASTEST = 2.0**30  # a motion that may be so many times as fast meets no limit
 
 @dataclasses.dataclass(frozen=True)
 class Demand:
-    """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v), at N of its points.
+    """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v), at
+    N of its points.
 
-    ``along`` (N, n): r' [rad/s]. ``inertial``, ``centrifugal``, ``holding`` (N, n): torque per a, per v^2, and at rest,
-    less that of springs [N m].
+    ``along`` (N, n): r' [rad/s]. ``inertial``, ``centrifugal``, ``holding`` (N, n): torque per a,
+    per v^2, and at rest, less that of springs [N m].
     """
 
     rig: Rig
@@ -39,8 +42,12 @@ class Demand:
     centrifugal: Floats
     holding: Floats
 
-    def torque(self, a: ArrayOrSymbols, v: ArrayOrSymbols, friction: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Torque (N, n) [N m] at an acceleration and a speed along the path: numbers, arrays (N, 1) or casadi."""
+    def torque(
+        self, a: ArrayOrSymbols, v: ArrayOrSymbols, friction: ArrayOrSymbols
+    ) -> ArrayOrSymbols:
+        """Torque (N, n) [N m] at an acceleration and a speed along the path: numbers, arrays (N,
+        1) or casadi.
+        """
         return self.inertial * a + self.centrifugal * v**2 + self.holding + friction
 
     def friction(self, v: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -60,16 +67,23 @@ class Demand:
 def demand(arm: Arm, rig: Rig, motion: Sequence[Floats]) -> Demand:
     """Torque demand of a path, given by its motion (q, qd, qdd) at its own speed (v = 1, a = 0)."""
     values = _coefficients(arm, rig).map(len(motion[0]))(*(x.T for x in motion))
-    return Demand(rig, motion[1], *(rig.drive.coupling.shaft_torque(value.full().T) for value in values))
+    return Demand(
+        rig, motion[1], *(rig.drive.coupling.shaft_torque(value.full().T) for value in values)
+    )
 
 
 @functools.lru_cache(maxsize=8)
 def _coefficients(arm: Arm, rig: Rig) -> ca.Function:
     """(q, r', r'') -> the coefficients of a, of v^2, and of neither, (n,) each."""
     q, along, bend = (ca.SX.sym(name, arm.n) for name in ("q", "along", "bend"))
-    model, f = arm.dynamics, ca.DM(arm.f)
+    model = arm.dynamics
+    f = ca.DM(arm.f)
     D = model.D(q, f)
-    parts = [D @ along, D @ bend + model.coriolis(q, along, f), model.gravity(q, f) - rig.spring_torque(q)]
+    parts = [
+        D @ along,
+        D @ bend + model.coriolis(q, along, f),
+        model.gravity(q, f) - rig.spring_torque(q),
+    ]
     return ca.Function("demand", [q, along, bend], [ca.densify(part) for part in ca.cse(parts)])
 
 
@@ -79,7 +93,10 @@ def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence
     instance("rig", rig, Rig, "The order is arm, rig.")
     rig.require_fit(arm.dynamics.chain)
     if reference.n != rig.n:
-        raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
+        raise ValueError(
+            f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching"
+            " one."
+        )
     points = max(_POINTS, round(reference.duration / rig.period)) + 1
     t = np.linspace(0.0, reference.duration, points)
     motion = reference(t)
@@ -87,7 +104,9 @@ def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence
 
 
 def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) -> float:
-    """Shortest duration [s] to which a motion may be uniformly scaled under this share of the torque limits."""
+    """Shortest duration [s] to which a motion may be uniformly scaled under this share of the
+    torque limits.
+    """
     share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
     t, motion, needed = sampled_demand(arm, rig, reference)
     torque = np.abs(needed.holding + needed.dry_friction())
@@ -95,10 +114,10 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
     if (torque >= limit).any():
         i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
         raise ValueError(
-            f"path must be one along which the drives can hold the arm and creep; "
-            f"{arm.dynamics.chain.joint_labels[joint]} needs "
-            f"{torque[i, joint]:.4g} of {limit[joint]:.4g} N m at t = {t[i]:.3f} s, q = {np.round(motion[0][i], 3)}. "
-            "Raise share or the limit, or leave that place out."
+            "path must be one along which the drives can hold the arm and creep;"
+            f" {arm.dynamics.chain.joint_labels[joint]} needs {torque[i, joint]:.4g} of"
+            f" {limit[joint]:.4g} N m at t = {t[i]:.3f} s, q = {np.round(motion[0][i], 3)}. Raise"
+            " share or the limit, or leave that place out."
         )
 
     def within(v: float) -> bool:
@@ -109,11 +128,12 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
         low /= 2
     high = 2 * low
     while within(high):
-        low, high = high, 2 * high
+        low = high
+        high = 2 * high
         if high > _FASTEST:
             raise ValueError(
-                "motion must meet a limit somewhere; this one takes no torque, however fast. Give the drive its "
-                "current_limit, and the path some length."
+                "motion must meet a limit somewhere; this one takes no torque, however fast. Give"
+                " the drive its current_limit, and the path some length."
             )
     while high - low > 1e-12 * high:
         middle = (low + high) / 2

@@ -1,4 +1,6 @@
-"""Motion of the motors with which the links behind elastic gears follow a reference; torque through the gears."""
+"""Motion of the motors with which the links behind elastic gears follow a reference; torque
+through the gears.
+"""
 
 import functools
 from typing import Any
@@ -18,33 +20,37 @@ from plant.parts.part import part, structure
 
 @part
 class LinkReference(Derived):
-    """theta_r = q_r + tau_link(q_r, qd_r, qdd_r) / k: where the motors must be for the links to be at q_r.
+    """theta_r = q_r + tau_link(q_r, qd_r, qdd_r) / k: where the motors must be for the links to be
+    at q_r.
 
-    tau_link is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less that of springs and the motors' own
-    share, and k their stiffness; their damping is neglected, 2 (damping ratio) / (resonance [rad/s]) of the
-    deflection's rate. Speed and acceleration are its derivatives along the motion, which take the jerk and the snap of
-    q_r.
+    tau_link is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less that of springs and
+    the motors' own share, and k their stiffness; their damping is neglected, 2 (damping ratio) /
+    (resonance [rad/s]) of the deflection's rate. Speed and acceleration are its derivatives along
+    the motion, which take the jerk and the snap of q_r.
 
-    Where the jerk of q_r jumps (both ends of `PointToPoint` and `Spline`, the points of `Scaled`), the speed of the
-    motors jumps by the links' inertia over k times as much; where its acceleration jumps, the motors would have to jump
-    themselves. A simulation starts with the motors on theta_r and the links as they hang at rest: if the motion begins
-    with an acceleration, they are off by what it adds to tau_link / k, and oscillate.
+    Where the jerk of q_r jumps (both ends of `PointToPoint` and `Spline`, the points of `Scaled`),
+    the speed of the motors jumps by the links' inertia over k times as much; where its acceleration
+    jumps, the motors would have to jump themselves. A simulation starts with the motors on theta_r
+    and the links as they hang at rest: if the motion begins with an acceleration, they are off by
+    what it adds to tau_link / k, and oscillate.
 
     Parameters
     ----------
     arm : Arm or Identification
-        As identified; an identification gives its rig, too: ``LinkReference(found, reference=path)``.
+        As identified; an identification gives its rig, too: ``LinkReference(found,
+        reference=path)``.
     rig : Rig, optional
         As identified, with ``drive.elasticity``.
     reference : Reference
-        q_r, with ``higher`` derivatives: `Harmonics`, `PointToPoint`, `Spline`, or `Scaled` of them.
+        q_r, with ``higher`` derivatives: `Harmonics`, `PointToPoint`, `Spline`, or `Scaled` of
+        them.
 
     Raises
     ------
     ValueError
-        A rig that does not fit, without elastic gears, with backlash, or with its encoders on the links; a motion
-        without higher derivatives, such as a `Table`; one so rough (that of `fastest`) that winding the gears alone
-        takes more than the amplifiers give.
+        A rig that does not fit, without elastic gears, with backlash, or with its encoders on the
+        links; a motion without higher derivatives, such as a `Table`; one so rough (that of
+        `fastest`) that winding the gears alone takes more than the amplifiers give.
 
     See Also
     --------
@@ -78,22 +84,34 @@ class LinkReference(Derived):
         require_elastic("LinkReference", self.rig)
         if self.reference.links is not self.reference:
             given = type(self.reference).__name__
-            raise ValueError(f"reference must be the motion of the links; got {given}, of motors. Give its .links.")
+            raise ValueError(
+                f"reference must be the motion of the links; got {given}, of motors. Give its"
+                " .links."
+            )
         if self.reference.n != self.rig.n:
-            raise ValueError(f"reference must have {self.rig.n} joints like the rig; got {self.reference.n}. Match it.")
+            raise ValueError(
+                f"reference must have {self.rig.n} joints like the rig; got {self.reference.n}."
+                " Match it."
+            )
         self._require_smooth()
 
     def _require_smooth(self) -> None:
-        """Refuse a motion that asks more of the motors than their amplifiers give, sampled once per period."""
+        """Refuse a motion that asks more of the motors than their amplifiers give, sampled once
+        per period.
+        """
         t = np.arange(0.0, self.duration, self.rig.period)
-        drive, winding = self.rig.drive, self.motion(t)[2] - self.reference.motion(t)[2]
-        torque, limit = np.abs(drive.reflected_inertia() * drive.coupling.shaft(winding)), drive.torque_limit()
+        drive = self.rig.drive
+        winding = self.motion(t)[2] - self.reference.motion(t)[2]
+        torque = np.abs(drive.reflected_inertia() * drive.coupling.shaft(winding))
+        limit = drive.torque_limit()
         if (torque > limit).any():
             i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
-            motor, needed = self.arm.dynamics.chain.joint_labels[joint], f"{torque[i, joint]:.3g} of {limit[joint]:.3g}"
+            motor = self.arm.dynamics.chain.joint_labels[joint]
+            needed = f"{torque[i, joint]:.3g} of {limit[joint]:.3g}"
             raise ValueError(
-                f"reference must be smooth, with a bounded snap; at t = {t[i]:.3f} s the motor of {motor} needs "
-                f"{needed} N m to wind its gear. Put a Spline through fewer points, or slow it down."
+                f"reference must be smooth, with a bounded snap; at t = {t[i]:.3f} s the motor of"
+                f" {motor} needs {needed} N m to wind its gear. Put a Spline through fewer points,"
+                " or slow it down."
             )
 
     @property
@@ -104,10 +122,14 @@ class LinkReference(Derived):
     @functools.cached_property
     def _motors(self) -> ca.Function:
         """(q, qd, qdd, jerk, snap) of the links -> (theta, thetad, thetadd), all (n, 1)."""
-        along = q, qd, qdd, *_ = [ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd", "jerk", "snap")]
-        rig, arm = self.rig, self.arm
+        along = q, qd, qdd, *_ = [
+            ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd", "jerk", "snap")
+        ]
+        rig = self.rig
+        arm = self.arm
         theta = q + wound(rig.drive, gear_torque(arm.dynamics, rig, q, qd, qdd, arm.f))
-        state, rate = ca.vertcat(*along[:4]), ca.vertcat(*along[1:])
+        state = ca.vertcat(*along[:4])
+        rate = ca.vertcat(*along[1:])
         speed = ca.jtimes(theta, state, rate)
         motion = [theta, speed, ca.jtimes(speed, state, rate)]
         return ca.Function("motors", along, ca.cse([ca.densify(each) for each in motion]))
@@ -117,34 +139,50 @@ class LinkReference(Derived):
         links = [*self.reference.motion(t), *self.reference.higher(t)]
         if not len(t):
             return links[0], links[1], links[2]
-        theta, speed, acceleration = (x.full().T for x in self._motors.map(len(t))(*(each.T for each in links)))
+        theta, speed, acceleration = (
+            x.full().T for x in self._motors.map(len(t))(*(each.T for each in links))
+        )
         return theta, speed, acceleration
 
 
 def gear_torque(dynamics: Dynamics, rig: Rig, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> ca.SX:
-    """D(q) qdd + h(q, qd) less springs and what turns the motors (n, 1) [N m], joint side; or on coupled shafts.
+    """D(q) qdd + h(q, qd) less springs and what turns the motors (n, 1) [N m], joint side; or on
+    coupled shafts.
 
-    q, qd, qdd (n, 1) are the motion of the links; the rotor inertias of the rig's drive are part of f (p, 1).
+    q, qd, qdd (n, 1) are the motion of the links; the rotor inertias of the rig's drive are part of
+    f (p, 1).
     """
     drive = rig.drive
     whole = dynamics.D(q, f) @ qdd + dynamics.h(q, qd, f) - rig.spring_torque(q)
-    return drive.coupling.shaft_torque(whole) - drive.reflected_inertia() * drive.coupling.shaft(qdd)
+    return drive.coupling.shaft_torque(whole) - drive.reflected_inertia() * drive.coupling.shaft(
+        qdd
+    )
 
 
 def wound(drive: Drive, torque: ca.SX) -> ca.SX:
-    """Motor minus link (n, 1) [rad], as joints on rigid gears would have it, under a torque through the gears [N m]."""
+    """Motor minus link (n, 1) [rad], as joints on rigid gears would have it, under a torque
+    through the gears [N m].
+    """
     return drive.coupling.joint(torque / drive.elasticity.stiffness)
 
 
 def require_elastic(owner: str, rig: Rig) -> None:
-    """Refuse a rig that does not tell where motors are to be for the sake of their links: rigid gears, backlash."""
+    """Refuse a rig that does not tell where motors are to be for the sake of their links: rigid
+    gears, backlash.
+    """
     elasticity = rig.drive.elasticity
     if elasticity is None:
-        raise ValueError(f"rig of {owner} must have elastic gears; got rigid ones. Give Drive(elasticity=...).")
+        raise ValueError(
+            f"rig of {owner} must have elastic gears; got rigid ones. Give Drive(elasticity=...)."
+        )
     if elasticity.backlash is not None and elasticity.backlash.any():
         raise ValueError(
-            f"rig of {owner} must be without backlash; got {elasticity.backlash.max():g} rad, by which motors would "
-            "have to jump where the torque reverses. Leave it out here; links are then off by half of it."
+            f"rig of {owner} must be without backlash; got {elasticity.backlash.max():g} rad, by"
+            " which motors would have to jump where the torque reverses. Leave it out here; links"
+            " are then off by half of it."
         )
     if rig.encoder.side == "link":
-        raise ValueError(f"encoders in the rig of {owner} must be on the motors; got the links'. Follow q_r itself.")
+        raise ValueError(
+            f"encoders in the rig of {owner} must be on the motors; got the links'. Follow q_r"
+            " itself."
+        )

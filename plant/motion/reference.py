@@ -1,6 +1,7 @@
 """Reference trajectories: position, velocity and acceleration of every joint as functions of time.
 
-A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), joint side, SI. Source: paper 3.5.
+A reference called with times (N,) gives `Motion(q, qd, qdd)`, each (N, n), joint side, SI.
+Source: paper 3.5.
 """
 
 from __future__ import annotations
@@ -31,9 +32,11 @@ class Motion(NamedTuple):
 
 
 class Reference(Part, abc.ABC):
-    """Base of all references: a new one is a `@part` class that gives ``n``, ``duration`` and ``motion``.
+    """Base of all references: a new one is a `@part` class that gives ``n``, ``duration`` and
+    ``motion``.
 
-    The duration is simulated by default; after it periodic references go on, and the others rest at their last point.
+    The duration is simulated by default; after it periodic references go on, and the others rest at
+    their last point.
 
     See Also
     --------
@@ -58,42 +61,55 @@ class Reference(Part, abc.ABC):
 
     @abc.abstractmethod
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n), joint side, at times t (N,) [s]."""
+        """Position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n), joint side, at
+        times t (N,) [s].
+        """
 
     def higher(self, t: Floats) -> tuple[Floats, Floats]:
-        """Jerk [rad/s^3] and snap [rad/s^4], third and fourth derivative of q, each (N, n), at times t (N,) [s]."""
+        """Jerk [rad/s^3] and snap [rad/s^4], third and fourth derivative of q, each (N, n), at
+        times t (N,) [s].
+        """
         name = type(self).__name__
         raise ValueError(
-            f"a motion must have its third and fourth derivative here; {name} gives none. Put a Spline through its "
-            f"points, or define {name}.higher(t)."
+            f"a motion must have its third and fourth derivative here; {name} gives none. Put a"
+            f" Spline through its points, or define {name}.higher(t)."
         )
 
     @property
     def links(self) -> Reference:
-        """Motion that the links are to make: this one, unless it is that of motors before elastic gears."""
+        """Motion that the links are to make: this one, unless it is that of motors before
+        elastic gears.
+        """
         return self
 
     @known_options
     def slowed(self, factor: float) -> Scaled:
         """The same motion, uniformly scaled to `factor` times its duration; below one it is faster.
 
-        Speeds are divided by it, accelerations by its square; it ends, repeats or stays as this motion does.
+        Speeds are divided by it, accelerations by its square; it ends, repeats or stays as this
+        motion does.
         """
-        factor = real("factor", factor, "Give how many times as long the motion is to take.", positive=True)
-        end, speed = self.duration, 1.0 / factor
+        factor = real(
+            "factor", factor, "Give how many times as long the motion is to take.", positive=True
+        )
+        end = self.duration
+        speed = 1.0 / factor
         law = {"times": (0.0, end * factor), "places": (0.0, end), "speeds": (speed, speed)}
         return Scaled(path=self, stays=False, accelerations=(0.0, 0.0), **law)
 
     def later(self, time: float) -> Later:
-        """The same motion from `time` [s] on, as in a log that begins in the middle of it: q(t + time)."""
+        """The same motion from `time` [s] on, as in a log that begins in the middle of it: q(t +
+        time).
+        """
         return Later(reference=self, time=time)
 
     @known_options
     def torque_share(self, arm: Arm, rig: Rig) -> Floats:
-        """Peak torque of each joint (n,), over its amplifier's limit, to follow this motion exactly, friction included.
+        """Peak torque of each joint (n,), over its amplifier's limit, to follow this motion
+        exactly, friction included.
 
-        During one duration, of coupled motors per shaft. Above 1 no controller can follow; feedback torque comes on
-        top. Arm and rig are those identified, ``found.arm`` and ``found.rig``.
+        During one duration, of coupled motors per shaft. Above 1 no controller can follow; feedback
+        torque comes on top. Arm and rig are those identified, ``found.arm`` and ``found.rig``.
         """
         return sampled_demand(arm, rig, self)[-1].share(1.0)
 
@@ -103,7 +119,9 @@ class Reference(Part, abc.ABC):
         return Motion(*(np.ascontiguousarray(x, dtype=float) for x in self.motion(times)))
 
     def _keep(self, name: str, shape: tuple[int | str | None, ...], advice: str) -> Floats:
-        """Check a field and hold it as nested tuples, so that the reference can be compared and written."""
+        """Check a field and hold it as nested tuples, so that the reference can be compared and
+        written.
+        """
         value = array(name, getattr(self, name), shape, advice=advice)
         object.__setattr__(self, name, _nested(value))
         return value
@@ -125,10 +143,14 @@ class Timed(Reference):
         stuck = np.flatnonzero(np.diff(times) <= 0)
         if len(stuck):
             i = int(stuck[0]) + 1
-            raise ValueError(f"times must increase; got {times[i]} after {times[i - 1]} at index {i}. Sort them.")
+            raise ValueError(
+                f"times must increase; got {times[i]} after {times[i - 1]} at index {i}. Sort them."
+            )
         if len(times) < 2 or (from_zero and times[0] != 0):
             rule = "two or more, from 0" if from_zero else "two or more"
-            raise ValueError(f"times must be {rule}; got {len(times)}: {times[:3]}. Give the whole path.")
+            raise ValueError(
+                f"times must be {rule}; got {len(times)}: {times[:3]}. Give the whole path."
+            )
         return len(times)
 
     @property
@@ -143,10 +165,12 @@ class Timed(Reference):
 
 @part
 class Scaled(Timed):
-    """The path of a reference under a time law: q(t) = path.q(s(t)), where s is the path's own time.
+    """The path of a reference under a time law: q(t) = path.q(s(t)), where s is the path's own
+    time.
 
-    Between two points of the time law s is the polynomial of degree 5 with their places, speeds and accelerations, so
-    the joints' acceleration is continuous where that of the path is. `fastest` and `Reference.slowed` make such laws.
+    Between two points of the time law s is the polynomial of degree 5 with their places, speeds and
+    accelerations, so the joints' acceleration is continuous where that of the path is. `fastest`
+    and `Reference.slowed` make such laws.
 
     Parameters
     ----------
@@ -156,8 +180,8 @@ class Scaled(Timed):
     speeds, accelerations : (N,) array_like
         First and second derivative of s by time [1], [1/s].
     stays : bool
-        Outside its times the motion rests at its first or last point. With False it goes on along the path, at the
-        first or last speed; a periodic path repeats.
+        Outside its times the motion rests at its first or last point. With False it goes on along
+        the path, at the first or last speed; a periodic path repeats.
     """
 
     path: Reference = structure(Reference)
@@ -171,7 +195,9 @@ class Scaled(Timed):
         count = self._keep_times(from_zero=True)
         if self.path.links is not self.path:
             given = type(self.path).__name__
-            raise ValueError(f"path must be the motion of the links; got {given}, of motors. Scale its .links.")
+            raise ValueError(
+                f"path must be the motion of the links; got {given}, of motors. Scale its .links."
+            )
         for name in ("places", "speeds", "accelerations"):
             self._keep(name, (count,), "One number per time.")
 
@@ -182,8 +208,11 @@ class Scaled(Timed):
     @known_options
     def slowed(self, factor: float) -> Scaled:
         """The same path under this time law, uniformly scaled; as `Reference.slowed`."""
-        factor = real("factor", factor, "Give how many times as long the motion is to take.", positive=True)
-        times, speeds = np.multiply(self.times, factor), np.divide(self.speeds, factor)
+        factor = real(
+            "factor", factor, "Give how many times as long the motion is to take.", positive=True
+        )
+        times = np.multiply(self.times, factor)
+        speeds = np.divide(self.speeds, factor)
         a = np.divide(self.accelerations, factor**2)
         return dataclasses.replace(self, times=times, speeds=speeds, accelerations=a)
 
@@ -192,7 +221,9 @@ class Scaled(Timed):
         """Functions of time: s and its four derivatives."""
         from scipy.interpolate import BPoly  # 0.2 s, for those who use it
 
-        law = BPoly.from_derivatives(self.times, np.column_stack([self.places, self.speeds, self.accelerations]))
+        law = BPoly.from_derivatives(
+            self.times, np.column_stack([self.places, self.speeds, self.accelerations])
+        )
         return law, *(law.derivative(k) for k in range(1, 5))
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
@@ -201,7 +232,9 @@ class Scaled(Timed):
         return q, along * speed, bend * speed**2 + along * acceleration
 
     def higher(self, t: Floats) -> tuple[Floats, Floats]:
-        """Jerk and snap at times (N,), by the chain rule; both jump at the points of the time law."""
+        """Jerk and snap at times (N,), by the chain rule; both jump at the points of the time
+        law.
+        """
         place, (v, a, j, s) = self._places(t)
         _, first, second = self.path.motion(place)
         third, fourth = self.path.higher(place)
@@ -245,7 +278,11 @@ class Later(Derived):
     @property
     def links(self) -> Reference:
         """The links' motion, from the same instant on."""
-        return self if self.reference.links is self.reference else self.reference.links.later(self.time)
+        return (
+            self
+            if self.reference.links is self.reference
+            else self.reference.links.later(self.time)
+        )
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         return self.reference.motion(t + self.time)

@@ -14,7 +14,9 @@ _FREE = 6  # points of a quintic spline whose ends are free
 
 
 class _Smooth(Reference):
-    """Base of references whose derivatives of any order are one formula; where one jumps, it is that of one side."""
+    """Base of references whose derivatives of any order are one formula; where one jumps, it is
+    that of one side.
+    """
 
     @abc.abstractmethod
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
@@ -31,7 +33,8 @@ class _Smooth(Reference):
 
 @part
 class Harmonics(_Smooth):
-    """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
+    """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t),
+    w = 2 pi / period.
 
     Parameters
     ----------
@@ -84,12 +87,16 @@ class Harmonics(_Smooth):
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
         swings = [np.einsum("ij,tj->ti", amplitude * rate**k, waves).real for k in orders]
-        return [each + np.asarray(self.offset) if k == 0 else each for k, each in zip(orders, swings, strict=True)]
+        return [
+            each + np.asarray(self.offset) if k == 0 else each
+            for k, each in zip(orders, swings, strict=True)
+        ]
 
 
 @part
 class PointToPoint(_Smooth):
-    """Move from rest to rest by a polynomial of degree 5 (acceleration zero at both ends), then stay.
+    """Move from rest to rest by a polynomial of degree 5 (acceleration zero at both ends), then
+    stay.
 
     Parameters
     ----------
@@ -127,9 +134,13 @@ class PointToPoint(_Smooth):
         """From the third on they jump at the ends."""
         path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
         s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
-        move, start = np.subtract(self.goal, self.start), np.asarray(self.start)
+        move = np.subtract(self.goal, self.start)
+        start = np.asarray(self.start)
         inside = ((t >= 0) & (t <= self.duration))[:, None]
-        return [inside * path.deriv(k)(s) * move / self.duration**k if k else start + path(s) * move for k in orders]
+        return [
+            inside * path.deriv(k)(s) * move / self.duration**k if k else start + path(s) * move
+            for k in orders
+        ]
 
 
 @part
@@ -143,8 +154,8 @@ class Spline(Timed, _Smooth):
     points : (N, n) array_like
         [rad]
     at_rest : bool
-        False for a motion that has begun before, and goes on, such as a stretch of a log: its ends are as smooth as the
-        points say. At least six of them.
+        False for a motion that has begun before, and goes on, such as a stretch of a log: its ends
+        are as smooth as the points say. At least six of them.
 
     See Also
     --------
@@ -163,16 +174,25 @@ class Spline(Timed, _Smooth):
     at_rest: bool = structure(bool, default=True)
 
     def __post_init__(self) -> None:
-        self._keep("points", (self._keep_times(from_zero=True), "n"), "One row per time, one column per joint.")
+        self._keep(
+            "points",
+            (self._keep_times(from_zero=True), "n"),
+            "One row per time, one column per joint.",
+        )
         if not self.at_rest and len(self.times) < _FREE:
-            raise ValueError(f"points must be {_FREE} or more if at_rest is False; got {len(self.times)}. Give more.")
+            raise ValueError(
+                f"points must be {_FREE} or more if at_rest is False; got {len(self.times)}. Give"
+                " more."
+            )
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
         """From the third on they jump at the ends; between, the fifth is the first that does."""
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
         from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
 
-        spline = make_interp_spline(self.times, self.points, k=5, bc_type=(rest, rest) if self.at_rest else None)
+        spline = make_interp_spline(
+            self.times, self.points, k=5, bc_type=(rest, rest) if self.at_rest else None
+        )
         inside = ((t >= 0) & (t <= self.duration))[:, None]
         s = np.clip(t, 0, self.duration)
         return [inside * spline(s, k) if k else spline(s) for k in orders]

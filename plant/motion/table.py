@@ -23,8 +23,8 @@ _OTHER = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
 class Table(Timed):
     """Table of positions, from a file or another program, linearly interpolated.
 
-    Velocity is piecewise constant and acceleration zero: right for replaying a logged P loop, too rough for computed
-    torque (use `Spline`).
+    Velocity is piecewise constant and acceleration zero: right for replaying a logged P loop, too
+    rough for computed torque (use `Spline`).
 
     Parameters
     ----------
@@ -56,7 +56,8 @@ class Table(Timed):
     @classmethod
     @known_options
     def from_csv(cls, path: str | Path, *, joints: Sequence[str] = ()) -> Self:
-        """Read columns t [s], q_1..q_n [rad]; lines that start with #, and a first one of names, are headings.
+        """Read columns t [s], q_1..q_n [rad]; lines that start with #, and a first one of names,
+        are headings.
 
         Parameters
         ----------
@@ -70,7 +71,9 @@ class Table(Timed):
             No table of numbers, or a heading that has the joints in another order or other units.
         """
         try:
-            names, table = read_rows(path, comment=lambda _, line: _require_ours(line[1:].split(","), joints))
+            names, table = read_rows(
+                path, comment=lambda _, line: _require_ours(line[1:].split(","), joints)
+            )
             _require_ours(names or [], joints)
             if table.shape[1] < 2:
                 raise ValueError(f"must have t and angles; got {table.shape[1]} cells. Fill it.")
@@ -79,22 +82,32 @@ class Table(Timed):
         return cls(times=table[:, 0], points=table[:, 1:])
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        times, points = np.asarray(self.times), np.asarray(self.points)
+        times = np.asarray(self.times)
+        points = np.asarray(self.points)
         row = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
         slope = np.diff(points, axis=0)[row] / np.diff(times)[row][:, None]
         inside = ((t >= times[0]) & (t < times[-1]))[:, None]
         s = np.clip(t, times[0], times[-1])
-        return points[row] + slope * (s - times[row])[:, None], inside * slope, np.zeros((len(t), self.n))
+        return (
+            points[row] + slope * (s - times[row])[:, None],
+            inside * slope,
+            np.zeros((len(t), self.n)),
+        )
 
 
 def _require_ours(heading: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a heading whose joints are numbered or named in another order, or whose units are not s and rad."""
+    """Refuse a heading whose joints are numbered or named in another order, or whose units are
+    not s and rad.
+    """
     cells = [cell.strip() for cell in heading]
     joints = [match.groups() for match in map(_NUMBERED.fullmatch, cells[1:]) if match]
-    order, alike = [int(number) for _, number in joints], len({name for name, _ in joints}) == 1
+    order = [int(number) for _, number in joints]
+    alike = len({name for name, _ in joints}) == 1
     numbered = alike and len(order) == len(cells) - 1 and order != sorted(order)
     if numbered or (cells[1:] != list(known) and sorted(cells[1:]) == sorted(known)):
-        raise ValueError(f"must have the joints in order; its columns are {', '.join(cells)}. Reorder them.")
+        raise ValueError(
+            f"must have the joints in order; its columns are {', '.join(cells)}. Reorder them."
+        )
     other = [cell for cell in cells if _OTHER.search(cell.lower())]
     if len(cells) > 1 and other:
         raise ValueError(f"must be in s and rad; its heading has {other[0]!r}. Convert it.")

@@ -21,12 +21,14 @@ class Visibility(Shown):
     Attributes
     ----------
     combinations : tuple of str
-        The sums of f that the torque of this motion identifies; a name alone where that f is identifiable by itself.
+        The sums of f that the torque of this motion identifies; a name alone where that f is
+        identifiable by itself.
     invisible : tuple of str
         Those of f without any effect on the torque of this motion, not even in a sum.
     condition : float
-        Condition number of the regressor of the combinations, columns scaled to one length: some tens are good; above a
-        thousand some combinations are badly separated, and their estimates correlate.
+        Condition number of the regressor of the combinations, columns scaled to one length: some
+        tens are good; above a thousand some combinations are badly separated, and their estimates
+        correlate.
     """
 
     combinations: tuple[str, ...]
@@ -34,7 +36,10 @@ class Visibility(Shown):
     condition: float
 
     def _short(self) -> str:
-        return f"{len(self.combinations)} identifiable combinations, condition number {self.condition:.0f}"
+        return (
+            f"{len(self.combinations)} identifiable combinations, condition number"
+            f" {self.condition:.0f}"
+        )
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"{self._short()} (some tens are good)")
@@ -43,10 +48,16 @@ class Visibility(Shown):
 
 
 def visibility(
-    dynamics: Dynamics, reference: Reference, *, load: int | str | None = None, start: float = 0.0,
-    duration: float | None = None, tolerance: float | None = None,
-) -> Visibility:  # fmt: skip
-    """Identifiability of an arm's parameters, or of a load's, from the torque of a reference's motion.
+    dynamics: Dynamics,
+    reference: Reference,
+    *,
+    load: int | str | None = None,
+    start: float = 0.0,
+    duration: float | None = None,
+    tolerance: float | None = None,
+) -> Visibility:
+    """Identifiability of an arm's parameters, or of a load's, from the torque of a reference's
+    motion.
 
     Parameters
     ----------
@@ -54,12 +65,14 @@ def visibility(
         Of the arm, empty or not.
     reference : Reference
     load : int or str, optional
-        Link that carries a load, such as -1, the last: its standard parameters (m, mx, ..., Izz), with all else known.
+        Link that carries a load, such as -1, the last: its standard parameters (m, mx, ..., Izz),
+        with all else known.
     start, duration : float
         A segment of the reference [s]; by default all of it.
     tolerance : float, optional
-        Component of a regressor's column outside the span of the others, relative to its length, above which its
-        parameter counts as identifiable by itself: 1e-6 by default, 1e-3 of a load, whose rest noise hides.
+        Component of a regressor's column outside the span of the others, relative to its length,
+        above which its parameter counts as identifiable by itself: 1e-6 by default, 1e-3 of a load,
+        whose rest noise hides.
 
     Returns
     -------
@@ -86,19 +99,33 @@ def visibility(
     regressor = _along(dynamics, reference, start, duration)
     if load is None:
         return _identifiable(regressor, dynamics.names, 1e-6 if tolerance is None else tolerance)
-    return _identifiable(regressor @ dynamics.load_matrix(load), LOAD, 1e-3 if tolerance is None else tolerance)
+    return _identifiable(
+        regressor @ dynamics.load_matrix(load), LOAD, 1e-3 if tolerance is None else tolerance
+    )
 
 
-def _along(dynamics: Dynamics, reference: Reference, start: float, duration: float | None) -> Floats:
+def _along(
+    dynamics: Dynamics, reference: Reference, start: float, duration: float | None
+) -> Floats:
     """Regressor along a segment of a reference, stacked: (states n, p)."""
-    instance("dynamics", dynamics, Dynamics, "The order is dynamics, reference; Dynamics.from_chain(chain) makes one.")
+    instance(
+        "dynamics",
+        dynamics,
+        Dynamics,
+        "The order is dynamics, reference; Dynamics.from_chain(chain) makes one.",
+    )
     instance("reference", reference, Reference, "The order is dynamics, reference.")
-    whole, start = reference.duration, real("start", start, "Give seconds.")
-    duration = whole - start if duration is None else real("duration", duration, "Give seconds.", positive=True)
+    whole = reference.duration
+    start = real("start", start, "Give seconds.")
+    duration = (
+        whole - start
+        if duration is None
+        else real("duration", duration, "Give seconds.", positive=True)
+    )
     if not (0 <= start < whole and start + duration <= whole * (1 + 1e-9)):
         raise ValueError(
-            f"the segment must be in the reference, 0 to {whole:g} s; got {start:g} to {start + duration:g} s. "
-            "Change start or duration."
+            f"the segment must be in the reference, 0 to {whole:g} s; got {start:g} to"
+            f" {start + duration:g} s. Change start or duration."
         )
     motion = reference(np.linspace(start, start + duration, 500))
     return np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
@@ -115,4 +142,6 @@ def _identifiable(regressor: Floats, parameters: Sequence[str], tolerance: float
         names.append(" ".join([parameters[own], *terms]))
     scaled = regressor[:, kept] / lengths[kept]
     unexcited = np.flatnonzero(lengths <= tolerance * lengths.max())
-    return Visibility(tuple(names), tuple(parameters[int(k)] for k in unexcited), float(np.linalg.cond(scaled)))
+    return Visibility(
+        tuple(names), tuple(parameters[int(k)] for k in unexcited), float(np.linalg.cond(scaled))
+    )

@@ -1,4 +1,6 @@
-"""Checks of what a user hands in: every message says what was expected, what came, and what to do."""
+"""Checks of what a user hands in: every message says what was expected, what came, and what to
+do.
+"""
 
 import dataclasses
 import difflib
@@ -23,20 +25,37 @@ _UNSOLVED = "needs equations with one solution"
 
 
 def array(
-    name: str, value: ArrayLike, shape: tuple[int | str | None, ...], *, advice: str, finite: bool = True,
+    name: str,
+    value: ArrayLike,
+    shape: tuple[int | str | None, ...],
+    *,
+    advice: str,
+    finite: bool = True,
     shared: bool = False,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """`value` as a new float64 array of exactly this shape, or a refusal in one line.
 
-    A string or None in the shape stands for any length; `advice` is the last part of the message, what to do instead.
-    `shared`: an array that cannot be written to is not copied.
+    A string or None in the shape stands for any length; `advice` is the last part of the message,
+    what to do instead. `shared`: an array that cannot be written to is not copied.
     """
-    frozen = shared and isinstance(value, np.ndarray) and value.flags.owndata and not value.flags.writeable
-    expected = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    frozen = (
+        shared
+        and isinstance(value, np.ndarray)
+        and value.flags.owndata
+        and not value.flags.writeable
+    )
+    expected = (
+        "("
+        + ", ".join("any" if s is None else str(s) for s in shape)
+        + ("," if len(shape) == 1 else "")
+        + ")"
+    )
     try:
         result = np.asarray(value, dtype=float) if frozen else np.array(value, dtype=float)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be numbers of shape {expected}; got {value!r:.80}. {advice}") from None
+        raise ValueError(
+            f"{name} must be numbers of shape {expected}; got {value!r:.80}. {advice}"
+        ) from None
     matches = result.ndim == len(shape) and all(
         not isinstance(s, int) or s == got for s, got in zip(shape, result.shape, strict=True)
     )
@@ -52,7 +71,9 @@ def array(
 
 
 def per_joint(name: str, value: Any, n: int) -> Any:
-    """Numbers of n joints in their last axis, as an array; symbols of casadi as they are; or a refusal."""
+    """Numbers of n joints in their last axis, as an array; symbols of casadi as they are; or a
+    refusal.
+    """
     if isinstance(value, (ca.SX, ca.MX, ca.DM)):
         return value
     shape = np.shape(value)
@@ -65,8 +86,14 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
         return value
     texts = {str(each): each for each in allowed}
     same = texts.get(str(value))
-    hint = near(value, allowed, f"Use {next(iter(allowed))!r}.") if same is None else f"Write {same!r}."
-    raise ValueError(f"{name} must be one of {several(repr(a) for a in allowed)}; got {value!r}. {hint}")
+    hint = (
+        near(value, allowed, f"Use {next(iter(allowed))!r}.")
+        if same is None
+        else f"Write {same!r}."
+    )
+    raise ValueError(
+        f"{name} must be one of {several(repr(a) for a in allowed)}; got {value!r}. {hint}"
+    )
 
 
 def several(names: Iterable[str], most: int = 20) -> str:
@@ -76,7 +103,9 @@ def several(names: Iterable[str], most: int = 20) -> str:
 
 
 def near(value: Any, known: Iterable[Any], otherwise: str = "", *, cutoff: float = 0.4) -> str:
-    """The last part of a message: whether the nearest of what is known was meant; `otherwise` where none is near."""
+    """The last part of a message: whether the nearest of what is known was meant; `otherwise`
+    where none is near.
+    """
     found = difflib.get_close_matches(str(value), [str(each) for each in known], n=1, cutoff=cutoff)
     return f"Did you mean {found[0]!r}?" if found else otherwise
 
@@ -85,33 +114,49 @@ def instance(name: str, value: T, kind: type[Any], advice: str) -> T:
     """Return `value` if it is a `kind`, or refuse it."""
     if isinstance(value, kind):
         return value
-    given = f"the class {value.__name__}" if inspect.isclass(value) else f"a value of type {type(value).__name__}"
+    given = (
+        f"the class {value.__name__}"
+        if inspect.isclass(value)
+        else f"a value of type {type(value).__name__}"
+    )
     raise ValueError(f"{name} must be of type {kind.__name__}; got {given}. {advice}")
 
 
 def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float:
-    """Return `value` as a float if it is one finite number (above zero if `positive`), or refuse it."""
+    """Return `value` as a float if it is one finite number (above zero if `positive`), or refuse
+    it.
+    """
     sound = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     if sound and (value > 0 or not positive):
         return float(value)
-    raise ValueError(f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r:.60}. {advice}")
+    raise ValueError(
+        f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r:.60}."
+        f" {advice}"
+    )
 
 
 def whole(name: str, value: Any, advice: str, *, least: int = 1) -> int:
     """Return `value` if it is a whole number of at least so much, or refuse it."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= least:
         return int(value)
-    raise ValueError(f"{name} must be a whole number of at least {least}; got {value!r:.60}. {advice}")
+    raise ValueError(
+        f"{name} must be a whole number of at least {least}; got {value!r:.60}. {advice}"
+    )
 
 
 _MAGNITUDES = "Gains and poles are magnitudes; the sign of the gear is in the drive."
 
 
 def signs(
-    owner: object, *, positive: Iterable[str] = (), not_negative: Iterable[str] = (), advice: str = _MAGNITUDES,
+    owner: object,
+    *,
+    positive: Iterable[str] = (),
+    not_negative: Iterable[str] = (),
+    advice: str = _MAGNITUDES,
     labels: Sequence[str] = (),
-) -> None:  # fmt: skip
-    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign; None has none.
+) -> None:
+    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign; None
+    has none.
 
     With labels of the joints the message says which.
     """
@@ -127,9 +172,13 @@ def signs(
 
 
 def decimal(text: str) -> float:
-    """A number of a file: ASCII digits, no underscore between them; ``nan`` and ``inf`` are numbers too."""
+    """A number of a file: ASCII digits, no underscore between them; ``nan`` and ``inf`` are
+    numbers too.
+    """
     if "_" in text or not text.isascii():
-        raise ValueError(f"a number must have digits 0 to 9 alone; got {text!r:.40}. Write it like 17.4 or 1e-3.")
+        raise ValueError(
+            f"a number must have digits 0 to 9 alone; got {text!r:.40}. Write it like 17.4 or 1e-3."
+        )
     return float(text)
 
 
@@ -141,32 +190,47 @@ def optional_period(law: Any) -> None:
 
 
 def known_options(callable_: C) -> C:
-    """Decorate a function or class so that a call that does not fit is a ValueError, with the nearest name offered."""
+    """Decorate a function or class so that a call that does not fit is a ValueError, with the
+    nearest name offered.
+    """
     signature = inspect.signature(callable_)
     if any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
-        raise ValueError(f"{callable_} takes any keyword; known_options needs named ones. Name them.")
+        raise ValueError(
+            f"{callable_} takes any keyword; known_options needs named ones. Name them."
+        )
     keywords = [
-        k for k, p in signature.parameters.items() if p.kind is not p.POSITIONAL_ONLY and k not in ("self", "cls")
+        k
+        for k, p in signature.parameters.items()
+        if p.kind is not p.POSITIONAL_ONLY and k not in ("self", "cls")
     ]
 
-    kinds = [(k, kind) for k, p in signature.parameters.items() for kind in typing.get_args(p.annotation)]
+    kinds = [
+        (k, kind) for k, p in signature.parameters.items() for kind in typing.get_args(p.annotation)
+    ]
     parts = [(name, kind) for name, kind in kinds if dataclasses.is_dataclass(kind)]
 
     def verify(args, kwargs):
         for key in kwargs:
             if key not in signature.parameters:
                 if not keywords:
-                    raise ValueError(f"{callable_.__name__} has no options; got {key!r}. Leave it out.")
+                    raise ValueError(
+                        f"{callable_.__name__} has no options; got {key!r}. Leave it out."
+                    )
                 for name, kind in parts:
                     if key in {field.name for field in dataclasses.fields(kind)}:
                         give = f"Give {name}={kind.__name__}({key}=...)."
-                        raise ValueError(f"{callable_.__name__} takes {key} by its {kind.__name__}; got {key}=. {give}")
+                        raise ValueError(
+                            f"{callable_.__name__} takes {key} by its {kind.__name__}; got {key}=."
+                            f" {give}"
+                        )
                 choice(f"an option of {callable_.__name__}", key, keywords)
         try:
             signature.bind(*args, **kwargs)
         except TypeError as error:
             takes = f"{callable_.__name__} takes ({', '.join(keywords)})"
-            raise ValueError(f"{takes}; this call does not fit: {error}. Name the arguments.") from None
+            raise ValueError(
+                f"{takes}; this call does not fit: {error}. Name the arguments."
+            ) from None
 
     is_class = inspect.isclass(callable_)
     wrapped = callable_.__init__ if is_class else callable_
@@ -180,7 +244,9 @@ def known_options(callable_: C) -> C:
             if _UNSOLVED in str(error):
                 raise
             what = f"{callable_.__name__} {_UNSOLVED}; they have none or many ({error})"
-            raise np.linalg.LinAlgError(f"{what}. Look for a joint that hardly moves, or a column of zeros.") from error
+            raise np.linalg.LinAlgError(
+                f"{what}. Look for a joint that hardly moves, or a column of zeros."
+            ) from error
 
     if not is_class:
         return wrapper  # type: ignore[return-value]  # has the signature of what it wraps

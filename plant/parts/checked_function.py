@@ -1,4 +1,6 @@
-"""casadi Functions called: with shapes checked that casadi broadcasts and transposes silently, or without copies."""
+"""casadi Functions called: with shapes checked that casadi broadcasts and transposes silently,
+or without copies.
+"""
 
 from typing import Any
 
@@ -18,17 +20,25 @@ class CheckedFunction:
     def __call__(self, *arguments: Any) -> Any:
         names = self.function.name_in()
         if len(arguments) != len(names):
-            given = f"{self.function.name()} takes ({', '.join(names)}); got {len(arguments)} arguments"
+            given = (
+                f"{self.function.name()} takes ({', '.join(names)}); got {len(arguments)} arguments"
+            )
             raise ValueError(f"{given}. Give all of them, in this order.")
         checked: list[Any] = []
         for i, (name, value) in enumerate(zip(names, arguments, strict=True)):
             shape = self.function.size_in(i)
             if isinstance(value, (ca.SX, ca.MX, ca.DM)):
                 if value.shape != shape:
-                    raise ValueError(f"{name} must have shape {shape}; got {value.shape}. Give a column.")
+                    raise ValueError(
+                        f"{name} must have shape {shape}; got {value.shape}. Give a column."
+                    )
                 checked.append(value)
             else:
-                advice = "Pass found.arm.f, or Dynamics.f(bodies)." if name == "f" else "One value per joint [SI]."
+                advice = (
+                    "Pass found.arm.f, or Dynamics.f(bodies)."
+                    if name == "f"
+                    else "One value per joint [SI]."
+                )
                 checked.append(array(name, value, (shape[0],), advice=advice))
         return self.function(*checked)
 
@@ -46,7 +56,9 @@ def evaluated(function: ca.Function, *inputs: Any) -> list[Floats]:
     """
     buffer, evaluate = function.buffer()
     held = [np.ascontiguousarray(each, dtype=np.float64).reshape(-1) for each in inputs]
-    found = [np.empty((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())]
+    found = [
+        np.empty((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())
+    ]
     for i, each in enumerate(held):
         buffer.set_arg(i, each.data)
     for i, each in enumerate(found):

@@ -1,8 +1,9 @@
 """Finished stages of long work in a file, so that what is killed goes on and ends in the same bits.
 
-A stage is a pure function of the inputs that the checkpoint is bound to. What it gave is written down; called again,
-the work takes it from there and computes the rest. The file is replaced as a whole (`plant.parts.files`), so a killed
-process leaves the last state that was written. A file of other inputs, versions or another processor is refused.
+A stage is a pure function of the inputs that the checkpoint is bound to. What it gave is written
+down; called again, the work takes it from there and computes the rest. The file is replaced as a
+whole (`plant.parts.files`), so a killed process leaves the last state that was written. A file of
+other inputs, versions or another processor is refused.
 """
 
 import hashlib
@@ -26,22 +27,32 @@ from plant.parts.saved import FORMAT, MOST, fingerprint, parsed, versions, writt
 
 T = TypeVar("T")
 
-_SHARE = 20  # time between two writes, at least, in that which the last one took: the file grows with the work
+# time between two writes, at least, in that which the last one took: the file grows with the work
+_SHARE = 20
 
 _LEAST = 0.2  # the same in seconds
 
 
 class Checkpoint:
-    """Finished stages of one piece of work. Use it in a ``with`` statement: at its end all that is finished is written.
+    """Finished stages of one piece of work. Use it in a ``with`` statement: at its end all that is
+    finished is written.
 
-    `path` is a file, made if it is not there; or the checkpoint of larger work; or None: nothing is kept. `work` is
-    what the file is of. A file of other work, another version or processor is refused.
+    `path` is a file, made if it is not there; or the checkpoint of larger work; or None: nothing is
+    kept. `work` is what the file is of. A file of other work, another version or processor is
+    refused.
     """
 
     def __init__(self, path: "str | Path | Checkpoint | None", work: str) -> None:
-        self._prefix, self._file, self._whole, self._work = "", None, not isinstance(path, Checkpoint), work
+        self._prefix, self._file, self._whole, self._work = (
+            "",
+            None,
+            not isinstance(path, Checkpoint),
+            work,
+        )
         if isinstance(path, Checkpoint):
-            self._prefix, self._file, self._work = path._prefix, path._file, path._work
+            self._prefix = path._prefix
+            self._file = path._file
+            self._work = path._work
         elif path is not None:
             self._file = _File(Path(path), work)
 
@@ -49,7 +60,10 @@ class Checkpoint:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self._file is not None:
             self._file.write()
@@ -62,30 +76,40 @@ class Checkpoint:
         return part
 
     def bind(self, inputs: Callable[[], Mapping[str, Any]]) -> "Checkpoint":
-        """Refuse stages that were made of other inputs: name -> part, record, array or setting; asked for if needed."""
+        """Refuse stages that were made of other inputs: name -> part, record, array or setting;
+        asked for if needed.
+        """
         if self._file is not None:
             given = {name: fingerprint(value) for name, value in inputs().items()}
             made = self.stage("inputs", lambda: given)
             other = [name for name in given if made.get(name) != given[name]]
             if other:
                 raise ValueError(
-                    f"checkpoint {self._file.path} must be of the same {other[0]}; it was made with another. Give the "
-                    "same, or another file."
+                    f"checkpoint {self._file.path} must be of the same {other[0]}; it was made with"
+                    " another. Give the same, or another file."
                 )
         return self
 
     def stage(self, name: str, make: Callable[[], T]) -> T:
-        """What `make` gives, or what it gave when this stage was finished before; the log says how long it took."""
+        """What `make` gives, or what it gave when this stage was finished before; the log says
+        how long it took.
+        """
         began = time.monotonic()
         made = make() if self._file is None else self._file.stage(f"{self._prefix}{name}", make)
-        logging.getLogger(f"onepulse.{self._work}").info("%s%s: %.1f s", self._prefix, name, time.monotonic() - began)
+        logging.getLogger(f"onepulse.{self._work}").info(
+            "%s%s: %.1f s", self._prefix, name, time.monotonic() - began
+        )
         return made
 
-    def remembered(self, name: str, function: Callable[[Floats], ArrayLike]) -> Callable[..., ArrayLike]:
+    def remembered(
+        self, name: str, function: Callable[[Floats], ArrayLike]
+    ) -> Callable[..., ArrayLike]:
         """A function of one array, each of whose values is a stage."""
 
         def remembering(x: Floats) -> ArrayLike:
-            own = hashlib.sha256(repr(x.shape).encode() + np.ascontiguousarray(x).tobytes()).hexdigest()
+            own = hashlib.sha256(
+                repr(x.shape).encode() + np.ascontiguousarray(x).tobytes()
+            ).hexdigest()
             return self.stage(f"{name} {own[:24]}", lambda: function(x))
 
         return remembering if self._file is not None else function
@@ -97,12 +121,18 @@ class _File:
     def __init__(self, path: Path, work: str) -> None:
         self.path, self._lock = path, threading.RLock()
         self._head = {
-            "kind": "checkpoint", "format": FORMAT, "work": work, "versions": versions(),
+            "kind": "checkpoint",
+            "format": FORMAT,
+            "work": work,
+            "versions": versions(),
             "processor": get_host_cpu_name(),
-        }  # fmt: skip
+        }
         self._stages: dict[str, Any] = {}
         self._texts: dict[str, str] = {}
-        self._pending, self._failed, self._next, self.closed = True, False, 0.0, False
+        self._pending = True
+        self._failed = False
+        self._next = 0.0
+        self.closed = False
         if path.exists():
             self._read()
             self._pending = False
@@ -111,7 +141,9 @@ class _File:
             try:
                 write_whole(path, self._text())
             except OSError as error:
-                raise ValueError(f"checkpoint {path} must be a file that can be written; {error.strerror}.") from None
+                raise ValueError(
+                    f"checkpoint {path} must be a file that can be written; {error.strerror}."
+                ) from None
 
     def stage(self, name: str, make: Callable[[], T]) -> T:
         with self._lock:
@@ -132,21 +164,29 @@ class _File:
             return from_plain(self._stages[name])
         except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as error:
             said = " ".join(str(error).split())
-            raise ValueError(f"checkpoint {self.path} is spoilt: {said:.200} Delete it and begin anew.") from None
+            raise ValueError(
+                f"checkpoint {self.path} is spoilt: {said:.200} Delete it and begin anew."
+            ) from None
 
     def write(self) -> None:
-        """Write what is not on the disk yet; where that fails, say so once, and keep what is there."""
+        """Write what is not on the disk yet; where that fails, say so once, and keep what is
+        there.
+        """
         with self._lock:
             if not self._pending or self.closed:
                 return
             began = time.monotonic()
             try:
                 write_whole(self.path, self._text())
-                self._pending, self._failed = False, False
+                self._pending = False
+                self._failed = False
             except OSError as error:
                 if not self._failed:
                     self._failed = True
-                    warn(f"checkpoint {self.path} cannot be written ({error.strerror}); the work goes on. Make room.")
+                    warn(
+                        f"checkpoint {self.path} cannot be written ({error.strerror}); the work"
+                        " goes on. Make room."
+                    )
             ended = time.monotonic()
             self._next = ended + max(_LEAST, _SHARE * (ended - began))
 
@@ -159,7 +199,9 @@ class _File:
     def _stage_texts(self) -> list[str]:
         for name, plain in self._stages.items():
             if name not in self._texts:
-                self._texts[name] = "".join(written({name: plain})).removesuffix("\n}").removeprefix("{")
+                self._texts[name] = (
+                    "".join(written({name: plain})).removesuffix("\n}").removeprefix("{")
+                )
         return [self._texts[name] for name in self._stages]
 
     def _sum(self) -> str:
@@ -174,14 +216,22 @@ class _File:
             for key, own in self._head.items():
                 if data.get(key) != own:
                     given = _told(data.get(key))
-                    raise ValueError(f"must be of the {key} {_told(own)}; got {given}. Give another file.")
+                    raise ValueError(
+                        f"must be of the {key} {_told(own)}; got {given}. Give another file."
+                    )
             self._stages = data["stages"]
             if data.get("sha256") != self._sum():
-                raise ValueError("must be as it was written; it has been changed. Delete it, and begin anew.")
+                raise ValueError(
+                    "must be as it was written; it has been changed. Delete it, and begin anew."
+                )
         except (OSError, ValueError) as error:
             raise ValueError(f"checkpoint {self.path} {' '.join(str(error).split())}") from None
 
 
 def _told(value: Any) -> str:
     """A value of the head, in short."""
-    return ", ".join(f"{key} {each}" for key, each in value.items()) if isinstance(value, dict) else f"{value!r:.60}"
+    return (
+        ", ".join(f"{key} {each}" for key, each in value.items())
+        if isinstance(value, dict)
+        else f"{value!r:.60}"
+    )

@@ -1,4 +1,6 @@
-"""The rows of a CSV file, read line by line: text in, numbers out, and the line where it went wrong."""
+"""The rows of a CSV file, read line by line: text in, numbers out, and the line where it went
+wrong.
+"""
 
 import array as packed
 import csv
@@ -19,18 +21,26 @@ _SECONDS = 60
 
 
 def read_rows(
-    path: str | Path, *, comment: Callable[[int, str], Any] | None = None, chosen: Callable[[str], bool] | None = None
+    path: str | Path,
+    *,
+    comment: Callable[[int, str], Any] | None = None,
+    chosen: Callable[[str], bool] | None = None,
 ) -> tuple[list[str] | None, Floats]:
-    """Names in the heading of a CSV file, or None, and its numbers (N, columns); refusals name the line, no path.
+    """Names in the heading of a CSV file, or None, and its numbers (N, columns); refusals name the
+    line, no path.
 
-    `comment` is called with the number and the text of every line that starts with #. For a foreign log `chosen` says
-    whether the column of a name is read: the other cells may be anything, cells may be empty (NaN), and may be
-    separated by semicolons or tabs, as in the heading.
+    `comment` is called with the number and the text of every line that starts with #. For a foreign
+    log `chosen` says whether the column of a name is read: the other cells may be anything, cells
+    may be empty (NaN), and may be separated by semicolons or tabs, as in the heading.
     """
     names: list[str] | None = None
     picked: list[int] = []
     width: int | None = None
-    table, separator, values, rows, least = chosen is not None, ",", packed.array("d"), 0, 0
+    table = chosen is not None
+    separator = ","
+    values = packed.array("d")
+    rows = 0
+    least = 0
     require_bounded(path, 8 * _MOST)
     until = time.monotonic() + _SECONDS
     with open(path, encoding="utf-8-sig") as file:
@@ -45,33 +55,56 @@ def read_rows(
                 continue
             if table and width is None:
                 separator = max(",;\t", key=line.count)
-            cells = next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
+            cells = (
+                next(csv.reader([line], delimiter=separator))
+                if '"' in line
+                else line.split(separator)
+            )
             if width is None:
                 width = len(cells)
                 names, picked = _heading(cells, chosen)
                 if names is not None:
                     continue
             if len(cells) != width:
-                advice = "Complete it." if len(cells) < width else "Correct it; decimals are written with a point."
+                advice = (
+                    "Complete it."
+                    if len(cells) < width
+                    else "Correct it; decimals are written with a point."
+                )
                 advice = advice if rows or table else "Correct it, or give a log: rows of numbers."
-                raise ValueError(f"line {count} must have {width} cells; got {len(cells)}. {advice}")
+                raise ValueError(
+                    f"line {count} must have {width} cells; got {len(cells)}. {advice}"
+                )
             try:
-                number = float if line.isascii() and "_" not in line else decimal  # which looks at every cell
-                values.extend([number(cells[i]) if not table or cells[i].strip() else np.nan for i in picked])
+                # which looks at every cell
+                number = float if line.isascii() and "_" not in line else decimal
+                values.extend(
+                    [number(cells[i]) if not table or cells[i].strip() else np.nan for i in picked]
+                )
             except ValueError:
                 said = _no_number(cells, picked, names, table, first=not rows)
                 raise ValueError(f"line {count} must be numbers; {said}") from None
             decimals = len(cells[-1].partition(".")[2])
             if not ended and rows and decimals < least and width - 1 in picked:
                 got = f"got {cells[-1]!r} without a line end, and more decimals in all lines before"
-                raise ValueError(f"line {count} must be complete; {got}. Write the file again, or end that line.")
-            least, rows = min(least, decimals) if rows else decimals, rows + 1
+                raise ValueError(
+                    f"line {count} must be complete; {got}. Write the file again, or end that line."
+                )
+            least = min(least, decimals) if rows else decimals
+            rows = rows + 1
             if not rows % 10_000 and time.monotonic() > until:
-                raise ValueError(f"must be read within {_SECONDS} s; row {rows} was not. Save it as NPZ, or cut it.")
+                raise ValueError(
+                    f"must be read within {_SECONDS} s; row {rows} was not. Save it as NPZ, or"
+                    " cut it."
+                )
             if len(values) > _MOST:
-                raise ValueError(f"must hold at most {_MOST} numbers; got more. Cut the log into several files.")
+                raise ValueError(
+                    f"must hold at most {_MOST} numbers; got more. Cut the log into several files."
+                )
     if not rows:
-        raise ValueError("must hold samples; got no row of numbers. Check that it was written to the end.")
+        raise ValueError(
+            "must hold samples; got no row of numbers. Check that it was written to the end."
+        )
     return names, np.array(values).reshape(rows, len(picked))
 
 
@@ -82,7 +115,9 @@ def _lines(file: TextIO) -> Iterator[str]:
         while line := file.readline(_LONGEST):
             count += 1
             if len(line) == _LONGEST:
-                raise ValueError(f"line {count} must be shorter than {_LONGEST} characters. Check the line ends.")
+                raise ValueError(
+                    f"line {count} must be shorter than {_LONGEST} characters. Check the line ends."
+                )
             yield line
     except UnicodeDecodeError as error:
         got = f"byte 0x{error.object[error.start]:02x}"
@@ -95,9 +130,14 @@ def _heading(cells, chosen):
     A name is no number; in a file of ours, of which nothing is chosen, it begins with a letter.
     """
     words = [cell.strip() for cell in cells]
-    named = any(word and not _is_number(word) and (chosen is not None or word[0].isalpha()) for word in words)
+    named = any(
+        word and not _is_number(word) and (chosen is not None or word[0].isalpha())
+        for word in words
+    )
     names = [word.strip('"') for word in words] if named else None
-    return names, [i for i in range(len(words)) if names is None or chosen is None or chosen(names[i])]
+    return names, [
+        i for i in range(len(words)) if names is None or chosen is None or chosen(names[i])
+    ]
 
 
 def _is_number(cell):

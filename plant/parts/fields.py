@@ -1,4 +1,6 @@
-"""Types of the fields of parts, for editors and type checkers; at run time they are a plain array and a plain tuple."""
+"""Types of the fields of parts, for editors and type checkers; at run time they are a plain
+array and a plain tuple.
+"""
 
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, overload
 
@@ -25,7 +27,10 @@ if TYPE_CHECKING:
         """A field of numbers: anything array-like goes in, a numpy.ndarray comes out."""
 
     class Nested(_ArrayLike[tuple[Any, ...]]):
-        """A field of numbers that is structure: anything array-like goes in, nested tuples of floats come out."""
+        """A field of numbers that is structure: anything array-like goes in, nested tuples of
+        floats come out.
+        """
 
 else:
-    Vector, Nested = np.ndarray, tuple
+    Vector = np.ndarray
+    Nested = tuple

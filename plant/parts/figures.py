@@ -1,9 +1,11 @@
 """What all figures share: axes that a caller may give, colours, texts that are taken as they are.
 
-A plot takes ``ax=``, as many matplotlib Axes as it draws, and returns the Axes on which it has drawn: one, or an array
-where it draws several. Without ``ax`` it makes a figure of its own. matplotlib is imported when something is drawn.
+A plot takes ``ax=``, as many matplotlib Axes as it draws, and returns the Axes on which it has
+drawn: one, or an array where it draws several. Without ``ax`` it makes a figure of its own.
+matplotlib is imported when something is drawn.
 
-Source of the colours: M. Okabe, K. Ito, Color universal design, 2008: they differ with any colour vision.
+Source of the colours: M. Okabe, K. Ito, Color universal design, 2008: they differ with any colour
+vision.
 """
 
 import functools
@@ -36,8 +38,11 @@ def colour_of(place: int) -> str:
     return COLOURS[place % len(COLOURS)]
 
 
-def axes_of(ax: Any, shape: tuple[int, ...], new: Callable[[], Any], advice: str = "") -> NDArray[Any]:
-    """The Axes to draw on, in this shape (() for one): those that a caller gives, in the same order, or `new` ones.
+def axes_of(
+    ax: Any, shape: tuple[int, ...], new: Callable[[], Any], advice: str = ""
+) -> NDArray[Any]:
+    """The Axes to draw on, in this shape (() for one): those that a caller gives, in the same
+    order, or `new` ones.
 
     `advice` says how to make them. Another number of them, or something else, is refused.
     """
@@ -47,20 +52,28 @@ def axes_of(ax: Any, shape: tuple[int, ...], new: Callable[[], Any], advice: str
         return given.reshape(shape)
     made = advice or f"Make them by plt.subplots({', '.join(map(str, shape))})"
     wanted = f"{count} matplotlib Axes" if shape else "a matplotlib Axes"
-    got = f"{given.size}" if all(hasattr(each, "get_xlim") for each in given.flat) else f"{type(ax).__name__}"
+    got = (
+        f"{given.size}"
+        if all(hasattr(each, "get_xlim") for each in given.flat)
+        else f"{type(ax).__name__}"
+    )
     raise ValueError(f"ax must be {wanted}; got {got}. {made}, or leave ax out.")
 
 
 def row_by_row(
     ax: Any, rows: int, columns: int, *, width: float = 9.0, height: float = 2.3, time: bool = True
 ) -> NDArray[Any]:
-    """Axes (rows, columns), dressed; by default of a figure of so many inches, and rows; with `time`, along time."""
+    """Axes (rows, columns), dressed; by default of a figure of so many inches, and rows; with
+    `time`, along time.
+    """
 
     def new() -> Any:
         import matplotlib.pyplot as plt
 
         size = (width, height * rows)
-        return plt.subplots(rows, columns, figsize=size, sharex=time, squeeze=False, layout="constrained")[1]
+        return plt.subplots(
+            rows, columns, figsize=size, sharex=time, squeeze=False, layout="constrained"
+        )[1]
 
     axes = axes_of(ax, (rows, columns), new)
     for axis in axes.flat:
@@ -82,18 +95,28 @@ def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
 
 
 def legend_above(axis: Any, *, left: bool = False, columns: int = 2) -> None:
-    """A legend above the axis, where no curve is: to the right of its title, or to the left of an axis without one."""
+    """A legend above the axis, where no curve is: to the right of its title, or to the left of
+    an axis without one.
+    """
     side, x = ("lower left", 0) if left else ("lower right", 1)
     axis.legend(
-        loc=side, bbox_to_anchor=(x, 1), borderaxespad=0.1, frameon=False,
-        fontsize=8, ncols=columns, handlelength=1.2, columnspacing=1.2,
-    )  # fmt: skip
+        loc=side,
+        bbox_to_anchor=(x, 1),
+        borderaxespad=0.1,
+        frameon=False,
+        fontsize=8,
+        ncols=columns,
+        handlelength=1.2,
+        columnspacing=1.2,
+    )
 
 
 def literal(plot: F) -> F:
-    """Decorate what draws and returns Axes: texts in them are taken as they are, so a robot may call a joint ``$x_{$``.
+    """Decorate what draws and returns Axes: texts in them are taken as they are, so a robot may
+    call a joint ``$x_{$``.
 
-    Numbers at ticks keep their mathematics; of a figure that a caller gave by ``ax=``, all that is not drawn on.
+    Numbers at ticks keep their mathematics; of a figure that a caller gave by ``ax=``, all that is
+    not drawn on.
     """
     signature = inspect.signature(plot)
 
@@ -103,8 +126,12 @@ def literal(plot: F) -> F:
         axes = [*np.array(found, dtype=object).flat]
         for one in axes:
             for axis in (getattr(one, name, None) for name in ("xaxis", "yaxis", "zaxis")):
-                if axis is not None and type(axis.get_major_formatter()).__name__.startswith(_NUMBERS):
-                    numbers.update(map(id, (*axis.get_majorticklabels(), *axis.get_minorticklabels())))
+                if axis is not None and type(axis.get_major_formatter()).__name__.startswith(
+                    _NUMBERS
+                ):
+                    numbers.update(
+                        map(id, (*axis.get_majorticklabels(), *axis.get_minorticklabels()))
+                    )
         given = signature.bind(*args, **kwargs).arguments.get("ax") is not None
         whole: Sequence[Any] = axes if given else [axes[0].figure]
         for each in whole:

@@ -1,4 +1,6 @@
-"""Results and records: frozen dataclasses of arrays that can be compared, copied and sent to another process."""
+"""Results and records: frozen dataclasses of arrays that can be compared, copied and sent to
+another process.
+"""
 
 import dataclasses
 from typing import Any, ClassVar
@@ -7,7 +9,8 @@ import numpy as np
 
 
 class Frozen:
-    """Base of a frozen dataclass with ``eq=False``: equal when all fields are, arrays bit for bit; so is every copy.
+    """Base of a frozen dataclass with ``eq=False``: equal when all fields are, arrays bit for bit;
+    so is every copy.
 
     Fields with ``compare=False`` do not count.
     """
@@ -24,11 +27,15 @@ class Frozen:
         if type(self) is not type(other):
             return NotImplemented
         names = [field.name for field in dataclasses.fields(self) if field.compare]
-        return self is other or all(_same(getattr(self, name), getattr(other, name)) for name in names)
+        return self is other or all(
+            _same(getattr(self, name), getattr(other, name)) for name in names
+        )
 
     def __hash__(self) -> int:
         plain = (getattr(self, field.name) for field in dataclasses.fields(self) if field.compare)
-        return hash((type(self), *(value for value in plain if isinstance(value, (bool, int, float, str)))))
+        return hash(
+            (type(self), *(value for value in plain if isinstance(value, (bool, int, float, str))))
+        )
 
 
 def _same(a: Any, b: Any) -> bool:

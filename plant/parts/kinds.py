@@ -1,7 +1,8 @@
-"""What can be written down as kind + fields: parts, and marked results, found by name and never imported.
+"""What can be written down as kind + fields: parts, and marked results, found by name and never
+imported.
 
-A description names a kind, ``plant.Rig``. It is looked up here among the classes that have been defined, so that no
-file decides what is imported or called.
+A description names a kind, ``plant.Rig``. It is looked up here among the classes that have been
+defined, so that no file decides what is imported or called.
 """
 
 import dataclasses
@@ -28,13 +29,17 @@ def kind_of(cls: type) -> str:
 
 
 def kept(cls: C) -> C:
-    """Class decorator: a result of named fields (a dataclass, a named tuple) that files may hold."""
+    """Class decorator: a result of named fields (a dataclass, a named tuple) that files may
+    hold.
+    """
     _RESULTS[kind_of(cls)] = cls
     return cls
 
 
 def field_names(cls: type, *, compared: bool = False) -> list[str] | None:
-    """Names of the fields of a part or a marked result, or those that count when `compared`; None of others."""
+    """Names of the fields of a part or a marked result, or those that count when `compared`;
+    None of others.
+    """
     if cls not in (PARTS.get(kind_of(cls)), _RESULTS.get(kind_of(cls))):
         return None
     if not dataclasses.is_dataclass(cls):
@@ -50,15 +55,17 @@ def class_of(kind: Any) -> type:
     package = str(kind).split(".")[0]
     hint = f"import {package} first" if package in PACKAGES else "check the file"
     near = difflib.get_close_matches(str(kind), known, n=3, cutoff=0.0)
-    raise ValueError(f"kind must be a known one, such as {', '.join(near)}; got {kind!r:.60}. Please {hint}.")
+    raise ValueError(
+        f"kind must be a known one, such as {', '.join(near)}; got {kind!r:.60}. Please {hint}."
+    )
 
 
 def require_public(cls: type) -> None:
     """Refuse a class of the user's own: a file would hold its numbers, not its equations."""
     if kind_of(cls).split(".")[0] not in PACKAGES:
         raise ValueError(
-            f"a file can hold parts of the library; {cls.__name__} is a class of {cls.__module__}, whose equations no "
-            "file keeps. Keep its numbers (describe()) beside its code."
+            f"a file can hold parts of the library; {cls.__name__} is a class of {cls.__module__},"
+            " whose equations no file keeps. Keep its numbers (describe()) beside its code."
         )
 
 
@@ -68,8 +75,8 @@ def source_of(cls: type) -> str:
         return inspect.getsource(cls)
     except (OSError, TypeError):
         raise ValueError(
-            f"{cls.__name__} must be written in a file, so that a checkpoint can tell whether it has changed; its text "
-            "is not there. Move it to a module."
+            f"{cls.__name__} must be written in a file, so that a checkpoint can tell whether it"
+            " has changed; its text is not there. Move it to a module."
         ) from None
 
 

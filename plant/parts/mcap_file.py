@@ -1,7 +1,8 @@
-"""MCAP files that are complete after every chunk, with messages of ROS 2 in CDR: numbers per joint, and text.
+"""MCAP files that are complete after every chunk, with messages of ROS 2 in CDR: numbers per joint,
+and text.
 
-Behind the last chunk stand the summary and the footer; the next chunk is written over them with new ones, in one call,
-so that a process that is killed leaves a file with an index.
+Behind the last chunk stand the summary and the footer; the next chunk is written over them with new
+ones, in one call, so that a process that is killed leaves a file with an index.
 
 Source: MCAP version 0, https://mcap.dev/spec; OMG DDS-XTypes 1.3, section 7.4, for CDR.
 """
@@ -21,11 +22,14 @@ Topics = Mapping[str, tuple[str, Mapping[str, int]]]
 
 STATUS: Topics = {"/status": ("std_msgs/msg/String", {})}
 
-_MAGIC, _DATA_END = b"\x89MCAP0\r\n", b"\x0f" + struct.pack("<QI", 4, 0)
+_MAGIC = b"\x89MCAP0\r\n"
+_DATA_END = b"\x0f" + struct.pack("<QI", 4, 0)
 
 _ENCAPSULATION = b"\0\1\0\0"  # of CDR, little endian
 
-_CHUNK = 1 << 16  # bytes of a chunk, or the index's if that is longer: so rewriting it at most doubles what is written
+# bytes of a chunk, or the index's if that is longer: so rewriting it at most doubles what is
+# written
+_CHUNK = 1 << 16
 
 _DEFINITION = (
     "std_msgs/Header header\nstring[] name\n{}\n"
@@ -41,27 +45,44 @@ def _opened(path: str | Path) -> Any:
         with place.open("rb") as file:
             begins = file.read(len(_MAGIC))
     if place.exists() and not (place.is_file() and begins == _MAGIC):
-        raise ValueError(f"{place} must not exist, or be an MCAP file; it is something else. Name a new file.")
+        raise ValueError(
+            f"{place} must not exist, or be an MCAP file; it is something else. Name a new file."
+        )
     if not place.absolute().parent.is_dir():
-        raise ValueError(f"{place} must be in a folder that exists; there is no {place.parent}. Make it.")
+        raise ValueError(
+            f"{place} must be in a folder that exists; there is no {place.parent}. Make it."
+        )
     return open(place, "wb", buffering=0)
 
 
 class McapFile:
     """A file that messages are appended to; a context manager, which closes it.
 
-    Each message of numbers has the names of the n `joints`, ``joint_1`` and so on where there are none. `topics`: topic
-    -> type of its messages, and their fields with the length of each one's array; text has none.
+    Each message of numbers has the names of the n `joints`, ``joint_1`` and so on where there are
+    none. `topics`: topic -> type of its messages, and their fields with the length of each one's
+    array; text has none.
     """
 
     def __init__(self, path: str | Path, joints: Sequence[str], n: int, topics: Topics) -> None:
-        self._file, self._end, self._tail, self._count = _opened(path), 0, b"", 0
+        self._file = _opened(path)
+        self._end = 0
+        self._tail = b""
+        self._count = 0
         names = joints or [f"joint_{k + 1}" for k in range(n)]
-        self._messages = {topic: (k, *_message(names, each[1])) for k, (topic, each) in enumerate(topics.items(), 1)}
-        self._totals, self._chunks, self._index = dict.fromkeys(range(1, len(topics) + 1), 0), 0, b""
+        self._messages = {
+            topic: (k, *_message(names, each[1]))
+            for k, (topic, each) in enumerate(topics.items(), 1)
+        }
+        self._totals = dict.fromkeys(range(1, len(topics) + 1), 0)
+        self._chunks = 0
+        self._index = b""
         self._described = b""
         for k, (topic, (kind, fields)) in enumerate(topics.items(), 1):
-            text = _DEFINITION.format("\n".join(f"float64[] {name}" for name in fields)) if fields else "string data"
+            text = (
+                _DEFINITION.format("\n".join(f"float64[] {name}" for name in fields))
+                if fields
+                else "string data"
+            )
             self._described += _record(3, _pack("H", k), _text(kind), _text("ros2msg"), _text(text))
             self._described += _record(4, _pack("HH", k, k), _text(topic), _text("cdr"), _text(""))
         self._begin = self._last = 0
@@ -75,7 +96,9 @@ class McapFile:
         self._entries: dict[int, list[bytes]] = {channel: [] for channel in self._totals}
 
     def append(self, topic: str, time: int, values: Sequence[Any] | str) -> None:
-        """Append a message at a time [ns], not before the last one's: its arrays in their order, or its text."""
+        """Append a message at a time [ns], not before the last one's: its arrays in their order,
+        or its text.
+        """
         channel, message, places = self._messages[topic]
         if isinstance(values, str):
             message = bytearray(_ENCAPSULATION + _text(f"{values}\0"))
@@ -83,11 +106,15 @@ class McapFile:
             struct.pack_into("<II", message, len(_ENCAPSULATION), *divmod(time, 10**9))
             for place, each in zip(places, values, strict=True):
                 message[place] = np.asarray(each, "<f8").tobytes()
-        self._begin, self._last = self._begin if self._count else time, time
+        self._begin = self._begin if self._count else time
+        self._last = time
         self._times.append(time)
         self._entries[channel].append(_pack("QQ", time, self._size))
-        self._records.append(_record(5, _pack("HIQQ", channel, self._count % 2**32, time, time), message))
-        self._size, self._count = self._size + len(self._records[-1]), self._count + 1
+        self._records.append(
+            _record(5, _pack("HIQQ", channel, self._count % 2**32, time, time), message)
+        )
+        self._size = self._size + len(self._records[-1])
+        self._count = self._count + 1
         if self._size >= max(_CHUNK, len(self._index)):
             self._flush()
 
@@ -105,36 +132,52 @@ class McapFile:
 
     def _flush(self) -> None:
         """Write the messages that have come as a chunk, with an index for each topic."""
-        records, times, plain = b"".join(self._records), _pack("QQ", self._times[0], self._times[-1]), _text("")
+        records = b"".join(self._records)
+        times = _pack("QQ", self._times[0], self._times[-1])
+        plain = _text("")
         size = _pack("Q", len(records))
         chunk = _record(6, times, size, _pack("I", zlib.crc32(records)), plain, size, records)
-        indexes, offsets = b"", b""
+        indexes = b""
+        offsets = b""
         for channel, entries in self._entries.items():
             self._totals[channel] += len(entries)
             offsets += _pack("HQ", channel, self._end + len(chunk) + len(indexes))
             indexes += _record(7, _pack("H", channel), _text(b"".join(entries)))
         place = _pack("QQ", self._end, len(chunk))
-        self._index += _record(8, times, place, _text(offsets), _pack("Q", len(indexes)), plain, size, size)
+        self._index += _record(
+            8, times, place, _text(offsets), _pack("Q", len(indexes)), plain, size, size
+        )
         self._chunks += 1
         self._begin_chunk()
         self._write(chunk + indexes)
 
     def _write(self, data: bytes) -> None:
-        """Write records, and the end of the file behind them; where that fails, the end as it was, and no more."""
+        """Write records, and the end of the file behind them; where that fails, the end as it
+        was, and no more.
+        """
         if self._file.closed:
             return
-        known, totals = len(self._totals), b"".join(_pack("HQ", *each) for each in self._totals.items())
-        counts = _pack("QHIIIIQQ", self._count, known, known, 0, 0, self._chunks, self._begin, self._last)
+        known = len(self._totals)
+        totals = b"".join(_pack("HQ", *each) for each in self._totals.items())
+        counts = _pack(
+            "QHIIIIQQ", self._count, known, known, 0, 0, self._chunks, self._begin, self._last
+        )
         footer = _record(2, _pack("QQI", self._end + len(data) + len(_DATA_END), 0, 0)) + _MAGIC
-        tail = b"".join([_DATA_END, self._described, _record(11, counts, _text(totals)), self._index, footer])
+        tail = b"".join(
+            [_DATA_END, self._described, _record(11, counts, _text(totals)), self._index, footer]
+        )
         try:
             self._put(data + tail)
-            self._end, self._tail = self._end + len(data), tail
+            self._end = self._end + len(data)
+            self._tail = tail
         except OSError as error:
             with contextlib.suppress(OSError), self._file:
                 self._put(self._tail)
                 self._file.truncate()
-            warn(f"{self._file.name} ends here, since it cannot be written: {error}. Make room; log to another file.")
+            warn(
+                f"{self._file.name} ends here, since it cannot be written: {error}. Make room; log"
+                " to another file."
+            )
 
     def _put(self, data: bytes) -> None:
         self._file.seek(self._end)
@@ -144,10 +187,14 @@ class McapFile:
 
 
 def joint_topics(n: int, columns: Mapping[str, int]) -> Topics:
-    """What was measured and what was commanded, in rad and N m, and the columns of a record, by their widths."""
+    """What was measured and what was commanded, in rad and N m, and the columns of a record, by
+    their widths.
+    """
     fields = {"position": n, "velocity": 0, "effort": columns.get("torque", 0)}
     states = {"/joint_states": fields, "/reference": fields | {"effort": 0}}
-    topics: dict[str, Any] = {topic: ("sensor_msgs/msg/JointState", each) for topic, each in states.items()}
+    topics: dict[str, Any] = {
+        topic: ("sensor_msgs/msg/JointState", each) for topic, each in states.items()
+    }
     return topics | {"/sample": ("onepulse_msgs/msg/Sample", columns)}
 
 
@@ -167,7 +214,11 @@ def _record(opcode: int, *parts: bytes | bytearray) -> bytes:
 
 def _message(names: Sequence[str], fields: Mapping[str, int]) -> tuple[bytearray, list[slice]]:
     """A message of numbers, all 0, and where the arrays of its fields stand in it."""
-    data, places, begin = bytearray(_ENCAPSULATION + bytes(8) + _text("\0")), [], len(_ENCAPSULATION)
+    data, places, begin = (
+        bytearray(_ENCAPSULATION + bytes(8) + _text("\0")),
+        [],
+        len(_ENCAPSULATION),
+    )
 
     def align(size: int) -> None:
         data.extend(bytes(-(len(data) - begin) % size))

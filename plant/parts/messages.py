@@ -1,4 +1,6 @@
-"""What a user is told: warnings at his own line, progress, and the one name of a joint in all messages and figures."""
+"""What a user is told: warnings at his own line, progress, and the one name of a joint in all
+messages and figures.
+"""
 
 import sys
 import warnings
@@ -12,9 +14,13 @@ _OURS = ("plant", "identification", "ctc")
 
 def warn(text: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line that called these packages, through however many of their functions."""
-    frame, level = sys._getframe(), 1
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OURS:
-        frame, level = frame.f_back, level + 1
+    frame = sys._getframe()
+    level = 1
+    while (
+        frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OURS
+    ):
+        frame = frame.f_back
+        level = level + 1
     warnings.warn(text, category, stacklevel=level)
 
 
@@ -27,7 +33,9 @@ def progress_bar(total: int | None, label: str, unit: str, shown: bool) -> Any:
 
 
 def joint_label(names: Sequence[str], joint: int) -> str:
-    """Label of a joint by its place from 0: ``joint 2 (q[0])``, ``elbow_joint (q[2])``; ``joint q[0]`` if unnamed."""
+    """Label of a joint by its place from 0: ``joint 2 (q[0])``, ``elbow_joint (q[2])``; ``joint
+    q[0]`` if unnamed.
+    """
     if not names:
         return f"joint q[{joint}]"
     return f"{'' if 'joint' in names[joint].lower() else 'joint '}{names[joint]} (q[{joint}])"

@@ -1,9 +1,9 @@
 """A part of an experiment: a frozen description made of numbers and structure.
 
-Arms, rigs, drives, encoders, laws and references are parts. The *numbers* of a part (gear ratios, friction, gains,
-f1..f9) can be listed by name, replaced by casadi symbols, or declared unknown; its *structure* (joints, periods,
-flags) is fixed once a model has been built from it. A part can be written as kind + fields and rebuilt from that; it
-can be copied, and sent to another process.
+Arms, rigs, drives, encoders, laws and references are parts. The *numbers* of a part (gear ratios,
+friction, gains, f1..f9) can be listed by name, replaced by casadi symbols, or declared unknown; its
+*structure* (joints, periods, flags) is fixed once a model has been built from it. A part can be
+written as kind + fields and rebuilt from that; it can be copied, and sent to another process.
 """
 
 import dataclasses
@@ -34,17 +34,25 @@ class Declared:
 
 
 def declared(meaning: str) -> Any:
-    """Declare an attribute that a subclass must give; an abstract method declares a method likewise."""
+    """Declare an attribute that a subclass must give; an abstract method declares a method
+    likewise.
+    """
     return Declared(meaning)
 
 
 def number(
-    shape: tuple[int | str, ...], *, default: Any = dataclasses.MISSING, finite: bool = True, alike: bool = False
+    shape: tuple[int | str, ...],
+    *,
+    default: Any = dataclasses.MISSING,
+    finite: bool = True,
+    alike: bool = False,
 ) -> Any:
-    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any name for a length).
+    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any
+    name for a length).
 
-    With `default` None it may be left out; then it is none of the part's numbers, and of no equation. One number stands
-    for all joints where another field says how many there are; if `alike`, it stays one until a part around it does.
+    With `default` None it may be left out; then it is none of the part's numbers, and of no
+    equation. One number stands for all joints where another field says how many there are; if
+    `alike`, it stays one until a part around it does.
 
     See Also
     --------
@@ -62,16 +70,23 @@ def number(
     >>> Constant(level=(1.0, 2.0)).level
     array([1., 2.])
     """
-    return dataclasses.field(default=default, metadata={"number": shape, "finite": finite, "alike": alike})
+    return dataclasses.field(
+        default=default, metadata={"number": shape, "finite": finite, "alike": alike}
+    )
 
 
 def structure(
-    kind: type | None = None, *, default: Any = dataclasses.MISSING, kw_only: bool = True, several: bool = False
+    kind: type | None = None,
+    *,
+    default: Any = dataclasses.MISSING,
+    kw_only: bool = True,
+    several: bool = False,
 ) -> Any:
     """Declare a field that is structure: it decides the equations, so it cannot be unknown.
 
-    With a `kind` (a type; float for one finite number) anything else is refused, but None where that is the default.
-    Of `several` parts, a tuple, the numbers count too: ``springs[0].stiffness[1]``.
+    With a `kind` (a type; float for one finite number) anything else is refused, but None where
+    that is the default. Of `several` parts, a tuple, the numbers count too:
+    ``springs[0].stiffness[1]``.
 
     See Also
     --------
@@ -110,14 +125,23 @@ class Part(Saved):
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
     def __init__(self, *_: Any, **__: Any) -> None:
-        raise ValueError(f"{type(self).__name__} must be a dataclass of named fields; it is none. Put @part above it.")
+        raise ValueError(
+            f"{type(self).__name__} must be a dataclass of named fields; it is none. Put @part"
+            " above it."
+        )
 
     def __post_init__(self) -> None:
         given = [field for field in dataclasses.fields(self) if "number" in field.metadata]
-        given = [field for field in given if getattr(self, field.name) is not None or field.default is not None]
+        given = [
+            field
+            for field in given
+            if getattr(self, field.name) is not None or field.default is not None
+        ]
         lengths: dict[str, int] = {}
-        for field in sorted(given, key=lambda field: np.ndim(getattr(self, field.name)) == 0):  # those alike last
-            shape, value = field.metadata["number"], getattr(self, field.name)
+        # those alike last
+        for field in sorted(given, key=lambda field: np.ndim(getattr(self, field.name)) == 0):
+            shape = field.metadata["number"]
+            value = getattr(self, field.name)
             known = tuple(lengths.get(s, s) for s in shape)
             if shape == ("n",) and isinstance(value, numbers.Real) and not isinstance(value, bool):
                 if field.metadata["alike"]:
@@ -128,12 +152,16 @@ class Part(Saved):
             value = array(name, value, known, finite=field.metadata["finite"], advice=advice)
             if np.isnan(value).any():
                 raise ValueError(f"{name} must be numbers; got NaN. Give its value.")
-            lengths.update({s: got for s, got in zip(shape, value.shape, strict=False) if isinstance(s, str)})
+            lengths.update(
+                {s: got for s, got in zip(shape, value.shape, strict=False) if isinstance(s, str)}
+            )
             value.setflags(write=False)
             object.__setattr__(self, field.name, value if shape else float(value))
 
-    # -- numbers by name --------------------------------------------------------------------------------------
-    def _leaves(self, prefix: str = "") -> "Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]":
+    # -- numbers by name --------------------------------------------------------------------------
+    def _leaves(
+        self, prefix: str = ""
+    ) -> "Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]":
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if "number" in field.metadata and value is not None:
@@ -145,10 +173,14 @@ class Part(Saved):
                     yield from each._leaves(f"{prefix}{field.name}[{i}].")
 
     def require_joints(self, n: int, prefix: str = "") -> None:
-        """Refuse numbers per joint, of this part or of one within it, of another number of joints."""
+        """Refuse numbers per joint, of this part or of one within it, of another number of
+        joints.
+        """
         for name, _, field, value in self._leaves(prefix):
             if field.metadata["number"] == ("n",) and len(value) != n:
-                raise ValueError(f"{name} must have {n} joints; got {len(value)}. Give one number per joint.")
+                raise ValueError(
+                    f"{name} must have {n} joints; got {len(value)}. Give one number per joint."
+                )
 
     def number_names(self, prefix: str = "") -> list[str]:
         """Names of all numbers, in order: ``drive.gear[0]``; a single number has no index."""
@@ -159,17 +191,23 @@ class Part(Saved):
 
     def number_values(self) -> Floats:
         """Values of all numbers, (k,), in the order of `number_names`."""
-        return np.concatenate([np.atleast_1d(np.asarray(v, float)) for *_, v in self._leaves()] or [np.empty(0)])
+        return np.concatenate(
+            [np.atleast_1d(np.asarray(v, float)) for *_, v in self._leaves()] or [np.empty(0)]
+        )
 
     def with_numbers(self, vector: ArrayOrSymbols) -> Self:
-        """Copy with its numbers taken from `vector` (k,): floats, or casadi symbols for use in an equation."""
+        """Copy with its numbers taken from `vector` (k,): floats, or casadi symbols for use in
+        an equation.
+        """
         symbolic = not isinstance(vector, np.ndarray)
         return self._filled(vector, [0], symbolic)
 
     def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:
         """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
         names = self.number_names(prefix)
-        numbers = [values.get(name, given) for name, given in zip(names, self.number_values(), strict=True)]
+        numbers = [
+            values.get(name, given) for name, given in zip(names, self.number_values(), strict=True)
+        ]
         return self.with_numbers(np.array(numbers))
 
     def _filled(self, vector: ArrayOrSymbols, position: list[int], symbolic: bool) -> Self:
@@ -184,7 +222,9 @@ class Part(Saved):
             elif isinstance(value, Part):
                 changes[field.name] = value._filled(vector, position, symbolic)
             elif field.metadata.get("several") and isinstance(value, tuple):
-                changes[field.name] = tuple(each._filled(vector, position, symbolic) for each in value)
+                changes[field.name] = tuple(
+                    each._filled(vector, position, symbolic) for each in value
+                )
         if not symbolic:
             return dataclasses.replace(self, **changes)
         copy = object.__new__(type(self))
@@ -192,15 +232,19 @@ class Part(Saved):
             object.__setattr__(copy, field.name, changes.get(field.name, getattr(self, field.name)))
         return copy
 
-    # -- description -----------------------------------------------------------------------------------------
+    # -- description ------------------------------------------------------------------------------
     def describe(self) -> dict[str, Any]:
-        """Kind and fields as a dictionary that JSON can hold without loss; `restore` is the way back."""
+        """Kind and fields as a dictionary that JSON can hold without loss; `restore` is the way
+        back.
+        """
         fields = {f.name: _plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
         return {"kind": kind_of(type(self)), **fields}
 
-    # -- copies -----------------------------------------------------------------------------------------------
+    # -- copies -----------------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        """The fields alone: symbols and compiled functions are worked out again where the copy is."""
+        """The fields alone: symbols and compiled functions are worked out again where the copy
+        is.
+        """
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     __setstate__ = Frozen.__setstate__
@@ -232,9 +276,15 @@ def _plain(value: Any) -> Any:
     return value
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(number, structure))
+@dataclass_transform(
+    frozen_default=True,
+    kw_only_default=True,
+    eq_default=False,
+    field_specifiers=(number, structure),
+)
 def part(cls: type[T]) -> type[T]:
-    """Class decorator: a frozen, keyword-only dataclass that can be described and restored, with checked options.
+    """Class decorator: a frozen, keyword-only dataclass that can be described and restored, with
+    checked options.
 
     Raises
     ------
@@ -260,19 +310,30 @@ def part(cls: type[T]) -> type[T]:
     @functools.wraps(complete)
     def __post_init__(self: Any) -> None:
         for field in dataclasses.fields(self):
-            kind, name = field.metadata.get("kind"), f"{field.name} of {cls.__name__}"
+            kind = field.metadata.get("kind")
+            name = f"{field.name} of {cls.__name__}"
             if kind is float:
-                object.__setattr__(self, field.name, real(name, getattr(self, field.name), "Give it in SI units."))
-            elif kind is not None and not (field.default is None and getattr(self, field.name) is None):
+                object.__setattr__(
+                    self, field.name, real(name, getattr(self, field.name), "Give it in SI units.")
+                )
+            elif kind is not None and not (
+                field.default is None and getattr(self, field.name) is None
+            ):
                 instance(name, getattr(self, field.name), kind, f"Give one {kind.__name__}.")
         complete(self)
 
     cls.__post_init__ = __post_init__  # type: ignore[method-assign]  # wrapped
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
-    lacking = sorted(set(getattr(cls, "__abstractmethods__", ())) - {field.name for field in dataclasses.fields(cls)})
+    lacking = sorted(
+        set(getattr(cls, "__abstractmethods__", ()))
+        - {field.name for field in dataclasses.fields(cls)}
+    )
     if lacking:
-        base, absent = next(b.__name__ for b in cls.__mro__[1:] if lacking[0] in vars(b)), ", ".join(lacking)
-        raise ValueError(f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it.")
+        base = next(b.__name__ for b in cls.__mro__[1:] if lacking[0] in vars(b))
+        absent = ", ".join(lacking)
+        raise ValueError(
+            f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it."
+        )
     cls.__abstractmethods__ = frozenset()  # type: ignore[attr-defined]  # a declared attribute may be a field
     PARTS[kind_of(cls)] = cls
     return known_options(cls)

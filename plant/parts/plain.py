@@ -1,7 +1,9 @@
-"""Parts and results as plain data, and back: dictionaries, lists, numbers and text, as JSON or TOML can hold them.
+"""Parts and results as plain data, and back: dictionaries, lists, numbers and text, as JSON or TOML
+can hold them.
 
-A part or a result is ``{"kind": "plant.Rig", field: ...}``; a tuple is a list. What a part does not need, since its
-constructor makes arrays, results do: ``{"array": [...], "dtype": ..., "shape": ...}``, ``{"scalar": ..., "dtype":
+A part or a result is ``{"kind": "plant.Rig", field: ...}``; a tuple is a list. What a part does not
+need, since its constructor makes arrays, results do: ``{"array": [...], "dtype": ..., "shape":
+...}``, ``{"scalar": ..., "dtype":
 ...}``, ``{"list": [...]}`` and ``{"dict": [[key, value], ...]}``. No bit of a number is lost.
 """
 
@@ -12,7 +14,15 @@ from typing import Any
 import numpy as np
 
 from plant.parts.arguments import choice
-from plant.parts.kinds import PACKAGES, PARTS, class_of, field_names, kind_of, require_public, source_of
+from plant.parts.kinds import (
+    PACKAGES,
+    PARTS,
+    class_of,
+    field_names,
+    kind_of,
+    require_public,
+    source_of,
+)
 
 _TYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _TAGS = ("array", "scalar", "list", "dict")
@@ -21,8 +31,8 @@ _TAGS = ("array", "scalar", "list", "dict")
 def to_plain(value: Any, *, compared: bool = False) -> Any:
     """A part, a result, or what their fields hold, as plain data; what no file can hold is refused.
 
-    `compared`: for a comparison alone, without what does not count in one (``compare=False``), and parts of the user's
-    own with the text of their class.
+    `compared`: for a comparison alone, without what does not count in one (``compare=False``), and
+    parts of the user's own with the text of their class.
     """
     cls = type(value)
     if value is None or cls in (bool, int, float, str):
@@ -47,7 +57,10 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
     if cls is list:
         return {"list": [to_plain(each, compared=compared) for each in value]}
     if isinstance(value, dict):
-        pairs = [[to_plain(key, compared=compared), to_plain(each, compared=compared)] for key, each in value.items()]
+        pairs = [
+            [to_plain(key, compared=compared), to_plain(each, compared=compared)]
+            for key, each in value.items()
+        ]
         return {"dict": pairs}
     require_public(cls)
     raise ValueError(f"a file cannot hold a {cls.__name__}; got {value!r:.60}. Leave it out.")
@@ -60,7 +73,9 @@ def _field(value: Any, is_part: bool, compared: bool) -> Any:
 
 
 def from_plain(data: Any) -> Any:
-    """What `to_plain` was given; unknown kinds, missing or unknown fields, and arrays that do not fit are refused."""
+    """What `to_plain` was given; unknown kinds, missing or unknown fields, and arrays that do
+    not fit are refused.
+    """
     if isinstance(data, list):
         return tuple(from_plain(each) for each in data)
     if not isinstance(data, dict):
@@ -72,13 +87,19 @@ def from_plain(data: Any) -> Any:
         return [from_plain(each) for each in data["list"]]
     if set(data) == {"dict"} and isinstance(data["dict"], list):
         pairs = [from_plain(pair) for pair in data["dict"]]
-        if all(isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], (str, int, float)) for pair in pairs):
+        if all(
+            isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], (str, int, float))
+            for pair in pairs
+        ):
             return dict(pairs)
     if set(data) == {"scalar", "dtype"}:
         return _array([data["scalar"]], data["dtype"], [1])[0]
     if set(data) == {"array", "dtype", "shape"}:
         return _array(data["array"], data["dtype"], data["shape"])
-    raise ValueError(f"an object must be a kind, array, list or dict; got the keys {sorted(data)!r:.80}. Correct it.")
+    raise ValueError(
+        f"an object must be a kind, array, list or dict; got the keys {sorted(data)!r:.80}."
+        " Correct it."
+    )
 
 
 def _made(cls: type, values: dict[str, Any]) -> Any:
@@ -89,12 +110,16 @@ def _made(cls: type, values: dict[str, Any]) -> Any:
         choice(f"a field of {cls.__name__}", name, names)
     missing = [name for name in names if name not in values and not _has_default(cls, name)]
     if missing:
-        raise ValueError(f"{cls.__name__} must have the field {missing[0]!r}; it is not there. Save it again.")
+        raise ValueError(
+            f"{cls.__name__} must have the field {missing[0]!r}; it is not there. Save it again."
+        )
     return cls(**values)
 
 
 def _has_default(cls: type, name: str) -> bool:
-    """Whether a result has a plain value for a field that a file of before it came does not have."""
+    """Whether a result has a plain value for a field that a file of before it came does not
+    have.
+    """
     fields = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
     return any(field.name == name and field.default is not dataclasses.MISSING for field in fields)
 
@@ -107,14 +132,21 @@ def _array(rows: Any, dtype: Any, shape: Any) -> Any:
         or not all(type(n) is int and n >= 0 for n in shape)
         or math.prod(shape) != len(flat)
     ):
-        raise ValueError(f"an array must have as many numbers as its shape says; got {len(flat)} of {shape!r:.40}.")
+        raise ValueError(
+            f"an array must have as many numbers as its shape says; got {len(flat)} of"
+            f" {shape!r:.40}."
+        )
     wrong = [x for x in flat if type(x) not in ((bool,) if dtype == "bool" else (int, float))]
     if wrong:
-        raise ValueError(f"an array of {dtype} must hold numbers; got {wrong[0]!r:.40}. Correct it.")
+        raise ValueError(
+            f"an array of {dtype} must hold numbers; got {wrong[0]!r:.40}. Correct it."
+        )
     try:
         made = np.array(flat, dtype=dtype)
     except (OverflowError, ValueError):
-        raise ValueError(f"an array of {dtype} must hold numbers within its range; it does not. Correct it.") from None
+        raise ValueError(
+            f"an array of {dtype} must hold numbers within its range; it does not. Correct it."
+        ) from None
     if dtype not in ("float32", "float64") and made.tolist() != flat:
         raise ValueError(f"an array of {dtype} must hold whole numbers; it does not. Correct it.")
     made = made.reshape(shape)

@@ -1,7 +1,8 @@
-"""Files of parts and results: JSON with kind, format, versions and provenance; read back, the same bits.
+"""Files of parts and results: JSON with kind, format, versions and provenance; read back, the same
+bits.
 
-``{"onepulse": version, "format": 1, "kind": ..., "provenance": {...}, "content": {...}}``. Nothing in a file is
-executed, and it names no module to import.
+``{"onepulse": version, "format": 1, "kind": ..., "provenance": {...}, "content": {...}}``. Nothing
+in a file is executed, and it names no module to import.
 """
 
 import hashlib
@@ -32,13 +33,18 @@ _KEYS = ("onepulse", "format", "kind", "provenance", "content")
 def versions() -> dict[str, str]:
     """Versions of what results are computed with."""
     return {
-        "onepulse": __version__, "numpy": np.__version__, "casadi": ca.__version__, "numba": version("numba"),
+        "onepulse": __version__,
+        "numpy": np.__version__,
+        "casadi": ca.__version__,
+        "numba": version("numba"),
         "python": platform.python_version(),
-    }  # fmt: skip
+    }
 
 
 def fingerprint(value: Any) -> str:
-    """SHA-256 of a part, a record or a setting, parts of the user's own with the text of their class."""
+    """SHA-256 of a part, a record or a setting, parts of the user's own with the text of their
+    class.
+    """
     text = json.dumps(to_plain(value, compared=True), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -47,7 +53,8 @@ class Saved:
     """Base of what can be saved to a file and loaded from it."""
 
     def save(self, path: str | Path) -> None:
-        """Write a JSON file that `load` reads back without loss of a bit; it is there whole, or as it was before.
+        """Write a JSON file that `load` reads back without loss of a bit; it is there whole, or as
+        it was before.
 
         A part of the user's own inside is refused: its equations are in no file.
         """
@@ -56,37 +63,60 @@ class Saved:
         except ValueError as error:
             raise ValueError(f"{type(self).__name__} cannot be saved: {error}") from None
         provenance = {"versions": versions()} | self.provenance()
-        head = {"onepulse": __version__, "format": FORMAT, "kind": kind_of(type(self)), "provenance": provenance}
+        head = {
+            "onepulse": __version__,
+            "format": FORMAT,
+            "kind": kind_of(type(self)),
+            "provenance": provenance,
+        }
         write_whole(path, (*written(head | {"content": content}), "\n"))
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Of a base class (``Law.load``) the file says which.
 
-        No such file, one of another kind or format, or a spoilt one is refused in one line that names it.
+        No such file, one of another kind or format, or a spoilt one is refused in one line that
+        names it.
         """
         try:
             return _read(cls, path)
         except FileNotFoundError:
             raise ValueError(f"{path} must be a file; there is none. Check the path.") from None
-        except (OSError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            AttributeError,
+            LookupError,
+            ArithmeticError,
+            RecursionError,
+        ) as error:
             said = " ".join(str(error).split())
             raise ValueError(
-                f"{path} {said if isinstance(error, ValueError) else f'cannot be read: {said:.200}'}"
+                f"{path}"
+                f" {said if isinstance(error, ValueError) else f'cannot be read: {said:.200}'}"
             ) from None
 
     def provenance(self) -> dict[str, Any]:
-        """What a file says of where it comes from, beside the versions with which it was written."""
+        """What a file says of where it comes from, beside the versions with which it was
+        written.
+        """
         return {}
 
 
 def _read(cls: Any, path: str | Path) -> Any:
     data = parsed(read_bounded(path, MOST))
     if not isinstance(data, dict) or "onepulse" not in data:
-        raise ValueError("must be a file of this library; it has no key 'onepulse'. Give what save() wrote.")
+        raise ValueError(
+            "must be a file of this library; it has no key 'onepulse'. Give what save() wrote."
+        )
     if data.get("format") != FORMAT or isinstance(data["format"], bool):
         newer = isinstance(data.get("format"), int) and data["format"] > FORMAT
-        advice = f"Use version {data['onepulse']!r:.20} or later" if newer else "Save it again with this version"
+        advice = (
+            f"Use version {data['onepulse']!r:.20} or later"
+            if newer
+            else "Save it again with this version"
+        )
         raise ValueError(f"must be of format {FORMAT}; got {data.get('format')!r:.40}. {advice}.")
     for key in data:
         choice("a key", key, _KEYS)
@@ -95,15 +125,23 @@ def _read(cls: Any, path: str | Path) -> Any:
         raise ValueError(f"must have the key {missing[0]!r}; it has not. Save it again.")
     found = class_of(data["kind"])
     if not issubclass(found, cls) and cls not in getattr(found, "_read_by", ()):
-        raise ValueError(f"must hold a {cls.__name__}; it holds a {data['kind']!r:.60}. Use {found.__name__}.load.")
+        raise ValueError(
+            f"must hold a {cls.__name__}; it holds a {data['kind']!r:.60}. Use"
+            f" {found.__name__}.load."
+        )
     content = data["content"]
     if not isinstance(content, dict) or content.get("kind") != data["kind"]:
-        raise ValueError(f"must hold what its head says, a {data['kind']:.60}; it does not. Save it again.")
+        raise ValueError(
+            f"must hold what its head says, a {data['kind']:.60}; it does not. Save it again."
+        )
     made = from_plain(content)
-    given, own = data["provenance"], made.provenance()
+    given = data["provenance"]
+    own = made.provenance()
     differs = [key for key in own if not isinstance(given, dict) or given.get(key) != own[key]]
     if differs:
-        raise ValueError(f"must have the {differs[0]} that its head says; it has been changed. Save it again.")
+        raise ValueError(
+            f"must have the {differs[0]} that its head says; it has been changed. Save it again."
+        )
     return made
 
 
@@ -140,18 +178,25 @@ def _scalar(value: Any) -> str:
 
 
 def parsed(data: bytes) -> Any:
-    """Plain data of a text; no JSON, a key twice, or nested too deep is refused, without the path."""
+    """Plain data of a text; no JSON, a key twice, or nested too deep is refused, without the
+    path.
+    """
     try:
         return json.loads(data.decode("utf-8"), object_pairs_hook=_object, parse_constant=_refused)
     except RecursionError:
         raise ValueError("must be JSON; it is nested too deep. Save it again.") from None
     except json.JSONDecodeError as error:
-        begins, cut = error.doc[:20], error.pos >= len(error.doc.rstrip())
+        begins = error.doc[:20]
+        cut = error.pos >= len(error.doc.rstrip())
         if error.doc.strip() and not begins.startswith("{"):
-            why = f"it begins with {begins!r}. Give what a command or save() wrote; a log is to be identified first"
+            why = (
+                f"it begins with {begins!r}. Give what a command or save() wrote; a log is to be"
+                " identified first"
+            )
             raise ValueError(f"must be JSON; {why}.") from None
         raise ValueError(
-            f"must be JSON; {'it ends too early' if cut else error.msg} at line {error.lineno}. Save it again."
+            f"must be JSON; {'it ends too early' if cut else error.msg} at line {error.lineno}."
+            " Save it again."
         ) from None
     except UnicodeDecodeError:
         raise ValueError("must be JSON in UTF-8; it is not. Save it again.") from None

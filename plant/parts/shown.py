@@ -1,6 +1,7 @@
 """Results as a user sees them: a text of 80 columns, HTML in a notebook, one short line as `repr`.
 
-A result says once what it shows, the verdict first (`Shown._shown`), and how it is called in a line (`Shown._short`).
+A result says once what it shows, the verdict first (`Shown._shown`), and how it is called in a line
+(`Shown._short`).
 """
 
 import dataclasses
@@ -57,7 +58,8 @@ Piece = str | Table | Verdict | Warned | Aside  # of what a result shows; a str 
 
 
 class Shown:
-    """Base of results: printed, a text no wider than 80 columns; HTML in a notebook; one line in a list or a message.
+    """Base of results: printed, a text no wider than 80 columns; HTML in a notebook; one line in a
+    list or a message.
 
     A dataclass that derives from it has ``repr=False``.
     """
@@ -139,13 +141,21 @@ def items(lines: Iterable[str], kind: str = "") -> str:
     return f'<ul class="{kind}">\n{rows}\n</ul>' if kind else f"<ul>\n{rows}\n</ul>"
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[object]], words: Sequence[int] = (0,)) -> str:
-    """A table that scrolls inside a narrow page; these columns hold words, the others numbers, to the right."""
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[object]], words: Sequence[int] = (0,)
+) -> str:
+    """A table that scrolls inside a narrow page; these columns hold words, the others numbers,
+    to the right.
+    """
 
     def row(tag: str, cells: Sequence[object]) -> str:
         kinds = ("" if i in words else _NUMBER for i in range(len(cells)))
         said = (text(cell).replace("N m", "N&nbsp;m") for cell in cells)
-        return "<tr>" + "".join(f"<{tag}{k}>{c}</{tag}>" for k, c in zip(kinds, said, strict=True)) + "</tr>"
+        return (
+            "<tr>"
+            + "".join(f"<{tag}{k}>{c}</{tag}>" for k, c in zip(kinds, said, strict=True))
+            + "</tr>"
+        )
 
     above = f"<thead>{row('th', head)}</thead>\n" if any(head) else ""
     below = "\n".join(row("td", cells) for cells in rows)

@@ -1,14 +1,16 @@
 """Sums in a fixed order: the same bits for any number of threads of the linear algebra library.
 
-That library (BLAS) shares long products out over its threads, and the order of a sum decides its last bits. What is as
-long as a log is summed here; small matrices go to `numpy.linalg`, which does them on one thread.
+That library (BLAS) shares long products out over its threads, and the order of a sum decides its
+last bits. What is as long as a log is summed here; small matrices go to `numpy.linalg`, which does
+them on one thread.
 """
 
 import numpy as np
 
 from plant.parts.fields import Floats
 
-_AT_ONCE = 8  # columns whose products with those behind them are summed; with those before them they are known
+# columns whose products with those behind them are summed; with those before them they are known
+_AT_ONCE = 8
 
 
 def dot(a: Floats, b: Floats) -> float:
@@ -39,9 +41,11 @@ def products(rows: Floats) -> Floats:
 
 
 def triangle(rows: Floats) -> Floats:
-    """R (k, k) of rows (N, k) = Q R, by reflections; rows that are fewer than columns are filled up with zeros.
+    """R (k, k) of rows (N, k) = Q R, by reflections; rows that are fewer than columns are filled up
+    with zeros.
 
-    Source: A. Householder, Unitary triangularization of a nonsymmetric matrix, Journal of the ACM 5, 1958.
+    Source: A. Householder, Unitary triangularization of a nonsymmetric matrix, Journal of the ACM
+    5, 1958.
     """
     k = rows.shape[1]
     left = np.vstack([rows, np.zeros((max(0, k - len(rows)), k))]).astype(float)
@@ -56,7 +60,9 @@ def triangle(rows: Floats) -> Floats:
 
 
 def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:
-    """Least squares of rows (N, k) x = target (N,), of least length; `rcond` as of `numpy.linalg.lstsq`."""
+    """Least squares of rows (N, k) x = target (N,), of least length; `rcond` as of
+    `numpy.linalg.lstsq`.
+    """
     k = rows.shape[1]
     both = triangle(np.column_stack([rows, target]))
     rcond = np.finfo(float).eps * max(rows.shape) if rcond is None else rcond

@@ -1,8 +1,10 @@
-"""C99 code of a law for an embedded controller: header, source, a program that replays a record, and a Makefile.
+"""C99 code of a law for an embedded controller: header, source, a program that replays a record,
+and a Makefile.
 
-The equations are those of `Law.block`, of the rig's encoder and of its amplifier's limit; here they are put into files.
-With guards, the C is that of the running controller (`plant.realtime.c_running`). The C needs the standard library
-alone, allocates nothing and has no global state.
+The equations are those of `Law.block`, of the rig's encoder and of its amplifier's limit; here they
+are put into files. With guards, the C is that of the running controller
+(`plant.realtime.c_running`). The C needs the standard library alone, allocates nothing and has no
+global state.
 """
 
 import dataclasses
@@ -32,8 +34,15 @@ _SECTIONS = {
 }
 
 
-def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None, name: str,
-            without: Sequence[str] = (), **output: Any) -> None:  # fmt: skip
+def write_c(
+    law: Any,
+    folder: str | Path,
+    rig: Rig | None,
+    guards: Guards | None,
+    name: str,
+    without: Sequence[str] = (),
+    **output: Any,
+) -> None:
     """Write the files of `Law.to_c`."""
     rig = rig_of(law, rig, "to_c(folder, rig)")
     if guards is not None:
@@ -48,23 +57,41 @@ def write_c(law: Any, folder: str | Path, rig: Rig | None, guards: Guards | None
 
 def _values(law, rig, output, without):
     """What the templates say of a law alone."""
-    block, n = law.block(rig), rig.n
-    period, states = block.period or rig.period, len(block.initial)
+    block = law.block(rig)
+    n = rig.n
+    period = block.period or rig.period
+    states = len(block.initial)
     kept = "counts" if output.scale is not None else "given" if without else "torque"
     more = n if kept != "torque" else 0
     function, inputs = _step(law, block, rig, output, without)
     lines, results, used = statements(function, inputs)
-    arrays, results = [], iter(results)
-    for quantity, kind, size in (("asked", "double", n), ("torque_now", "double", n), ("following", "double", states),
-                                 (f"{kept}_now", output.kind, more)):  # fmt: skip
+    arrays = []
+    results = iter(results)
+    for quantity, kind, size in (
+        ("asked", "double", n),
+        ("torque_now", "double", n),
+        ("following", "double", states),
+        (f"{kept}_now", output.kind, more),
+    ):
         arrays += [declared(quantity, kind, [next(results) for _ in range(size)])] if size else []
-    blocks = [f"/* {said} */\n" + "\n".join(lines[kind]) for kind, said in _SECTIONS.items() if lines[kind]]
-    unread = [x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in name for name in used)]
+    blocks = [
+        f"/* {said} */\n" + "\n".join(lines[kind])
+        for kind, said in _SECTIONS.items()
+        if lines[kind]
+    ]
+    unread = [
+        x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in name for name in used)
+    ]
     unread = [" ".join(f"(void){x};" for x in unread)] if unread else []
     body = "\n\n".join([*blocks, "\n".join(arrays), *unread])
-    timing = constant("period", period, "From one step to the next [s].") if "period" in used else ""
-    memory = (("torque", n, "0.0", "torque_now"), (kept, more, "0", f"{kept}_now"),
-              ("state", states, "state[i]", "following"))  # fmt: skip
+    timing = (
+        constant("period", period, "From one step to the next [s].") if "period" in used else ""
+    )
+    memory = (
+        ("torque", n, "0.0", "torque_now"),
+        (kept, more, "0", f"{kept}_now"),
+        ("state", states, "state[i]", "following"),
+    )
     stores = "".join(each(size, f"self->{name}[i] = {now}[i];") for name, size, _, now in memory)
     start = f"static const double state[{states}] = {braced(block.initial)};\n"
     return output.values | {
@@ -72,12 +99,18 @@ def _values(law, rig, output, without):
         "period": literal(period),
         "about": _about(law, rig, block, without),
         "kept": kept,
-        "state": (f"    {output.kind} {kept}[{n}]; /* what it gave last */\n" if more else "")
-        + (f"    double state[{states}]; /* of the law */\n" if states else ""),
-        "numbers": "\n".join(text for text in (constants(law, rig, used), timing, output.constant) if text),
+        "state": (
+            (f"    {output.kind} {kept}[{n}]; /* what it gave last */\n" if more else "")
+            + (f"    double state[{states}]; /* of the law */\n" if states else "")
+        ),
+        "numbers": "\n".join(
+            text for text in (constants(law, rig, used), timing, output.constant) if text
+        ),
         "helpers": helpers(body),
         "start": textwrap.indent(start, "    ") if states else "",
-        "initial": "".join(each(size, f"self->{name}[i] = {begun};") for name, size, begun, _ in memory),
+        "initial": "".join(
+            each(size, f"self->{name}[i] = {begun};") for name, size, begun, _ in memory
+        ),
         "body": textwrap.indent(body, "    "),
         "check": each(states, "sound = sound && isfinite(following[i]);"),
         "store": textwrap.indent(stores, "    "),
@@ -85,10 +118,22 @@ def _values(law, rig, output, without):
 
 
 def _step(law, block, rig, output, without):
-    """One step as a Function of (state, torque, q_r, qd_r, qdd_r, pulses, numbers, dt, scale), and C for its inputs."""
-    n, own = rig.n, len(rig.number_values())
-    sizes = {"state": len(block.initial), "torque": n, "q_r": n, "qd_r": n, "qdd_r": n, "pulses": n,
-             "numbers": len(block.names), "dt": 1, "scale": n}  # fmt: skip
+    """One step as a Function of (state, torque, q_r, qd_r, qdd_r, pulses, numbers, dt, scale),
+    and C for its inputs.
+    """
+    n = rig.n
+    own = len(rig.number_values())
+    sizes = {
+        "state": len(block.initial),
+        "torque": n,
+        "q_r": n,
+        "qd_r": n,
+        "qdd_r": n,
+        "pulses": n,
+        "numbers": len(block.names),
+        "dt": 1,
+        "scale": n,
+    }
     symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
     state, torque, q, qd, qdd, pulses, numbers, dt, factor = symbols
     named = rig.with_numbers(numbers[len(block.names) - own :])
@@ -113,13 +158,20 @@ def _step(law, block, rig, output, without):
 
 
 def _about(law, rig, block, without):
-    """Text of the header: the law, its options, sides and units, and how often it is to be called."""
+    """Text of the header: the law, its options, sides and units, and how often it is to be
+    called.
+    """
     options = {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}
-    flags = ", ".join(f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str)))
+    flags = ", ".join(
+        f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str))
+    )
     summary = inspect.cleandoc(type(law).__doc__ or "").split("\n\n")[0]
     called = f"Once every {block.period or rig.period:.9g} s."
     if not law.has_memory(rig.n):
-        called = "A law without memory, for fast hardware: as often as possible, at least once per period."
+        called = (
+            "A law without memory, for fast hardware: as often as possible, at least once per"
+            " period."
+        )
     said = f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}"
     return "\n *\n".join(map(paragraph, (said, f"{called} {sides(without)}")))
 
@@ -127,7 +179,11 @@ def _about(law, rig, block, without):
 def declared(name: str, kind: str, values: Collection[str]) -> str:
     """Declaration of an array of expressions, of kind double or int32_t."""
     values = [f"(int32_t)({value})" for value in values] if kind == "int32_t" else values
-    return f"const {kind} {name}[{len(values)}] = {{\n" + "".join(f"    {value},\n" for value in values) + "};"
+    return (
+        f"const {kind} {name}[{len(values)}] = {{\n"
+        + "".join(f"    {value},\n" for value in values)
+        + "};"
+    )
 
 
 def each(count: int, statement: str) -> str:
@@ -136,7 +192,9 @@ def each(count: int, statement: str) -> str:
 
 
 def identifier(name: str) -> str:
-    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``, ``springs[1].at`` is ``springs_1_at``."""
+    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``, ``springs[1].at``
+    is ``springs_1_at``.
+    """
     return re.sub(r"\[(\d+)\]\.", r"_\1_", name).replace(".", "_")
 
 
@@ -151,7 +209,9 @@ def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
 
 
 def _said(owner: Any, field: str) -> str:
-    """Description of a field from the docstring of a part, or of a base class; of f with its parameters' names."""
+    """Description of a field from the docstring of a part, or of a base class; of f with its
+    parameters' names.
+    """
     cls: type = type(owner)
     said = meanings(cls).get(field) or f"{field} of {cls.__name__}"
     names = getattr(getattr(owner, "dynamics", None), "names", None)

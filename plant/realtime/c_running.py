@@ -1,8 +1,9 @@
-"""A running controller as C99, with every guard and every stop: its memory, its pieces, and its logic.
+"""A running controller as C99, with every guard and every stop: its memory, its pieces, and its
+logic.
 
-The logic is that of `plant.realtime.safety`, translated (`plant.realtime.c_running`), what it calls of law and rig that
-of `plant.realtime.pieces`; the memory begins as that of the controller it is made from. Two files; nothing is
-allocated, and there is no state outside the struct.
+The logic is that of `plant.realtime.safety`, translated (`plant.realtime.c_running`), what it calls
+of law and rig that of `plant.realtime.pieces`; the memory begins as that of the controller it is
+made from. Two files; nothing is allocated, and there is no state outside the struct.
 """
 
 import ast
@@ -42,7 +43,9 @@ static double greatest(double a, double b)
 """
 
 _MODULES = stopping, watching, safety
-_OURS = {name for each in _MODULES for name, value in vars(each).items() if inspect.isfunction(value)}
+_OURS = {
+    name for each in _MODULES for name, value in vars(each).items() if inspect.isfunction(value)
+}
 
 NAMES = CNames(
     arrays=("own", "joints", "memory", "pulses", "q_r", "qd_r", "qdd_r", "torque"),
@@ -56,7 +59,8 @@ NAMES = CNames(
 
 def constants_of_logic() -> str:
     """Declarations of the constants of all modules: places in the memory, and thresholds."""
-    whole, real = [], []
+    whole = []
+    real = []
     for module in (layout, *_MODULES):
         for name, value in vars(module).items():
             if not name.isupper() or (module is not layout and hasattr(layout, name)):
@@ -70,47 +74,106 @@ def constants_of_logic() -> str:
 
 
 def translated() -> str:
-    """All functions as C, each with its docstring; arrays have N joints and SIZE places, which the caller defines."""
+    """All functions as C, each with its docstring; arrays have N joints and SIZE places, which
+    the caller defines.
+    """
     trees = (ast.parse(inspect.getsource(module)) for module in _MODULES)
-    made = [CFunction(node, NAMES) for tree in trees for node in tree.body if isinstance(node, ast.FunctionDef)]
+    made = [
+        CFunction(node, NAMES)
+        for tree in trees
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef)
+    ]
     heads = "".join(f"{each.head};\n" for each in made)
-    return heads + "\n" + "\n".join(f"{comment(each.said)}\n{each.head}\n{{\n{each.body}\n}}\n" for each in made)
+    return (
+        heads
+        + "\n"
+        + "\n".join(f"{comment(each.said)}\n{each.head}\n{{\n{each.body}\n}}\n" for each in made)
+    )
 
 
-_CAUSES = ("RUNNING", "WAS_LATE", "HAD_GAPS", "HAS_JUMPED", "IS_STUCK", "IS_OFF", "NO_TORQUE", "IS_SATURATED",
-           "CHATTERS", "NO_COUNTS", "IS_DEAD", "BAD_TIME", "OFF_BEAT", "OUTSIDE", "TOO_FAST", "TOO_STEEP",
-           "OPPOSES")  # fmt: skip
+_CAUSES = (
+    "RUNNING",
+    "WAS_LATE",
+    "HAD_GAPS",
+    "HAS_JUMPED",
+    "IS_STUCK",
+    "IS_OFF",
+    "NO_TORQUE",
+    "IS_SATURATED",
+    "CHATTERS",
+    "NO_COUNTS",
+    "IS_DEAD",
+    "BAD_TIME",
+    "OFF_BEAT",
+    "OUTSIDE",
+    "TOO_FAST",
+    "TOO_STEEP",
+    "OPPOSES",
+)
 
 
 def write_running(
-    law: Any, rig: Rig, guards: Guards | None, folder: str | Path, name: str, without: Sequence[str] = (), *,
-    target: str | None = None, precision: str = "double", **output: Any,
-) -> None:  # fmt: skip
+    law: Any,
+    rig: Rig,
+    guards: Guards | None,
+    folder: str | Path,
+    name: str,
+    without: Sequence[str] = (),
+    *,
+    target: str | None = None,
+    precision: str = "double",
+    **output: Any,
+) -> None:
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     require_exportable(rig, name)
     given = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, given.largest)
-    write_files(folder, name, "running", values_of(law, rig, guards, name, given, without, place), place)
+    write_files(
+        folder, name, "running", values_of(law, rig, guards, name, given, without, place), place
+    )
 
 
 def values_of(
-    law: Any, rig: Rig, guards: Guards | None, name: str, given: Output, without: Sequence[str] = (),
+    law: Any,
+    rig: Rig,
+    guards: Guards | None,
+    name: str,
+    given: Output,
+    without: Sequence[str] = (),
     place: Target = HOST,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """What the templates say of a running controller."""
-    block, n = law.block(rig), rig.n
-    memory, pieces = initial_memory(law, rig, block, guards), pieces_of(law, rig, block, without)
-    body = "\n".join([*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)])
+    block = law.block(rig)
+    n = rig.n
+    memory = initial_memory(law, rig, block, guards)
+    pieces = pieces_of(law, rig, block, without)
+    body = "\n".join(
+        [*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)]
+    )
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
     causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
-    return given.values | place.values | {
-        "n": n, "period": literal(block.period or rig.period), "prefix": PREFIX, "size": len(memory),
-        "about": paragraph(about), "ramp": literal(RAMP),
-        "causes": "".join(f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes),
-        "constants": constants_of_logic(), "helpers": f"{place.elementary}{HELPERS}\n{helpers(body)}",
-        "pieces": body, "logic": translated(), "initial": braced(memory),
-    }  # fmt: skip
+    return (
+        given.values
+        | place.values
+        | {
+            "n": n,
+            "period": literal(block.period or rig.period),
+            "prefix": PREFIX,
+            "size": len(memory),
+            "about": paragraph(about),
+            "ramp": literal(RAMP),
+            "causes": "".join(
+                f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes
+            ),
+            "constants": constants_of_logic(),
+            "helpers": f"{place.elementary}{HELPERS}\n{helpers(body)}",
+            "pieces": body,
+            "logic": translated(),
+            "initial": braced(memory),
+        }
+    )
 
 
 def _in_words(code: int) -> str:
@@ -124,7 +187,11 @@ def _piece(name: str, function: Any, sources: Any, targets: Any) -> str:
     lines, values, _ = statements(function, inputs)
     places = [place for each in targets for place in each]
     listed = "".join(f"    {value},\n" for value in values)
-    body = [*lines[UNIFORM], *lines[STATE], f"const double results[{len(values)}] = {{\n{listed}}};"]
+    body = [
+        *lines[UNIFORM],
+        *lines[STATE],
+        f"const double results[{len(values)}] = {{\n{listed}}};",
+    ]
     body += [f"memory[{place}] = results[{i}];" for i, place in enumerate(places)]
     inner = textwrap.indent("\n".join(body), "    ")
     return f"static void {PREFIX}{name}(double *memory)\n{{\n{inner}\n}}\n"
@@ -132,8 +199,11 @@ def _piece(name: str, function: Any, sources: Any, targets: Any) -> str:
 
 def _giving(output: Output, law: Any, rig: Rig, block: Any) -> str:
     """The function that makes the output of the torque."""
-    n, own = rig.n, len(law.number_names())
-    torque, numbers, scale = ca.SX.sym("torque", n), ca.SX.sym("numbers", len(block.values)), ca.SX.sym("scale", n)
+    n = rig.n
+    own = len(law.number_names())
+    torque = ca.SX.sym("torque", n)
+    numbers = ca.SX.sym("numbers", len(block.values))
+    scale = ca.SX.sym("scale", n)
     given = output.converted(scale, rig.with_numbers(numbers[own:]), torque)
     function = ca.Function("give", [torque, numbers, scale], [ca.densify(given)])
     sources = (
@@ -141,9 +211,18 @@ def _giving(output: Output, law: Any, rig: Rig, block: Any) -> str:
         [f"memory[{i}]" for i in numbers_of(block, n)],
         [f"counts_per_ampere[{i}]" for i in range(n)],
     )
-    lines, values, used = statements(function, [[(text, STATE) for text in texts] for texts in sources])
-    body = [*([] if any("memory" in text for text in used) else ["(void)memory;"]), *lines[UNIFORM], *lines[STATE]]
+    lines, values, used = statements(
+        function, [[(text, STATE) for text in texts] for texts in sources]
+    )
+    body = [
+        *([] if any("memory" in text for text in used) else ["(void)memory;"]),
+        *lines[UNIFORM],
+        *lines[STATE],
+    ]
     body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
     inner = textwrap.indent("\n".join(body), "    ")
-    head = f"static void {PREFIX}give(const double *memory, const double *torque, {output.kind} *given)"
+    head = (
+        f"static void {PREFIX}give(const double *memory, const double *torque, {output.kind}"
+        " *given)"
+    )
     return f"{output.constant}{head}\n{{\n{inner}\n}}\n"

@@ -1,7 +1,8 @@
-"""What the exports to C share: where it runs, files from templates (`plant/realtime/c`), and its output.
+"""What the exports to C share: where it runs, files from templates (`plant/realtime/c`), and its
+output.
 
-With the elementary functions of ``c/elementary.c`` instead of the library's, double precision gives the same bits on
-every processor.
+With the elementary functions of ``c/elementary.c`` instead of the library's, double precision gives
+the same bits on every processor.
 """
 
 import re
@@ -27,31 +28,45 @@ _LOST = 0.5
 
 
 _PROCESSORS = {
-    "cortex-m7": {"cpu": "-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard", "board": "mps2-an500"},
-    "cortex-m4f": {"cpu": "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard", "board": "mps2-an386"},
+    "cortex-m7": {
+        "cpu": "-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard",
+        "board": "mps2-an500",
+    },
+    "cortex-m4f": {
+        "cpu": "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard",
+        "board": "mps2-an386",
+    },
 }
 
 
 class Target(NamedTuple):
-    """Where a controller in C runs: a processor, None for the host; and whether its numbers are single."""
+    """Where a controller in C runs: a processor, None for the host; and whether its numbers are
+    single.
+    """
 
     name: str | None
     single: bool
 
     @classmethod
     def of(cls, target: str | None, precision: str, rig: Rig, largest: float) -> "Target":
-        """From the arguments of `Running.to_c`; single precision is refused where it loses counts."""
+        """From the arguments of `Running.to_c`; single precision is refused where it loses
+        counts.
+        """
         choice("target", target, (None, *_PROCESSORS))
         single = choice("precision", precision, ("double", "single")) == "single"
         lost = np.abs(rig.position_in_pulses(np.eye(rig.n) * 2 * np.pi * _SINGLE)).max(axis=0)
         if single and lost.max() > _LOST:
             joint = rig.joint_labels[int(lost.argmax())]
             raise ValueError(
-                f"precision must be 'double' for {joint}: in single it rounds by {lost.max():.2g} pulses within a "
-                f"turn; at most {_LOST:g} are lost unseen. Use double, or an encoder of fewer pulses."
+                f"precision must be 'double' for {joint}: in single it rounds by {lost.max():.2g}"
+                f" pulses within a turn; at most {_LOST:g} are lost unseen. Use double, or an"
+                " encoder of fewer pulses."
             )
         if single and largest > 1 / _SINGLE:
-            raise ValueError(f"largest_count must be at most 2^24 in single precision; got {largest:g}. Use double.")
+            raise ValueError(
+                f"largest_count must be at most 2^24 in single precision; got {largest:g}. Use"
+                " double."
+            )
         return cls(target, single)
 
     @property
@@ -66,7 +81,11 @@ class Target(NamedTuple):
     def values(self) -> dict[str, str]:
         """What the templates say of it."""
         words = "single precision" if self.single else "double precision"
-        clock = {} if self.single else {"clock": ", double now", "at": "now", "passed": ", now", "never": "NAN, "}
+        clock = (
+            {}
+            if self.single
+            else {"clock": ", double now", "at": "now", "passed": ", now", "never": "NAN, "}
+        )
         about = f"Numbers: {words}{'' if self.name is None else f', for {self.name}'}."
         values = {"clock": "", "at": "NAN", "passed": "", "never": "", "precision": about} | clock
         return values if self.name is None else values | _PROCESSORS[self.name]
@@ -90,7 +109,9 @@ HOST = Target(None, False)
 
 
 def _with_own(text: str) -> str:
-    return re.sub(rf"\b({'|'.join(_ELEMENTARY)})\(", lambda found: f"{_ELEMENTARY[found[1]]}(", text)
+    return re.sub(
+        rf"\b({'|'.join(_ELEMENTARY)})\(", lambda found: f"{_ELEMENTARY[found[1]]}(", text
+    )
 
 
 def _in_single(text: str) -> str:
@@ -105,15 +126,25 @@ RUNNING = {".h": _TEMPLATES / "running.h", ".c": _TEMPLATES / "running.c"}
 _FLAGS = "-std=c99 -O2 -Wall -Wextra -pedantic -ffp-contract=off"
 
 
-def write_files(folder: str | Path, name: str, kind: str, values: Mapping[str, Any], target: Target = HOST) -> None:
-    """Write header and source of a `kind` ("law" or "running"), a program that replays a record, and how to make it."""
+def write_files(
+    folder: str | Path, name: str, kind: str, values: Mapping[str, Any], target: Target = HOST
+) -> None:
+    """Write header and source of a `kind` ("law" or "running"), a program that replays a record,
+    and how to make it.
+    """
     templates = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c"}
     templates |= {file: file for file in ("main.c", "Makefile", "CMakeLists.txt")} | target.files
-    write_templates(folder, name, {file: _TEMPLATES / of for file, of in templates.items()}, values, target)
+    write_templates(
+        folder, name, {file: _TEMPLATES / of for file, of in templates.items()}, values, target
+    )
 
 
 def write_templates(
-    folder: str | Path, name: str, templates: Mapping[str, Path], values: Mapping[str, Any], target: Target = HOST
+    folder: str | Path,
+    name: str,
+    templates: Mapping[str, Path],
+    values: Mapping[str, Any],
+    target: Target = HOST,
 ) -> None:
     """Write files of an export, each from its template: all or none."""
     values = {"name": name, "NAME": name.upper(), "flags": _FLAGS, **values}
@@ -121,7 +152,9 @@ def write_templates(
     texts = {}
     for file, of in templates.items():
         template = Template(of.read_text("ascii"))
-        text = template.substitute(values, made=f"{file} - made by onepulse {__version__} for {name}")
+        text = template.substitute(
+            values, made=f"{file} - made by onepulse {__version__} for {name}"
+        )
         texts[file] = target.translated(text) if file.endswith((".c", ".h")) else text
     place.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
@@ -134,17 +167,27 @@ _TAKEN = ("main", "board")  # files of other contents
 def require_exportable(rig: Rig, name: Any) -> None:
     """Refuse an encoder that does not count, and what C could not have as a name."""
     require_counts(rig)
-    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name) or name in _TAKEN:
+    if (
+        not isinstance(name, str)
+        or not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name)
+        or name in _TAKEN
+    ):
         rule = "be a small letter and up to 39 small letters, digits or _, and not main or board"
-        raise ValueError(f"name must {rule}; got {name!r:.60}. It names the files and the functions.")
+        raise ValueError(
+            f"name must {rule}; got {name!r:.60}. It names the files and the functions."
+        )
 
 
 def _free_folder(given: str | Path, files: Iterable[str], name: str) -> Path:
-    """The folder, if no file in it would be lost; earlier exports of this name may be overwritten."""
+    """The folder, if no file in it would be lost; earlier exports of this name may be
+    overwritten.
+    """
     try:
         folder = Path(given)
     except TypeError:
-        raise ValueError(f"folder must be a path; got {given!r:.60}. Give the name of a folder.") from None
+        raise ValueError(
+            f"folder must be a path; got {given!r:.60}. Give the name of a folder."
+        ) from None
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder must be a folder; {folder} is a file. Name another.")
     for file in files:
@@ -153,19 +196,28 @@ def _free_folder(given: str | Path, files: Iterable[str], name: str) -> Path:
             own = path.is_file() and not path.is_symlink()
             first = path.read_bytes().split(b"\n", 1)[0] if own else b""
             if not re.search(rf"made by onepulse \S+ for {name}\b".encode(), first):
-                raise ValueError(f"{path} must not exist, or be an export of {name}; it is another. Name a new folder.")
+                raise ValueError(
+                    f"{path} must not exist, or be an export of {name}; it is another. Name a new"
+                    " folder."
+                )
     return folder
 
 
 class Output(NamedTuple):
-    """What a controller in C gives: joint torques, or counts of a converter of this scale (n,) [1/A] and range."""
+    """What a controller in C gives: joint torques, or counts of a converter of this scale (n,)
+    [1/A] and range.
+    """
 
     scale: NDArray[np.float64] | None
     largest: float
 
     @classmethod
-    def of(cls, law: Any, rig: Rig, output: str, counts_per_ampere: Any, largest_count: int) -> Self:
-        """From the arguments of `Law.to_c`; refused where the converter ends below the amplifier's limit."""
+    def of(
+        cls, law: Any, rig: Rig, output: str, counts_per_ampere: Any, largest_count: int
+    ) -> Self:
+        """From the arguments of `Law.to_c`; refused where the converter ends below the
+        amplifier's limit.
+        """
         if choice("output", output, ("torque", "dac")) == "torque":
             if counts_per_ampere is not None:
                 rule = "be left out for output='torque'; got one"
@@ -178,14 +230,17 @@ class Output(NamedTuple):
         real("largest_count", largest_count, "32767 is that of 16 bits.", positive=True)
         if largest_count != int(largest_count) or largest_count > 2**31 - 1:
             usual = "32767 is that of 16 bits."
-            raise ValueError(f"largest_count must be whole and below 2^31; got {largest_count}. {usual}")
+            raise ValueError(
+                f"largest_count must be whole and below 2^31; got {largest_count}. {usual}"
+            )
         short = np.flatnonzero(largest_count / np.abs(scale) < rig.drive.current_limit)
         if len(short):
             joint = int(short[0])
             raise ValueError(
-                f"largest_count must reach the current limit, {rig.drive.current_limit[joint]:g} A at "
-                f"{law.joint_labels(rig)[joint]}; it ends at {largest_count / abs(scale[joint]):g} A. Lower "
-                "drive.current_limit, so that the law knows the applied torque."
+                f"largest_count must reach the current limit, {rig.drive.current_limit[joint]:g} A"
+                f" at {law.joint_labels(rig)[joint]}; it ends at"
+                f" {largest_count / abs(scale[joint]):g} A. Lower drive.current_limit, so that the"
+                " law knows the applied torque."
             )
         return cls(scale, largest_count)
 
@@ -217,8 +272,12 @@ class Output(NamedTuple):
 
 
 def sides(without: Collection[str]) -> str:
-    """Sentences on the parts of the model that the output leaves out, on sides, and on how to compile."""
-    left = f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
+    """Sentences on the parts of the model that the output leaves out, on sides, and on how to
+    compile.
+    """
+    left = (
+        f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
+    )
     return f"""{left}Counts are those of the motors' encoders, with their sign; reference and torque are joint side,
 SI units. Compile without -ffast-math, which would leave NaN unseen."""
 
@@ -235,4 +294,7 @@ def rig_of(law: Any, given: Any, call: str) -> Rig:
 def require_counts(rig: Rig) -> None:
     """Refuse an encoder that does not count."""
     if rig.encoder.smooth:
-        raise ValueError("rig must have an encoder that counts; got a smooth one. Use Encoder(..., smooth=False).")
+        raise ValueError(
+            "rig must have an encoder that counts; got a smooth one. Use Encoder(...,"
+            " smooth=False)."
+        )

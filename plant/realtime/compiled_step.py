@@ -1,8 +1,10 @@
-"""The compiled core of a running controller: guards and safe stop, which all share, and what they need of law and rig.
+"""The compiled core of a running controller: guards and safe stop, which all share, and what they
+need of law and rig.
 
-What `plant.realtime.safety` needs of law and rig is written in `plant.realtime.pieces`. All numbers are in one vector,
-so that laws and rigs of one structure share a kernel. `safety` itself, with the modules that it is made of, is compiled
-once, in a kernel of its own: it takes five times as long as the pieces.
+What `plant.realtime.safety` needs of law and rig is written in `plant.realtime.pieces`. All numbers
+are in one vector, so that laws and rigs of one structure share a kernel. `safety` itself, with the
+modules that it is made of, is compiled once, in a kernel of its own: it takes five times as long as
+the pieces.
 """
 
 import functools
@@ -28,22 +30,27 @@ from plant.realtime.pieces import HELD, SLOT, knows_arm, pieces_of
 class Core(NamedTuple):
     """A running controller for a loop that is itself compiled by numba.
 
-    `step` does what `Running.step` does, (pulses, q_r, qd_r, qdd_r, now, memory, torque) -> 0, or the reason (above 0)
-    for which nothing was done. All but `now` are (n,) arrays, contiguous; `now` is a float [s], NaN without a clock;
-    torque is written [N m]. `memory` (m,) is the controller's whole state; shared with the `Running` that it belongs
-    to.
+    `step` does what `Running.step` does, (pulses, q_r, qd_r, qdd_r, now, memory, torque) -> 0, or
+    the reason (above 0) for which nothing was done. All but `now` are (n,) arrays, contiguous;
+    `now` is a float [s], NaN without a clock; torque is written [N m]. `memory` (m,) is the
+    controller's whole state; shared with the `Running` that it belongs to.
     """
 
     step: Callable[..., int]
     memory: NDArray[np.float64]
 
     def law_state(self, n: int) -> NDArray[np.float64]:
-        """The law's state (s,) of a controller of n joints, in place: what is written there acts on the next step."""
-        states, rows = int(self.memory[layout.STATES]), layout.SCALARS + layout.ROWS * n
+        """The law's state (s,) of a controller of n joints, in place: what is written there acts
+        on the next step.
+        """
+        states = int(self.memory[layout.STATES])
+        rows = layout.SCALARS + layout.ROWS * n
         return self.memory[rows + states : rows + 2 * states]
 
 
-def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None, without: Sequence[str] = ()) -> Core:
+def compiled(
+    law: Any, rig: Rig, block: Any, guards: Guards | None, without: Sequence[str] = ()
+) -> Core:
     """Core of a law on a rig, in its initial state; `block` is of that law for that rig."""
     memory = initial_memory(law, rig, block, guards)
     kernel = Kernel(_source(pieces_of(law, rig, block, without)), ["step"])
@@ -53,15 +60,22 @@ def compiled(law: Any, rig: Rig, block: Any, guards: Guards | None, without: Seq
 
 def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> NDArray[np.float64]:
     """The memory at the start, but for the counts."""
-    n, states = rig.n, len(block.initial)
+    n = rig.n
+    states = len(block.initial)
     weight = compensates_gravity(law, guards)
-    rows, scalars = np.zeros((layout.ROWS, n)), np.zeros(layout.SCALARS)
+    rows = np.zeros((layout.ROWS, n))
+    scalars = np.zeros(layout.SCALARS)
     rows[layout.JUMP : layout.CHATTER + 1] = np.inf
     rows[[layout.REST, layout.UPPER, layout.FASTEST, layout.RATE, layout.SLACK]] = np.inf
     rows[layout.LOWER] = -np.inf
     rows[layout.LEAST_STEP] = np.abs([rig.to_angle(one) for one in np.eye(n)]).sum(axis=0)
     scalars[[layout.LATE, layout.DURATION, layout.FASTER, layout.HURRIED, layout.AT_MOST]] = np.inf
-    scalars[[layout.DURATION, layout.RHYTHM, layout.SLOWER, layout.MODELLED]] = 1.0, 1.0, -np.inf, knows_arm(law)
+    scalars[[layout.DURATION, layout.RHYTHM, layout.SLOWER, layout.MODELLED]] = (
+        1.0,
+        1.0,
+        -np.inf,
+        knows_arm(law),
+    )
     if guards is not None:
         rows[layout.JUMP : layout.FRICTION + 1] = guards.limits(rig)
         rows[layout.SATURATION : layout.CHATTER + 1] = guards.torque_limits(rig)
@@ -71,15 +85,23 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> NDA
     scalars[[layout.NOW, layout.PERIOD, layout.STATES]] = np.nan, block.period or rig.period, states
     sampled = block.period is not None
     scalars[[layout.WEIGHT, layout.SAMPLED, layout.FULL, layout.LEAST, layout.ROUNDS]] = (
-        weight, sampled, SLOT, 0.0 if sampled else HELD, not rig.encoder.smooth,
-    )  # fmt: skip
-    return np.concatenate([scalars, rows.ravel(), *[block.initial] * 3, block.values, np.zeros(3 * n * n)])
+        weight,
+        sampled,
+        SLOT,
+        0.0 if sampled else HELD,
+        not rig.encoder.smooth,
+    )
+    return np.concatenate(
+        [scalars, rows.ravel(), *[block.initial] * 3, block.values, np.zeros(3 * n * n)]
+    )
 
 
 def _given(rig, guards, rows, scalars):
     """Write limits of what the arm may do, at work and in a stop."""
     rows[layout.REST], rows[layout.SLACK] = guards.rest_band(rig), guards.slack(rig)
-    rows[[layout.LOWER, layout.UPPER, layout.FASTEST, layout.RATE]] = limits = guards.motion_limits(rig)
+    rows[[layout.LOWER, layout.UPPER, layout.FASTEST, layout.RATE]] = limits = guards.motion_limits(
+        rig
+    )
     scalars[[layout.SLOWER, layout.FASTER]] = guards.rhythm_limits()
     scalars[[layout.BOUNDED, layout.AT_MOST]] = np.isfinite(limits[:3]).any(), guards.braking
     scalars[layout.HURRIED] = guards.patience + 1 + guards.late
@@ -89,32 +111,55 @@ def compensates_gravity(law: Any, guards: Guards | None) -> bool:
     """Whether a ramp stops with gravity compensation."""
     known = knows_arm(law)
     if guards is not None and guards.stop == "gravity" and not known:
-        given = f"stop must be 'hold' or 'zero' for a law without an arm; got 'gravity' for {type(law).__name__}"
+        given = (
+            "stop must be 'hold' or 'zero' for a law without an arm; got 'gravity' for"
+            f" {type(law).__name__}"
+        )
         raise ValueError(f"{given}. Give such a law its arm, or stop otherwise.")
     return known and (guards is None or guards.stop != "zero")
 
 
 # What `plant.realtime.safety` calls of a law and a rig, in the order in which it numbers them.
-_PIECES = ("ahead", "moving", "measured", "counted", "standing", "slowing", "law", "monitored", "shifted", "ramp",
-           "needed", "bounds", "planned", "limited", "left_out")  # fmt: skip
+_PIECES = (
+    "ahead",
+    "moving",
+    "measured",
+    "counted",
+    "standing",
+    "slowing",
+    "law",
+    "monitored",
+    "shifted",
+    "ramp",
+    "needed",
+    "bounds",
+    "planned",
+    "limited",
+    "left_out",
+)
 
 
 @functools.cache
 def _common():
-    """`plant.realtime.safety` compiled, for every law and rig: what is theirs it calls at the address in its memory."""
+    """`plant.realtime.safety` compiled, for every law and rig: what is theirs it calls at the
+    address in its memory.
+    """
     text = "\n".join(inspect.getsource(module) for module in (layout, stopping, watching, safety))
     text = re.sub(r"^from plant\.[^(\n]*(\([^)]*\))?.*$", "", text, flags=re.MULTILINE)
     functions = re.findall(r"^def (\w+)", text, re.MULTILINE)
     text = re.sub(rf"\b({'|'.join(functions)})(?=\()", r"\1_{h}", text)
     made = [f"{name}_{{h}} = {_how(name, text)}({name}_{{h}})" for name in functions]
     calls = [called(name, layout.PIECES, which) for which, name in enumerate(_PIECES)]
-    known = [f"{name} = {name}_{{h}}" for name in _PIECES]  # in the place of those that safety names
+    # in the place of those that safety names
+    known = [f"{name} = {name}_{{h}}" for name in _PIECES]
     text = joined(text, "from llvmlite import ir\n" + MODULES)
     return Kernel("\n".join([text, *made, *calls, *known]) + "\n", ["step"])
 
 
 def _how(name, text):
-    """Decorator of a function: inlined where it is called once, a call where more often, as compiles soonest."""
+    """Decorator of a function: inlined where it is called once, a call where more often, as
+    compiles soonest.
+    """
     if name == "step":
         return "compiled"
     once = len(re.findall(rf"\b{name}_{{h}}\(", text)) == 2
@@ -124,7 +169,8 @@ def _how(name, text):
 
 def _compiled_common():
     """The same, compiled by a call that is refused before it calls anything."""
-    kernel, one = _common(), [np.full(1, np.nan) for _ in range(4)]
+    kernel = _common()
+    one = [np.full(1, np.nan) for _ in range(4)]
     kernel.call("step", *one, np.nan, np.zeros(layout.SCALARS + layout.ROWS + 3), np.zeros(1))
     return kernel
 

@@ -1,4 +1,6 @@
-"""The first motion of an arm: a small torque on one motor after another shows wires that are turned or swapped."""
+"""The first motion of an arm: a small torque on one motor after another shows wires that are
+turned or swapped.
+"""
 
 from collections.abc import Iterator
 
@@ -12,21 +14,26 @@ from plant.realtime.guards import Guards
 
 _SHOWS = 4  # counts that are a motion, and no flicker at the edge of a cell
 
-# Time from no torque to the largest, longest time to come to rest, and time without a count at rest [s].
-_RAMP, _SETTLE, _STILL = 0.8, 0.5, 0.05
+# Time from no torque to the largest, longest time to come to rest, and time without a count at rest
+# [s].
+_RAMP = 0.8
+_SETTLE = 0.5
+_STILL = 0.05
 
-# Of the change of torque that leaves a joint at rest, which goes from one direction of friction to the other.
+# Of the change of torque that leaves a joint at rest, which goes from one direction of friction to
+# the other.
 _SHARE = 0.8
 
 
 @known_options
 class FirstMotion:
-    """Push each motor a little, watch the counts, and name turned signs, swapped wires and dead encoders.
+    """Push each motor a little, watch the counts, and name turned signs, swapped wires and dead
+    encoders.
 
-    One motor after another gets a torque that rises from nothing until some encoder has counted `travel` pulses, then
-    none until the arm rests. The counts that move must be its own, upwards. Before any path, with the arm's brakes
-    released and nobody near: ``while not probe.done: apply(probe.step(read()))``. Afterwards ``probe.fine``, and
-    ``print(probe.status)``.
+    One motor after another gets a torque that rises from nothing until some encoder has counted
+    `travel` pulses, then none until the arm rests. The counts that move must be its own, upwards.
+    Before any path, with the arm's brakes released and nobody near: ``while not probe.done:
+    apply(probe.step(read()))``. Afterwards ``probe.fine``, and ``print(probe.status)``.
 
     Parameters
     ----------
@@ -34,17 +41,20 @@ class FirstMotion:
     pulses : (n,) array_like
         Encoder counts now, at rest.
     arm : Arm, optional
-        Its weight, and that of springs, at these counts is held all the time; without it the torques begin at zero.
+        Its weight, and that of springs, at these counts is held all the time; without it the
+        torques begin at zero.
     torque : (n,) array_like, optional
-        Largest torque beside that [N m], joint side; by default 0.8 of `Guards.rest`, the band of static friction: 1.6
-        times the friction that is stated, or 1.6 % of the amplifier's limit if that is more.
+        Largest torque beside that [N m], joint side; by default 0.8 of `Guards.rest`, the band of
+        static friction: 1.6 times the friction that is stated, or 1.6 % of the amplifier's limit if
+        that is more.
     travel : float
         Pulses that end the push of a motor; any joint that goes ten times as far ends all.
 
     Attributes
     ----------
     done : bool
-        Whether all motors were pushed, or the test was given up; `step` then gives the weight's torque, or zero.
+        Whether all motors were pushed, or the test was given up; `step` then gives the weight's
+        torque, or zero.
     fine : bool
         Whether each motor moved its own counts upwards.
     status : str
@@ -53,13 +63,15 @@ class FirstMotion:
     Raises
     ------
     ValueError
-        Bad input; no default for `torque`, where neither friction nor a limit of the current is stated.
+        Bad input; no default for `torque`, where neither friction nor a limit of the current is
+        stated.
 
     Notes
     -----
-    The torque is at most that of the weight plus `torque`, for at most 2 s a motor. A sign that is turned at the
-    encoder cannot be told from one that is turned at the amplifier: either looks like counts that fall. An arm whose
-    weight is not that of `arm` by more than friction bears moves by itself, and the test ends in zero torque.
+    The torque is at most that of the weight plus `torque`, for at most 2 s a motor. A sign that is
+    turned at the encoder cannot be told from one that is turned at the amplifier: either looks like
+    counts that fall. An arm whose weight is not that of `arm` by more than friction bears moves by
+    itself, and the test ends in zero torque.
 
     See Also
     --------
@@ -74,20 +86,35 @@ class FirstMotion:
     """
 
     def __init__(
-        self, rig: Rig, pulses: ArrayLike, *, arm: Arm | None = None, torque: ArrayLike | None = None,
+        self,
+        rig: Rig,
+        pulses: ArrayLike,
+        *,
+        arm: Arm | None = None,
+        torque: ArrayLike | None = None,
         travel: float = 12.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         instance("rig", rig, Rig, "Pass found.rig.")
-        n, advice = rig.n, "Give one torque above 0 per joint [N m]."
-        most = _SHARE * Guards().rest_band(rig) if torque is None else array("torque", torque, (n,), advice=advice)
+        n = rig.n
+        advice = "Give one torque above 0 per joint [N m]."
+        most = (
+            _SHARE * Guards().rest_band(rig)
+            if torque is None
+            else array("torque", torque, (n,), advice=advice)
+        )
         if not (np.isfinite(most) & (most > 0)).all():
             raise ValueError(f"torque must be above 0 and finite; got {most}. {advice}")
         self.travel = real("travel", travel, "Give pulses, such as 12.", positive=True)
         if travel < _SHOWS:
-            raise ValueError(f"travel must be at least {_SHOWS} pulses; got {travel:g}. Fewer are a cell's edge.")
-        self.rig, self.n, self.done = rig, n, False
+            raise ValueError(
+                f"travel must be at least {_SHOWS} pulses; got {travel:g}. Fewer are a cell's edge."
+            )
+        self.rig = rig
+        self.n = n
+        self.done = False
         self._lines: list[str] = []
-        self._weight, self._most = np.zeros(n), most
+        self._weight = np.zeros(n)
+        self._most = most
         counts = self._counts(pulses)
         if arm is not None:
             instance("arm", arm, Arm, "Pass found.arm.")
@@ -100,7 +127,8 @@ class FirstMotion:
         next(self._plan)
 
     def step(self, pulses: ArrayLike) -> NDArray[np.float64]:
-        """Torque (n,) [N m], joint side, to be applied until the next call; to be called once per period of the rig.
+        """Torque (n,) [N m], joint side, to be applied until the next call; to be called once per
+        period of the rig.
 
         Parameters
         ----------
@@ -130,10 +158,15 @@ class FirstMotion:
 
     def __repr__(self) -> str:
         last = self.status.splitlines()[-1]
-        return f"FirstMotion({'done' if self.done else 'at work'}, {len(self._lines)} findings; {last:.60})"
+        return (
+            f"FirstMotion({'done' if self.done else 'at work'}, {len(self._lines)} findings;"
+            f" {last:.60})"
+        )
 
     def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
-        return np.array(array("pulses", pulses, (self.rig.n,), advice="Give the encoder counts."), dtype=float)
+        return np.array(
+            array("pulses", pulses, (self.rig.n,), advice="Give the encoder counts."), dtype=float
+        )
 
     def _motors(self) -> Iterator[NDArray[np.float64]]:
         """The torques, one after another; between two of them the counts are new."""
@@ -141,7 +174,9 @@ class FirstMotion:
         for motor in range(self.n):
             push = self._push(motor)
             yield from self._rest()
-            if self._gave_up(motor, "moved by itself before it was pushed; brake it, and check its weight"):
+            if self._gave_up(
+                motor, "moved by itself before it was pushed; brake it, and check its weight"
+            ):
                 return
             before = self._last
             for share in np.arange(1, round(_RAMP / self.rig.period) + 1) * self.rig.period / _RAMP:
@@ -150,18 +185,23 @@ class FirstMotion:
                     break
             yield from self._rest()
             moved = self._last - before
-            if self._gave_up(motor, "did not come to rest after its push; brake it, and check the signs"):
+            if self._gave_up(
+                motor, "did not come to rest after its push; brake it, and check the signs"
+            ):
                 return
             self._lines.append(f"motor of {self._labels[motor]}: {self._said(motor, moved, push)}")
 
     def _push(self, motor: int) -> NDArray[np.float64]:
         """The largest torque (n,) on the joints that turns one motor so that its counts rise."""
-        per_joint = np.array([self.rig.position_in_pulses(unit) for unit in np.eye(self.n)])[:, motor]
+        per_joint = np.array([self.rig.position_in_pulses(unit) for unit in np.eye(self.n)])[
+            :, motor
+        ]
         return per_joint / np.abs(per_joint / self._most).max()
 
     def _rest(self) -> Iterator[NDArray[np.float64]]:
         """The weight's torque until no count has changed for a while."""
-        still, last = 0.0, self._last
+        still = 0.0
+        last = self._last
         for _ in range(round(_SETTLE / self.rig.period)):
             if still >= _STILL:
                 return
@@ -182,13 +222,19 @@ class FirstMotion:
         most = int(np.abs(moved).argmax())
         if abs(moved[most]) < _SHOWS:
             largest = np.abs(push).max()
-            return f"no count moved up to {largest:.3g} N m: a brake, an encoder or an amplifier without power?"
+            return (
+                f"no count moved up to {largest:.3g} N m: a brake, an encoder or an amplifier"
+                " without power?"
+            )
         if most != motor:
             dead = "" if abs(moved[motor]) >= _SHOWS else ", or its own encoder is dead"
             return (
-                f"the counts of {self._labels[most]} moved by {moved[most]:+.0f}, its own by {moved[motor]:+.0f}: "
-                f"encoders or amplifiers are swapped{dead}"
+                f"the counts of {self._labels[most]} moved by {moved[most]:+.0f}, its own by"
+                f" {moved[motor]:+.0f}: encoders or amplifiers are swapped{dead}"
             )
         if moved[motor] < 0:
-            return f"its counts fell by {-moved[motor]:.0f}: turn the sign of gear, resolution or amplifier"
+            return (
+                f"its counts fell by {-moved[motor]:.0f}: turn the sign of gear, resolution or"
+                " amplifier"
+            )
         return "fine"

@@ -12,11 +12,12 @@ from plant.parts.messages import warn
 
 WINDOW = 0.1  # length of the window in which time at the limit is counted [s]
 
-# Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of its band to the
-# other, and a tenth more than the rig states.
+# Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of
+# its band to the other, and a tenth more than the rig states.
 _BAND = 2.2
 
-_FLOOR = 0.1  # share of the limit by which the torque of a joint at rest may change, whatever its friction
+# share of the limit by which the torque of a joint at rest may change, whatever its friction
+_FLOOR = 0.1
 
 _ARM = 5.0  # turns, from end to end or per second, that no joint of an arm makes
 
@@ -24,7 +25,9 @@ _TURNS = 5.0  # speed [turns of the motor per second] that is no rise in a hold
 
 STOPS = ("hold", "gravity", "zero")
 
-_POSITIVE = dict.fromkeys(("jump", "stuck", "error", "late"), "Give pulses; np.inf switches it off.")
+_POSITIVE = dict.fromkeys(
+    ("jump", "stuck", "error", "late"), "Give pulses; np.inf switches it off."
+)
 # What is above zero where it is given -> what to give.
 _POSITIVE |= dict.fromkeys(("rest", "speed", "torque_rate", "rhythm", "braking"), "Give a number.")
 
@@ -34,50 +37,55 @@ _POSITIVE |= dict.fromkeys(("rest", "speed", "torque_rate", "rhythm", "braking")
 class Guards:
     """Settings of the guards of a running controller; ``np.inf`` switches one of them off.
 
-    A bad sample is bridged; more than `patience` of them in a row stop the arm. A stop lasts until `Running.reset`.
-    `saturation` and `chatter` are shares of the amplifier's limit, or of the controller's ``torque_limit``, on the
-    shafts; they monitor laws with a period, and others where the calls are given `now`.
+    A bad sample is bridged; more than `patience` of them in a row stop the arm. A stop lasts until
+    `Running.reset`. `saturation` and `chatter` are shares of the amplifier's limit, or of the
+    controller's ``torque_limit``, on the shafts; they monitor laws with a period, and others where
+    the calls are given `now`.
 
     Parameters
     ----------
     jump : float or (n,) array_like, optional
-        Largest innovation [pulses]: count minus the one predicted from the last speed; as much again as the joint
-        moves in a sample is allowed. By default 8 and four times what the amplifiers can add to the motion within one
-        sample, on the rotor inertias alone; a tenth of a turn of the motor where one of these is not known (infinite,
-        or zero). Bridged by the predicted count.
+        Largest innovation [pulses]: count minus the one predicted from the last speed; as much
+        again as the joint moves in a sample is allowed. By default 8 and four times what the
+        amplifiers can add to the motion within one sample, on the rotor inertias alone; a tenth of
+        a turn of the motor where one of these is not known (infinite, or zero). Bridged by the
+        predicted count.
     stuck : float or (n,) array_like, optional
-        Pulses by which the reference may move while the counts do not and the torque leaves a band of three times
-        static friction. By default a fortieth of a turn of the motor. Stops at once.
+        Pulses by which the reference may move while the counts do not and the torque leaves a band
+        of three times static friction. By default a fortieth of a turn of the motor. Stops at once.
     error : float or (n,) array_like, optional
         Largest tracking error [pulses]. By default one turn of the motor. Stops at once.
     saturation : float or (n,) array_like, optional
-        Share of the last 100 ms at the limit. Stops as soon as it is reached, without a hold; None, too, for off.
+        Share of the last 100 ms at the limit. Stops as soon as it is reached, without a hold; None,
+        too, for off.
     chatter : float or (n,) array_like, optional
-        Mean distance of the torque from its mean over the last 10 ms, averaged over 50 ms, as a share of the limit: an
-        oscillation of some three quarters of the limit, at which a sound loop does not work. Stops as soon as it is
-        reached, without a hold; None, too, for off.
+        Mean distance of the torque from its mean over the last 10 ms, averaged over 50 ms, as a
+        share of the limit: an oscillation of some three quarters of the limit, at which a sound
+        loop does not work. Stops as soon as it is reached, without a hold; None, too, for off.
     late : float
-        Share of a period by which a call may come late, if it is given `now`. A later one counts as one bad sample per
-        missing period, and the law is given the time that really passed.
+        Share of a period by which a call may come late, if it is given `now`. A later one counts as
+        one bad sample per missing period, and the law is given the time that really passed.
     patience : int
         Bad samples in a row that are bridged.
     stop : {"hold", "gravity", "zero"}
-        Brake to a standstill under the law and hold there; or stop with gravity compensation (laws with an ``arm``), or
-        without torque: the torque ramps there within a tenth of `duration`, with damping by the measured speeds. A hold
-        becomes such a ramp (to gravity compensation where the law has an arm) where there is no feedback to hold by: an
-        encoder stands still, goes on jumping, the law gives no finite torque, or one that saturates or chatters; then
-        the ramp begins at the mean torque.
+        Brake to a standstill under the law and hold there; or stop with gravity compensation (laws
+        with an ``arm``), or without torque: the torque ramps there within a tenth of `duration`,
+        with damping by the measured speeds. A hold becomes such a ramp (to gravity compensation
+        where the law has an arm) where there is no feedback to hold by: an encoder stands still,
+        goes on jumping, the law gives no finite torque, or one that saturates or chatters; then the
+        ramp begins at the mean torque.
     duration : float
         Of the braking [s].
     rest : float or (n,) array_like, optional
-        Change of the joint torque [N m] that leaves a joint at rest. A larger one, for 20 ms without a count, stops:
-        the encoder is dead, or the joint blocked. Less what the law's model needs for the motion of the other joints,
-        and half of that; without a model only while no reference moves. By default 2.2 times the rig's friction,
-        assuming that static friction is at most a tenth above it, and a tenth of the limit at least.
+        Change of the joint torque [N m] that leaves a joint at rest. A larger one, for 20 ms
+        without a count, stops: the encoder is dead, or the joint blocked. Less what the law's model
+        needs for the motion of the other joints, and half of that; without a model only while no
+        reference moves. By default 2.2 times the rig's friction, assuming that static friction is
+        at most a tenth above it, and a tenth of the limit at least.
     rhythm : float
-        Share by which the reference may be slower or faster than its speed ``qd_r`` says, averaged over ten samples in
-        which it moves by a pulse and more. Calls lost or doubled without `now` show so, where the reference is one of
-        time. Stops at once.
+        Share by which the reference may be slower or faster than its speed ``qd_r`` says, averaged
+        over ten samples in which it moves by a pulse and more. Calls lost or doubled without `now`
+        show so, where the reference is one of time. Stops at once.
     position : (2, n) array_like, optional
         Lowest and highest joint position [rad]. Stops at once.
     speed : float or (n,) array_like, optional
@@ -85,11 +93,12 @@ class Guards:
     torque_rate : float or (n,) array_like, optional
         Largest change of the joint torque [N m/s]. A faster one is given as far as that goes.
     braking : float
-        Time [s] for which, in a stop, a torque may be at its limit in all. Then, or if a joint is faster than the stop
-        can make it, there is no torque until `Running.reset`, and ``status.brake`` asks for the brake.
+        Time [s] for which, in a stop, a torque may be at its limit in all. Then, or if a joint is
+        faster than the stop can make it, there is no torque until `Running.reset`, and
+        ``status.brake`` asks for the brake.
     limits_of : Limits, optional
-        Such as ``chain.limits`` of a model file: its positions and speeds, where `position` and `speed` are not given.
-        Its efforts are for ``law.start(torque_limit=chain.limits.effort)``.
+        Such as ``chain.limits`` of a model file: its positions and speeds, where `position` and
+        `speed` are not given. Its efforts are for ``law.start(torque_limit=chain.limits.effort)``.
 
     See Also
     --------
@@ -123,55 +132,97 @@ class Guards:
 
     def __post_init__(self) -> None:
         if self.limits_of is not None:
-            of = instance("limits_of", self.limits_of, Limits, "Give chain.limits, or position= and speed=.")
+            of = instance(
+                "limits_of", self.limits_of, Limits, "Give chain.limits, or position= and speed=."
+            )
             for name, value in (("position", (of.lower, of.upper)), ("speed", of.velocity)):
                 if getattr(self, name) is None:
                     object.__setattr__(self, name, value)
         for name, advice in _POSITIVE.items():
-            value, single = getattr(self, name), name in ("rhythm", "braking")
+            value = getattr(self, name)
+            single = name in ("rhythm", "braking")
             if value is None and not single and name != "late":
                 continue
             shape = () if single else np.shape(value)[:1]
             if not (array(name, value, shape, finite=False, advice=advice) > 0).all():
                 raise ValueError(f"{name} must be positive; got {value}. np.inf switches it off.")
         for name in ("saturation", "chatter"):
-            value, advice = getattr(self, name), "Give a share of the limit; np.inf switches it off."
-            given = array(name, np.inf if value is None else value, np.shape(value)[:1], finite=False, advice=advice)
+            value = getattr(self, name)
+            advice = "Give a share of the limit; np.inf switches it off."
+            given = array(
+                name,
+                np.inf if value is None else value,
+                np.shape(value)[:1],
+                finite=False,
+                advice=advice,
+            )
             if not ((given > 0) & ((given <= 1) | (given == np.inf))).all():
                 raise ValueError(f"{name} must be above 0 and at most 1; got {value}. {advice}")
-        if isinstance(self.patience, bool) or not isinstance(self.patience, (int, np.integer)) or self.patience < 0:
-            raise ValueError(f"patience must be a whole number of samples, 0 or more; got {self.patience!r}. Try 3.")
+        if (
+            isinstance(self.patience, bool)
+            or not isinstance(self.patience, (int, np.integer))
+            or self.patience < 0
+        ):
+            raise ValueError(
+                f"patience must be a whole number of samples, 0 or more; got {self.patience!r}."
+                " Try 3."
+            )
         if np.ndim(self.late):
-            raise ValueError(f"late must be one number; got {self.late}. Give a share of the period.")
+            raise ValueError(
+                f"late must be one number; got {self.late}. Give a share of the period."
+            )
         choice("stop", self.stop, STOPS)
         real("duration", self.duration, "Give seconds.", positive=True)
 
         if not (self.rhythm < 1 or self.rhythm == np.inf):
             raise ValueError(f"rhythm must be below 1; got {self.rhythm}. np.inf switches it off.")
         if self.position is not None:
-            low, high = array("position", self.position, (2, None), finite=False, advice="Give lowest and highest.")
+            low, high = array(
+                "position",
+                self.position,
+                (2, None),
+                finite=False,
+                advice="Give lowest and highest.",
+            )
             if not (low < high).all():
-                raise ValueError(f"position must be (lowest, highest); got {low} and {high}. Exchange them.")
+                raise ValueError(
+                    f"position must be (lowest, highest); got {low} and {high}. Exchange them."
+                )
 
     def warn_of_units(self, rig: Rig) -> None:
         """Warn of limits that stop no arm: angles in degrees."""
         (low, high, speed, _), limit = self.motion_limits(rig), 2 * np.pi * _ARM
         for i, label in enumerate(rig.joint_labels):
             if np.isfinite(high[i] - low[i]) and high[i] - low[i] > limit:
-                warn(f"position of Guards lets {label} turn from {low[i]:g} to {high[i]:g} rad: is it in degrees?")
+                warn(
+                    f"position of Guards lets {label} turn from {low[i]:g} to {high[i]:g} rad: is"
+                    " it in degrees?"
+                )
             if limit < speed[i] < np.inf:
-                warn(f"speed of Guards lets {label} turn at {speed[i]:g} rad/s: is it in degrees per second?")
+                warn(
+                    f"speed of Guards lets {label} turn at {speed[i]:g} rad/s: is it in degrees per"
+                    " second?"
+                )
 
     def limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Limits of jump, stuck and error on this rig [pulses], and the band of static friction [N m]: (4, n)."""
-        drive, turn = rig.drive, rig.encoder.resolution
-        inertia, torque = drive.reflected_inertia(), drive.torque_limit()
-        jump, friction = turn / 10, drive.coupling.joint_torque(drive.joint_coulomb())
+        """Limits of jump, stuck and error on this rig [pulses], and the band of static friction
+        [N m]: (4, n).
+        """
+        drive = rig.drive
+        turn = rig.encoder.resolution
+        inertia = drive.reflected_inertia()
+        torque = drive.torque_limit()
+        jump = turn / 10
+        friction = drive.coupling.joint_torque(drive.joint_coulomb())
         if (inertia > 0).all() and np.isfinite(torque).all():
-            # D is at least the motors' inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j / sqrt(J_i J_j).
+            # D is at least the motors' inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j
+            # / sqrt(J_i J_j).
             added = np.sum(torque / np.sqrt(inertia)) / np.sqrt(inertia) * rig.period**2
             jump = 8 + 4 * np.abs(rig.position_in_pulses(drive.coupling.joint(added)))
-        given = [self._each(name, default) for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))]
+        given = [
+            self._each(name, default)
+            for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))
+        ]
         return np.array([*given, 3 * np.abs(friction)])
 
     def rest_band(self, rig: Rig) -> NDArray[np.float64]:
@@ -179,27 +230,45 @@ class Guards:
         limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
         floor = np.where(np.isfinite(limit), _FLOOR * np.abs(limit), np.inf)
         band = _BAND / 3 * self.limits(rig)[3]
-        return self._each("rest", np.where(np.isfinite(floor) | (band == 0), np.fmax(band, floor), band))
+        return self._each(
+            "rest", np.where(np.isfinite(floor) | (band == 0), np.fmax(band, floor), band)
+        )
 
     def motion_limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Lowest and highest position [rad], largest speed [rad/s] and rate of the torque [N m/s]: (4, n)."""
+        """Lowest and highest position [rad], largest speed [rad/s] and rate of the torque [N
+        m/s]: (4, n).
+        """
         free = np.full(rig.n, np.inf)
         position = np.array([-free, free])
         if self.position is not None:
-            position = array("position", self.position, (2, rig.n), finite=False, advice="Give one of each per joint.")
+            position = array(
+                "position",
+                self.position,
+                (2, rig.n),
+                finite=False,
+                advice="Give one of each per joint.",
+            )
         return np.array([*position, self._each("speed", free), self._each("torque_rate", free)])
 
     def rhythm_limits(self) -> tuple[float, float]:
         """Lowest and highest rate of the reference, relative to its speed."""
-        return (-np.inf, np.inf) if self.rhythm == np.inf else (1 - self.rhythm, 1 / (1 - self.rhythm))
+        return (
+            (-np.inf, np.inf) if self.rhythm == np.inf else (1 - self.rhythm, 1 / (1 - self.rhythm))
+        )
 
     def slack(self, rig: Rig) -> NDArray[np.float64]:
-        """Speed (n,) [pulses/s] that is no rise in a hold: five turns of the motor per second, and two pulses."""
+        """Speed (n,) [pulses/s] that is no rise in a hold: five turns of the motor per second,
+        and two pulses.
+        """
         return _TURNS * rig.encoder.resolution + 2 / rig.period
 
     def torque_limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Limits of time at the torque limit [s] and of the torque's swing, on the shaft [N m]: (2, n)."""
-        share, swing = (self._each(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter"))
+        """Limits of time at the torque limit [s] and of the torque's swing, on the shaft [N m]:
+        (2, n).
+        """
+        share, swing = (
+            self._each(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter")
+        )
         return np.array([share * WINDOW, swing * rig.drive.torque_limit()])
 
     def _each(self, name: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -207,11 +276,15 @@ class Guards:
         if value is None:
             return default
         value = np.full(len(default), value) if np.ndim(value) == 0 else value
-        return array(name, value, default.shape, finite=False, advice="Give one number, or one per joint.")
+        return array(
+            name, value, default.shape, finite=False, advice="Give one number, or one per joint."
+        )
 
 
 def limited(rig: Rig, torque_limit: ArrayLike | None) -> Rig:
-    """A rig whose amplifiers end at these torques (n,) [N m], joint side; itself where they are None."""
+    """A rig whose amplifiers end at these torques (n,) [N m], joint side; itself where they are
+    None.
+    """
     if torque_limit is None:
         return rig
     advice = "Give one torque above 0 per joint [N m]."

@@ -1,4 +1,6 @@
-"""A running controller for a control script: the same equations as in the simulator, one sample at a time."""
+"""A running controller for a control script: the same equations as in the simulator, one sample
+at a time.
+"""
 
 import threading
 from collections.abc import Mapping, Sequence
@@ -17,11 +19,13 @@ from plant.realtime.guards import Guards, limited
 from plant.realtime.pieces import row
 from plant.realtime.status import ARGUMENTS, RunLog, Status, clock, numbers, refuse, whole_counts
 
-_FLOAT, _COUNTS = np.dtype(float), (np.dtype(np.int64), np.dtype(float))
+_FLOAT = np.dtype(float)
+_COUNTS = (np.dtype(np.int64), np.dtype(float))
 
 
 class Running:
-    """A controller at work, with guards and safe stop; made by `Law.start`, which says what it is given.
+    """A controller at work, with guards and safe stop; made by `Law.start`, which says what it is
+    given.
 
     Attributes
     ----------
@@ -40,25 +44,37 @@ class Running:
     bridged : int
         Number of calls with a bridged sample.
     status : Status
-        A str: "running", with what was bridged last, or "safe stop" and why; ``status.brake`` asks for the brakes.
+        A str: "running", with what was bridged last, or "safe stop" and why; ``status.brake`` asks
+        for the brakes.
     friction : (2, n) numpy.ndarray
-        Coulomb [N m] and viscous [N m s/rad] friction, motor side, as a law that learns it has it now; to be saved, and
-        given to its next start. Of other laws a ValueError.
+        Coulomb [N m] and viscous [N m s/rad] friction, motor side, as a law that learns it has it
+        now; to be saved, and given to its next start. Of other laws a ValueError.
     """
 
     def __init__(
-        self, law: Any, rig: Rig, pulses: ArrayLike, guards: Guards | None = None,
-        torque_limit: ArrayLike | None = None, without: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+        self,
+        law: Any,
+        rig: Rig,
+        pulses: ArrayLike,
+        guards: Guards | None = None,
+        torque_limit: ArrayLike | None = None,
+        without: Sequence[str] = (),
+    ) -> None:
         instance("rig", rig, Rig, "Pass found.rig.")
         if guards is not None:
-            instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(rig)
+            instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(
+                rig
+            )
         rig = limited(rig, torque_limit)
         block = law.block(rig)
-        self.law, self.rig, self.guards, self.n = law, rig, guards, rig.n
+        self.law = law
+        self.rig = rig
+        self.guards = guards
+        self.n = rig.n
         self.period = block.period or rig.period
         counts = whole_counts(pulses, self.rig)
-        self.core, self.without = compiled(law, rig, block, guards, without), without
+        self.core = compiled(law, rig, block, guards, without)
+        self.without = without
         self._step, self._memory = self.core
         self._weighs = compensates_gravity(law, guards)
         self._shape, self._initial = (rig.n,), self._memory.copy()
@@ -69,27 +85,48 @@ class Running:
         self._set(counts)
 
     def to_c(
-        self, folder: str | Path, *, name: str = "controller", output: str = "torque",
-        counts_per_ampere: ArrayLike | None = None, largest_count: int = 32767, target: str | None = None,
+        self,
+        folder: str | Path,
+        *,
+        name: str = "controller",
+        output: str = "torque",
+        counts_per_ampere: ArrayLike | None = None,
+        largest_count: int = 32767,
+        target: str | None = None,
         precision: str = "double",
-    ) -> None:  # fmt: skip
-        """This controller as C99, with every guard and stop that it has here; arguments as `Law.to_c`, and two more.
+    ) -> None:
+        """This controller as C99, with every guard and stop that it has here; arguments as
+        `Law.to_c`, and two more.
 
         Parameters
         ----------
         target : {None, "cortex-m7", "cortex-m4f"}
-            A microcontroller: with toolchain file and Makefile, and a program that replays a record in QEMU.
+            A microcontroller: with toolchain file and Makefile, and a program that replays a record
+            in QEMU.
         precision : {"double", "single"}
             Of all numbers: double gives the host's bits; single has no clock.
         """
-        write_running(self.law, self.rig, self.guards, folder, name, self.without, target=target, precision=precision,
-                      output=output, counts_per_ampere=counts_per_ampere, largest_count=largest_count)  # fmt: skip
+        write_running(
+            self.law,
+            self.rig,
+            self.guards,
+            folder,
+            name,
+            self.without,
+            target=target,
+            precision=precision,
+            output=output,
+            counts_per_ampere=counts_per_ampere,
+            largest_count=largest_count,
+        )
 
     def log_to(self, path: str | Path) -> RunLog:
-        """Append every sample from now on to a new MCAP file, which is readable at any time, also after a kill.
+        """Append every sample from now on to a new MCAP file, which is readable at any time, also
+        after a kill.
 
-        Returns what is closed in the end, as a context manager is. A kill loses what came last: up to 64 kB, of long
-        logs up to the size of their index. Loops that call the `core` themselves are not logged.
+        Returns what is closed in the end, as a context manager is. A kill loses what came last: up
+        to 64 kB, of long logs up to the size of their index. Loops that call the `core` themselves
+        are not logged.
 
         Raises
         ------
@@ -100,17 +137,24 @@ class Running:
         return log
 
     def reset(self, pulses: ArrayLike) -> None:
-        """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and the stop cleared.
+        """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and
+        the stop cleared.
 
-        After a safe stop: find out why (`status`), plan a reference that begins at the arm's position
-        (``rig.cell_centre(pulses)``), and reset.
+        After a safe stop: find out why (`status`), plan a reference that begins at the arm's
+        position (``rig.cell_centre(pulses)``), and reset.
         """
         self._set(whole_counts(pulses, self.rig))
 
     def step(
-        self, pulses: ArrayLike | None = None, q_r: ArrayLike | None = None, qd_r: ArrayLike | None = None,
-        qdd_r: ArrayLike | None = None, *, now: float | None = None, **unknown: Any,
-    ) -> NDArray[np.float64]:  # fmt: skip
+        self,
+        pulses: ArrayLike | None = None,
+        q_r: ArrayLike | None = None,
+        qd_r: ArrayLike | None = None,
+        qdd_r: ArrayLike | None = None,
+        *,
+        now: float | None = None,
+        **unknown: Any,
+    ) -> NDArray[np.float64]:
         """Torque to be applied until the next call; to be called once per period.
 
         Parameters
@@ -118,29 +162,33 @@ class Running:
         pulses : (n,) array_like
             Encoder counts, read now: whole numbers, but of an encoder with ``smooth=True``.
         q_r, qd_r, qdd_r : (n,) array_like
-            Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, one that is not finite is extrapolated
-            from the last one; only the first must be finite.
+            Reference for now, joint side [rad, rad/s, rad/s^2]. With guards, one that is not finite
+            is extrapolated from the last one; only the first must be finite.
         now : float, optional
-            Time of a steady clock [s] (``time.perf_counter()``), for the guard that sees calls come late.
+            Time of a steady clock [s] (``time.perf_counter()``), for the guard that sees calls come
+            late.
 
         Returns
         -------
         (n,) numpy.ndarray
-            Joint torque after the amplifier's limit, less what the firmware adds [N m]; to be commanded as
-            ``rig.drive.current(torque)``.
+            Joint torque after the amplifier's limit, less what the firmware adds [N m]; to be
+            commanded as ``rig.drive.current(torque)``.
 
         Raises
         ------
         ValueError
-            Something missing, wrong shapes, counts that are not whole, a clock that does not advance; without guards
-            also NaN in the reference, or a law that gives no finite torque. Nothing has changed then.
+            Something missing, wrong shapes, counts that are not whole, a clock that does not
+            advance; without guards also NaN in the reference, or a law that gives no finite torque.
+            Nothing has changed then.
         """
         if not self._free.acquire(False):
             raise ValueError(
-                "step must be called by one thread at a time; another is in it. Start one controller each."
+                "step must be called by one thread at a time; another is in it. Start one"
+                " controller each."
             )
         try:
-            ours, shape = self._arguments, self._shape
+            ours = self._arguments
+            shape = self._shape
             try:
                 fits = pulses.shape == q_r.shape == qd_r.shape == qdd_r.shape == shape  # type: ignore[union-attr]  # caught
                 plain = type(pulses) is type(q_r) is type(qd_r) is type(qdd_r) is np.ndarray
@@ -160,7 +208,7 @@ class Running:
         finally:
             self._free.release()
 
-    # -- attributes ---------------------------------------------------------------------------------------------------
+    # -- attributes -------------------------------------------------------------------------------
     @property
     def pulses(self) -> NDArray[np.float64]:
         return self._row(layout.COUNTS)
@@ -204,7 +252,7 @@ class Running:
     def _row(self, index: int) -> NDArray[np.float64]:
         return self._memory[row(index, self.n)]
 
-    # -- arguments of any kind -----------------------------------------------------------------------------------------
+    # -- arguments of any kind --------------------------------------------------------------------
     def _set(self, counts: NDArray[np.float64]) -> None:
         self._memory[:] = self._initial
         self._memory[row(layout.COUNTS, self.n)] = counts
@@ -215,6 +263,12 @@ class Running:
             choice("an argument of step", name, (*ARGUMENTS, "now"))
         for name, value, place in zip(ARGUMENTS, given, self._arguments, strict=True):
             if value is None:
-                raise ValueError(f"step takes ({', '.join(ARGUMENTS)}); {name} is missing. Give all four.")
-            advice = "Give the encoder count of each joint." if name == "pulses" else "Give one value per joint [SI]."
+                raise ValueError(
+                    f"step takes ({', '.join(ARGUMENTS)}); {name} is missing. Give all four."
+                )
+            advice = (
+                "Give the encoder count of each joint."
+                if name == "pulses"
+                else "Give one value per joint [SI]."
+            )
             place[:] = numbers(name, value, self.n, advice)

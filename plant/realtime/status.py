@@ -1,4 +1,6 @@
-"""What a running controller says of itself: running, or stopped and why, whether it asks for the brakes; its log."""
+"""What a running controller says of itself: running, or stopped and why, whether it asks for the
+brakes; its log.
+"""
 
 import time
 from collections.abc import Sequence
@@ -18,7 +20,8 @@ from plant.realtime.watching import FAR
 
 ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 
-_FIRST = 2  # calls in which a joint is far from its reference for the units, or the start, of the reference
+# calls in which a joint is far from its reference for the units, or the start, of the reference
+_FIRST = 2
 
 
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
@@ -28,7 +31,11 @@ def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.floa
     except ValueError:
         return array(name, value, (n,), advice=advice, finite=False)
     if isinstance(value, np.ma.MaskedArray) or plain.dtype.kind not in "iuf":
-        kind = "a masked array" if isinstance(value, np.ma.MaskedArray) else f"{plain.dtype} {value!r:.60}"
+        kind = (
+            "a masked array"
+            if isinstance(value, np.ma.MaskedArray)
+            else f"{plain.dtype} {value!r:.60}"
+        )
         raise ValueError(f"{name} must be plain numbers of shape ({n},); got {kind}. {advice}")
     return plain if plain.shape == (n,) else array(name, value, (n,), advice=advice, finite=False)
 
@@ -37,12 +44,18 @@ def whole_counts(pulses: ArrayLike, rig: Rig) -> NDArray[np.float64]:
     """Encoder counts (n,), checked."""
     counts = array("pulses", pulses, (rig.n,), advice="Give the encoder count of each joint.")
     if not rig.encoder.smooth and (counts != np.trunc(counts)).any():
-        raise ValueError(f"pulses must be whole encoder counts; got {counts}. Give counts, not angles.")
+        raise ValueError(
+            f"pulses must be whole encoder counts; got {counts}. Give counts, not angles."
+        )
     return counts
 
 
-def refuse(refusal: int, given: Sequence[NDArray[np.float64]], rig: Rig, last: float, now: float) -> NoReturn:
-    """The error of a call with these arguments that was refused, at `now` [s], after one at `last`."""
+def refuse(
+    refusal: int, given: Sequence[NDArray[np.float64]], rig: Rig, last: float, now: float
+) -> NoReturn:
+    """The error of a call with these arguments that was refused, at `now` [s], after one at
+    `last`.
+    """
     counts, *motion = given
     if refusal == layout.BAD_PULSES:
         whole_counts(counts, rig)
@@ -51,13 +64,20 @@ def refuse(refusal: int, given: Sequence[NDArray[np.float64]], rig: Rig, last: f
             array(name, value, (rig.n,), advice="Give one value per joint [SI].")
         raise ValueError(f"q_r must be below {FAR:g} rad; got {motion[0]}. Take whole turns off.")
     if refusal == layout.BAD_CLOCK:
-        raise ValueError(f"now must be finite and advance; got {now} after {last}. Give seconds of a steady clock.")
-    raise ValueError(f"the law must give finite torques; it does not at pulses {counts}. Check its numbers.")
+        raise ValueError(
+            f"now must be finite and advance; got {now} after {last}. Give seconds of a steady"
+            " clock."
+        )
+    raise ValueError(
+        f"the law must give finite torques; it does not at pulses {counts}. Check its numbers."
+    )
 
 
 def clock(now: Any) -> float:
     """Time of a call [s]; one that is no number is infinite, since NaN stands for none."""
-    if type(now) is not float and (isinstance(now, (bool, np.bool_)) or not isinstance(now, (int, float, np.number))):
+    if type(now) is not float and (
+        isinstance(now, (bool, np.bool_)) or not isinstance(now, (int, float, np.number))
+    ):
         raise ValueError(f"now must be a number; got {now!r:.60}. Give seconds of a steady clock.")
     time = float(now)
     return time if time == time else np.inf
@@ -66,8 +86,8 @@ def clock(now: Any) -> float:
 class Status(str):
     """State of a running controller in words.
 
-    `brake` says whether the mechanical brakes should hold the arm: the law does so no longer, and the torque of a stop
-    has come to its end, or there is none since the stop drove the arm.
+    `brake` says whether the mechanical brakes should hold the arm: the law does so no longer, and
+    the torque of a stop has come to its end, or there is none since the stop drove the arm.
     """
 
     brake: bool
@@ -76,16 +96,27 @@ class Status(str):
 
     @classmethod
     def of(cls, memory: NDArray[np.float64], labels: Sequence[str], gravity: bool) -> Self:
-        """Status of a controller by its memory and joints' labels; `gravity`: its ramps end with that compensated."""
+        """Status of a controller by its memory and joints' labels; `gravity`: its ramps end with
+        that compensated.
+        """
         event, joint, amount, call = memory[layout.EVENT : layout.EVENT_CALL + 1]
-        released, over = memory[layout.RELEASED], RAMP * memory[layout.DURATION]
-        status = cls(_said(memory, labels, gravity, wording(event, labels[int(joint)], amount), call))
-        status.brake = bool(released == layout.LATCHED or (released and memory[layout.SINCE] >= over))
+        released = memory[layout.RELEASED]
+        over = RAMP * memory[layout.DURATION]
+        status = cls(
+            _said(memory, labels, gravity, wording(event, labels[int(joint)], amount), call)
+        )
+        status.brake = bool(
+            released == layout.LATCHED or (released and memory[layout.SINCE] >= over)
+        )
         return status
 
 
-def _said(memory: NDArray[np.float64], labels: Sequence[str], gravity: bool, why: str, call: float) -> str:
-    event, patience, released = (memory[i] for i in (layout.EVENT, layout.PATIENCE, layout.RELEASED))
+def _said(
+    memory: NDArray[np.float64], labels: Sequence[str], gravity: bool, why: str, call: float
+) -> str:
+    event, patience, released = (
+        memory[i] for i in (layout.EVENT, layout.PATIENCE, layout.RELEASED)
+    )
     if event == layout.RUNNING:
         return "running"
     if memory[layout.CAUSE] == layout.RUNNING:
@@ -96,10 +127,17 @@ def _said(memory: NDArray[np.float64], labels: Sequence[str], gravity: bool, why
         end = "ramp to gravity compensation" if gravity else "ramp to zero"
     elif released == layout.LATCHED:
         joint = labels[int(memory[layout.LATCH_JOINT])]
-        drove = {layout.DRIVES: "grew faster in the stop", layout.PUSHES: "stayed at its torque limit",
-                 layout.RUNS: "ran away"}[int(memory[layout.LATCH])]  # fmt: skip
+        drove = {
+            layout.DRIVES: "grew faster in the stop",
+            layout.PUSHES: "stayed at its torque limit",
+            layout.RUNS: "ran away",
+        }[int(memory[layout.LATCH])]
         end = f"no torque since {joint} {drove}"
-    begun = "; a reference is in rad, and begins where the arm is" if event == layout.IS_OFF and call <= _FIRST else ""
+    begun = (
+        "; a reference is in rad, and begins where the arm is"
+        if event == layout.IS_OFF and call <= _FIRST
+        else ""
+    )
     return f"safe stop, {end}: {why}{again}, at call {call:.0f}{begun}"
 
 
@@ -110,34 +148,49 @@ def wording(cause: float, joint: str, amount: float) -> str:
         layout.WAS_LATE: f"a call that came {1e3 * amount:.3g} ms late",
         layout.HAD_GAPS: "a reference that is no finite position",
         layout.HAS_JUMPED: f"a jump of {abs(amount):.0f} pulses of {joint}",
-        layout.IS_STUCK: f"the encoder of {joint} stands still while its reference moved by {abs(amount):.0f} pulses",
+        layout.IS_STUCK: (
+            f"the encoder of {joint} stands still while its reference moved by {abs(amount):.0f}"
+            " pulses"
+        ),
         layout.IS_OFF: f"{joint} is {abs(amount):.0f} pulses from its reference",
         layout.NO_COUNTS: f"counts of {joint} that are no whole numbers",
-        layout.IS_DEAD: f"the encoder of {joint} stands still while its torque changed by {abs(amount):.0f} N m",
+        layout.IS_DEAD: (
+            f"the encoder of {joint} stands still while its torque changed by {abs(amount):.0f} N m"
+        ),
         layout.BAD_TIME: f"a clock that moved by {amount:.3g} s",
-        layout.OFF_BEAT: f"calls lost or doubled: the reference moves at {amount:.2f} times its speed",
+        layout.OFF_BEAT: (
+            f"calls lost or doubled: the reference moves at {amount:.2f} times its speed"
+        ),
         layout.OUTSIDE: f"{joint} is outside its limits, at {amount:.4g} rad",
         layout.TOO_FAST: f"{joint} is faster than its limit, at {amount:.0f} pulses/s",
         layout.TOO_STEEP: f"a torque of {joint} that changes by {amount:.3g} N m/s",
-        layout.OPPOSES: f"{joint} moved by {abs(amount):.0f} pulses against its torque, which is at its limit",
+        layout.OPPOSES: (
+            f"{joint} moved by {abs(amount):.0f} pulses against its torque, which is at its limit"
+        ),
         layout.NO_TORQUE: "the law gives no finite torque",
-        layout.IS_SATURATED: f"the torque of {joint} was at its limit for {1e3 * amount:.0f} of 100 ms",
+        layout.IS_SATURATED: (
+            f"the torque of {joint} was at its limit for {1e3 * amount:.0f} of 100 ms"
+        ),
         layout.CHATTERS: f"the torque of {joint} swings by {amount:.0f} N m about its mean",
     }[int(cause)]
 
 
-_FAR = 1e17  # difference [ns] from the time of the day at which the clock of the calls is not believed: three years
+# difference [ns] from the time of the day at which the clock of the calls is not believed: three
+# years
+_FAR = 1e17
 
 
 class RunLog(McapFile):
     """Log of a controller; closed, it takes no more.
 
-    ``/joint_states`` and ``/reference`` are messages of `sensor_msgs/msg/JointState`, ``/sample`` has counts and torque
-    under a record's names, ``/status`` a `std_msgs/msg/String` whenever that changes.
+    ``/joint_states`` and ``/reference`` are messages of `sensor_msgs/msg/JointState`, ``/sample``
+    has counts and torque under a record's names, ``/status`` a `std_msgs/msg/String` whenever that
+    changes.
     """
 
     def __init__(self, path: str | Path, controller: Any) -> None:
-        n, self._controller = controller.n, controller
+        n = controller.n
+        self._controller = controller
         columns = dict.fromkeys(("reference_pulses", "error_pulses", "torque"), n)
         topics = {**joint_topics(n, columns), **STATUS}
         super().__init__(require_new(path, False), controller.rig.drive.joints, n, topics)
@@ -147,14 +200,19 @@ class RunLog(McapFile):
         self._changed: tuple[float, ...] = ()
 
     def sample(self) -> None:
-        """Append the sample of the last call, at the time of the day; by the clock of the calls, if they have one."""
+        """Append the sample of the last call, at the time of the day; by the clock of the calls,
+        if they have one.
+        """
         if self._file.closed:
             return
-        clock, rows, own = time.time_ns(), self._rows, self._controller.core.memory
+        clock = time.time_ns()
+        rows = self._rows
+        own = self._controller.core.memory
         if (now := 1e9 * float(own[layout.NOW])) == now:
             self._offset = clock - now if self._offset is None else self._offset
             clock = int(self._offset + now) if abs(self._offset + now - clock) < _FAR else clock
-        clock, torque = max(clock, self._last), rows[layout.TORQUE]
+        clock = max(clock, self._last)
+        torque = rows[layout.TORQUE]
         self.append("/joint_states", clock, (rows[layout.ANGLE], (), torque))
         self.append("/reference", clock, (rows[layout.Q], (), ()))
         asked = rows[layout.REFERENCE]

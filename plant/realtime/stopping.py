@@ -1,4 +1,5 @@
-"""How a running controller stops: a hold under the law, a ramp without it, and zero torque if either drives the arm.
+"""How a running controller stops: a hold under the law, a ramp without it, and zero torque if
+either drives the arm.
 
 The text of this module is compiled with that of `plant.realtime.safety`.
 """
@@ -6,21 +7,77 @@ The text of this module is compiled with that of `plant.realtime.safety`.
 import math
 
 from plant.realtime.memory import (
-    AT_MOST, BAD_TIME, BEGUN, BRIDGED, CALLS, CAUSE, COUNTS, DRIVES, DT, EVENT, EVENT_AMOUNT, EVENT_CALL, EVENT_JOINT,
-    FASTER, FRESH, FROM_Q, FROM_QD, FROM_TORQUE, HAD_GAPS, HOLDING, IS_DEAD, IS_OFF, IS_STUCK, JUMPS, LATCH, LATCHED,
-    LATCH_JOINT, LEAST_STEP, LIMITED, LIMIT_TIME, NO_COUNTS, OFF_BEAT, OPPOSES, PLANNED, PUSHES, Q, QD, RAMPING,
-    REFERENCE, RELEASED, RHYTHM, ROWS, RUNNING, RUNS, SCALARS, SINCE, SLACK, SPEED, STATES, STOP, TORQUE, WAS_LATE,
-    WEIGHT, counted, limited, planned, standing,
-)  # fmt: skip
+    AT_MOST,
+    BAD_TIME,
+    BEGUN,
+    BRIDGED,
+    CALLS,
+    CAUSE,
+    COUNTS,
+    DRIVES,
+    DT,
+    EVENT,
+    EVENT_AMOUNT,
+    EVENT_CALL,
+    EVENT_JOINT,
+    FASTER,
+    FRESH,
+    FROM_Q,
+    FROM_QD,
+    FROM_TORQUE,
+    HAD_GAPS,
+    HOLDING,
+    IS_DEAD,
+    IS_OFF,
+    IS_STUCK,
+    JUMPS,
+    LATCH,
+    LATCHED,
+    LATCH_JOINT,
+    LEAST_STEP,
+    LIMITED,
+    LIMIT_TIME,
+    NO_COUNTS,
+    OFF_BEAT,
+    OPPOSES,
+    PLANNED,
+    PUSHES,
+    Q,
+    QD,
+    RAMPING,
+    REFERENCE,
+    RELEASED,
+    RHYTHM,
+    ROWS,
+    RUNNING,
+    RUNS,
+    SCALARS,
+    SINCE,
+    SLACK,
+    SPEED,
+    STATES,
+    STOP,
+    TORQUE,
+    WAS_LATE,
+    WEIGHT,
+    counted,
+    limited,
+    planned,
+    standing,
+)
 
+# factor on the speed of the arm where a stop begins, or on that of its reference, that is no rise
+GROWTH = 1.25
 
-GROWTH = 1.25  # factor on the speed of the arm where a stop begins, or on that of its reference, that is no rise
+# share of the speed where a hold begins by which the arm may lag behind the reference of the hold
+LAG = 0.5
 
-LAG = 0.5  # share of the speed where a hold begins by which the arm may lag behind the reference of the hold
+# factor on `SLACK` in a ramp: a load that the model does not know sags, against the damping
+SAGGING = 4.0
 
-SAGGING = 4.0  # factor on `SLACK` in a ramp: a load that the model does not know sags, against the damping
-
-FALLING = 8.0  # factor on `SLACK` in a ramp to zero: an arm without gravity compensation falls, against the damping
+# factor on `SLACK` in a ramp to zero: an arm without gravity compensation falls, against the
+# damping
+FALLING = 8.0
 
 
 def bridge(cause, joint, amount, too_often, own):
@@ -34,7 +91,12 @@ def bridge(cause, joint, amount, too_often, own):
 
 def note(cause, joint, amount, own):
     """Keep what the status says."""
-    own[EVENT], own[EVENT_JOINT], own[EVENT_AMOUNT], own[EVENT_CALL] = cause, joint, amount, own[CALLS]
+    own[EVENT], own[EVENT_JOINT], own[EVENT_AMOUNT], own[EVENT_CALL] = (
+        cause,
+        joint,
+        amount,
+        own[CALLS],
+    )
 
 
 def stop(cause, joint, amount, own):
@@ -45,23 +107,34 @@ def stop(cause, joint, amount, own):
 
 
 def begin_stop(own, joints, memory):
-    """Begin a stop: from the reference if the arm tracks it, otherwise from the measured motion with a reset law."""
-    cause, elsewhere = own[CAUSE], own[CAUSE] == IS_OFF and own[CALLS] == 1.0
+    """Begin a stop: from the reference if the arm tracks it, otherwise from the measured motion
+    with a reset law.
+    """
+    cause = own[CAUSE]
+    elsewhere = own[CAUSE] == IS_OFF and own[CALLS] == 1.0
     for i in range(joints.shape[1]):
-        joints[SPEED, i] *= 0.0 if elsewhere else 1.0  # such a reference says nothing of the arm's motion
+        # such a reference says nothing of the arm's motion
+        joints[SPEED, i] *= 0.0 if elsewhere else 1.0
     begun(own, joints)
     own[SINCE] = own[JUMPS] = 0.0
     counted(memory)
     lost = cause == OFF_BEAT and own[RHYTHM] > own[FASTER]
     if cause == OPPOSES:
         latch(RUNS, int(own[EVENT_JOINT]), own)
-    elif own[STOP] != 0.0 or own[RELEASED] != HOLDING or cause in (IS_STUCK, IS_DEAD, NO_COUNTS) or lost:
-        release(own, joints)  # a law that sees no motion would push on; one that is called too seldom, too
+    elif (
+        own[STOP] != 0.0
+        or own[RELEASED] != HOLDING
+        or cause in (IS_STUCK, IS_DEAD, NO_COUNTS)
+        or lost
+    ):
+        # a law that sees no motion would push on; one that is called too seldom, too
+        release(own, joints)
     elif cause in (WAS_LATE, HAD_GAPS, BAD_TIME, OFF_BEAT):
         copy(Q, FROM_Q, joints)
         copy(QD, FROM_QD, joints)
         for i in range(joints.shape[1]):
-            joints[FROM_QD, i] *= own[RHYTHM] if cause == OFF_BEAT else 1.0  # the arm's, in the time that calls count
+            # the arm's, in the time that calls count
+            joints[FROM_QD, i] *= own[RHYTHM] if cause == OFF_BEAT else 1.0
     else:
         if cause == IS_OFF and not elsewhere:
             running_away(own, joints, memory)
@@ -94,18 +167,25 @@ def latch(why, joint, own):
 
 
 def running_away(own, joints, memory):
-    """Zero torque if a joint leaves its reference fast where the error stops the arm: the law drives it there."""
+    """Zero torque if a joint leaves its reference fast where the error stops the arm: the law
+    drives it there.
+    """
     planned(memory)
     for i in range(joints.shape[1]):
         leaving = joints[PLANNED, i] - joints[SPEED, i]
-        if leaving * (joints[REFERENCE, i] - joints[COUNTS, i]) > 0.0 and abs(leaving) > joints[SLACK, i]:
+        if (
+            leaving * (joints[REFERENCE, i] - joints[COUNTS, i]) > 0.0
+            and abs(leaving) > joints[SLACK, i]
+        ):
             latch(RUNS, i, own)
 
 
 def opposed(own, joints, memory):
-    """Zero torque if a joint goes, fast, where its torque does not push it: another joint's encoder or torque is its.
+    """Zero torque if a joint goes, fast, where its torque does not push it: another joint's encoder
+    or torque is its.
 
-    A joint that only lags, because its torque is at the limit, goes the way of its reference. In a hold it may go on.
+    A joint that only lags, because its torque is at the limit, goes the way of its reference. In a
+    hold it may go on.
     """
     planned(memory)
     for i in range(joints.shape[1]):
@@ -117,7 +197,8 @@ def opposed(own, joints, memory):
 
 def rising(own, joints, memory):
     """Zero torque once a joint is faster than a stop can make it: the stop drives it."""
-    n, most = joints.shape[1], 0.0
+    n = joints.shape[1]
+    most = 0.0
     if own[RELEASED] == HOLDING:
         planned(memory)
     for i in range(n):

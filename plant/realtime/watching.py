@@ -1,4 +1,5 @@
-"""Guards of a running controller's inputs: clock, reference, counts, and what the counts say about the arm.
+"""Guards of a running controller's inputs: clock, reference, counts, and what the counts say about
+the arm.
 
 The text of this module is compiled with that of `plant.realtime.safety`.
 """
@@ -6,15 +7,78 @@ The text of this module is compiled with that of `plant.realtime.safety`.
 import numpy as np
 
 from plant.realtime.memory import (
-    ANGLE, BAD_CLOCK, BAD_PULSES, BAD_REFERENCE, BAD_TIME, BEFORE, BEYOND, CALLS, CAUSE, CLOCKS, COUNTS, DONE, DT,
-    ERROR, EXPECTED, FASTER, FRICTION, GAPS, GUARDED, HAD_GAPS, HAS_JUMPED, IS_DEAD, IS_OFF, IS_STUCK, JUMP, JUMPS,
-    LATE, LATE_CALLS, LEAST_STEP, MARK, MARK_TORQUE, MEAN, MODELLED, NEEDED, NOW, NO_COUNTS, OFFSET, OFF_BEAT, OUTSIDE,
-    PASSED, PATIENCE, PERIOD, PUSHED, Q, QD, QDD, RAW, REFERENCE, RELEASED, REST, REST_TORQUE, RHYTHM, ROUNDS, RUNNING,
-    SAMPLED, SINCE, SLOWER, SPEED, STILL, STUCK, TOO_FAST, TORQUE, WAS_LATE, WAS_Q, WAS_QD, WAS_QDD, ahead, bounds,
-    measured, needed,
-)  # fmt: skip
+    ANGLE,
+    BAD_CLOCK,
+    BAD_PULSES,
+    BAD_REFERENCE,
+    BAD_TIME,
+    BEFORE,
+    BEYOND,
+    CALLS,
+    CAUSE,
+    CLOCKS,
+    COUNTS,
+    DONE,
+    DT,
+    ERROR,
+    EXPECTED,
+    FASTER,
+    FRICTION,
+    GAPS,
+    GUARDED,
+    HAD_GAPS,
+    HAS_JUMPED,
+    IS_DEAD,
+    IS_OFF,
+    IS_STUCK,
+    JUMP,
+    JUMPS,
+    LATE,
+    LATE_CALLS,
+    LEAST_STEP,
+    MARK,
+    MARK_TORQUE,
+    MEAN,
+    MODELLED,
+    NEEDED,
+    NOW,
+    NO_COUNTS,
+    OFFSET,
+    OFF_BEAT,
+    OUTSIDE,
+    PASSED,
+    PATIENCE,
+    PERIOD,
+    PUSHED,
+    Q,
+    QD,
+    QDD,
+    RAW,
+    REFERENCE,
+    RELEASED,
+    REST,
+    REST_TORQUE,
+    RHYTHM,
+    ROUNDS,
+    RUNNING,
+    SAMPLED,
+    SINCE,
+    SLOWER,
+    SPEED,
+    STILL,
+    STUCK,
+    TOO_FAST,
+    TORQUE,
+    WAS_LATE,
+    WAS_Q,
+    WAS_QD,
+    WAS_QDD,
+    ahead,
+    bounds,
+    measured,
+    needed,
+)
 from plant.realtime.stopping import bridge, release, stop
-
 
 FAR = 1e5  # angle [rad] up to which the kernels' sines are exact to rounding
 
@@ -24,7 +88,8 @@ GLITCH = 100.0  # periods between two calls above which a clock is not believed
 
 REMEMBERED = 0.1  # weight of one sample in the mean rate of the reference
 
-SUDDEN = 3.0  # rate of the reference, relative to its speed, that one sample may count as at most: steps happen
+# rate of the reference, relative to its speed, that one sample may count as at most: steps happen
+SUDDEN = 3.0
 
 DEAD_TIME = 0.02  # time [s] for which a torque that friction cannot bear may act without a count
 
@@ -61,11 +126,14 @@ def usable(q_r, qd_r, qdd_r):
 def in_time(now, own):
     """Guard of the clock; after a late call the law is given the time that really passed.
 
-    A clock that stands, runs backwards or leaps counts as none in this call, and one period as passed.
+    A clock that stands, runs backwards or leaps counts as none in this call, and one period as
+    passed.
     """
     elapsed = now - own[NOW]
     own[DT] = own[PERIOD]
-    if own[GUARDED] == 1.0 and (elapsed <= 0.0 or elapsed > GLITCH * own[PERIOD] or abs(now) == np.inf):
+    if own[GUARDED] == 1.0 and (
+        elapsed <= 0.0 or elapsed > GLITCH * own[PERIOD] or abs(now) == np.inf
+    ):
         own[CLOCKS] += 1.0
         own[NOW] += own[SAMPLED] * own[PERIOD]
         own[PASSED] = own[SAMPLED] * own[PERIOD]
@@ -79,7 +147,8 @@ def in_time(now, own):
         bridge(WAS_LATE, 0, elapsed - own[PERIOD], own[LATE_CALLS] > own[PATIENCE], own)
     else:
         own[LATE_CALLS] = 0.0
-    own[PASSED] = own[DT] if own[SAMPLED] == 1.0 else elapsed  # how often a law without a period is called: the clock
+    # how often a law without a period is called: the clock
+    own[PASSED] = own[DT] if own[SAMPLED] == 1.0 else elapsed
 
 
 def follow(first, q_r, qd_r, qdd_r, own, joints, memory):
@@ -97,12 +166,16 @@ def follow(first, q_r, qd_r, qdd_r, own, joints, memory):
 
 
 def beat(q_r, qd_r, own, joints):
-    """Guard of lost and doubled calls: a reference of time then moves faster or slower than its speed says."""
-    most, rate = 1.0, 0.0
+    """Guard of lost and doubled calls: a reference of time then moves faster or slower than its
+    speed says.
+    """
+    most = 1.0
+    rate = 0.0
     for i in range(len(q_r)):
         due = 0.5 * (joints[QD, i] + qd_r[i]) * own[DT]
         if abs(due) > most * joints[LEAST_STEP, i]:
-            most, rate = abs(due) / joints[LEAST_STEP, i], (q_r[i] - joints[Q, i]) / due
+            most = abs(due) / joints[LEAST_STEP, i]
+            rate = (q_r[i] - joints[Q, i]) / due
     if most > 1.0:
         own[RHYTHM] += REMEMBERED * (min(max(rate, -SUDDEN), SUDDEN) - own[RHYTHM])
         if own[RHYTHM] < own[SLOWER] or own[RHYTHM] > own[FASTER]:
@@ -110,13 +183,19 @@ def beat(q_r, qd_r, own, joints):
 
 
 def read(pulses, first, own, joints, memory):
-    """Guard of the counts: one with too large an innovation is replaced by its prediction, unless this goes on.
+    """Guard of the counts: one with too large an innovation is replaced by its prediction, unless
+    this goes on.
 
-    So is one that is no number; that it goes on leaves nothing to hold by. A counter that has jumped for good has lost
-    counts, which no arm can have made: they are taken off, so that a stop goes on where the arm is. One that stands
-    still where it has jumped to may be dead: there is no hold by it.
+    So is one that is no number; that it goes on leaves nothing to hold by. A counter that has
+    jumped for good has lost counts, which no arm can have made: they are taken off, so that a stop
+    goes on where the arm is. One that stands still where it has jumped to may be dead: there is no
+    hold by it.
     """
-    dt, joint, largest, missing, dumb = own[DT], -1, 0.0, False, False
+    dt = own[DT]
+    joint = -1
+    largest = 0.0
+    missing = False
+    dumb = False
     for i in range(len(pulses)):
         joints[BEFORE, i] = joints[COUNTS, i]
         predicted = joints[COUNTS, i] + joints[SPEED, i] * dt
@@ -129,7 +208,8 @@ def read(pulses, first, own, joints, memory):
             joints[EXPECTED, i] = np.floor(predicted + 0.5)
             dumb = dumb or pulses[i] == joints[RAW, i]
             if not missing and abs(innovation) > abs(largest):
-                joint, largest = i, innovation
+                joint = i
+                largest = innovation
         joints[RAW, i] = pulses[i]
     own[JUMPS] = own[JUMPS] + 1.0 if joint >= 0 else 0.0
     lost = own[JUMPS] > own[PATIENCE]
@@ -149,16 +229,19 @@ def read(pulses, first, own, joints, memory):
 
 
 def watch(first, own, joints, memory):
-    """Guards of the tracking error, and of an encoder that stands still; in a hold of the second alone.
+    """Guards of the tracking error, and of an encoder that stands still; in a hold of the second
+    alone.
 
-    Static friction holds a joint while the torque stays within a band of twice its level. Once the torque has left that
-    band since the counts last changed, the joint must have moved, if its reference has.
+    Static friction holds a joint while the torque stays within a band of twice its level. Once the
+    torque has left that band since the counts last changed, the joint must have moved, if its
+    reference has.
     """
     for i in range(joints.shape[1]):
         error = joints[REFERENCE, i] - joints[COUNTS, i]
         if own[CAUSE] == RUNNING and abs(error) > joints[ERROR, i]:
             stop(IS_OFF, i, error, own)
-        asked, pushed = joints[REFERENCE, i] - joints[MARK, i], joints[TORQUE, i] - joints[MARK_TORQUE, i]
+        asked = joints[REFERENCE, i] - joints[MARK, i]
+        pushed = joints[TORQUE, i] - joints[MARK_TORQUE, i]
         if first or joints[COUNTS, i] != joints[BEFORE, i]:
             joints[MARK, i], joints[MARK_TORQUE, i] = joints[REFERENCE, i], joints[TORQUE, i]
             joints[STILL, i] = joints[PUSHED, i] = 0.0
@@ -176,7 +259,9 @@ def watch(first, own, joints, memory):
 
 
 def stands(joint, settled, own, joints, memory):
-    """Whether a joint that should move must have: its torque may also be what holds it while the others move."""
+    """Whether a joint that should move must have: its torque may also be what holds it while the
+    others move.
+    """
     if not settled or own[MODELLED] == 0.0:
         return True
     return unborne(joint, joints[MEAN, joint] - joints[REST_TORQUE, joint], own, joints, memory)
@@ -185,8 +270,8 @@ def stands(joint, settled, own, joints, memory):
 def rest(joint, own, joints, memory):
     """Guard of an encoder that is dead at rest, whatever its reference does.
 
-    The mean torque must stay within the band of friction about where it settled, or the counts change within
-    `DEAD_TIME`, unless what the other joints do needs the torque.
+    The mean torque must stay within the band of friction about where it settled, or the counts
+    change within `DEAD_TIME`, unless what the other joints do needs the torque.
     """
     pushed = joints[MEAN, joint] - joints[REST_TORQUE, joint]
     if abs(pushed) > joints[REST, joint] and unborne(joint, pushed, own, joints, memory):
@@ -208,7 +293,8 @@ def remember(joint, joints, memory):
 
 def unborne(joint, pushed, own, joints, memory):
     """Whether neither friction nor the motion of the other joints explains a change of torque."""
-    n, alike = joints.shape[1], True
+    n = joints.shape[1]
+    alike = True
     start = len(memory) - 3 * n * n + 3 * n * joint
     for i in range(n):
         joints[WAS_Q, i], joints[WAS_QD, i] = memory[start + i], memory[start + n + i]

@@ -1,7 +1,9 @@
-"""The paper's example: links 2 and 3 of a PUMA 560 with its drives, encoders, P controller and trajectory.
+"""The paper's example: links 2 and 3 of a PUMA 560 with its drives, encoders, P controller and
+trajectory.
 
-Frames: axis 2 is horizontal, and positive q2 lowers the arm. All numbers come from the paper (section 3, 4 and
-appendix, corrected where the print is wrong) or, where said, from the literature on this robot.
+Frames: axis 2 is horizontal, and positive q2 lowers the arm. All numbers come from the
+paper (section 3, 4 and appendix, corrected where the print is wrong) or, where said, from the
+literature on this robot.
 """
 
 from typing import Any
@@ -21,7 +23,8 @@ from plant.mechanics.link import Link
 from plant.mechanics.lumping import Lumping
 from plant.motion.smooth import Harmonics
 
-LINK_LENGTH = 0.4318  # distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters
+# distance of axes 2 and 3 [m]; the paper's a3, called a2 in the tables of modified DH parameters
+LINK_LENGTH = 0.4318
 
 # f1..f9 that the paper identified (4.2) [kg m^2: f1-f4, f7; kg m: f5, f6, f8, f9].
 PUBLISHED = np.array([1.68, 1.39, -0.29, -1.4, -0.08, -1.94, 6.67, 0.06, 10.2])
@@ -31,19 +34,28 @@ PUBLISHED.setflags(write=False)
 PUBLISHED_ALTERATION = np.array([0.10, 0.21, 0.80, 0.30, 0.16, 0.14, 0.11, 0.40, 0.03])
 PUBLISHED_ALTERATION.setflags(write=False)
 
-# Ranges of f1..f9 printed in 3.6. Those of f2 and f7 do not follow from the inputs (`identification.planning.ranges`
-# derives [0, 1.27] and [1.25, 18.76]); the published f3 and f4 lie outside theirs.
+# Ranges of f1..f9 printed in 3.6. Those of f2 and f7 do not follow from the inputs
+# (`identification.planning.ranges` derives [0, 1.27] and [1.25, 18.76]); the published f3 and f4
+# lie outside theirs.
 PRINTED_RANGES = (
-    (0.28, 4.07), (0.0, 2.33), (-0.2, 0.2), (-1.25, 0.0), (-0.4, 0.4), (-2.5, 0.0), (2.23, 17.95), (-1.75, 1.75),
+    (0.28, 4.07),
+    (0.0, 2.33),
+    (-0.2, 0.2),
+    (-1.25, 0.0),
+    (-0.4, 0.4),
+    (-2.5, 0.0),
+    (2.23, 17.95),
+    (-1.75, 1.75),
     (-2.7, 11.25),
-)  # fmt: skip
+)
 
 
 def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
-    """f1..f9 by name from the physical parameters of links 2 and 3, and the length a3 [m] of link 2.
+    """f1..f9 by name from the physical parameters of links 2 and 3, and the length a3 [m] of link
+    2.
 
-    A link has attributes m [kg], x, y [m], Izz about the centre of mass and J = Jm k^2 [kg m^2]: numbers, casadi
-    symbols or intervals.
+    A link has attributes m [kg], x, y [m], Izz about the centre of mass and J = Jm k^2 [kg m^2]:
+    numbers, casadi symbols or intervals.
 
     Source: paper eq. (3), with Jm3 in f1 and Jm2 in f7 (printed the other way round).
     """
@@ -55,7 +67,14 @@ def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
         "f4": link3.m * link3.y * a3,
         "f5": link3.m * link3.x,
         "f6": link3.m * link3.y,
-        "f7": link2.J + link2.Izz + link2.m * link2.x**2 + link2.m * link2.y**2 + link3.m * a3**2 + inertia3,
+        "f7": (
+            link2.J
+            + link2.Izz
+            + link2.m * link2.x**2
+            + link2.m * link2.y**2
+            + link3.m * a3**2
+            + inertia3
+        ),
         "f8": link2.m * link2.y,
         "f9": link2.m * link2.x + link3.m * a3,
     }
@@ -63,7 +82,10 @@ def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
 
 def dynamics() -> Dynamics:
     """Equations (1)-(2) of links 2 and 3 with f1..f9 open, and their printed search ranges."""
-    links = Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0), Link(name="3", alpha=0.0, a=LINK_LENGTH, d=0.0)
+    links = (
+        Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0),
+        Link(name="3", alpha=0.0, a=LINK_LENGTH, d=0.0),
+    )
     lumping = Lumping.from_equation(
         lambda link2, link3: equation_3(link2, link3, LINK_LENGTH),
         links=2,
@@ -78,8 +100,11 @@ def arm() -> Arm:
     return dynamics().arm(PUBLISHED)
 
 
-def literature_arm(tool_mass: float = 0.0, tool_position: tuple[float, float] = (0.0, -0.55)) -> Arm:
-    """A physical PUMA 560 (links 2 and 3, the wrist lumped into link 3), with a point mass as a tool.
+def literature_arm(
+    tool_mass: float = 0.0, tool_position: tuple[float, float] = (0.0, -0.55)
+) -> Arm:
+    """A physical PUMA 560 (links 2 and 3, the wrist lumped into link 3), with a point mass as a
+    tool.
 
     `tool_mass` is in kg, `tool_position` x, y in frame 3 [m].
 
@@ -103,9 +128,9 @@ def literature_arm(tool_mass: float = 0.0, tool_position: tuple[float, float] = 
 def rig() -> Rig:
     """Drives and encoders of joints 2 and 3.
 
-    Source: paper appendix (gears, friction, encoders; its second "Kfr-stat2" is motor 3's), 4.1 (0.7 ms, 12 A
-    amplifiers); motor inertia 2e-4 kg m^2 and motor gains 0.228 and 0.238 N m/A from Corke and Armstrong-Helouvry
-    (1994).
+    Source: paper appendix (gears, friction, encoders; its second "Kfr-stat2" is motor 3's), 4.1
+    (0.7 ms, 12 A amplifiers); motor inertia 2e-4 kg m^2 and motor gains 0.228 and 0.238 N m/A from
+    Corke and Armstrong-Helouvry (1994).
     """
     drive = Drive(
         gear=(107.8, -53.7),
@@ -121,8 +146,9 @@ def rig() -> Rig:
 def p_law(gain: ArrayLike = (0.20, 0.15)) -> P:
     """The P controller of the experiment: motor torque per pulse of error [N m].
 
-    The paper prints neither P nor K_i. With (0.20, 0.15) the tracking errors stay within about +-10 pulses, as in
-    Figs. 6-7, and oscillate at 23-27 Hz, near the 27-32 Hz that the paper saw; with (0.1, 0.08) they reach 14-18.
+    The paper prints neither P nor K_i. With (0.20, 0.15) the tracking errors stay within about +-10
+    pulses, as in Figs. 6-7, and oscillate at 23-27 Hz, near the 27-32 Hz that the paper saw; with
+    (0.1, 0.08) they reach 14-18.
     """
     return P(gain=gain)
 
@@ -131,4 +157,6 @@ def reference(period: float = 3.65) -> Harmonics:
     """The test trajectory, `period` seconds long. Source: paper eq. (6)."""
     quarter = np.pi / 4
     cosine = np.diag([quarter, -quarter])
-    return Harmonics(period=period, offset=(-quarter, quarter), cosine=cosine, sine=np.zeros((2, 2)))
+    return Harmonics(
+        period=period, offset=(-quarter, quarter), cosine=cosine, sine=np.zeros((2, 2))
+    )

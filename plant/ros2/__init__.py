@@ -1,1 +1,3 @@
-"""A control law as a ros2_control controller: `export` puts the guarded C of `plant.realtime` into a ROS 2 package."""
+"""A control law as a ros2_control controller: `export` puts the guarded C of `plant.realtime`
+into a ROS 2 package.
+"""

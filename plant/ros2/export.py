@@ -1,7 +1,9 @@
-"""A control law as a package of ROS 2: a ros2_control controller plugin around the C of its running controller.
+"""A control law as a package of ROS 2: a ros2_control controller plugin around the C of its running
+controller.
 
-The C and its guards are those of `plant.realtime.c_running`; the C++ around it is a template that holds no equation:
-counts of angles, angles of counts, and the polynomial between two points of a trajectory are generated, too.
+The C and its guards are those of `plant.realtime.c_running`; the C++ around it is a template that
+holds no equation: counts of angles, angles of counts, and the polynomial between two points of a
+trajectory are generated, too.
 """
 
 import re
@@ -24,36 +26,50 @@ from plant.realtime.guards import Guards, limited
 _TEMPLATES = Path(__file__).with_name("templates")
 _RATE = 0.9e-3  # by which the manager's rate may differ from the law's; the controller checks 0.1 %
 _FILES = {
-    "package.xml": "package.xml", "CMakeLists.txt": "CMakeLists.txt", "{}_plugin.xml": "plugin.xml",
-    "{}_controller.hpp": "controller.hpp", "{}_controller.cpp": "controller.cpp", "{}.yaml": "parameters.yaml",
-    "{}.launch.py": "launch.txt", "README.md": "README.md",
-}  # fmt: skip
+    "package.xml": "package.xml",
+    "CMakeLists.txt": "CMakeLists.txt",
+    "{}_plugin.xml": "plugin.xml",
+    "{}_controller.hpp": "controller.hpp",
+    "{}_controller.cpp": "controller.cpp",
+    "{}.yaml": "parameters.yaml",
+    "{}.launch.py": "launch.txt",
+    "README.md": "README.md",
+}
 
 
 @known_options
 def to_ros2_control(
-    law: Law, folder: str | Path, rig: Rig | None = None, *, name: str = "arm_controller",
-    joints: Sequence[str] | None = None, guards: Guards = Guards(),  # noqa: B008 - frozen
-    torque_limit: ArrayLike | None = None, without: Sequence[str] = (),
-) -> None:  # fmt: skip
-    """A control law as a controller of ros2_control: a package for ROS 2 Jazzy, to be built with colcon.
+    law: Law,
+    folder: str | Path,
+    rig: Rig | None = None,
+    *,
+    name: str = "arm_controller",
+    joints: Sequence[str] | None = None,
+    guards: Guards = Guards(),  # noqa: B008 - frozen
+    torque_limit: ArrayLike | None = None,
+    without: Sequence[str] = (),
+) -> None:
+    """A control law as a controller of ros2_control: a package for ROS 2 Jazzy, to be built with
+    colcon.
 
-    It reads `position` (rad, or counts) of each joint, writes `effort` [N m], follows a ``JointTrajectory`` or the
-    controller before it, and has every guard and stop of ``law.start(rig, pulses, guards=guards)``.
+    It reads `position` (rad, or counts) of each joint, writes `effort` [N m], follows a
+    ``JointTrajectory`` or the controller before it, and has every guard and stop of
+    ``law.start(rig, pulses, guards=guards)``.
 
     Parameters
     ----------
     law : Law
         With a period; the controller manager has to run at its rate.
     folder : str or Path
-        Made if it is not there; an earlier export of the same name in it is overwritten, nothing else is.
+        Made if it is not there; an earlier export of the same name in it is overwritten, nothing
+        else is.
     rig : Rig, optional
         What the controller drives; by default the rig that the law holds, if it does.
     name : str
         Of the package and the controller; small letters, digits and single underscores.
     joints : sequence of str, optional
-        Names of the joints in ROS, in the order of the law; by default those of the arm, with _ for each space; of
-        numbers, and where there are none, joint1 and so on.
+        Names of the joints in ROS, in the order of the law; by default those of the arm, with _ for
+        each space; of numbers, and where there are none, joint1 and so on.
     guards : Guards
     torque_limit : (n,) array_like, optional
         Lower than the amplifier's [N m], joint side.
@@ -63,8 +79,8 @@ def to_ros2_control(
     Raises
     ------
     ValueError
-        No rig; a law that repeats a log, or has no period, or one that is no whole rate; names that ROS could not have;
-        a file in the folder that is not an earlier export.
+        No rig; a law that repeats a log, or has no period, or one that is no whole rate; names that
+        ROS could not have; a file in the folder that is not an earlier export.
 
     See Also
     --------
@@ -81,22 +97,37 @@ def to_ros2_control(
     >>> (folder / "arm_controller_plugin.xml").exists()
     True
     """
-    instance("law", law, Law, "Pass a control law, such as ComputedTorque(found), with guards= and without=.")
-    rig, kind = rig_of(law, rig, "to_ros2_control(law, folder, rig)"), type(law).__name__
+    instance(
+        "law",
+        law,
+        Law,
+        "Pass a control law, such as ComputedTorque(found), with guards= and without=.",
+    )
+    rig = rig_of(law, rig, "to_ros2_control(law, folder, rig)")
+    kind = type(law).__name__
     instance("guards", guards, Guards, "Give Guards(...).").warn_of_units(rig)
     if law.replays:
         raise ValueError(f"a law at work must be a controller; {kind} repeats a log. Use another.")
     if law.period is None:
-        raise ValueError(f"law must have a period, to run in update; {kind} has none. Use to_c for fast hardware.")
+        raise ValueError(
+            f"law must have a period, to run in update; {kind} has none. Use to_c for fast"
+            " hardware."
+        )
     rig = limited(rig, torque_limit)
     require_exportable(rig, name)
     if "__" in name or name.endswith("_"):
-        raise ValueError(f"name must have single underscores, and none at its end, in ROS; got {name!r}. Rename it.")
+        raise ValueError(
+            f"name must have single underscores, and none at its end, in ROS; got {name!r}."
+            " Rename it."
+        )
     hertz = 1 / (law.period or rig.period)
     if abs(round(hertz) / hertz - 1) > _RATE:
-        low, high = int(hertz), int(hertz) + 1
+        low = int(hertz)
+        high = int(hertz) + 1
         took = f"got {1 / hertz:g} s, {hertz:.6g} Hz. Make the law for 1 / {low} or 1 / {high} s"
-        raise ValueError(f"law must have a rate in whole Hz, as the controller manager has; {took}.")
+        raise ValueError(
+            f"law must have a rate in whole Hz, as the controller manager has; {took}."
+        )
     names = _joint_names(law, rig, joints)
     values = values_of(law, rig, guards, name, Output(None, 0), without)
     said = f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
@@ -104,9 +135,12 @@ def to_ros2_control(
     functions = helpers(functions) + functions
     values |= {
         "about": f"{paragraph(said)}\n *\n{values['about']}",
-        "summary": escape(said), "functions": functions, "joints": ", ".join(f'"{joint}"' for joint in names),
-        "joints_said": ", ".join(names), "rate": round(hertz),
-    }  # fmt: skip
+        "summary": escape(said),
+        "functions": functions,
+        "joints": ", ".join(f'"{joint}"' for joint in names),
+        "joints_said": ", ".join(names),
+        "rate": round(hertz),
+    }
     own = {file.format(name): _TEMPLATES / template for file, template in _FILES.items()}
     code = {f"{name}{suffix}": template for suffix, template in RUNNING.items()}
     write_templates(folder, name, code | own, values)
@@ -119,50 +153,80 @@ def _joint_names(law: Law, rig: Rig, given: Sequence[str] | None) -> list[str]:
     known = known or [str(i + 1) for i in range(rig.n)]
     names = [f"joint{each}" if each.isdigit() else each.replace(" ", "_") for each in known]
     if isinstance(given, str):
-        raise ValueError(f"joints must be a sequence of names; got {given!r:.60}. Write ({given!r:.60},).")
+        raise ValueError(
+            f"joints must be a sequence of names; got {given!r:.60}. Write ({given!r:.60},)."
+        )
     names = names if given is None else list(given)
     for each in names:
         if not isinstance(each, str) or not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]{0,99}", each):
             rule = "be letters, digits, _, - or ., and begin with a letter"
-            raise ValueError(f"joints must {rule}, in ROS; got {each!r:.60}. Give joints=(...), as the URDF has them.")
+            raise ValueError(
+                f"joints must {rule}, in ROS; got {each!r:.60}. Give joints=(...), as the URDF has"
+                " them."
+            )
     if len(names) != rig.n or len(set(names)) != rig.n:
-        raise ValueError(f"joints must be {rig.n} different names; got {', '.join(names)}. Give one per joint.")
+        raise ValueError(
+            f"joints must be {rig.n} different names; got {', '.join(names)}. Give one per joint."
+        )
     return names
 
 
 def _functions(rig: Rig) -> Iterator[str]:
-    """C of what is generated for the plugin: counts of angles, angles of counts, motion between two points."""
+    """C of what is generated for the plugin: counts of angles, angles of counts, motion between
+    two points.
+    """
     n = rig.n
-    q, counts = ca.SX.sym("positions", n), ca.SX.sym("counts", n)
-    yield _function("counts_of", [("positions", q)], "counts", ca.floor(rig.position_in_pulses(q) + 0.5))
+    q = ca.SX.sym("positions", n)
+    counts = ca.SX.sym("counts", n)
+    yield _function(
+        "counts_of", [("positions", q)], "counts", ca.floor(rig.position_in_pulses(q) + 0.5)
+    )
     yield _function("angles_of", [("counts", counts)], "angles", rig.cell_centre(counts))
-    begun, ended, span, at = ca.SX.sym("begun", 3), ca.SX.sym("ended", 3), ca.SX.sym("span"), ca.SX.sym("at")
+    begun = ca.SX.sym("begun", 3)
+    ended = ca.SX.sym("ended", 3)
+    span = ca.SX.sym("span")
+    at = ca.SX.sym("at")
     inputs = [("begun", begun), ("ended", ended), ("span", span), ("at", at)]
     yield _function("between", inputs, "motion", _between(begun, ended, span, at))
 
 
 def _between(begun: ca.SX, ended: ca.SX, span: ca.SX, at: ca.SX) -> ca.SX:
-    """Position, velocity and acceleration (3, 1) on the polynomial of fifth degree between two of them."""
-    higher, share = ca.SX.sym("higher", 3), at / span
+    """Position, velocity and acceleration (3, 1) on the polynomial of fifth degree between two
+    of them.
+    """
+    higher = ca.SX.sym("higher", 3)
+    share = at / span
     position = begun[0] + begun[1] * at + begun[2] / 2 * at**2
     position += ca.dot(higher, ca.vertcat(share**3, share**4, share**5))
     velocity = ca.jacobian(position, at)
     motion = ca.vertcat(position, velocity, ca.jacobian(velocity, at))
     missing = ca.substitute(ended - motion, at, span) * ca.vertcat(1, span, span**2)
     matrix = ca.evalf(ca.substitute(-ca.jacobian(missing, higher), span, 1))
-    return ca.substitute(motion, higher, ca.inv(matrix) @ ca.substitute(missing, higher, ca.SX.zeros(3)))
+    return ca.substitute(
+        motion, higher, ca.inv(matrix) @ ca.substitute(missing, higher, ca.SX.zeros(3))
+    )
 
 
 def _function(name: str, inputs: list[tuple[str, ca.SX]], output: str, value: ca.SX) -> str:
     """A C function that writes the components of a vector."""
     scalar = {each for each, symbol in inputs if symbol.numel() == 1 and each in ("span", "at")}
     sources = [
-        [(each, STATE)] if each in scalar else [(f"{each}[{i}]", STATE) for i in range(symbol.numel())]
+        (
+            [(each, STATE)]
+            if each in scalar
+            else [(f"{each}[{i}]", STATE) for i in range(symbol.numel())]
+        )
         for each, symbol in inputs
     ]
     function = ca.Function(name, [symbol for _, symbol in inputs], [ca.densify(ca.cse(value))])
     lines, values, _ = statements(function, sources)
-    taken = ", ".join(f"double {each}" if each in scalar else f"const double * {each}" for each, _ in inputs)
+    taken = ", ".join(
+        f"double {each}" if each in scalar else f"const double * {each}" for each, _ in inputs
+    )
     body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
     body += [f"{output}[{i}] = {text};" for i, text in enumerate(values)]
-    return f"void {name}({taken}, double * {output})\n{{\n" + "".join(f"  {line}\n" for line in body) + "}\n"
+    return (
+        f"void {name}({taken}, double * {output})\n{{\n"
+        + "".join(f"  {line}\n" for line in body)
+        + "}\n"
+    )

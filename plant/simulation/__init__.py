@@ -1,6 +1,6 @@
 """The closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`.
 
 Reading order: `layout` (state and numbers), `sub_step`, `closed_loop` (the step) -> `loop_source`,
-`loop_kernel` (compiled), `logged_run` (by casadi, the reference) -> `clock`, `followed_path`, `time_tables` (what
-drives it) -> `simulator`, `stepped_arm` (for scripts); `threads`.
+`loop_kernel` (compiled), `logged_run` (by casadi, the reference) -> `clock`, `followed_path`,
+`time_tables` (what drives it) -> `simulator`, `stepped_arm` (for scripts); `threads`.
 """

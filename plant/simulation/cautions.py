@@ -1,4 +1,6 @@
-"""Warnings before a simulation: an arm without rotors, currents whose lag is unstable, gears too stiff for a step."""
+"""Warnings before a simulation: an arm without rotors, currents whose lag is unstable, gears too
+stiff for a step.
+"""
 
 import dataclasses
 import math
@@ -17,7 +19,9 @@ _MANY = 100  # steps per sample above which none are advised
 
 
 def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int) -> None:
-    """Warn of gears whose vibration at a pose, motor against link, is wrong by more than 1 % in its frequency."""
+    """Warn of gears whose vibration at a pose, motor against link, is wrong by more than 1 % in
+    its frequency.
+    """
     drive = rig.drive
     if drive.elasticity is None:
         return
@@ -32,8 +36,9 @@ def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int)
     steps = math.ceil(steps_per_sample * hz / most)
     more = f"Take steps_per_sample={steps}, or leave" if steps <= _MANY else "Leave"
     warn(
-        f"the gear of {arm.dynamics.chain.joint_labels[joint]} vibrates at {hz:.4g} Hz, motor against link; sub-steps "
-        f"of {1e3 * h:.3g} ms follow {most:.4g} Hz to 1 %. {more} elasticity out: such a gear is as good as rigid."
+        f"the gear of {arm.dynamics.chain.joint_labels[joint]} vibrates at {hz:.4g} Hz, motor"
+        f" against link; sub-steps of {1e3 * h:.3g} ms follow {most:.4g} Hz to 1 %. {more}"
+        " elasticity out: such a gear is as good as rigid."
     )
 
 
@@ -41,12 +46,14 @@ _COUNTS = 0.1  # share of a joint's inertia above which its rotor matters
 
 
 def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
-    """Warn of an arm whose bodies say that there are no rotors, under a drive that has them, at pose q (n,).
+    """Warn of an arm whose bodies say that there are no rotors, under a drive that has them, at
+    pose q (n,).
 
-    The inertia matrix holds the rotors (f1 and f7 of the paper hold Jm k^2); a drive does not add them. Without them an
-    arm is lighter than its motors, and its loop faster than any real one.
+    The inertia matrix holds the rotors (f1 and f7 of the paper hold Jm k^2); a drive does not add
+    them. Without them an arm is lighter than its motors, and its loop faster than any real one.
     """
-    chain, rotors = arm.dynamics.chain, rig.drive.reflected_inertia()
+    chain = arm.dynamics.chain
+    rotors = rig.drive.reflected_inertia()
     if not chain.bodies or chain.n != rig.n or any(body.rotor for body in chain.bodies):
         return
     stated = arm.dynamics.f(chain.bodies)
@@ -57,8 +64,9 @@ def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
         joint = int(share.argmax())
         label = joint_label([link.name for link in chain.links], joint)
         warn(
-            f"the bodies of the arm have no rotors, and the drive has {rotors[joint]:.3g} kg m^2 at {label}, "
-            f"{share[joint]:.2g} of the inertia there. Make the dynamics of chain.with_rotors(drive)."
+            f"the bodies of the arm have no rotors, and the drive has {rotors[joint]:.3g} kg m^2 at"
+            f" {label}, {share[joint]:.2g} of the inertia there. Make the dynamics of"
+            " chain.with_rotors(drive)."
         )
 
 
@@ -66,18 +74,22 @@ _ZERO = 1e-6  # growth of a pole, relative to its size, that may be rounding
 
 
 def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: Floats) -> None:
-    """Warn of a fast law whose loop, linearised at a pose, is unstable with the currents' lag and stable without it."""
+    """Warn of a fast law whose loop, linearised at a pose, is unstable with the currents' lag
+    and stable without it.
+    """
     if rig.drive.current_lag is None or law.has_memory(rig.n):
         return
     growing = _growing(arm, rig, law, pose)
     prompt = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=None))
     if growing is None or _growing(arm, prompt, law, pose) is not None:
         return
-    lag, name = rig.drive.current_lag.time, type(law).__name__
+    lag = rig.drive.current_lag.time
+    name = type(law).__name__
     warn(
-        f"with a current_lag of {lag:g} s the loop of {name} is unstable: linearised "
-        f"at the start it oscillates at {abs(growing.imag) / (2 * math.pi):.3g} Hz with the time constant "
-        f"{1 / growing.real:.2g} s; without lag it is stable. Lower the gains, or take a law with damping."
+        f"with a current_lag of {lag:g} s the loop of {name} is unstable: linearised at the start"
+        f" it oscillates at {abs(growing.imag) / (2 * math.pi):.3g} Hz with the time constant"
+        f" {1 / growing.real:.2g} s; without lag it is stable. Lower the gains, or take a law with"
+        " damping."
     )
 
 

@@ -1,7 +1,9 @@
-"""Calls on an executor of any kind, a bounded number at a time: results as they come, killed workers outlived.
+"""Calls on an executor of any kind, a bounded number at a time: results as they come, killed
+workers outlived.
 
-An executor keeps the contract of `concurrent.futures.Executor`; a Dask client gives one. A factory makes another after
-a worker was killed: the calls that were open then run one at a time, until it is known which of them kills.
+An executor keeps the contract of `concurrent.futures.Executor`; a Dask client gives one. A factory
+makes another after a worker was killed: the calls that were open then run one at a time, until it
+is known which of them kills.
 """
 
 import functools
@@ -37,7 +39,9 @@ class _Work:
 
     def __call__(self) -> Any:
         if self.version != __version__:
-            raise OtherVersionError(f"workers must have onepulse {self.version}; one has {__version__}. Install it.")
+            raise OtherVersionError(
+                f"workers must have onepulse {self.version}; one has {__version__}. Install it."
+            )
         return self.function(*self.args, **self.kwargs)
 
 
@@ -54,10 +58,14 @@ class Executor:
     def __init__(self, given: Any) -> None:
         self._factory: Any
         self._held = False
-        self._own = given is None or (callable(given) and (isinstance(given, type) or not hasattr(given, "submit")))
+        self._own = given is None or (
+            callable(given) and (isinstance(given, type) or not hasattr(given, "submit"))
+        )
         self._factory = functools.partial(ThreadPoolExecutor, cores()) if given is None else given
         if not self._own and not hasattr(given, "submit"):
-            raise ValueError(f"executor must take calls; got a value of type {type(given).__name__}. {_ADVICE}")
+            raise ValueError(
+                f"executor must take calls; got a value of type {type(given).__name__}. {_ADVICE}"
+            )
         self._renew()
 
     def __enter__(self) -> Self:
@@ -71,7 +79,9 @@ class Executor:
     def _renew(self) -> None:
         executor = self._factory() if self._own else self._factory
         if not hasattr(executor, "submit"):
-            raise ValueError(f"executor must make an executor; it made a {type(executor).__name__}. {_ADVICE}")
+            raise ValueError(
+                f"executor must make an executor; it made a {type(executor).__name__}. {_ADVICE}"
+            )
         self._client = executor if hasattr(executor, "get_executor") else None
         self._pool = executor if self._client is None else executor.get_executor(pure=False)
         self.window = 2 * (getattr(self._pool, "_max_workers", None) or _UNKNOWN // 2)
@@ -80,10 +90,12 @@ class Executor:
         """Another executor in place of one whose worker was killed while these calls were open."""
         if not self._own:
             raise ValueError(
-                f"executor must be one whose workers live; one was killed while {several(names, 5)} ran. Give a "
-                "function that makes executors, such as lambda: ProcessPoolExecutor(2), which then makes another."
+                f"executor must be one whose workers live; one was killed while {several(names, 5)}"
+                " ran. Give a function that makes executors, such as lambda:"
+                " ProcessPoolExecutor(2), which then makes another."
             )
-        held, self._held = self._held, False
+        held = self._held
+        self._held = False
         self.close()
         self._held = held
         self._renew()
@@ -97,8 +109,14 @@ class Executor:
         except Exception as error:
             said = str(error).lower()
             client = getattr(self._pool, "_client", None)
-            if "shutdown" in said or "closed" in said or getattr(client, "status", "running") != "running":
-                raise ValueError(f"executor must be open; it is closed ({_said(error)}). Give one that runs.") from None
+            if (
+                "shutdown" in said
+                or "closed" in said
+                or getattr(client, "status", "running") != "running"
+            ):
+                raise ValueError(
+                    f"executor must be open; it is closed ({_said(error)}). Give one that runs."
+                ) from None
             failed: Future[Any] = Future()
             failed.set_exception(error)
             return failed
@@ -123,12 +141,15 @@ class _Call:
 
 
 def finished(
-    calls: Iterable[tuple[T, tuple[Callable[..., Any], Sequence[Any], Mapping[str, Any]]]], executor: Executor,
+    calls: Iterable[tuple[T, tuple[Callable[..., Any], Sequence[Any], Mapping[str, Any]]]],
+    executor: Executor,
     retries: int = 0,
-) -> Iterator[tuple[T, Any, BaseException | None]]:  # fmt: skip
-    """(key, result, error) of each call (key, (function, args, kwargs)), in the order in which they end.
+) -> Iterator[tuple[T, Any, BaseException | None]]:
+    """(key, result, error) of each call (key, (function, args, kwargs)), in the order in which they
+    end.
 
-    Calls are taken as there is room for them. One that raises, or kills its worker, is tried again `retries` times.
+    Calls are taken as there is room for them. One that raises, or kills its worker, is tried again
+    `retries` times.
     """
     source, done = enumerate(calls), SimpleQueue[Future[Any]]()
     waiting, suspects, running = deque[_Call](), deque[_Call](), dict[Future[Any], _Call]()
@@ -136,7 +157,11 @@ def finished(
 
     def following() -> _Call | None:
         """The next call for which there is room; while suspects are tried there is room for one."""
-        if broken or len(running) >= executor.window or any(call.alone for call in running.values()):
+        if (
+            broken
+            or len(running) >= executor.window
+            or any(call.alone for call in running.values())
+        ):
             return None
         if suspects:
             return None if running else suspects.popleft()
@@ -169,7 +194,8 @@ def finished(
                 elif _killed(error) and not call.alone:  # this call, or one beside it
                     call.alone = True
                     suspects.append(call)
-                elif call.tries < retries and type(error).__name__ != "KilledWorker":  # Dask has tried it again
+                # Dask has tried it again
+                elif call.tries < retries and type(error).__name__ != "KilledWorker":
                     call.tries += 1
                     (suspects if call.alone else waiting).append(call)
                 else:
@@ -187,11 +213,15 @@ def mapped(function: Callable[[Any], T], items: Sequence[Any], executor: Any) ->
     """[function(item) for item in items] on the user's executor; the first failure is raised."""
     results: list[Any] = [None] * len(items)
     calls: Any = ((i, (function, (item,), {})) for i, item in enumerate(items))
-    for i, result, error in finished(calls, executor if isinstance(executor, Executor) else Executor(executor)):
+    for i, result, error in finished(
+        calls, executor if isinstance(executor, Executor) else Executor(executor)
+    ):
         if isinstance(error, ValueError):
             raise error
         if error is not None:
-            raise ValueError(f"executor must do each part of the work; one failed: {reason(error)}") from error
+            raise ValueError(
+                f"executor must do each part of the work; one failed: {reason(error)}"
+            ) from error
         results[i] = result
     return results
 
@@ -201,7 +231,10 @@ def reason(error: BaseException) -> str:
     if _killed(error):
         return f"{_KILLS} ({_said(error)})"
     if "pickle" in f"{type(error).__name__} {error}".lower() or "serialize" in str(error).lower():
-        return f"it cannot be sent to another process: {_said(error)}. Give functions and arguments of modules."
+        return (
+            f"it cannot be sent to another process: {_said(error)}. Give functions and arguments of"
+            " modules."
+        )
     return _said(error)
 
 
@@ -226,4 +259,6 @@ def _require_same_library(error: BaseException | None) -> None:
     if isinstance(error, OtherVersionError):
         raise error
     if isinstance(error, ModuleNotFoundError) and error.name in ("plant", "identification", "ctc"):
-        raise ValueError(f"workers must have onepulse {__version__}; one has none. Install it there.")
+        raise ValueError(
+            f"workers must have onepulse {__version__}; one has none. Install it there."
+        )

@@ -1,8 +1,9 @@
 """The commanded path of a loop: a reference with its counts, or the commanded counts of a log.
 
-The reference counts are rounded as the encoder rounds, also between samples, as the control card does. A record without
-a reference is replayed from its logged counts: straight lines between two samples, rounded likewise, unless the log has
-fractions of counts. Where the law needs the motion itself, with its acceleration, it is that of smoothing splines.
+The reference counts are rounded as the encoder rounds, also between samples, as the control card
+does. A record without a reference is replayed from its logged counts: straight lines between two
+samples, rounded likewise, unless the log has fractions of counts. Where the law needs the motion
+itself, with its acceleration, it is that of smoothing splines.
 """
 
 import dataclasses
@@ -21,13 +22,18 @@ from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 
-# Samples of a path that is found from its counts, and the share of them that may have another count.
-_FEW, _MOST, _MISSED = 50, 100_000, 0.05
+# Samples of a path that is found from its counts, and the share of them that may have another
+# count.
+_FEW = 50
+_MOST = 100_000
+_MISSED = 0.05
 
 _AT_ONCE = 1 << 16  # samples of a path that are found at once
 
-# Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them [pulses].
-_FIRST, _ON_A_PARABOLA = 10, 1.5
+# Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them
+# [pulses].
+_FIRST = 10
+_ON_A_PARABOLA = 1.5
 
 
 class Path:
@@ -35,8 +41,12 @@ class Path:
 
     def __init__(self, reference: Reference, rig: Rig) -> None:
         if reference.n != rig.n:
-            raise ValueError(f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching one.")
-        self.reference, self.rig = reference, rig
+            raise ValueError(
+                f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a"
+                " matching one."
+            )
+        self.reference = reference
+        self.rig = rig
 
     def __call__(self, t: Floats) -> tuple[Motion, Floats]:
         motion = self.reference(t)
@@ -60,7 +70,9 @@ class Logged:
     """Commanded counts of a log (N, n), at the samples of a clock, as a path."""
 
     def __init__(self, reference_pulses: Floats, rig: Rig, clock: Clock) -> None:
-        self.pulses, self.rig, self.clock = reference_pulses, rig, clock
+        self.pulses = reference_pulses
+        self.rig = rig
+        self.clock = clock
         self.whole = bool((reference_pulses == np.trunc(reference_pulses)).all())
         self._splines: dict[float, list[Any]] = {}
 
@@ -75,17 +87,29 @@ class Logged:
         return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
 
     def smoothed(self, t: Floats, finer: float = 1.0) -> Motion:
-        """The smoothest motion that the rounding of the counts allows; through all of them where they have fractions.
+        """The smoothest motion that the rounding of the counts allows; through all of them where
+        they have fractions.
 
-        A `finer` one has so many times as many knots: where the two differ, rounding hides the motion.
+        A `finer` one has so many times as many knots: where the two differ, rounding hides the
+        motion.
         """
         sampled = self.clock.t[self.clock.rows]
         if finer not in self._splines:
             encoder = self.rig.encoder
-            centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses)) if self.whole else self.pulses
+            centres = (
+                encoder.position_in_pulses(encoder.cell_centre(self.pulses))
+                if self.whole
+                else self.pulses
+            )
             self._splines[finer] = smooth_splines(sampled, centres, self.whole, finer)
-        within, splines = np.clip(t, 0, sampled[-1]), self._splines[finer]
-        return Motion(*(self.rig.to_angle(np.column_stack([each(within, nu) for each in splines])) for nu in range(3)))
+        within = np.clip(t, 0, sampled[-1])
+        splines = self._splines[finer]
+        return Motion(
+            *(
+                self.rig.to_angle(np.column_stack([each(within, nu) for each in splines]))
+                for nu in range(3)
+            )
+        )
 
     def setpoint(self, t: Floats) -> Motion:
         """What a law is given at times t (N,)."""
@@ -97,14 +121,16 @@ class Logged:
 
 
 def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:
-    """Commanded path of a record: its reference where it has one, its logged counts otherwise; both must agree.
+    """Commanded path of a record: its reference where it has one, its logged counts otherwise; both
+    must agree.
 
-    Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell. A reference whose logged
-    counts have fractions is not rounded either.
+    Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell. A
+    reference whose logged counts have fractions is not rounded either.
     """
     clock = clock or Clock.of(record)
     if record.reference is None:
-        rig, counts = record.rig, record.reference_pulses
+        rig = record.rig
+        counts = record.reference_pulses
         centres = rig.encoder.position_in_pulses(rig.encoder.cell_centre(counts))
         return Logged(centres, smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
     path = Path(record.reference, record.rig)
@@ -114,44 +140,62 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
     wrong = np.flatnonzero(off > 1)
     if len(wrong) and not off_reference(record)[wrong].all():
         raise ValueError(
-            f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is {off[wrong[0]]:.0f} "
-            f"pulses off. {_scaled(record, own)}Correct the reference, or leave it out to replay the logged counts."
+            f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is"
+            f" {off[wrong[0]]:.0f} pulses off. {_scaled(record, own)}Correct the reference, or"
+            " leave it out to replay the logged counts."
         )
     whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
     return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
 
 
 def _scaled(record: Record, own: Floats) -> str:
-    """What to look at where logged counts are a joint's own (N, n) times a number: "" where they are not."""
+    """What to look at where logged counts are a joint's own (N, n) times a number: "" where they
+    are not.
+    """
     moved, logged = (each - each.mean(axis=0) for each in (own, record.reference_pulses))
     power = (moved * moved).sum(axis=0)
     ratio = np.where(power > 0, (moved * logged).sum(axis=0) / np.maximum(power, 1.0), 1.0)
     joint = int(np.argmax(np.abs(ratio - 1)))
-    told = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()  # both are rounded, and their means
+    # both are rounded, and their means
+    told = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()
     if not told or abs(ratio[joint] - 1) < 1e-3:
         return ""
     where = record.rig.joint_labels[joint]
-    return f"At {where} they are {ratio[joint]:.4g} times the reference's: check gear, pulses per turn and sign. "
+    return (
+        f"At {where} they are {ratio[joint]:.4g} times the reference's: check gear, pulses per turn"
+        " and sign. "
+    )
 
 
 def counts_along(path: Path | Logged, t: Floats) -> Floats:
-    """Counts (N, n) of a path at times t (N,), block by block: the motion of a long log takes much memory."""
+    """Counts (N, n) of a path at times t (N,), block by block: the motion of a long log takes
+    much memory.
+    """
     return np.concatenate([path(part)[1] for part in np.array_split(t, -(-len(t) // _AT_ONCE))])
 
 
 def is_rounded(record: Record) -> bool:
-    """Whether the path of a record is known as whole counts at its samples, of which its law may have known more."""
+    """Whether the path of a record is known as whole counts at its samples, of which its law may
+    have known more.
+    """
     asked = record.reference_pulses
-    if record.reference is not None or record.law is None or record.law.replays or record.rig.encoder.smooth:
+    if (
+        record.reference is not None
+        or record.law is None
+        or record.law.replays
+        or record.rig.encoder.smooth
+    ):
         return False
     return bool(np.ptp(asked) > 0 and (asked == np.trunc(asked)).all())
 
 
 def with_path(record: Record) -> Record:
-    """A record whose law acts between samples, too, with the smooth motion through its commanded counts as reference.
+    """A record whose law acts between samples, too, with the smooth motion through its commanded
+    counts as reference.
 
-    Straight lines through counts lag by half a pulse between samples, which looks like late torques. The record itself,
-    where its path is known, or is not smooth: its counts are to be those of the motion but for one sample in twenty.
+    Straight lines through counts lag by half a pulse between samples, which looks like late
+    torques. The record itself, where its path is known, or is not smooth: its counts are to be
+    those of the motion but for one sample in twenty.
     """
     law: Any = record.law
     if not is_rounded(record) or law.period is not None or law.initial_state(record.n).size:
@@ -170,25 +214,30 @@ def with_path(record: Record) -> Record:
 def start_of(record: Record, path: Path | Logged) -> Any:
     """Position and velocity (n,) from which a record is replayed.
 
-    The record's `initial`; otherwise the reference's, but a joint whose first error is a pulse or more (an arm that
-    hangs in its P loop before it starts) is where its encoder reads, in the middle of that quantisation cell. Without
-    a reference the arm starts at the speed of its first counts.
+    The record's `initial`; otherwise the reference's, but a joint whose first error is a pulse or
+    more (an arm that hangs in its P loop before it starts) is where its encoder reads, in the
+    middle of that quantisation cell. Without a reference the arm starts at the speed of its first
+    counts.
     """
     if record.initial is not None:
         return record.initial
     q, qd = path.start()
     counted = record.rig.cell_centre(record.reference_pulses[0] - record.error_pulses[0])
     coupling = record.rig.drive.coupling
-    q = coupling.joint(np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q))))
+    q = coupling.joint(
+        np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q)))
+    )
     return q, qd if record.reference is not None else _first_speed(record)
 
 
 def _first_speed(record: Record) -> Floats:
     """Initial speed (n,) [rad/s] of a parabola through the first counts.
 
-    Zero where they hardly move, or where a controller was switched on: there they are on no parabola.
+    Zero where they hardly move, or where a controller was switched on: there they are on no
+    parabola.
     """
-    t, counts = record.t[:_FIRST] - record.t[0], record.counts[:_FIRST]
+    t = record.t[:_FIRST] - record.t[0]
+    counts = record.counts[:_FIRST]
     if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
         return np.zeros(record.n)
     scale = t[-1]
@@ -226,14 +275,21 @@ def write_replay(record: Record, path: str | os.PathLike[str]) -> None:
     >>> Path("record.csv").read_text()[:17]
     'pulses_1,pulses_2'
     """
-    followed, law = path_of(record), record.law
+    followed = path_of(record)
+    law = record.law
     motion = followed(record.t)[0] if law is None else followed.setpoint(record.t)
     pulses = record.reference_pulses - record.error_pulses
     if (pulses != np.trunc(pulses)).any():
-        raise ValueError("pulses of the record must be whole; got fractions. Simulate with an encoder that counts.")
+        raise ValueError(
+            "pulses of the record must be whole; got fractions. Simulate with an encoder that"
+            " counts."
+        )
     columns = (("pulses", ""), ("q_r", " [rad]"), ("qd_r", " [rad/s]"), ("qdd_r", " [rad/s^2]"))
     names = [f"{name}_{i + 1}{unit}" for name, unit in columns for i in range(record.n)]
     with open(path, "w", encoding="ascii", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for counts, row in zip(pulses, np.hstack(motion), strict=True):
-            file.write(",".join([*(f"{count:.0f}" for count in counts), *(f"{x:.17g}" for x in row)]) + "\n")
+            file.write(
+                ",".join([*(f"{count:.0f}" for count in counts), *(f"{x:.17g}" for x in row)])
+                + "\n"
+            )

@@ -1,4 +1,5 @@
-"""A law run along a log: the torque that it commanded follows from reference and counts, and from its memory before.
+"""A law run along a log: the torque that it commanded follows from reference and counts, and from
+its memory before.
 
 A law steps at its own period; one without a period is stepped four times per sample.
 """
@@ -21,8 +22,8 @@ from plant.simulation.followed_path import Logged, path_of
 class LawRun(Frozen):
     """Steps of a law along a log, at times t (K,) from its first sample [s].
 
-    Each has `given` (K, n), joint torque after the amplifier's limit [N m], held to the next step, and leaves the law
-    with the memory `states` (K, s).
+    Each has `given` (K, n), joint torque after the amplifier's limit [N m], held to the next step,
+    and leaves the law with the memory `states` (K, s).
     """
 
     t: Floats
@@ -30,11 +31,21 @@ class LawRun(Frozen):
     states: Floats
 
     def around(self, t: Floats, width: float) -> Floats:
-        """Mean (N, n) [N m] of the torque given over a time `width` [s] around each of the times t (N,) [s]."""
-        ends = np.append(self.t, self.t[-1] + width + (self.t[-1] - self.t[-2] if len(self.t) > 1 else width))
-        done = np.vstack([np.zeros(self.given.shape[1]), np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)])
-        low, high = np.maximum(t - width / 2, 0.0), t + width / 2
-        means = [(np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low) for own in done.T]
+        """Mean (N, n) [N m] of the torque given over a time `width` [s] around each of the times
+        t (N,) [s].
+        """
+        ends = np.append(
+            self.t, self.t[-1] + width + (self.t[-1] - self.t[-2] if len(self.t) > 1 else width)
+        )
+        done = np.vstack(
+            [np.zeros(self.given.shape[1]), np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)]
+        )
+        low = np.maximum(t - width / 2, 0.0)
+        high = t + width / 2
+        means = [
+            (np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low)
+            for own in done.T
+        ]
         return np.column_stack(means)
 
 
@@ -49,12 +60,19 @@ def run_law(record: Record, finer: float = 1.0) -> LawRun:
 
 def run_from(record: Record, states: Iterable[Any], finer: float = 1.0) -> Iterator[LawRun]:
     """The same runs from each of some states (s,) of the law."""
-    law, rig = record.law, record.rig
+    law = record.law
+    rig = record.rig
     if not isinstance(law, AlongLog):
-        raise ValueError(f"the law must be AlongLog; got {type(law).__name__}. Give AlongLog(law=, state=).")
+        raise ValueError(
+            f"the law must be AlongLog; got {type(law).__name__}. Give AlongLog(law=, state=)."
+        )
     clock = Clock.of(record)
-    path, period = path_of(record, clock, smooth=not law.rounds), law.period or rig.period / FAST
-    t = np.asarray(period * np.arange(int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1), dtype=np.float64)
+    path = path_of(record, clock, smooth=not law.rounds)
+    period = law.period or rig.period / FAST
+    t = np.asarray(
+        period * np.arange(int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1),
+        dtype=np.float64,
+    )
     motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t)
     columns = *motion, path(t)[1], clock.between(law.replayed(record), t)
     for given, memory in law.steps(rig, columns, period, states):

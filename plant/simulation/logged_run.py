@@ -1,4 +1,6 @@
-"""One run of a closed loop with its log, by the compiled kernel or by casadi, the reference; refused if it diverges."""
+"""One run of a closed loop with its log, by the compiled kernel or by casadi, the reference;
+refused if it diverges.
+"""
 
 import functools
 import math
@@ -18,14 +20,24 @@ from plant.simulation.time_tables import time_tables
 def by_casadi(
     loop: ClosedLoop, tables: tuple[Floats, ...], state: Floats, numbers: Floats
 ) -> tuple[Floats, int, Floats, Floats]:
-    """Final state, steps done, log and true errors: `mapaccum` over whole periods of law and log, then the rest."""
-    per_sample, per_law, steps = loop.steps_per_sample, loop.steps_per_law, len(tables[-1])
+    """Final state, steps done, log and true errors: `mapaccum` over whole periods of law and
+    log, then the rest.
+    """
+    per_sample = loop.steps_per_sample
+    per_law = loop.steps_per_law
+    steps = len(tables[-1])
     chunk = math.lcm(per_sample, per_law or per_sample)
     chunks, left = divmod(steps, chunk)
-    done = chunks * (chunk // per_law if per_law else 0), chunks * chunk // per_sample, chunks * chunk
+    done = (
+        chunks * (chunk // per_law if per_law else 0),
+        chunks * chunk // per_sample,
+        chunks * chunk,
+    )
     parts: list[Any] = []
     if chunks:
-        columns = [np.ascontiguousarray(table[:count].T) for table, count in zip(tables, done, strict=True)]
+        columns = [
+            np.ascontiguousarray(table[:count].T) for table, count in zip(tables, done, strict=True)
+        ]
         repeated = _repeated(Structure(loop), chunk, chunks)
         parts.append(repeated(state, *columns, np.repeat(numbers[:, None], chunks, axis=1)))
         state = parts[0][0][:, -1]
@@ -37,8 +49,11 @@ def by_casadi(
     return parts[-1][0].full()[:, -1], int(bad[0]) if len(bad) else steps, log, error
 
 
-def _stepped(loop: ClosedLoop, state: Any, times: Sequence[Any], numbers: Any, steps: int) -> tuple[Any, Any, Any]:
-    """State, log and true errors after sub-steps from where a sample and the law's period begin; symbols or numbers.
+def _stepped(
+    loop: ClosedLoop, state: Any, times: Sequence[Any], numbers: Any, steps: int
+) -> tuple[Any, Any, Any]:
+    """State, log and true errors after sub-steps from where a sample and the law's period begin;
+    symbols or numbers.
 
     The columns of `times` are the rows of the tables for law, samples and sub-steps.
     """
@@ -47,7 +62,9 @@ def _stepped(loop: ClosedLoop, state: Any, times: Sequence[Any], numbers: Any, s
         if loop.law_step is not None and i % loop.steps_per_law == 0:
             state = loop.law_step(state, law_time[:, i // loop.steps_per_law], numbers)
         if i % loop.steps_per_sample == 0:
-            state, log = loop.sample(state, sample_time[:, i // loop.steps_per_sample], numbers, ca.DM(0, 1))
+            state, log = loop.sample(
+                state, sample_time[:, i // loop.steps_per_sample], numbers, ca.DM(0, 1)
+            )
             logs.append(log)
         state, error = loop.substep(state, step_time[:, i], numbers)
         errors.append(error)
@@ -56,16 +73,28 @@ def _stepped(loop: ClosedLoop, state: Any, times: Sequence[Any], numbers: Any, s
 
 @functools.lru_cache(maxsize=8)
 def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
-    """(states, law rows, sample rows, step rows, numbers) -> (states, log, true error) over `count` chunks."""
-    loop, per_law = key.loop, key.loop.steps_per_law
-    rows = {"law": chunk // per_law if per_law else 0, "sample": chunk // loop.steps_per_sample, "step": chunk}
-    state, numbers = ca.MX.sym("state", len(loop.state_names)), ca.MX.sym("numbers", len(loop.number_names))
+    """(states, law rows, sample rows, step rows, numbers) -> (states, log, true error) over
+    `count` chunks.
+    """
+    loop = key.loop
+    per_law = key.loop.steps_per_law
+    rows = {
+        "law": chunk // per_law if per_law else 0,
+        "sample": chunk // loop.steps_per_sample,
+        "step": chunk,
+    }
+    state = ca.MX.sym("state", len(loop.state_names))
+    numbers = ca.MX.sym("numbers", len(loop.number_names))
     times = [ca.MX.sym(name, len(loop.time_names), size) for name, size in rows.items()]
-    once = ca.Function("chunk", [state, *times, numbers], _stepped(loop, state, times, numbers, chunk)).expand()
+    once = ca.Function(
+        "chunk", [state, *times, numbers], _stepped(loop, state, times, numbers, chunk)
+    ).expand()
     return once.mapaccum("loop", count, {"base": 2})
 
 
-def logged_run(loop: ClosedLoop, arm: Arm, driven: tuple[Any, ...], start: Any, backend: str) -> tuple[Floats, Floats]:
+def logged_run(
+    loop: ClosedLoop, arm: Arm, driven: tuple[Any, ...], start: Any, backend: str
+) -> tuple[Floats, Floats]:
     """Log and true errors of a run from a start, or a refusal where it diverges.
 
     It is driven by a path, a clock, what is replayed and what is injected, as for `time_tables`.
@@ -85,11 +114,15 @@ def _by_kernel(
     loop: ClosedLoop, driven: tuple[Any, ...], state: Floats, numbers: Floats
 ) -> tuple[Floats, Floats, Floats]:
     path, clock, replayed, injected = driven
-    samples, steps = len(clock), len(clock) * loop.steps_per_sample
-    log, true_error = np.full((samples, loop.n_log), np.nan), np.full((steps, loop.n), np.nan)
+    samples = len(clock)
+    steps = len(clock) * loop.steps_per_sample
+    log = np.full((samples, loop.n_log), np.nan)
+    true_error = np.full((steps, loop.n), np.nan)
     kernel = loop_kernel(loop, uneven=clock.even is None)
     nothing = np.empty((samples, 0))
-    tables = kernel.along(loop, path, clock, nothing, logged=True, replayed=replayed, injected=injected)
+    tables = kernel.along(
+        loop, path, clock, nothing, logged=True, replayed=replayed, injected=injected
+    )
     final, _ = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
     return final[:, 0], log, true_error
 

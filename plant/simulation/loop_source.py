@@ -1,8 +1,9 @@
-"""Source text of a closed loop's kernels, for one individual with its log or W individuals side by side.
+"""Source text of a closed loop's kernels, for one individual with its log or W individuals side by
+side.
 
-Quantity r of individual j is ``work[r * W + j]``, with W a constant of the file; time is the outer loop, the
-individuals are the innermost, and the body has no branch, so that LLVM vectorises it. The loops are Python for numba;
-what they repeat are intrinsics (`plant.compiler.intrinsics`).
+Quantity r of individual j is ``work[r * W + j]``, with W a constant of the file; time is the outer
+loop, the individuals are the innermost, and the body has no branch, so that LLVM vectorises it. The
+loops are Python for numba; what they repeat are intrinsics (`plant.compiler.intrinsics`).
 """
 
 import dataclasses
@@ -17,28 +18,39 @@ from plant.compiler.intrinsics import head, intrinsic
 from plant.compiler.translate import Names, cut, translate
 from plant.simulation.closed_loop import ClosedLoop
 
-VECTOR = 8  # individuals in one vector: the longest register that there is, or two or four shorter ones
+# individuals in one vector: the longest register that there is, or two or four shorter ones
+VECTOR = 8
 
 
-# Instructions in one loop over them; and in one for a single individual, where there is nothing to overlap.
-PIECE, LONG_PIECE = 40, 1000
+# Instructions in one loop over them; and in one for a single individual, where there is nothing to
+# overlap.
+PIECE = 40
+LONG_PIECE = 1000
 
 
-# Instructions from which on a step has by itself so many that do not wait for each other, as of three joints and more,
-# that loops over short pieces only cost memory; and those in one loop then, for the compiler's sake.
-ENOUGH, LONGEST = 500, 2000
+# Instructions from which on a step has by itself so many that do not wait for each other, as of
+# three joints and more, that loops over short pieces only cost memory; and those in one loop then,
+# for the compiler's sake.
+ENOUGH = 500
+LONGEST = 2000
 
 
 def loop_source(
-    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], uneven: bool, name: str, width: int
+    loop: ClosedLoop,
+    lanes: Sequence[int],
+    uniform: Sequence[int],
+    uneven: bool,
+    name: str,
+    width: int,
 ) -> tuple[str, dict[str, list[int]]]:
     """Text of one loop, and the columns (law, sample, step, data) that it reads of its tables.
 
-    ``single`` logs all that there is of its individual, ``logged`` the tracking errors of each, ``population`` nothing.
-    `lanes` and `uniform` are positions in ``loop.number_names``. The length of a sub-step is the last of the uniform
-    numbers; with uneven time it is in the tables.
+    ``single`` logs all that there is of its individual, ``logged`` the tracking errors of each,
+    ``population`` nothing. `lanes` and `uniform` are positions in ``loop.number_names``. The length
+    of a sub-step is the last of the uniform numbers; with uneven time it is in the tables.
     """
-    states, rows = len(loop.state_names), itertools.count(len(loop.state_names) + len(lanes))
+    states = len(loop.state_names)
+    rows = itertools.count(len(loop.state_names) + len(lanes))
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
     wanted = dict.fromkeys(_BLOCKS, None if name == "single" else states)
     if name == "logged":
@@ -52,14 +64,20 @@ def loop_source(
         of_step, times = emitter.of_step(which, program, numbers, columns)
         of_each, blocks[which] = emitter.of_each(which, program, numbers, times)
         text += of_step + of_each
-    settings: dict[str, Any] = {"states": states, "lanes": len(lanes), "per_law": loop.steps_per_law or 1}
+    settings: dict[str, Any] = {
+        "states": states,
+        "lanes": len(lanes),
+        "per_law": loop.steps_per_law or 1,
+    }
     settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
     return head() + text + _LOOP.format(**settings, **blocks), columns
 
 
 @dataclasses.dataclass(frozen=True)
 class _Emitter:
-    """Text of the functions that one loop calls; rows of `work` are `kept` for states and lanes, others are `fresh`."""
+    """Text of the functions that one loop calls; rows of `work` are `kept` for states and lanes,
+    others are `fresh`.
+    """
 
     name: str
     width: int
@@ -69,24 +87,39 @@ class _Emitter:
     fresh: Callable[[], int]
 
     def once(self, programs: Collection[Any]) -> tuple[str, list[str]]:
-        """What is evaluated once, and once per individual; and the numbers that are the same for all."""
+        """What is evaluated once, and once per individual; and the numbers that are the same for
+        all.
+        """
         given = {number: kind for program in programs for number, kind in program.used.items()}
         numbers = [number for number, kind in given.items() if kind == UNIFORM]
-        once = ["u = e.view(kinds[0], u, 1, e.index(0, 0))", *(f"{number} = u[{number[1:]}]" for number in numbers)]
-        of_lane = [f"{number} = work[{self.kept[number]}]" for number, kind in given.items() if kind == LANE]
+        once = [
+            "u = e.view(kinds[0], u, 1, e.index(0, 0))",
+            *(f"{number} = u[{number[1:]}]" for number in numbers),
+        ]
+        of_lane = [
+            f"{number} = work[{self.kept[number]}]"
+            for number, kind in given.items()
+            if kind == LANE
+        ]
         for program in programs:
             once += map(str, program.lines[UNIFORM])
             numbers += _made(program.lines[UNIFORM])
             of_lane += map(str, program.lines[LANE])
             of_lane += [f"work[{row}] = {number}" for number, row in program.crossing.items()]
-        of_lane = [f"work = e.view(kinds[0], work, {self.width}, j)", _unpacked(numbers, "uniform"), *of_lane]
+        of_lane = [
+            f"work = e.view(kinds[0], work, {self.width}, j)",
+            _unpacked(numbers, "uniform"),
+            *of_lane,
+        ]
         text = intrinsic(f"{self.name}_uniforms", ["u"], once, numbers)
         return text + intrinsic(f"{self.name}_once", ["work", "j", "uniform"], of_lane), numbers
 
     def of_step(
         self, which: str, program: Any, numbers: list[str], columns: dict[str, list[int]]
     ) -> tuple[str, list[str]]:
-        """What is evaluated once per step, and the names of what that gives; what it reads joins the `columns`."""
+        """What is evaluated once per step, and the names of what that gives; what it reads joins
+        the `columns`.
+        """
         read = [number for number, kind in program.used.items() if kind == TIME]
         of_table = {letter: [number for number in read if number[0] == letter] for letter in "td"}
         for letter, table in (("t", which), ("d", "data")):
@@ -95,30 +128,61 @@ class _Emitter:
             f"t = e.view(kinds[0], t, 1, e.index(i, {len(columns[which])}))",
             f"d = e.view(kinds[1], d, 1, e.index(i, {len(columns['data'])}))",
             _unpacked(numbers, "uniform"),
-            *(f"{number} = {letter}[{i}]" for letter, some in of_table.items() for i, number in enumerate(some)),
+            *(
+                f"{number} = {letter}[{i}]"
+                for letter, some in of_table.items()
+                for i, number in enumerate(some)
+            ),
             *map(str, program.lines[TIME]),
         ]
         times = read + _made(program.lines[TIME])
-        return intrinsic(f"{self.name}_{which}_times", ["t", "d", "i", "uniform"], lines, times), times
+        return (
+            intrinsic(f"{self.name}_{which}_times", ["t", "d", "i", "uniform"], lines, times),
+            times,
+        )
 
-    def of_each(self, which: str, program: Any, numbers: list[str], times: list[str]) -> tuple[str, str]:
-        """What is evaluated once per step and individual, and the lines of the loop that call it."""
-        name, width, vector = f"{self.name}_{which}", self.width, math.gcd(self.width, VECTOR)
+    def of_each(
+        self, which: str, program: Any, numbers: list[str], times: list[str]
+    ) -> tuple[str, str]:
+        """What is evaluated once per step and individual, and the lines of the loop that call
+        it.
+        """
+        name = f"{self.name}_{which}"
+        width = self.width
+        vector = math.gcd(self.width, VECTOR)
         table, index, log = _BLOCKS[which]
-        results, logged = program.results[: self.states], program.results[self.states :]
-        stores: dict[int | str, str] = {i: result for i, result in enumerate(results) if result != f"s{i}"}
+        results = program.results[: self.states]
+        logged = program.results[self.states :]
+        stores: dict[int | str, str] = {
+            i: result for i, result in enumerate(results) if result != f"s{i}"
+        }
         stores |= {f"log[{i}]": result for i, result in enumerate(logged)}
-        start = [f"work = e.view(kinds[0], work, {width}, j)", _unpacked(numbers, "uniform"), _unpacked(times, "times")]
-        parameters, arguments = ["work", "j", "uniform", "times"], f"numbers, {which}_times"
+        start = [
+            f"work = e.view(kinds[0], work, {width}, j)",
+            _unpacked(numbers, "uniform"),
+            _unpacked(times, "times"),
+        ]
+        parameters = ["work", "j", "uniform", "times"]
+        arguments = f"numbers, {which}_times"
         if logged:
             single = self.name == "single"  # else row by row, and beside each other in it
-            start += [f"log = e.view(kinds[4], log, {width}, {f'e.index(i, {len(logged)})' if single else 'i'})"]
+            start += [
+                f"log = e.view(kinds[4], log, {width},"
+                f" {f'e.index(i, {len(logged)})' if single else 'i'})"
+            ]
             parameters += ["log", "i"]
-            arguments += f", {log}, {index}" if single else f", {log}, {index} * {len(logged) * width} + {{j}}"
+            arguments += (
+                f", {log}, {index}"
+                if single
+                else f", {log}, {index} * {len(logged) * width} + {{j}}"
+            )
         many = width > 1 and sum(line.weight for line in program.lines[STATE]) >= ENOUGH
         longest = LONGEST if many else self.size
-        pieces = cut(program.lines[STATE], stores, self.kept | program.crossing, self.fresh, longest)
-        text, block = "", [f"{which}_times = {name}_times_{{h}}({table}, data, {index}, numbers)"]
+        pieces = cut(
+            program.lines[STATE], stores, self.kept | program.crossing, self.fresh, longest
+        )
+        text = ""
+        block = [f"{which}_times = {name}_times_{{h}}({table}, data, {index}, numbers)"]
         for k, piece in enumerate(pieces):
             j = f"j_{which}_{k}"  # a name assigned once compiles faster
             lines = start + [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
@@ -129,24 +193,38 @@ class _Emitter:
 
 
 def _programs(
-    loop: ClosedLoop, lanes: Sequence[int], uniform: Sequence[int], uneven: bool, fresh: Callable[[], int],
+    loop: ClosedLoop,
+    lanes: Sequence[int],
+    uniform: Sequence[int],
+    uneven: bool,
+    fresh: Callable[[], int],
     wanted: Mapping[str, int | None],
-) -> dict[str, Any]:  # fmt: skip
-    """The translated law (if it has a period), log and sub-step; of each only what so many first outputs need."""
+) -> dict[str, Any]:
+    """The translated law (if it has a period), log and sub-step; of each only what so many first
+    outputs need.
+    """
     names = Names()
     where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
     where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
     last = len(loop.time_names) - 1
     inputs = [
         [(f"s{i}", STATE) for i in range(len(loop.state_names))],
-        [*((f"t{i}", TIME) for i in range(last)), (f"t{last}", TIME) if uneven else (f"u{len(uniform)}", UNIFORM)],
+        [
+            *((f"t{i}", TIME) for i in range(last)),
+            (f"t{last}", TIME) if uneven else (f"u{len(uniform)}", UNIFORM),
+        ],
         [where[i] for i in range(len(where))],
         [(f"d{i}", TIME) for i in range(loop.n_data)],
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
         which: translate(
-            function, inputs[: function.n_in()], names, fresh, relaxed=which == "step", wanted=wanted[which]
+            function,
+            inputs[: function.n_in()],
+            names,
+            fresh,
+            relaxed=which == "step",
+            wanted=wanted[which],
         )
         for which, function in functions.items()
         if function is not None

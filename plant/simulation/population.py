@@ -35,16 +35,25 @@ from plant.simulation.time_tables import time_tables
 def tally(rig: Rig) -> ca.Function:
     """What one sample adds, (log, data, memory) -> 1 if a joint's encoder error is outside, memory.
 
-    The data are the limit [pulses], whether the sample counts (1 or 0), its time after the start of the one before
-    the first [s], and q_r. The memory holds, per joint, the largest encoder error, the highest and lowest error of the
-    joint before rounding [pulses], the largest motor current [A], the sum of the torque's changes from sample to sample
-    and the last torque [N m]; and the time of the first sample outside, and how many of those that do not count are.
+    The data are the limit [pulses], whether the sample counts (1 or 0), its time after the start of
+    the one before the first [s], and q_r. The memory holds, per joint, the largest encoder error,
+    the highest and lowest error of the joint before rounding [pulses], the largest motor current
+    [A], the sum of the torque's changes from sample to sample and the last torque [N m]; and the
+    time of the first sample outside, and how many of those that do not count are.
     """
-    n, elastic = rig.n, rig.drive.elasticity is not None
-    log, data, memory = ca.SX.sym("log", (4 + elastic) * n), ca.SX.sym("data", n + 3), ca.SX.sym("memory", 6 * n + 2)
+    n = rig.n
+    elastic = rig.drive.elasticity is not None
+    log = ca.SX.sym("log", (4 + elastic) * n)
+    data = ca.SX.sym("data", n + 3)
+    memory = ca.SX.sym("memory", 6 * n + 2)
     counted, highest, lowest, current, changed, last = ca.vertsplit(memory[: 6 * n], n)
-    limit, counts, time, first, before = data[0], data[1], data[2], memory[-2], memory[-1]
-    error, torque = counts * ca.fabs(log[:n]), log[n : 2 * n]
+    limit = data[0]
+    counts = data[1]
+    time = data[2]
+    first = memory[-2]
+    before = memory[-1]
+    error = counts * ca.fabs(log[:n])
+    torque = log[n : 2 * n]
     position = log[-n:] if elastic and rig.encoder.side != "link" else log[2 * n : 3 * n]
     unrounded = counts * rig.position_in_pulses(data[3:] - position)
     outside = functools.reduce(ca.fmax, ca.vertsplit(error)) > limit
@@ -66,10 +75,11 @@ def tally(rig: Rig) -> ca.Function:
 class Runs(Frozen):
     """Results of P runs of n joints, whose `samples` count.
 
-    (P, n): largest encoder error, magnitude, and the same before the encoder rounds, seen from its own zero, at the
-    samples [pulses]; largest motor current [A]; chatter, the mean change of the torque from sample to sample [N m].
-    (P,): samples `outside` the limit; time of the first [s], or NaN; those outside among samples that do not count;
-    and samples whose counts were lost. Where a loop diverged, errors and chatter are inf.
+    (P, n): largest encoder error, magnitude, and the same before the encoder rounds, seen from its
+    own zero, at the samples [pulses]; largest motor current [A]; chatter, the mean change of the
+    torque from sample to sample [N m]. (P,): samples `outside` the limit; time of the first [s], or
+    NaN; those outside among samples that do not count; and samples whose counts were lost. Where a
+    loop diverged, errors and chatter are inf.
     """
 
     peak: NDArray[np.float64]
@@ -88,43 +98,79 @@ class Runs(Frozen):
 
     @classmethod
     def joined(cls, several: "Sequence[Runs]") -> "Runs":
-        """Runs of the same plants on several references as one of each, the references one after the other."""
-        of = {each.name: np.array([getattr(runs, each.name) for runs in several]) for each in dataclasses.fields(cls)}
+        """Runs of the same plants on several references as one of each, the references one after
+        the other.
+        """
+        of = {
+            each.name: np.array([getattr(runs, each.name) for runs in several])
+            for each in dataclasses.fields(cls)
+        }
         largest = {name: of[name].max(axis=0) for name in ("peak", "unrounded", "current")}
         sums = {name: of[name].sum(axis=0) for name in ("outside", "before", "lost")}
         samples = int(of["samples"].sum())
         chatter = np.average(of["chatter"], axis=0, weights=of["samples"] / samples)
-        return cls(**largest, **sums, chatter=chatter, first=np.fmin.reduce(of["first"]), samples=samples)
+        return cls(
+            **largest, **sums, chatter=chatter, first=np.fmin.reduce(of["first"]), samples=samples
+        )
 
 
 _Block = tuple[NDArray[np.float64], NDArray[np.int64]]
 _SENT = 8  # blocks that an executor is given at once
 
-_BUILT: dict[str, Any] = {}  # populations that a worker has built, by a name that is new for each; at most four
+# populations that a worker has built, by a name that is new for each; at most four
+_BUILT: dict[str, Any] = {}
 
 
 class Population:
     """Plants (or laws) that differ in numbers, on one reference, ready to run.
 
-    Arm, rig, law and reference give the structure and the common numbers, `names` the numbers of the closed loop that
-    differ, with `values` (P, L). Errors are held against `within` [pulses], from `after` [s] on. They start at
-    `initial` (2, n) [rad, rad/s], by default that of the reference. `lost` gives, for (block, width, steps), whether
-    the counts of each step of the law are lost, (steps, width).
+    Arm, rig, law and reference give the structure and the common numbers, `names` the numbers of
+    the closed loop that differ, with `values` (P, L). Errors are held against `within` [pulses],
+    from `after` [s] on. They start at `initial` (2, n) [rad, rad/s], by default that of the
+    reference. `lost` gives, for (block, width, steps), whether the counts of each step of the law
+    are lost, (steps, width).
     """
 
     def __init__(
-        self, arm: Arm, rig: Rig, law: Law, reference: Reference, names: Sequence[str], values: NDArray[np.float64], *,
-        within: float, steps_per_sample: int, duration: float, after: float = 0.0,
-        initial: NDArray[np.float64] | None = None, lost: Callable[..., NDArray[np.bool_]] | None = None,
-    ) -> None:  # fmt: skip
-        options = {"within": within, "steps_per_sample": steps_per_sample, "duration": duration, "after": after}
+        self,
+        arm: Arm,
+        rig: Rig,
+        law: Law,
+        reference: Reference,
+        names: Sequence[str],
+        values: NDArray[np.float64],
+        *,
+        within: float,
+        steps_per_sample: int,
+        duration: float,
+        after: float = 0.0,
+        initial: NDArray[np.float64] | None = None,
+        lost: Callable[..., NDArray[np.bool_]] | None = None,
+    ) -> None:
+        options = {
+            "within": within,
+            "steps_per_sample": steps_per_sample,
+            "duration": duration,
+            "after": after,
+        }
         self._made: dict[str, Any] = options | {
-            "arm": arm, "rig": rig, "law": law, "reference": reference, "names": tuple(names), "initial": initial,
+            "arm": arm,
+            "rig": rig,
+            "law": law,
+            "reference": reference,
+            "names": tuple(names),
+            "initial": initial,
             "lost": lost,
-        }  # fmt: skip
-        nominal = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None)
+        }
+        nominal = dataclasses.replace(
+            rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None
+        )
         loop = ClosedLoop(
-            dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, score=tally(nominal)
+            dynamics=arm.dynamics,
+            rig=rig,
+            law=law,
+            steps_per_sample=steps_per_sample,
+            score=tally(nominal),
         )
         clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
         path = Path(reference, rig)
@@ -133,15 +179,30 @@ class Population:
         self.samples, self._changes = int(counts.sum()), int(counts[1:].sum())
         self._times = time_tables(loop, path, clock)
         self.law_steps, self._steps = len(self._times[0]), len(self._times[2])
-        self._lanes = [loop.number_names.index(name) for name in (*names, *(["transport.bit"] if lost else []))]
+        self._lanes = [
+            loop.number_names.index(name) for name in (*names, *(["transport.bit"] if lost else []))
+        ]
         self._kernel = loop_kernel(loop, self._lanes)
-        data = [np.full(len(clock), float(within)), counts, clock.t + rig.period, reference(clock.t).q]
+        data = [
+            np.full(len(clock), float(within)),
+            counts,
+            clock.t + rig.period,
+            reference(clock.t).q,
+        ]
         self._tables = self._kernel.prepared((*self._times, np.column_stack(data)))
-        self._numbers, self._start = loop.number_values(arm.f), path.start() if initial is None else initial
+        self._numbers, self._start = (
+            loop.number_values(arm.f),
+            path.start() if initial is None else initial,
+        )
 
     def run(
-        self, threads: int, checkpoint: Checkpoint | None = None, *, progress: bool = False, executor: Any = None
-    ) -> Runs:  # fmt: skip
+        self,
+        threads: int,
+        checkpoint: Checkpoint | None = None,
+        *,
+        progress: bool = False,
+        executor: Any = None,
+    ) -> Runs:
         """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts.
 
         On an executor they have neither, and `threads` does not count.
@@ -149,14 +210,20 @@ class Population:
         kept = Checkpoint(checkpoint, "")
 
         def block(i: int) -> _Block:
-            made = kept.stage(f"loops from {i * LANES}", lambda: self._block(i, self._values[i * LANES :][:LANES]))
+            made = kept.stage(
+                f"loops from {i * LANES}", lambda: self._block(i, self._values[i * LANES :][:LANES])
+            )
             bar.update(len(made[1]))
             return made
 
         if executor is not None:
             sent = _SENT * LANES
-            parts = [(i // LANES, self._values[i : i + sent]) for i in range(0, len(self._values), sent)]
-            made = mapped(functools.partial(_blocks, secrets.token_hex(8), self._made), parts, executor)
+            parts = [
+                (i // LANES, self._values[i : i + sent]) for i in range(0, len(self._values), sent)
+            ]
+            made = mapped(
+                functools.partial(_blocks, secrets.token_hex(8), self._made), parts, executor
+            )
             return self._runs([each for some in made for each in some])
         with progress_bar(len(self._values), "closed loops", "loop", progress) as bar:
             return self._runs(shared_out(block, range(-(-len(self._values) // LANES)), threads))
@@ -167,7 +234,9 @@ class Population:
         counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -4 - 6 * n : -4], 6)
         shift = np.zeros(n)
         if "encoder.phase.shift[0]" in self._names:
-            shift = self._values[:, [self._names.index(f"encoder.phase.shift[{i}]") for i in range(n)]]
+            shift = self._values[
+                :, [self._names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
+            ]
         diverged = ~((final[:, -1] > 0) & bounded(final[:, : 2 * n].T))
         unrounded = np.maximum(np.abs(highest - shift), np.abs(lowest - shift))
         return Runs(
@@ -183,19 +252,27 @@ class Population:
         )
 
     def _block(self, block: int, values: NDArray[np.float64]) -> _Block:
-        """Final states (W, s) of at most `LANES` loops, and their lost counts; empty lanes repeat the last."""
-        count, tables, missing = len(values), self._tables, np.zeros(LANES, int)
+        """Final states (W, s) of at most `LANES` loops, and their lost counts; empty lanes
+        repeat the last.
+        """
+        count = len(values)
+        tables = self._tables
+        missing = np.zeros(LANES, int)
         lanes = np.vstack([values, np.repeat(values[-1:], LANES - count, axis=0)]).T
         if self._lost:
-            lost, bits = self._lost(block, LANES, self.law_steps), 2.0 ** np.arange(LANES)
-            lanes, missing = np.vstack([lanes, 1 / bits]), lost.sum(axis=0)
+            lost = self._lost(block, LANES, self.law_steps)
+            bits = 2.0 ** np.arange(LANES)
+            lanes = np.vstack([lanes, 1 / bits])
+            missing = lost.sum(axis=0)
             law_time = self._times[0].copy()
             law_time[:, self.loop.time_names.index("lost")] = lost @ bits
             nothing = (self._times[1][:0], self._times[2][:0], np.empty((0, self.loop.n_data)))
             tables = (self._kernel.prepared((law_time, *nothing))[0], *tables[1:])
         numbers = np.repeat(self._numbers[:, None], LANES, axis=1)
         numbers[self._lanes] = lanes
-        state = np.ascontiguousarray(self.loop.initial_state(self._start[0], self._start[1], numbers))
+        state = np.ascontiguousarray(
+            self.loop.initial_state(self._start[0], self._start[1], numbers)
+        )
         uniform = self._numbers[list(self._kernel.uniform)]
         final, steps = self._kernel.run(tables, state, np.ascontiguousarray(lanes), uniform)
         if steps < self._steps:  # all have diverged
@@ -210,4 +287,7 @@ def _blocks(name: str, made: dict[str, Any], part: tuple[int, NDArray[np.float64
         _BUILT.pop(next(iter(_BUILT)), None)
     population: Population = _BUILT.get(name) or Population(values=values, **made)
     _BUILT[name] = population
-    return [population._block(first + i // LANES, values[i : i + LANES]) for i in range(0, len(values), LANES)]
+    return [
+        population._block(first + i // LANES, values[i : i + LANES])
+        for i in range(0, len(values), LANES)
+    ]

@@ -18,13 +18,18 @@ from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.fields import Floats
 from plant.parts.messages import warn
 from plant.parts.room import require_room
-from plant.simulation.cautions import warn_of_missing_rotors, warn_of_stiff_gears, warn_of_unstable_lag
+from plant.simulation.cautions import (
+    warn_of_missing_rotors,
+    warn_of_stiff_gears,
+    warn_of_unstable_lag,
+)
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import closed_loop
 from plant.simulation.followed_path import Path, path_of, start_of
 from plant.simulation.logged_run import logged_run
 
-# (N, n) [N m], joint side, one row per sample; or a function that gives them at the times (N,) of the samples.
+# (N, n) [N m], joint side, one row per sample; or a function that gives them at the times (N,) of
+# the samples.
 Injected: TypeAlias = Callable[[NDArray[Any]], ArrayLike] | ArrayLike
 
 # Columns that hold the whole torque of the motors: of a law that repeats one, nothing is added.
@@ -33,9 +38,18 @@ _OF_MOTORS = "torque", "current"
 
 @known_options
 def simulate(
-    arm: Arm, rig: Rig, law: Law, reference: Reference, *, duration: float | None = None, steps_per_sample: int = 4,
-    sweeps: int = 3, initial: ArrayLike | None = None, injected: Injected | None = None, backend: str = "numba",
-) -> Record:  # fmt: skip
+    arm: Arm,
+    rig: Rig,
+    law: Law,
+    reference: Reference,
+    *,
+    duration: float | None = None,
+    steps_per_sample: int = 4,
+    sweeps: int = 3,
+    initial: ArrayLike | None = None,
+    injected: Injected | None = None,
+    backend: str = "numba",
+) -> Record:
     """Simulate the closed loop and log it as the experiment does.
 
     Parameters
@@ -45,18 +59,21 @@ def simulate(
     law : Law
     reference : Reference
     duration : float, optional
-        [s]; by default the reference's own. There are ceil(duration / period) samples, at t_k = k period from 0.
+        [s]; by default the reference's own. There are ceil(duration / period) samples, at t_k = k
+        period from 0.
     steps_per_sample : int
-        Integration steps between two samples; 4 is accurate to the noise of the encoder, 16 is nearly converged.
+        Integration steps between two samples; 4 is accurate to the noise of the encoder, 16 is
+        nearly converged.
     sweeps : int
-        Gauss-Seidel sweeps of the friction law over the joints, per integration step; docs/background/speed.md has a
-        table of the errors, in pulses, of fewer or more of both.
+        Gauss-Seidel sweeps of the friction law over the joints, per integration step;
+        docs/background/speed.md has a table of the errors, in pulses, of fewer or more of both.
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
     injected : (N, n) array_like or callable, optional
-        Known torque that is added to the law's at the amplifier [N m], joint side, held from its sample to the next; or
-        a function that gives it at the times (N,) of all samples. The law does not know of it; the amplifier's limit
-        holds for the law's own torque and again for the sum, which is what the record's `torque` and `current` hold.
+        Known torque that is added to the law's at the amplifier [N m], joint side, held from its
+        sample to the next; or a function that gives it at the times (N,) of all samples. The law
+        does not know of it; the amplifier's limit holds for the law's own torque and again for the
+        sum, which is what the record's `torque` and `current` hold.
     backend : {"numba", "casadi"}
         The compiled kernel, or casadi evaluating the same step.
 
@@ -68,7 +85,8 @@ def simulate(
     Raises
     ------
     ValueError
-        Bad input, or, as `DivergenceError`, a loop that does not stay bounded (with time and joint).
+        Bad input, or, as `DivergenceError`, a loop that does not stay bounded (with time and
+        joint).
 
     See Also
     --------
@@ -82,41 +100,77 @@ def simulate(
     (715, 2)
     """
     choice("backend", backend, ("numba", "casadi"))
-    return run(arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps, injected).record
+    return run(
+        arm, rig, law, reference, duration, steps_per_sample, initial, backend, sweeps, injected
+    ).record
 
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """A record, and the true error (N steps_per_sample, n) [pulses], unrounded, at the middle of every sub-step."""
+    """A record, and the true error (N steps_per_sample, n) [pulses], unrounded, at the middle of
+    every sub-step.
+    """
 
     record: Record
     true_error_pulses: Floats
 
 
 def run(
-    arm: Arm, rig: Rig, law: Law, reference: Reference, duration: float | None, steps_per_sample: int,
-    initial: ArrayLike | None, backend: str, sweeps: int = 3, injected: Injected | None = None,
-) -> Trace:  # fmt: skip
+    arm: Arm,
+    rig: Rig,
+    law: Law,
+    reference: Reference,
+    duration: float | None,
+    steps_per_sample: int,
+    initial: ArrayLike | None,
+    backend: str,
+    sweeps: int = 3,
+    injected: Injected | None = None,
+) -> Trace:
     """`simulate`, with the sub-steps kept."""
-    kinds = {"arm": (arm, Arm), "rig": (rig, Rig), "law": (law, Law), "reference": (reference, Reference)}
+    kinds = {
+        "arm": (arm, Arm),
+        "rig": (rig, Rig),
+        "law": (law, Law),
+        "reference": (reference, Reference),
+    }
     for name, (value, kind) in kinds.items():
         instance(name, value, kind, "The order is arm, rig, law, reference.")
     rig.drive.require_friction()
     if law.replays:
-        raise ValueError(f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm, record).")
+        raise ValueError(
+            f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm,"
+            " record)."
+        )
     steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
-    loop = closed_loop(dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps)
+    loop = closed_loop(
+        dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps
+    )
     duration = reference.duration if duration is None else duration
-    duration = real("duration", duration, "Leave it out for one period of the reference.", positive=True)
+    duration = real(
+        "duration", duration, "Leave it out for one period of the reference.", positive=True
+    )
     samples = math.ceil(min(duration / rig.period, 1e18) - 1e-9)
-    each = 8.0 * (steps_per_sample * (8 * rig.n + 4) + 16 * rig.n)  # bytes of tables and log, at the peak
-    require_room(f"a simulation of {samples:,} samples", samples, each, "Simulate {most} samples or fewer at once.")
+    # bytes of tables and log, at the peak
+    each = 8.0 * (steps_per_sample * (8 * rig.n + 4) + 16 * rig.n)
+    require_room(
+        f"a simulation of {samples:,} samples",
+        samples,
+        each,
+        "Simulate {most} samples or fewer at once.",
+    )
     clock = Clock.regular(samples, rig.period)
     path = Path(reference, rig)
-    given = None if initial is None else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
+    given = (
+        None
+        if initial is None
+        else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
+    )
     start = path.start() if given is None else given
     motion = reference.links(clock.t)
-    for line in unlikely_statements(rig, motion.q, motion.qd, [link.prismatic for link in arm.dynamics.chain.links]):
+    for line in unlikely_statements(
+        rig, motion.q, motion.qd, [link.prismatic for link in arm.dynamics.chain.links]
+    ):
         warn(line)
     warn_of_missing_rotors(arm, rig, start[0])
     warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
@@ -124,25 +178,38 @@ def run(
     added = injected_at(injected, clock.t, rig.n)
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
     record = Record(
-        t=clock.t, reference_pulses=path(clock.t)[1], rig=rig, law=law, reference=reference, initial=given,
-        injected=added, **_columns(rig, log),
-    )  # fmt: skip
+        t=clock.t,
+        reference_pulses=path(clock.t)[1],
+        rig=rig,
+        law=law,
+        reference=reference,
+        initial=given,
+        injected=added,
+        **_columns(rig, log),
+    )
     return Trace(record, true_error)
 
 
 @known_options
 def replay(
-    arm: Arm, record: Record, *, rig: Rig | None = None, law: Law | None = None, steps_per_sample: int = 4,
-    sweeps: int = 3, backend: str = "numba",
-) -> Record:  # fmt: skip
+    arm: Arm,
+    record: Record,
+    *,
+    rig: Rig | None = None,
+    law: Law | None = None,
+    steps_per_sample: int = 4,
+    sweeps: int = 3,
+    backend: str = "numba",
+) -> Record:
     """Simulate the experiment of a record with another arm: the log that this arm would have given.
 
     Parameters
     ----------
     arm : Arm
     record : Record
-        Its law is simulated on what the record commanded, beside the torque that was injected, or repeats its torque or
-        current (`LoggedTorque`); its time stamps are kept, also where they are uneven.
+        Its law is simulated on what the record commanded, beside the torque that was injected, or
+        repeats its torque or current (`LoggedTorque`); its time stamps are kept, also where they
+        are uneven.
     rig, law : optional
         In place of the record's, as `found.rig`.
     steps_per_sample, sweeps, backend
@@ -174,7 +241,12 @@ def replay(
     instance("arm", arm, Arm, "The order is arm, record.")
     instance("record", record, Record, "The order is arm, record.")
     rig = record.rig if rig is None else rig
-    law = cast(Law, instance("law", record.law if law is None else law, Law, "Pass law= here or with the record."))
+    law = cast(
+        Law,
+        instance(
+            "law", record.law if law is None else law, Law, "Pass law= here or with the record."
+        ),
+    )
     record = dataclasses.replace(record, rig=rig, law=law)
     added = injected_beside(record)
     steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
@@ -187,11 +259,18 @@ def replay(
 
 
 def _columns(rig: Rig, log: Floats) -> dict[str, Any]:
-    """Columns of a record, of the rows of a run: errors, torques, counts of the links beside motors, the true state."""
+    """Columns of a record, of the rows of a run: errors, torques, counts of the links beside
+    motors, the true state.
+    """
     error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
     both = rig.encoder.on_links(rig.n)
     counts = np.where(both, rig.true_counts(q), np.nan) if both.any() else None
-    measured = {"error_pulses": error, "torque": torque, "current": rig.drive.current(torque), "link_counts": counts}
+    measured = {
+        "error_pulses": error,
+        "torque": torque,
+        "current": rig.drive.current(torque),
+        "link_counts": counts,
+    }
     return measured | {"true_q": q, "true_qd": qd}
 
 
@@ -201,9 +280,16 @@ def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> Floats | Non
         return None
     values = given(t) if callable(given) else given
     what = "injected(t)" if callable(given) else "injected"
-    return array(what, values, (len(t), n), advice="Give one row per sample, one joint torque per column [N m].")
+    return array(
+        what,
+        values,
+        (len(t), n),
+        advice="Give one row per sample, one joint torque per column [N m].",
+    )
 
 
 def injected_beside(record: Any) -> Floats | None:
-    """Torque (N, n) [N m] that acts beside what a record's law commands; None where it repeats the motors' own."""
+    """Torque (N, n) [N m] that acts beside what a record's law commands; None where it repeats
+    the motors' own.
+    """
     return None if record.law is not None and record.law.replays in _OF_MOTORS else record.injected

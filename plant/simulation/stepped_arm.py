@@ -1,4 +1,6 @@
-"""A simulated arm for a control script: counts out, torque in, one sample at a time; what it carries may change."""
+"""A simulated arm for a control script: counts out, torque in, one sample at a time; what it
+carries may change.
+"""
 
 from typing import Any
 
@@ -21,9 +23,13 @@ def stepped_loop(arm: Arm, rig: Rig, steps_per_sample: int, sweeps: int) -> Clos
     instance("arm", arm, Arm, "The order is arm, rig, q.")
     instance("rig", rig, Rig, "The order is arm, rig, q.")
     if rig.transport is not None or rig.jitter is not None:
-        raise ValueError("rig must be without transport and jitter here; got one. Delay the script's own calls.")
+        raise ValueError(
+            "rig must be without transport and jitter here; got one. Delay the script's own calls."
+        )
     law = LoggedTorque()
-    return ClosedLoop(dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps)
+    return ClosedLoop(
+        dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps
+    )
 
 
 @known_options
@@ -47,7 +53,8 @@ class SteppedArm:
     Raises
     ------
     ValueError
-        Bad input; a rig with a transport delay or jitter, which belong to the controller's side of a script.
+        Bad input; a rig with a transport delay or jitter, which belong to the controller's side of
+        a script.
 
     See Also
     --------
@@ -66,13 +73,25 @@ class SteppedArm:
     """
 
     def __init__(
-        self, arm: Arm, rig: Rig, q: ArrayLike, qd: ArrayLike | None = None, *, steps_per_sample: int = 4,
+        self,
+        arm: Arm,
+        rig: Rig,
+        q: ArrayLike,
+        qd: ArrayLike | None = None,
+        *,
+        steps_per_sample: int = 4,
         sweeps: int = 3,
-    ) -> None:  # fmt: skip
+    ) -> None:
         loop = stepped_loop(arm, rig, steps_per_sample, sweeps)
-        self.arm, self.rig, self.n = arm, rig, rig.n
+        self.arm = arm
+        self.rig = rig
+        self.n = rig.n
         q = array("q", q, (rig.n,), advice="Give the position of each joint [rad].")
-        qd = np.zeros(rig.n) if qd is None else array("qd", qd, (rig.n,), advice="Give the velocity of each joint.")
+        qd = (
+            np.zeros(rig.n)
+            if qd is None
+            else array("qd", qd, (rig.n,), advice="Give the velocity of each joint.")
+        )
         self._loop, self._kernel, self._f = loop, loop_kernel(loop), np.array(arm.f)
         self._numbers = loop.number_values(self._f)
         self._state = loop.initial_state(q, qd, self._numbers)
@@ -132,13 +151,21 @@ class SteppedArm:
         DivergenceError
             A motion that does not stay bounded.
         """
-        self._step_time[:, self._logged] = array("torque", torque, (self.n,), advice="Give one per joint [N m].")
-        tables = self._kernel.prepared((self._nothing[0], self._step_time[:1], *[self._step_time, self._nothing[1]]),
-                                       logged=True)  # fmt: skip
-        final, _ = self._kernel.run(tables, self._state[:, None], np.empty((0, 1)), self._numbers, self._logs)
+        self._step_time[:, self._logged] = array(
+            "torque", torque, (self.n,), advice="Give one per joint [N m]."
+        )
+        tables = self._kernel.prepared(
+            (self._nothing[0], self._step_time[:1], *[self._step_time, self._nothing[1]]),
+            logged=True,
+        )
+        final, _ = self._kernel.run(
+            tables, self._state[:, None], np.empty((0, 1)), self._numbers, self._logs
+        )
         self._state = final[:, 0]
         if not (self._state[-1] > 0 and bounded(self._state[: 2 * self.n])):
-            raise DivergenceError("the arm must stay bounded; it does not under this torque. Lower the gains.")
+            raise DivergenceError(
+                "the arm must stay bounded; it does not under this torque. Lower the gains."
+            )
         return self.pulses
 
     def _joint(self, name: str, otherwise: int) -> Floats:

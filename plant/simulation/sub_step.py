@@ -11,7 +11,13 @@ import casadi as ca
 
 from plant.machine.drive import Drive
 from plant.machine.elasticity import joined, spring
-from plant.machine.friction import Bristles, bristle_impulse, friction_impulse, smooth_bristle_impulse, smooth_impulse
+from plant.machine.friction import (
+    Bristles,
+    bristle_impulse,
+    friction_impulse,
+    smooth_bristle_impulse,
+    smooth_impulse,
+)
 from plant.machine.rig import Rig
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.symmetric_inverse import Inverse, inverse
@@ -21,8 +27,9 @@ from plant.mechanics.symmetric_inverse import Inverse, inverse
 class FrictionStep:
     """Friction of all motors in one sub-step of length h [s].
 
-    ``impulse`` is that of dry friction in the step before [N m s], ``bristle`` the deflection of the bristles where the
-    drive has presliding, ``drifted`` how much of its way the drift of friction has done; ``smooth`` is differentiable.
+    ``impulse`` is that of dry friction in the step before [N m s], ``bristle`` the deflection of
+    the bristles where the drive has presliding, ``drifted`` how much of its way the drift of
+    friction has done; ``smooth`` is differentiable.
     """
 
     drive: Drive
@@ -43,10 +50,11 @@ class FrictionStep:
     ) -> tuple[ca.SX, dict[str, ca.SX]]:
         """Impulse of dry friction (n, 1) [N m s], and the states that follow, by name.
 
-        ``inverse``, ``stopping`` as of `friction_impulse`; the speed at the start of the step [rad/s]; ``load``: the
-        torque that the gears transmit [N m], where friction depends on it.
+        ``inverse``, ``stopping`` as of `friction_impulse`; the speed at the start of the step
+        [rad/s]; ``load``: the torque that the gears transmit [N m], where friction depends on it.
         """
-        drive, h = self.drive, self.h
+        drive = self.drive
+        h = self.h
         level = drive.joint_coulomb(speed)
         if load is not None:
             level = level + drive.load_friction.level(load)
@@ -60,7 +68,9 @@ class FrictionStep:
             impulse, following = smooth_bristle_impulse(inverse, stopping, bristles, bound, h)
         else:
             half = bristles.bent(speed, h / 2)
-            impulse, following = bristle_impulse(inverse, stopping, self.impulse, half, bound, h, self.sweeps)
+            impulse, following = bristle_impulse(
+                inverse, stopping, self.impulse, half, bound, h, self.sweeps
+            )
         return impulse, {"bristle": following}
 
     def _drifted(self, friction: Any) -> Any:
@@ -69,10 +79,11 @@ class FrictionStep:
 
 
 class Following(NamedTuple):
-    """What follows a step: `speed` (n, 1) [rad/s] of the joints, with elastic gears of the motors as rigid joints.
+    """What follows a step: `speed` (n, 1) [rad/s] of the joints, with elastic gears of the motors
+    as rigid joints.
 
-    Beside it the `impulse` (n, 1) of dry friction [N m s], a number that is `positive` where D is, and by name the
-    `states` (n, 1) that the drive adds: ``link_speed``, ``bristle``.
+    Beside it the `impulse` (n, 1) of dry friction [N m s], a number that is `positive` where D is,
+    and by name the `states` (n, 1) that the drive adds: ``link_speed``, ``bristle``.
     """
 
     speed: ca.SX
@@ -82,22 +93,35 @@ class Following(NamedTuple):
 
 
 def rigid(
-    dynamics: Dynamics, rig: Rig, f: ca.SX, middle: ca.SX, qd: ca.SX, torque: ca.SX, h: ca.SX, friction: FrictionStep
+    dynamics: Dynamics,
+    rig: Rig,
+    f: ca.SX,
+    middle: ca.SX,
+    qd: ca.SX,
+    torque: ca.SX,
+    h: ca.SX,
+    friction: FrictionStep,
 ) -> Following:
     """The step, of length h [s], of an arm on rigid gears.
 
-    q (n, 1) [rad] at its middle, qd (n, 1) [rad/s] at its start, and the torque (n, 1) that acts on the joints [N m].
+    q (n, 1) [rad] at its middle, qd (n, 1) [rad/s] at its start, and the torque (n, 1) that acts on
+    the joints [N m].
     """
-    drive, coupling, viscous = rig.drive, rig.drive.coupling, friction.viscous
+    drive = rig.drive
+    coupling = rig.drive.coupling
+    viscous = friction.viscous
     speed = coupling.shaft(qd)
     mobility = inverse(coupling.shaft_inertia(dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
-    pushing = coupling.shaft_torque(torque - (dynamics.gravity(middle, f) - rig.spring_torque(middle)))
+    pushing = coupling.shaft_torque(
+        torque - (dynamics.gravity(middle, f) - rig.spring_torque(middle))
+    )
     pushing = pushing - viscous * speed - drive.joint_offset()
 
     def left(at: ca.SX) -> ca.SX:
         return pushing - coupling.shaft_torque(dynamics.coriolis(middle, coupling.joint(at), f))
 
-    own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))  # torque on each, as if it were alone
+    # torque on each, as if it were alone
+    own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))
     load = None
     if drive.load_friction is not None:
         gained = mobility.diagonal * (h * own + mobility.own(friction.impulse))
@@ -108,21 +132,34 @@ def rigid(
 
 
 def elastic(
-    dynamics: Dynamics, rig: Rig, f: ca.SX, motor: tuple[ca.SX, ca.SX], link: tuple[ca.SX, ca.SX], torque: ca.SX,
-    h: ca.SX, friction: FrictionStep,
-) -> Following:  # fmt: skip
+    dynamics: Dynamics,
+    rig: Rig,
+    f: ca.SX,
+    motor: tuple[ca.SX, ca.SX],
+    link: tuple[ca.SX, ca.SX],
+    torque: ca.SX,
+    h: ca.SX,
+    friction: FrictionStep,
+) -> Following:
     """The step of motors and of links behind their gears; torque, h and friction as of `rigid`.
 
-    Motors and links are `joined` by what a spring adds to the inertia of both. `motor` and `link` are positions at the
-    middle of the step and speeds at its start, (n, 1) each; motors as joints on rigid gears would have them.
+    Motors and links are `joined` by what a spring adds to the inertia of both. `motor` and `link`
+    are positions at the middle of the step and speeds at its start, (n, 1) each; motors as joints
+    on rigid gears would have them.
     """
-    drive, viscous = rig.drive, friction.viscous
+    drive = rig.drive
+    viscous = friction.viscous
     coupling, rotors = drive.coupling, drive.reflected_inertia()
-    speed, v = coupling.shaft(motor[1]), coupling.shaft(link[1])
+    speed = coupling.shaft(motor[1])
+    v = coupling.shaft(link[1])
     inertia = coupling.shaft_inertia(dynamics.D(link[0], f)) - ca.diag(rotors)
-    held = spring(drive.elasticity, coupling.shaft(motor[0] - link[0]), speed - v, h, rotors, ca.diag(inertia))
+    held = spring(
+        drive.elasticity, coupling.shaft(motor[0] - link[0]), speed - v, h, rotors, ca.diag(inertia)
+    )
     both = joined(rotors + h / 2 * viscous, inertia, held.added)
-    pushing = h * (coupling.shaft_torque(torque) - viscous * speed - drive.joint_offset() - held.torque)
+    pushing = h * (
+        coupling.shaft_torque(torque) - viscous * speed - drive.joint_offset() - held.torque
+    )
     weight = coupling.shaft_torque(dynamics.gravity(link[0], f) - rig.spring_torque(link[0]))
 
     def change(at: ca.SX) -> ca.SX:
@@ -130,10 +167,13 @@ def elastic(
         return both.links.solve(h * (held.torque - weight - resisting) + both.passed * pushing)
 
     gained = change(v + change(v) / 2)
-    free, mobility = both.motors(speed, pushing, gained), both.mobility()
+    free = both.motors(speed, pushing, gained)
+    mobility = both.mobility()
     load = None
     if drive.load_friction is not None:
-        load = _transmitted(drive, friction, torque, speed, free + mobility.solve(friction.impulse) - speed)
+        load = _transmitted(
+            drive, friction, torque, speed, free + mobility.solve(friction.impulse) - speed
+        )
     impulse, states = friction(mobility, -mobility.alone * free, speed, load)
     motors = coupling.joint(free + mobility.solve(impulse))
     links = coupling.joint(v + gained + both.links.solve(both.passed * impulse))
@@ -141,11 +181,19 @@ def elastic(
     return Following(motors, impulse, positive, {"link_speed": links, **states})
 
 
-def _transmitted(drive: Drive, friction: FrictionStep, torque: ca.SX, speed: ca.SX, gained: ca.SX) -> ca.SX:
-    """Torque that the gears pass on [N m]: what their motors leave, with the dry friction of the step before.
+def _transmitted(
+    drive: Drive, friction: FrictionStep, torque: ca.SX, speed: ca.SX, gained: ca.SX
+) -> ca.SX:
+    """Torque that the gears pass on [N m]: what their motors leave, with the dry friction of the
+    step before.
 
-    `speed` and `gained` (n, 1) are of the shafts, at the start of the step, and what it would add [rad/s].
+    `speed` and `gained` (n, 1) are of the shafts, at the start of the step, and what it would add
+    [rad/s].
     """
     h = friction.h
-    taken = friction.viscous * (speed + gained / 2) + drive.joint_offset() + drive.reflected_inertia() * gained / h
+    taken = (
+        friction.viscous * (speed + gained / 2)
+        + drive.joint_offset()
+        + drive.reflected_inertia() * gained / h
+    )
     return drive.coupling.shaft_torque(torque) + friction.impulse / h - taken

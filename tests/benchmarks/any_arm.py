@@ -1,10 +1,12 @@
-"""From the description of an arm to its first second of motion: 2 to 7 joints, and 6 with a coupled wrist.
+"""From the description of an arm to its first second of motion: 2 to 7 joints, and 6 with a coupled
+wrist.
 
 Under P and under computed torque.
 
     python tests/benchmarks/any_arm.py
 
-Each line is a process of its own, first with an empty cache of kernels and then with the one it has filled.
+Each line is a process of its own, first with an empty cache of kernels and then with the one it has
+filled.
 """
 
 import os
@@ -51,7 +53,9 @@ print(imported - started, first - imported, time.perf_counter() - first, np.abs(
 
 
 def run(joints, law, coupling, cache):
-    """Seconds of the import, of everything up to the first record, of the second one; and the largest error."""
+    """Seconds of the import, of everything up to the first record, of the second one; and the
+    largest error.
+    """
     environment = {**os.environ, "ONEPULSE_CACHE": cache, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", PROGRAM, str(joints), law, coupling]
     said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)  # noqa: S603
@@ -60,7 +64,10 @@ def run(joints, law, coupling, cache):
 
 def table():
     """The lines of the table."""
-    yield "| joints | law | empty cache [s] | filled [s] | one more second of motion [s] | largest error [pulses] |"
+    yield (
+        "| joints | law | empty cache [s] | filled [s] | one more second of motion [s] | largest"
+        " error [pulses] |"
+    )
     yield "|---|---|---|---|---|---|"
     for joints, coupling in (*((n, "") for n in range(2, 8)), (6, "coupled")):
         for law in ("P", "computed torque"):

@@ -1,11 +1,14 @@
-"""f from the tracking error alone, under any law, its log cut at a random instant; beside that with the logged torque.
+"""f from the tracking error alone, under any law, its log cut at a random instant; beside that with
+the logged torque.
 
-    python tests/benchmarks/any_law.py [--seeds 10] [--laws PID ...]  # 10 seeds: some hours on one core
+    python tests/benchmarks/any_law.py [--seeds 10] [--laws PID ...]  # 10 seeds: some hours on one
+    core
 
-Literature arm with 1.5 kg; the path's offset, the encoders' phase and the cut are drawn anew for each seed. Each log is
-identified four times: with its torque and without, the reference as it was and as whole counts. Error: of all nine f in
-their printed ranges [%], rms and largest. Asked: without torque at most 1.2 times as much as with it, and 3 % for what
-rounding alone leaves below 1.5 %.
+Literature arm with 1.5 kg; the path's offset, the encoders' phase and the cut are drawn anew for
+each seed. Each log is identified four times: with its torque and without, the reference as it was
+and as whole counts. Error: of all nine f in their printed ranges [%], rms and largest. Asked:
+without torque at most 1.2 times as much as with it, and 3 % for what rounding alone leaves below
+1.5 %.
 """
 
 import argparse
@@ -33,8 +36,12 @@ def log_of(law, seed):
     path = dataclasses.replace(PATH, offset=np.asarray(PATH.offset) + rng.uniform(-0.05, 0.05, 2))
     encoder = dataclasses.replace(RIG.encoder, phase=Phase(shift=rng.uniform(-0.5, 0.5, 2)))
     begin = rng.uniform(0.1, 0.6)
-    record = simulate(ARM, dataclasses.replace(RIG, encoder=encoder), law, path, duration=SECONDS + begin)
-    return dataclasses.replace(record.cut(begin), rig=RIG, true_q=None, true_qd=None, link_counts=None)
+    record = simulate(
+        ARM, dataclasses.replace(RIG, encoder=encoder), law, path, duration=SECONDS + begin
+    )
+    return dataclasses.replace(
+        record.cut(begin), rig=RIG, true_q=None, true_qd=None, link_counts=None
+    )
 
 
 def main():
@@ -43,7 +50,8 @@ def main():
     parser.add_argument("--laws", nargs="*", choices=LAWS, default=list(LAWS))
     given = parser.parse_args()
     print(
-        "| law | reference | torque | rms error | largest | seconds | not identified |\n|---|---|---|---|---|---|---|"
+        "| law | reference | torque | rms error | largest | seconds | not identified"
+        " |\n|---|---|---|---|---|---|---|"
     )
     for name in given.laws:
         for reference in ("as it was", "whole counts"):
@@ -70,7 +78,11 @@ def main():
                         f"{np.sqrt(np.mean(np.square(errors))):.2f} | {np.abs(errors).max():.2f} | "
                         f"{np.median(seconds):.0f} |"
                     )
-                print(f"| {name} | {reference} | {'logged' if torque else 'none'} | {numbers} {said} |", flush=True)
+                print(
+                    f"| {name} | {reference} | {'logged' if torque else 'none'} | {numbers}"
+                    f" {said} |",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     python -m pytest -o addopts="" tests/benchmarks/bench_engine.py
 
-Times are per call, for the number of individuals that stands in the name; per individual they are in the extra
-information `per_simulation_ms` (``--benchmark-json=...``). What is asserted is that all give
-the same answers; what it means for a reader is the table that speed.py makes.
+Times are per call, for the number of individuals that stands in the name; per individual they are
+in the extra information `per_simulation_ms` (``--benchmark-json=...``). What is asserted is that
+all give the same answers; what it means for a reader is the table that speed.py makes.
 """
 
 import numpy as np
@@ -23,7 +23,8 @@ def test_individuals(benchmark, name, count):
     benchmark.group = "trajectory (6), 5215 samples, 4 sub-steps, 3 friction sweeps"
     costs = benchmark(engine, POPULATION[:count])
     benchmark.extra_info["per_simulation_ms"] = benchmark.stats["median"] / count * 1e3
-    # Engines round differently; where that tips a count over, a cost moves by some 0.2 %. Most do not move at all.
+    # Engines round differently; where that tips a count over, a cost moves by some 0.2 %. Most do
+    # not move at all.
     off = np.abs(costs / EXPECTED[:count] - 1)
     assert np.median(off) == 0
     assert off.max() < 0.02

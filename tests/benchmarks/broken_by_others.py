@@ -1,12 +1,15 @@
-"""Model files broken by somebody who had not read `check_model`: how many it repairs, and how often it is wrong.
+"""Model files broken by somebody who had not read `check_model`: how many it repairs, and how often
+it is wrong.
 
-    python tests/benchmarks/broken_by_others.py [--seed 18] [--files 50] [--robots FOLDER] [--verbose]
+    python tests/benchmarks/broken_by_others.py [--seed 18] [--files 50] [--robots FOLDER]
+    [--verbose]
 
-The models: the UR5e of the package, three arms of tubes and motors written here, and the files of the package
-`example-robot-data` below FOLDER (share/example-robot-data/robots), as far as each inertial of a file is one that a
-body can have. In each file one thing is broken. Right is a repair with every inertial of the file within 1 % of the
-sound one: mass, centre of mass (of the link's size) and inertia about the centre in the link's axes. An alarm on a
-sound model counts as false. Files with a mistake that was shown by hand (`SHOWN`) are not broken further.
+The models: the UR5e of the package, three arms of tubes and motors written here, and the files of
+the package `example-robot-data` below FOLDER (share/example-robot-data/robots), as far as each
+inertial of a file is one that a body can have. In each file one thing is broken. Right is a repair
+with every inertial of the file within 1 % of the sound one: mass, centre of mass (of the link's
+size) and inertia about the centre in the link's axes. An alarm on a sound model counts as false.
+Files with a mistake that was shown by hand (`SHOWN`) are not broken further.
 """
 
 import argparse
@@ -25,9 +28,14 @@ from plant import check_model
 
 OWN = Path(__file__).parents[2] / "plant" / "models" / "robots" / "ur5e.urdf"
 SHOWN = {
-    "g1_29dof_rev_1_0": "the two knees are mirrored in y but for ixz, which the mirror keeps and the file turns",
+    "g1_29dof_rev_1_0": (
+        "the two knees are mirrored in y but for ixz, which the mirror keeps and the file turns"
+    ),
     "g1_29dof_with_hand_rev_1_0": "the same",
-    "human": "the two clavicles reach out to z = -0.21 and 0.21 m, and both have their centre of mass at z = 0.054 m",
+    "human": (
+        "the two clavicles reach out to z = -0.21 and 0.21 m, and both have their centre of mass at"
+        " z = 0.054 m"
+    ),
 }
 """Mistakes in the files of example-robot-data, by what proves them."""
 
@@ -47,7 +55,9 @@ def six(m):
 
 
 def inertial(link):
-    """(mass, centre, inertia in the link's axes) of a link element; None where it has no inertial."""
+    """(mass, centre, inertia in the link's axes) of a link element; None where it has no
+    inertial.
+    """
     node = link.find("inertial")
     if node is None:
         return None
@@ -90,7 +100,13 @@ def part(rng, kind, size, xyz, density):
         j = (
             mass
             / 12
-            * np.array([size[1] ** 2 + size[2] ** 2, size[0] ** 2 + size[2] ** 2, size[0] ** 2 + size[1] ** 2])
+            * np.array(
+                [
+                    size[1] ** 2 + size[2] ** 2,
+                    size[0] ** 2 + size[2] ** 2,
+                    size[0] ** 2 + size[1] ** 2,
+                ]
+            )
         )
     else:
         r, h = size
@@ -118,7 +134,11 @@ def arm_of_parts(rng, n, sides):
                         rng.uniform(700, 1500),
                     ),
                     part(
-                        rng, "cylinder", [0.04, 0.09], [rng.uniform(-0.03, 0.03), side, 0.03], rng.uniform(3000, 5000)
+                        rng,
+                        "cylinder",
+                        [0.04, 0.09],
+                        [rng.uniform(-0.03, 0.03), side, 0.03],
+                        rng.uniform(3000, 5000),
                     ),
                     part(rng, "box", [0.07, 0.05, 0.03], [0.02, -side / 2, length - 0.02], 2700.0),
                 ],
@@ -136,10 +156,15 @@ def arm_of_parts(rng, n, sides):
                 for p, w in zip(parts, where, strict=True)
             )
             text.append(f'  <link name="{name}link{k + 1}">')
-            text.append(f'    <inertial>\n      <origin xyz="{c[0]:.6g} {c[1]:.6g} {c[2]:.6g}" rpy="0 0 0"/>')
+            text.append(
+                f'    <inertial>\n      <origin xyz="{c[0]:.6g} {c[1]:.6g} {c[2]:.6g}" rpy="0 0'
+                ' 0"/>'
+            )
             text.append(f'      <mass value="{mass:.6g}"/>')
             text.append(
-                "      <inertia " + " ".join(f'{a}="{v:.6g}"' for a, v in zip(KEYS, six(j), strict=True)) + "/>"
+                "      <inertia "
+                + " ".join(f'{a}="{v:.6g}"' for a, v in zip(KEYS, six(j), strict=True))
+                + "/>"
             )
             text.append("    </inertial>")
             for (kind, size, *_), w in zip(parts, where, strict=True):
@@ -149,7 +174,10 @@ def arm_of_parts(rng, n, sides):
                     if kind == "box"
                     else f'<cylinder radius="{size[0]:.6g}" length="{size[1]:.6g}"/>'
                 )
-                text.append(f'    <visual><origin xyz="{at}" rpy="0 0 0"/><geometry>{shape}</geometry></visual>')
+                text.append(
+                    f'    <visual><origin xyz="{at}" rpy="0 0'
+                    f' 0"/><geometry>{shape}</geometry></visual>'
+                )
             text.append("  </link>")
             z = 0.0 if k == 0 else rows[k - 1][0]
             y = sign * 0.2 if k == 0 and sides else 0.0
@@ -257,7 +285,11 @@ def missing(rng, links):
 
 
 def mirrored(rng, links):
-    pairs = [link for link in links if re.search(r"left|right|(^|_)[lr]_|_[lr]$", link.get("name").lower())]
+    pairs = [
+        link
+        for link in links
+        if re.search(r"left|right|(^|_)[lr]_|_[lr]$", link.get("name").lower())
+    ]
     node = pick(rng, pairs or links).find("inertial")
     _, xyz, _, i = raw(node)
     i[[1, 4]] *= -1
@@ -280,7 +312,12 @@ def models(rng, folder):
     """(name, text) of the sound models, and the names of the files left out."""
     found, left = [("ur5e", OWN.read_text())], []
     for n, sides in ((6, False), (3, True), (4, False)):
-        found.append((f"made of parts, {n} links{', two sides' if sides else ''}", arm_of_parts(rng, n, sides)))
+        found.append(
+            (
+                f"made of parts, {n} links{', two sides' if sides else ''}",
+                arm_of_parts(rng, n, sides),
+            )
+        )
     for path in sorted(Path(folder).rglob("*.urdf")) if folder else ():
         text = path.read_text()
         try:
@@ -296,12 +333,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=18)
     parser.add_argument("--files", type=int, default=50)
-    parser.add_argument("--robots", default=None, help="share/example-robot-data/robots of the package")
+    parser.add_argument(
+        "--robots", default=None, help="share/example-robot-data/robots of the package"
+    )
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
     sound, left = models(rng, options.robots)
-    print(f"seed {options.seed}; {len(sound)} models, {len(left)} left out with an inertial that no body has")
+    print(
+        f"seed {options.seed}; {len(sound)} models, {len(left)} left out with an inertial that no"
+        " body has"
+    )
     table = collections.defaultdict(lambda: [0, 0, 0, 0])
     with tempfile.TemporaryDirectory() as folder:
         path, target = Path(folder, "robot.urdf"), Path(folder, "repaired.urdf")
@@ -311,7 +353,10 @@ def main():
             check = check_model(path)
             alarms += not check.ok and name not in SHOWN
             if not check.ok:
-                print(f"alarm on {name}: {check}" + (f" (right: {SHOWN[name]})" if name in SHOWN else ""))
+                print(
+                    f"alarm on {name}: {check}"
+                    + (f" (right: {SHOWN[name]})" if name in SHOWN else "")
+                )
         sound = [each for each in sound if each[0] not in SHOWN]
         print(f"false alarms on {alarms} of {len(sound)} sound models")
         done = 0
@@ -320,7 +365,11 @@ def main():
             root = ET.fromstring(text)  # noqa: S314 - files of ours
             truth = bodies(copy.deepcopy(root))
             names = moving(root)
-            links = [k for k in root.findall("link") if k.get("name") in names and truth[k.get("name")] is not None]
+            links = [
+                k
+                for k in root.findall("link")
+                if k.get("name") in names and truth[k.get("name")] is not None
+            ]
             kind = KINDS[done % len(KINDS)]
             what = kind(rng, links)
             if all(same(b, truth[k]) for k, b in bodies(root).items()):
@@ -337,7 +386,10 @@ def main():
             row[3] += check.ok
             done += 1
             if options.verbose:
-                print(f"{done:3d} {name}: {what}: {'right' if right else 'unnoticed' if check.ok else 'not right'}")
+                print(
+                    f"{done:3d} {name}: {what}:"
+                    f" {'right' if right else 'unnoticed' if check.ok else 'not right'}"
+                )
                 if not right and not check.ok:
                     print("     " + str(check).replace("\n", "\n     ")[:600])
     print(f"\n{'broken':20}{'files':>7}{'right':>7}{'said, not right':>17}{'unnoticed':>11}")

@@ -1,7 +1,9 @@
-"""How many of 50 broken URDF files does `check_model` repair within 1 %? `python tests/benchmarks/broken_models.py`.
+"""How many of 50 broken URDF files does `check_model` repair within 1 %? `python
+tests/benchmarks/broken_models.py`.
 
-Robots with two equal sides, links of boxes and cylinders that are neither uniform nor aligned with their shapes; one
-mistake each. With folders as arguments: the alarms on the URDF files there, such as those of example-robot-data.
+Robots with two equal sides, links of boxes and cylinders that are neither uniform nor aligned with
+their shapes; one mistake each. With folders as arguments: the alarms on the URDF files there, such
+as those of example-robot-data.
 """
 
 import sys
@@ -24,7 +26,9 @@ def text(values):
 
 
 def body(random, edges, centre):
-    """Mass, centre of mass and inertia of something in a box: a cloud of points, denser at one end."""
+    """Mass, centre of mass and inertia of something in a box: a cloud of points, denser at one
+    end.
+    """
     points = centre + random.uniform(-0.5, 0.5, (200, 3)) * edges * random.uniform(0.75, 1.0)
     weights = 1 + random.uniform(0, 1.5) * (points - centre) @ (random.normal(size=3) / edges)
     weights = np.clip(weights, 0.1, None) / np.clip(weights, 0.1, None).sum()
@@ -37,16 +41,29 @@ def body(random, edges, centre):
 
 
 def robot(random):
-    """Two equal arms of three links, mirrored in y, on a base: link -> (edges, centre, joint, mass, com, inertia)."""
+    """Two equal arms of three links, mirrored in y, on a base: link -> (edges, centre, joint,
+    mass, com, inertia).
+    """
     links, mirror = {}, np.diag([1.0, -1.0, 1.0])
     for i in range(3):
         length = random.uniform(0.15, 0.5)
         edges = np.array([length, *(length * random.uniform(0.2, 0.5, 2))])
         centre = np.array([length / 2, random.uniform(0.01, 0.05), random.uniform(-0.02, 0.02)])
         mass, com, inertia = body(random, edges, centre)
-        joint = np.array([0.1, 0.2, 0.3]) if i == 0 else np.array([links[f"left_{i - 1}"][0][0], 0.03, 0.0])
+        joint = (
+            np.array([0.1, 0.2, 0.3])
+            if i == 0
+            else np.array([links[f"left_{i - 1}"][0][0], 0.03, 0.0])
+        )
         links[f"left_{i}"] = (edges, centre, joint, mass, com, inertia)
-        links[f"right_{i}"] = (edges, mirror @ centre, mirror @ joint, mass, mirror @ com, mirror @ inertia @ mirror)
+        links[f"right_{i}"] = (
+            edges,
+            mirror @ centre,
+            mirror @ joint,
+            mass,
+            mirror @ com,
+            mirror @ inertia @ mirror,
+        )
     return links
 
 
@@ -89,19 +106,27 @@ def written(links, wrong=None, stated=None):
         lines.append(f'  <link name="{name}">')
         if given is not None:
             mass, com, inertia = given
-            matrix = " ".join(f'{key}="{text(inertia[place])}"' for key, place in zip(KEYS, PLACES, strict=True))
+            matrix = " ".join(
+                f'{key}="{text(inertia[place])}"' for key, place in zip(KEYS, PLACES, strict=True)
+            )
             lines.append(
-                f'    <inertial><origin xyz="{text(com)}"/><mass value="{text(mass)}"/><inertia {matrix}/></inertial>'
+                f'    <inertial><origin xyz="{text(com)}"/><mass value="{text(mass)}"/><inertia'
+                f" {matrix}/></inertial>"
             )
         lines.append(
-            f'    <collision><origin xyz="{text(centre)}"/><geometry><box size="{text(edges)}"/></geometry></collision>'
+            f'    <collision><origin xyz="{text(centre)}"/><geometry><box'
+            f' size="{text(edges)}"/></geometry></collision>'
         )
         side, _, number = name.partition("_")
         parent = "base" if number == "0" else f"{side}_{int(number) - 1}"
         lines += [
-            "  </link>", f'  <joint name="j_{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>',
+            "  </link>",
+            (
+                f'  <joint name="j_{name}" type="revolute"><parent link="{parent}"/><child'
+                f' link="{name}"/>'
+            ),
             f'    <origin xyz="{text(joint)}"/><axis xyz="0 0 1"/></joint>',
-        ]  # fmt: skip
+        ]
     return "\n".join([*lines, "</robot>"])
 
 
@@ -111,12 +136,16 @@ def right(check, name, mass, com, inertia):
         return False
     found = check.findings[0].repair
     six = np.array([inertia[place] for place in PLACES])
-    near = abs(found.mass / mass - 1) < 0.01 and np.abs(found.com - com).max() < 0.01 * np.linalg.norm(com)
+    near = abs(found.mass / mass - 1) < 0.01 and np.abs(
+        found.com - com
+    ).max() < 0.01 * np.linalg.norm(com)
     return near and np.abs(found.inertia - six).max() < 0.01 * np.abs(six).max()
 
 
 def study(count=50, seed=0, pairs=True):
-    """Repaired files of `count`, false alarms on the files before they were broken, and what went wrong."""
+    """Repaired files of `count`, false alarms on the files before they were broken, and what
+    went wrong.
+    """
     random, good, alarms, failed = np.random.default_rng(seed), 0, 0, []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
@@ -137,7 +166,9 @@ def study(count=50, seed=0, pairs=True):
 
 if __name__ == "__main__":
     if sys.argv[1:]:
-        for file in sorted(path for folder in sys.argv[1:] for path in Path(folder).rglob("*.urdf")):
+        for file in sorted(
+            path for folder in sys.argv[1:] for path in Path(folder).rglob("*.urdf")
+        ):
             try:
                 print(check_model(file))
             except ValueError as error:

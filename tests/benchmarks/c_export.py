@@ -2,9 +2,9 @@
 
     python tests/benchmarks/c_export.py
 
-Every law is exported, compiled by its Makefile, fed the pulses of a simulated trajectory (6), and compared with the
-torque that the simulation logged; then the same program times itself, over whole records, seven times. Last, one
-with all guards of the running controller.
+Every law is exported, compiled by its Makefile, fed the pulses of a simulated trajectory (6), and
+compared with the torque that the simulation logged; then the same program times itself, over whole
+records, seven times. Last, one with all guards of the running controller.
 """
 
 import subprocess
@@ -27,13 +27,17 @@ LAWS = {
 
 
 def measured(law, folder, guards=None):
-    """Largest difference of the torque relative to the largest torque, and seven times per step [ns]."""
+    """Largest difference of the torque relative to the largest torque, and seven times per step
+    [ns].
+    """
     record = simulate(ARM, RIG, law, PATH)
     law.to_c(folder, RIG, guards=guards)
     write_replay(record, folder / "record.csv")
     run(["make"], folder)
     torque = np.loadtxt(run(["./controller", "record.csv"], folder).splitlines(), delimiter=",")
-    times = [float(run(["./controller", "--time", "record.csv"], folder).split()[0]) for _ in range(7)]
+    times = [
+        float(run(["./controller", "--time", "record.csv"], folder).split()[0]) for _ in range(7)
+    ]
     return np.abs(torque - record.torque).max() / np.abs(record.torque).max(), times
 
 
@@ -42,12 +46,20 @@ def run(command, folder):
 
 
 if __name__ == "__main__":
-    print("| law | ns per step, median (least to most of 7) | largest difference of the torque, relative |")
+    print(
+        "| law | ns per step, median (least to most of 7) | largest difference of the torque,"
+        " relative |"
+    )
     print("|---|---|---|")
     rows = [(name, law, None) for name, law in LAWS.items()]
-    for name, law, guards in [*rows, ("ComputedTorque, with all guards", LAWS["ComputedTorque"], Guards())]:
+    for name, law, guards in [
+        *rows,
+        ("ComputedTorque, with all guards", LAWS["ComputedTorque"], Guards()),
+    ]:
         with tempfile.TemporaryDirectory() as folder:
             difference, times = measured(law, Path(folder), guards)
         print(
-            f"| {name} | {np.median(times):.0f} ({min(times):.0f} to {max(times):.0f}) | {difference:.1e} |", flush=True
+            f"| {name} | {np.median(times):.0f} ({min(times):.0f} to {max(times):.0f}) |"
+            f" {difference:.1e} |",
+            flush=True,
         )

@@ -1,14 +1,18 @@
-"""Campaigns measured: ``python tests/benchmarks/campaign.py [--fleet | --scale | --rare] [--write]``.
+"""Campaigns measured: ``python tests/benchmarks/campaign.py [--fleet | --scale | --rare]
+[--write]``.
 
-- Overhead: time of tasks that do nothing, by threads and by Dask with two workers, with and without a folder; beside
-  Dask's own `submit` in the same run, and the memory that the coordinator takes.
-- Efficiency: 200 simulated logs of 20 robots over ten weeks, identified by one thread, two threads, one process, two
-  processes and Dask with two workers: times, and whether all bits are the same; beside processes without a campaign.
-- Fleet (``--fleet`` for it and efficiency alone): friction of one robot and an inertia of another grow; in which week
-  each is named, and how many of the healthy are accused; then of 20 fleets of the same truth.
-- Kills: a campaign killed at random instants and called again: what was lost, and what was done twice.
-- ``--scale``: costs on one core, bytes per task, and what follows; ``--write`` puts them into docs/background/scale.md,
-  and the picture of the fleet into docs/images.
+- Overhead: time of tasks that do nothing, by threads and by Dask with two workers, with and without
+  a folder; beside Dask's own `submit` in the same run, and the memory that the coordinator takes.
+- Efficiency: 200 simulated logs of 20 robots over ten weeks, identified by one thread, two threads,
+  one process, two processes and Dask with two workers: times, and whether all bits are the same;
+  beside processes without a campaign.
+- Fleet (``--fleet`` for it and efficiency alone): friction of one robot and an inertia of another
+  grow; in which week each is named, and how many of the healthy are accused; then of 20 fleets of
+  the same truth.
+- Kills: a campaign killed at random instants and called again: what was lost, and what was done
+  twice.
+- ``--scale``: costs on one core, bytes per task, and what follows; ``--write`` puts them into
+  docs/background/scale.md, and the picture of the fleet into docs/images.
 - ``--rare``: subset simulation against an exact 1e-6 and against brute force on the arm.
 """
 
@@ -60,7 +64,10 @@ def per_task(count, make, executor):
     make(count // 5, executor)
     peak = tracemalloc.get_traced_memory()[1] / 1e6
     tracemalloc.stop()
-    return f"{1e3 * wall / count:6.2f} ms a task (processor {1e3 * own / count:.2f} ms), peak {peak:.1f} MB"
+    return (
+        f"{1e3 * wall / count:6.2f} ms a task (processor {1e3 * own / count:.2f} ms), peak"
+        f" {peak:.1f} MB"
+    )
 
 
 def small(count, executor, folder=None):
@@ -87,27 +94,39 @@ def plain_dask(count, client):
 def overhead(count):
     print(f"overhead of {count} tasks that do nothing; memory of a fifth of them")
     for name, make in (("in memory", small), ("in a folder", small_in_folder)):
-        print(f"  threads, {name}: {per_task(count, make, lambda: ThreadPoolExecutor(2))}", flush=True)
+        print(
+            f"  threads, {name}: {per_task(count, make, lambda: ThreadPoolExecutor(2))}", flush=True
+        )
     import distributed
 
     with cluster() as two, distributed.Client(two) as client:
-        for name, make in (("in memory", small), ("in a folder", small_in_folder), ("its own submit", plain_dask)):
+        for name, make in (
+            ("in memory", small),
+            ("in a folder", small_in_folder),
+            ("its own submit", plain_dask),
+        ):
             print(f"  Dask, {name}: {per_task(count, make, client)}", flush=True)
 
 
 ARM, RIG, PATH, WEEKS, ROBOTS = puma560.arm(), puma560.rig(), puma560.reference(), 10, 20
-NAMES = (*ARM.dynamics.names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(2)))
+NAMES = (
+    *ARM.dynamics.names,
+    *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(2)),
+)
 SCALE, PICTURE = ROOT / "docs" / "background" / "scale.md", ROOT / "docs" / "images" / "fleet.png"
 PRICE = 0.05  # of a core hour, in dollars: an assumption, of the order of what clouds ask
-DEFECTS = {3: ("drive.coulomb[1]", 0.03), 12: ("f1", 0.01)}  # robot -> what grows, by which share a week
+# robot -> what grows, by which share a week
+DEFECTS = {3: ("drive.coulomb[1]", 0.03), 12: ("f1", 0.01)}
 
 
 def truth(robot, week):
-    """Values of a robot in a week, and its temperature: robots differ by 5 %, friction also by 1.5 % from week to week
-    and, where it is viscous, by -0.6 % per degree.
+    """Values of a robot in a week, and its temperature: robots differ by 5 %, friction also by 1.5
+    % from week to week and, where it is viscous, by -0.6 % per degree.
     """
     own, now = np.random.default_rng(robot), np.random.default_rng([robot, week])
-    values = np.concatenate([ARM.f, RIG.drive.viscous, RIG.drive.coulomb]) * (1 + 0.05 * own.standard_normal(13))
+    values = np.concatenate([ARM.f, RIG.drive.viscous, RIG.drive.coulomb]) * (
+        1 + 0.05 * own.standard_normal(13)
+    )
     warm = 22 + 4 * now.standard_normal()
     values[9:] *= 1 + 0.015 * now.standard_normal(4)
     values[9:11] *= 1 - 0.006 * (warm - 22)
@@ -137,7 +156,9 @@ def part_of_logs(first, step):
 
 
 def alone(processes):
-    """Time [s] of the logs by processes that know nothing of one another: what the machine has to give."""
+    """Time [s] of the logs by processes that know nothing of one another: what the machine has
+    to give.
+    """
     context = multiprocessing.get_context("forkserver")
     began = time.perf_counter()
     each = [context.Process(target=part_of_logs, args=(i, processes)) for i in range(processes)]
@@ -157,9 +178,12 @@ def efficiency():
     print(f"{len(tasks)} logs of {ROBOTS} robots, identified")
     with cluster() as two, distributed.Client(two) as client:
         kinds = {
-            "one thread": lambda: ThreadPoolExecutor(1), "two threads": lambda: ThreadPoolExecutor(2),
-            "one process": lambda: work.pool(1), "two processes": lambda: work.pool(2), "Dask, two workers": client,
-        }  # fmt: skip
+            "one thread": lambda: ThreadPoolExecutor(1),
+            "two threads": lambda: ThreadPoolExecutor(2),
+            "one process": lambda: work.pool(1),
+            "two processes": lambda: work.pool(2),
+            "Dask, two workers": client,
+        }
         first = None
         for name, executor in kinds.items():
             began = time.perf_counter()
@@ -167,15 +191,23 @@ def efficiency():
             lasted = time.perf_counter() - began
             assert not done.errors, done
             first = first or done.results
-            same = all(np.array_equal(first[name][1].values, done.results[name][1].values) for name in tasks)
+            same = all(
+                np.array_equal(first[name][1].values, done.results[name][1].values)
+                for name in tasks
+            )
             print(f"  {name}: {lasted:.1f} s, same bits: {same}", flush=True)
-    print("  without a campaign: " + ", ".join(f"{n} process(es) {alone(n):.1f} s" for n in (1, 2)), flush=True)
-    return [[first[f"robot {robot}, week {week}"] for robot in range(ROBOTS)] for week in range(WEEKS)]
+    print(
+        "  without a campaign: " + ", ".join(f"{n} process(es) {alone(n):.1f} s" for n in (1, 2)),
+        flush=True,
+    )
+    return [
+        [first[f"robot {robot}, week {week}"] for robot in range(ROBOTS)] for week in range(WEEKS)
+    ]
 
 
 def fleet_of(weeks, picture=None):
-    """Each log judged, then added: first week in which each robot is accused of each parameter, and in which its defect
-    is larger than the interval at that level.
+    """Each log judged, then added: first week in which each robot is accused of each parameter, and
+    in which its defect is larger than the interval at that level.
     """
     accused, due = {}, {}
     with tempfile.TemporaryDirectory() as place:
@@ -207,7 +239,9 @@ def fleet_of(weeks, picture=None):
         print(f"  robot {robot}, {beyond}, named in week {named}")
     wrong = sorted(key for key in accused if key[0] not in DEFECTS)
     print(
-        f"  healthy robots accused: {len({robot for robot, _ in wrong})} of {ROBOTS - len(DEFECTS)} {wrong}", flush=True
+        f"  healthy robots accused: {len({robot for robot, _ in wrong})} of {ROBOTS - len(DEFECTS)}"
+        f" {wrong}",
+        flush=True,
     )
 
 
@@ -220,7 +254,10 @@ def fleets(weeks, count):
             values = [random.multivariate_normal(truth(robot, week)[0], fit.covariance)
                       for robot, (_, fit) in enumerate(logs)]  # fmt: skip
             drawn.append(
-                [(log, dataclasses.replace(fit, values=own)) for (log, fit), own in zip(logs, values, strict=True)]
+                [
+                    (log, dataclasses.replace(fit, values=own))
+                    for (log, fit), own in zip(logs, values, strict=True)
+                ]
             )
         fleet_of(drawn)
 
@@ -233,7 +270,8 @@ def kills(count):
             with tempfile.TemporaryDirectory() as place:
                 folder, log = Path(place, "folder"), Path(place, "log")
                 process = subprocess.Popen(  # noqa: S603 - the script of the tests
-                    [sys.executable, work.__file__, folder, log, str(tasks), kind], stdout=subprocess.PIPE
+                    [sys.executable, work.__file__, folder, log, str(tasks), kind],
+                    stdout=subprocess.PIPE,
                 )
                 process.stdout.readline()
                 time.sleep(random.uniform(0.0, 2.0))
@@ -242,15 +280,23 @@ def kills(count):
                 process.stdout.close()
                 done = campaign(work.tasks(log, tasks, 0.01), folder=folder, progress=False)
                 expected = (np.random.default_rng(i).standard_normal(3) for i in range(tasks))
-                lost += sum(not np.array_equal(*each) for each in zip(done.results.values(), expected, strict=True))
+                lost += sum(
+                    not np.array_equal(*each)
+                    for each in zip(done.results.values(), expected, strict=True)
+                )
                 ran = log.read_text().split()
                 twice += len(ran) - tasks
                 beyond += len(ran) - tasks > 4  # no more than two open per worker
-        print(f"{count} kills, {kind}: {lost} results lost or other, {twice} done twice, {beyond} beyond what was open")
+        print(
+            f"{count} kills, {kind}: {lost} results lost or other, {twice} done twice, {beyond}"
+            " beyond what was open"
+        )
 
 
 def scale(write):
-    """The table of docs/background/scale.md: costs on one core of this machine, bytes, and what follows from them."""
+    """The table of docs/background/scale.md: costs on one core of this machine, bytes, and what
+    follows from them.
+    """
     log, fit = one_log(0, 0)
     found, seconds = identify(ARM.dynamics, log, unknown=("f", "friction"), progress=False), {}
     laws, stated = ComputedTorque(found), Uncertainty(friction=0.02)
@@ -291,17 +337,45 @@ def scale(write):
         "an identification with its log, sent": len(pickle.dumps(found)), "the same, saved": saved,
         "a small task in the ledger": ledger,
     }  # fmt: skip
-    hours = {"10,000 robots a week (a log identified, one motion certified)": 1e4 * (each + motion) / 3600,
-             "10^9 samples of one motion": 1e9 * motion / 2000 / 3600}  # fmt: skip
-    lines = [f"`python tests/benchmarks/campaign.py --scale --write`, {datetime.date.today()}, one core of "
-             f"{platform.processor() or platform.machine()} ({get_host_cpu_name()}):", ""]  # fmt: skip
-    lines += ["| work | processor time |", "|---|---|", *(f"| {name} | {s:.3g} s |" for name, s in seconds.items())]
-    lines += [f"| a task that does nothing: {name} | {1e3 * s:.2g} ms |" for name, s in overhead.items()]
-    lines += ["", "| bytes | |", "|---|---|", *(f"| {name} | {size / 1e3:.3g} kB |" for name, size in sizes.items())]
-    lines += ["", f"| what follows | core hours | at {PRICE:g} a core hour | workers that one coordinator feeds |",
-              "|---|---|---|---|"]  # fmt: skip
+    hours = {
+        "10,000 robots a week (a log identified, one motion certified)": (
+            1e4 * (each + motion) / 3600
+        ),
+        "10^9 samples of one motion": 1e9 * motion / 2000 / 3600,
+    }
+    lines = [
+        (
+            f"`python tests/benchmarks/campaign.py --scale --write`, {datetime.date.today()}, one"
+            f" core of {platform.processor() or platform.machine()} ({get_host_cpu_name()}):"
+        ),
+        "",
+    ]
+    lines += [
+        "| work | processor time |",
+        "|---|---|",
+        *(f"| {name} | {s:.3g} s |" for name, s in seconds.items()),
+    ]
+    lines += [
+        f"| a task that does nothing: {name} | {1e3 * s:.2g} ms |" for name, s in overhead.items()
+    ]
+    lines += [
+        "",
+        "| bytes | |",
+        "|---|---|",
+        *(f"| {name} | {size / 1e3:.3g} kB |" for name, size in sizes.items()),
+    ]
+    lines += [
+        "",
+        (
+            f"| what follows | core hours | at {PRICE:g} a core hour | workers that one coordinator"
+            " feeds |"
+        ),
+        "|---|---|---|---|",
+    ]
     for (name, hour), task in zip(hours.items(), (each + motion, motion), strict=True):
-        lines.append(f"| {name} | {hour:.3g} | {PRICE * hour:.3g} | {task / overhead['processes']:.0f} |")
+        lines.append(
+            f"| {name} | {hour:.3g} | {PRICE * hour:.3g} | {task / overhead['processes']:.0f} |"
+        )
     text = "\n".join(lines)
     print(text)
     if write:
@@ -315,18 +389,34 @@ def rare():
     weights, limit = np.ones(10) / np.sqrt(10), 4.753424308822899
     found = [subset_simulation(lambda u: u @ weights, limit, 10, 1e-9, seed) for seed in range(60)]
     p = np.array([each.probability for each in found])
-    print(f"exact 1e-6, 60 seeds: mean {p.mean():.2e}, spread {p.std(ddof=1) / p.mean():.2f}, stated "
-          f"{np.mean([each.variation for each in found]):.2f}, {np.mean([each.evaluations for each in found]):.0f} "
-          f"samples; bounds (95 %) below it: {np.mean([each.upper < 1e-6 for each in found]):.0%}")  # fmt: skip
+    print(
+        f"exact 1e-6, 60 seeds: mean {p.mean():.2e}, spread {p.std(ddof=1) / p.mean():.2f}, stated"
+        f" {np.mean([each.variation for each in found]):.2f},"
+        f" {np.mean([each.evaluations for each in found]):.0f} samples; bounds (95 %) below it:"
+        f" {np.mean([each.upper < 1e-6 for each in found]):.0%}"
+    )
     arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
     law = ComputedTorque(arm, rig, bandwidth=62)
     stated = Uncertainty(covariance=np.diag((0.02 * np.abs(arm.f)) ** 2), friction=0.0)
     options = {"duration": 0.05, "progress": False, "steps_per_sample": 4}
-    brute = certify(arm, rig, law, path, stated, samples=40_000, seed=99, **options).runs.unrounded.max(axis=1)
+    brute = certify(
+        arm, rig, law, path, stated, samples=40_000, seed=99, **options
+    ).runs.unrounded.max(axis=1)
     for share in (1e-2, 1e-3, 1e-4):
         limit = float(np.quantile(brute, 1 - share))
         for seed in range(3):
-            found = certify(arm, rig, law, path, stated, samples=1, within=limit, rare=1e-6, seed=seed, **options).rare
+            found = certify(
+                arm,
+                rig,
+                law,
+                path,
+                stated,
+                samples=1,
+                within=limit,
+                rare=1e-6,
+                seed=seed,
+                **options,
+            ).rare
             print(f"{share:g} of 40,000 exceed {limit:.3f} pulses; {found}", flush=True)
 
 

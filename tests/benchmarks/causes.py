@@ -1,11 +1,13 @@
 """Causes, tried on another engine: is what was spoiled named first? A part of `second_reading.py`.
 
-    python tests/benchmarks/second_reading.py causes [--logs 40] [--arms puma ur5e] [--only NAME ...] [--said]
+    python tests/benchmarks/second_reading.py causes [--logs 40] [--arms puma ur5e] [--only NAME
+    ...] [--said]
         [--law P | PID | computed_torque]
 
-Two arms in MuJoCo under a law with dry friction, on paths drawn from a seed. One thing is spoiled: the machine, or
-what is stated of it, or the log. Of four logs in turn two have the other gain, and two the logged torque. First is what
-`record.check()` finds first; where it finds nothing, the first warning of `identify`, or its refusal.
+Two arms in MuJoCo under a law with dry friction, on paths drawn from a seed. One thing is spoiled:
+the machine, or what is stated of it, or the log. Of four logs in turn two have the other gain, and
+two the logged torque. First is what `record.check()` finds first; where it finds nothing, the first
+warning of `identify`, or its refusal.
 """
 
 import collections
@@ -29,11 +31,18 @@ from packaged_arms import elbow_of_a_ur5e
 def puma(strong):
     """Truth, dynamics without values, rig and gains of P of the arm of the paper."""
     links = (Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH))
-    return puma560.literature_arm(1.5), Chain(links=links), puma560.rig(), (0.20, 0.15) if strong else (0.10, 0.075)
+    return (
+        puma560.literature_arm(1.5),
+        Chain(links=links),
+        puma560.rig(),
+        (0.20, 0.15) if strong else (0.10, 0.075),
+    )
 
 
 def ur5e(strong):
-    """The same of shoulder lift and elbow of the UR5e: gears, encoders and friction as the tests have them."""
+    """The same of shoulder lift and elbow of the UR5e: gears, encoders and friction as the tests
+    have them.
+    """
     chain, rig = elbow_of_a_ur5e("fix")
     chain = chain.with_rotors(rig.drive)
     dynamics = Dynamics.from_chain(chain)
@@ -45,7 +54,9 @@ ARMS = {"puma": puma, "ur5e": ur5e}
 
 def _pid(truth, rig, gain):
     gain = np.array(gain) / 2
-    return PID(gain=gain, integral=5 * gain, derivative=0.004 * gain, filter=2000.0, period=rig.period)
+    return PID(
+        gain=gain, integral=5 * gain, derivative=0.004 * gain, filter=2000.0, period=rig.period
+    )
 
 
 def _computed_torque(truth, rig, gain):
@@ -54,7 +65,11 @@ def _computed_torque(truth, rig, gain):
     return ComputedTorque(truth.dynamics.arm(f), rig, bandwidth=100.0 if gain[0] > 0.05 else 60.0)
 
 
-LAWS = {"P": lambda truth, rig, gain: P(gain=gain), "PID": _pid, "computed_torque": _computed_torque}
+LAWS = {
+    "P": lambda truth, rig, gain: P(gain=gain),
+    "PID": _pid,
+    "computed_torque": _computed_torque,
+}
 """By truth, rig and gains of P."""
 
 
@@ -62,10 +77,12 @@ def path_of(random, upright=0.0):
     """A smooth path whose joints pass zero; `upright`: or about this angle of the first [rad]."""
     cosine, sine = (random.normal(size=(2, 3)) * 0.35 / np.arange(1, 4) for _ in range(2))
     period, offset = random.uniform(2.5, 3.0), random.uniform(-0.2, 0.2, 2)
-    return Harmonics(period=period, offset=offset + np.array((upright, 0.0)), cosine=cosine, sine=sine)
+    return Harmonics(
+        period=period, offset=offset + np.array((upright, 0.0)), cosine=cosine, sine=sine
+    )
 
 
-# -- what is spoiled -------------------------------------------------------------------------------------------------
+# -- what is spoiled -----------------------------------------------------------------------------
 @dataclasses.dataclass
 class Given:
     """What a user has: records, chain, and the draw that spoils them."""
@@ -75,10 +92,15 @@ class Given:
     random: np.random.Generator
 
     def stated(self, **drive):
-        """The rig stated wrongly; the path is as it was, and what it is in counts stands in the log."""
+        """The rig stated wrongly; the path is as it was, and what it is in counts stands in the
+        log.
+        """
         for i, record in enumerate(self.records):
-            rig = dataclasses.replace(record.rig, drive=dataclasses.replace(record.rig.drive, **drive))
-            path = record.reference if isinstance(record.law, ComputedTorque) else None  # which counts leave open
+            rig = dataclasses.replace(
+                record.rig, drive=dataclasses.replace(record.rig.drive, **drive)
+            )
+            # which counts leave open
+            path = record.reference if isinstance(record.law, ComputedTorque) else None
             self.records[i] = dataclasses.replace(record, rig=rig, reference=path)
 
     def each(self, **columns):
@@ -96,16 +118,22 @@ def _links(given, change):
 def _longer(factor):
     def longer(link):
         x = np.array(link.before.position) * factor
-        return dataclasses.replace(link, a=link.a * factor, before=dataclasses.replace(link.before, position=tuple(x)))
+        return dataclasses.replace(
+            link, a=link.a * factor, before=dataclasses.replace(link.before, position=tuple(x))
+        )
 
     return longer
 
 
 def _turned(given):
     sign = np.array((1.0, -1.0))
-    given.each(**{name: lambda record, name=name: sign * getattr(record, name)
-                  for name in ("error_pulses", "reference_pulses", "torque") if given.records[0].torque is not None
-                  or name != "torque"})  # fmt: skip
+    given.each(
+        **{
+            name: lambda record, name=name: sign * getattr(record, name)
+            for name in ("error_pulses", "reference_pulses", "torque")
+            if given.records[0].torque is not None or name != "torque"
+        }
+    )
 
 
 def _upward(given):
@@ -114,7 +142,10 @@ def _upward(given):
 
 def _degrees(given):
     turn = 180 / np.pi
-    given.each(reference_pulses=lambda r: turn * r.reference_pulses, error_pulses=lambda r: turn * r.error_pulses)
+    given.each(
+        reference_pulses=lambda r: turn * r.reference_pulses,
+        error_pulses=lambda r: turn * r.error_pulses,
+    )
 
 
 def _again(given, change):
@@ -141,19 +172,26 @@ def _gain(given):
 
 def _restated(given, **numbers):
     """The law stated otherwise than it ran."""
-    given.records = [dataclasses.replace(each, law=dataclasses.replace(each.law, **numbers)) for each in given.records]
+    given.records = [
+        dataclasses.replace(each, law=dataclasses.replace(each.law, **numbers))
+        for each in given.records
+    ]
 
 
 def _lacking(given):
     """Stated without the rate of its error; computed torque without its friction."""
     law = given.records[0].law
     if law.period:
-        _restated(given, **({"derivative": (0.0, 0.0)} if isinstance(law, PID) else {"friction": False}))
+        _restated(
+            given, **({"derivative": (0.0, 0.0)} if isinstance(law, PID) else {"friction": False})
+        )
 
 
 def _gear(given):
     gear = np.array(given.records[0].rig.drive.gear)
-    gear[given.random.integers(2)] *= 1 + given.random.choice((-1, 1)) * given.random.uniform(0.05, 0.2)
+    gear[given.random.integers(2)] *= 1 + given.random.choice((-1, 1)) * given.random.uniform(
+        0.05, 0.2
+    )
     given.stated(gear=gear)
 
 
@@ -192,7 +230,9 @@ LABELS = {
     "gain or gear": r"check gain, motor gain and gear|its gains and period, gears",
     "rounding": r"wide cell|cell two pulses wide",
     "lost rows": r"lost|repeat(s|ed) the row|packet",
-    "late counts": r"counts (are|were) [\d.]+ samples|not logged at the same time|samples? late|samples? early",
+    "late counts": (
+        r"counts (are|were) [\d.]+ samples|not logged at the same time|samples? late|samples? early"
+    ),
     "lag of the loop": r"torques lag",
     "speed error": r"error grows with speed",
     "elastic": r"joints are elastic",
@@ -203,7 +243,9 @@ LABELS = {
     "saturated": r"amplifier is at its limit|cut off at",
     "swapped": r"exchange the columns|belongs to the motion",
     "wrong sign": r"wrong sign|change the sign|backwards|runs? against",
-    "scale of counts": r"times as far|correct the resolution|resolution|unit|moved? .* turns|steps of",
+    "scale of counts": (
+        r"times as far|correct the resolution|resolution|unit|moved? .* turns|steps of"
+    ),
     "gears, lengths": r"gears \(or lengths",
     "rotor": r"rotor of|below that of its rotor",
     "changes": r"contradict each other|changing|drift|do not hold for both",
@@ -218,7 +260,9 @@ CAUSES = {
     "floor/fix": Cause(("rounding",), lambda random: {"rounding": "floor"}),
     "lost rows": Cause(("lost rows",), stated=_lost),
     "late log": Cause(("late counts",), stated=_late),
-    "late loop": Cause(("lag of the loop", "oscillates"), uniform(0.1, 1.0, "delay"), sampled=("late counts",)),
+    "late loop": Cause(
+        ("lag of the loop", "oscillates"), uniform(0.1, 1.0, "delay"), sampled=("late counts",)
+    ),
     "asymmetric friction": Cause(("offset",), uniform(0.15, 0.5, "offset")),
     "Stribeck": Cause(("friction",), uniform(0.3, 1.0, "stribeck")),
     "elastic": Cause(("elastic",), uniform(15, 60, "hertz")),
@@ -226,7 +270,8 @@ CAUSES = {
     "gear": Cause(("gears, lengths", "rotor", "gain or gear"), stated=_gear),
     "gain": Cause(("gain", "gain or gear", "gain or friction"), stated=_gain),
     "length": Cause(
-        ("gears, lengths", "lengths"), stated=lambda g: _links(g, _longer(g.random.choice((0.8, 0.9, 1.1, 1.25))))
+        ("gears, lengths", "lengths"),
+        stated=lambda g: _links(g, _longer(g.random.choice((0.8, 0.9, 1.1, 1.25)))),
     ),
     "sign of a joint": Cause(("sign of a joint",), stated=_turned),
     "sign of gravity": Cause(("sign of gravity",), stated=_upward),
@@ -234,7 +279,9 @@ CAUSES = {
     "degrees": Cause(("scale of counts",), stated=_degrees),
     "mm": Cause(("gears, lengths", "lengths"), stated=lambda g: _links(g, _longer(1000.0))),
     "saturation": Cause(("saturated",), lambda random: {"share": "peak"}),
-    "PD for P": Cause(("gain", "gain or gear", "law"), uniform(0.005, 0.02, "derivative"), stated=_lacking),
+    "PD for P": Cause(
+        ("gain", "gain or gear", "law"), uniform(0.005, 0.02, "derivative"), stated=_lacking
+    ),
     "load": Cause(("changes",), uniform(1.0, 3.0, "load"), two=True),
     "cogging": Cause(("cogging",), uniform(0.1, 0.4, "cogging")),
     "friction drifts": Cause(("friction", "changes"), uniform(0.3, 0.8, "drift")),
@@ -281,7 +328,11 @@ def first(name, arm, seed, law="P"):
 
 def label(text):
     """The label of a sentence."""
-    return next((name for name, words in LABELS.items() if re.search(words, text)), "other") if text else ""
+    return (
+        next((name for name, words in LABELS.items() if re.search(words, text)), "other")
+        if text
+        else ""
+    )
 
 
 def table(logs, arms, only, said, law):
@@ -297,9 +348,15 @@ def table(logs, arms, only, said, law):
                 told[label(text)] += 1
                 if said:
                     mark = " " if label(text) in names else "!"
-                    print(f"  {mark} {name}, {arm} {seed}: {by} [{label(text)}] {text[:260]}", flush=True)
+                    print(
+                        f"  {mark} {name}, {arm} {seed}: {by} [{label(text)}] {text[:260]}",
+                        flush=True,
+                    )
         good = sum(told[each] for each in names)
-        total, right = total + sum(told.values()) * (name != "healthy"), right + good * (name != "healthy")
+        total, right = (
+            total + sum(told.values()) * (name != "healthy"),
+            right + good * (name != "healthy"),
+        )
         rest = ", ".join(f"{each or 'nothing'} {count}" for each, count in told.most_common())
         print(f"| {name} | {good} of {sum(told.values())} | {rest} |", flush=True)
     if total:

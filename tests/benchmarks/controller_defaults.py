@@ -1,9 +1,10 @@
-"""How the defaults of ComputedTorque were chosen: tracking against torque for several settings, in one run.
+"""How the defaults of ComputedTorque were chosen: tracking against torque for several settings, in
+one run.
 
     python tests/benchmarks/controller_defaults.py
 
-Twenty cold identifications (seeds 0-19) and ten vectors with 5 % noise drive the published arm along trajectory (6)
-at T = 3.65, 2.5 and 2.0 s; 4 sub-steps per sample, compiled kernel.
+Twenty cold identifications (seeds 0-19) and ten vectors with 5 % noise drive the published arm
+along trajectory (6) at T = 3.65, 2.5 and 2.0 s; 4 sub-steps per sample, compiled kernel.
 """
 
 import numpy as np
@@ -34,27 +35,46 @@ def main():
     measured = simulate(robot, rig, puma560.p_law(), puma560.reference(), steps_per_sample=16)
     cold = [run.arm for run in spread(dynamics, measured, seeds=range(20), progress=False).runs]
     random = np.random.default_rng(0)
-    noisy = [dynamics.arm(puma560.PUBLISHED * (1 + 0.05 * random.normal(size=9))) for _ in range(10)]
+    noisy = [
+        dynamics.arm(puma560.PUBLISHED * (1 + 0.05 * random.normal(size=9))) for _ in range(10)
+    ]
     print(
-        "| bandwidth | ratio | boost | dead zone | true f: chatter [N m] | peak [N m] | cold: worst share at "
-        "T = 3.65, 2.5, 2.0 | all within ±1, of 20 | noisy: worst share | all within ±1, of 10 |\n|" + "---|" * 10
+        "| bandwidth | ratio | boost | dead zone | true f: chatter [N m] | peak [N m] | cold: worst"
+        " share at T = 3.65, 2.5, 2.0 | all within ±1, of 20 | noisy: worst share | all within ±1,"
+        " of 10 |\n|" + "---|" * 10
     )
     for bandwidth, ratio, boost, zone in SETTINGS:
-        named = {"bandwidth": bandwidth, "observer_ratio": ratio, "start_boost": boost, "dead_zone": zone}
+        named = {
+            "bandwidth": bandwidth,
+            "observer_ratio": ratio,
+            "start_boost": boost,
+            "dead_zone": zone,
+        }
 
         def run(arm, duration, named=named):
             law = ComputedTorque(arm, rig, **named)
-            return evaluate(robot, rig, law, puma560.reference(duration), backend="numba", steps_per_sample=4)
+            return evaluate(
+                robot, rig, law, puma560.reference(duration), backend="numba", steps_per_sample=4
+            )
 
         true = run(robot, 3.65)
         cells = []
         for arms in (cold, noisy):
             shares = np.array(
-                [[run(arm, duration).fraction_within(1) for arm in arms] for duration in (3.65, 2.5, 2.0)]
+                [
+                    [run(arm, duration).fraction_within(1) for arm in arms]
+                    for duration in (3.65, 2.5, 2.0)
+                ]
             )
-            cells += [", ".join(f"{s:.2%}" for s in shares.min(axis=1)), ", ".join(map(str, (shares == 1).sum(axis=1)))]
-        print(f"| {bandwidth} | {ratio} | {boost} | {zone} | {true.chatter[0]:.1f} | {true.peak_torque[0]:.0f} | "
-              + " | ".join(cells) + " |", flush=True)  # fmt: skip
+            cells += [
+                ", ".join(f"{s:.2%}" for s in shares.min(axis=1)),
+                ", ".join(map(str, (shares == 1).sum(axis=1))),
+            ]
+        print(
+            f"| {bandwidth} | {ratio} | {boost} | {zone} | {true.chatter[0]:.1f} |"
+            f" {true.peak_torque[0]:.0f} | " + " | ".join(cells) + " |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

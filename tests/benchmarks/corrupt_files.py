@@ -1,12 +1,14 @@
-"""Spoilt files of every format: how many are read, how many are refused, how long it takes, and what memory.
+"""Spoilt files of every format: how many are read, how many are refused, how long it takes, and
+what memory.
 
     python tests/benchmarks/corrupt_files.py [mutations] [--cold]
 
-One small log per format, compressed and not, and 500 files made from them: bits flipped, cut off, zeros, a block twice,
-something behind the end. Half of those that hold messages or are data sets are spoilt as their format understands it:
-records that are gone, lengths that lie, other types, lists of several lengths. Each must give a record or one
-`LoadError` of one line, within 5 s, and leave this process alive. All but CSV and NPZ are read by children that are
-forked from one that has imported their libraries; --cold starts each anew.
+One small log per format, compressed and not, and 500 files made from them: bits flipped, cut off,
+zeros, a block twice, something behind the end. Half of those that hold messages or are data sets
+are spoilt as their format understands it: records that are gone, lengths that lie, other types,
+lists of several lengths. Each must give a record or one `LoadError` of one line, within 5 s, and
+leave this process alive. All but CSV and NPZ are read by children that are forked from one that has
+imported their libraries; --cold starts each anew.
 """
 
 import contextlib
@@ -54,7 +56,11 @@ def main(mutations, cold):
                 for compress in (True, False):
                     files.write(kind, path, files.log(), compress)
                     sound.append(messages.contents(path))
-                children = None if cold or kind in ("csv", "npz") else stack.enter_context(tables.WarmChildren())
+                children = (
+                    None
+                    if cold or kind in ("csv", "npz")
+                    else stack.enter_context(tables.WarmChildren())
+                )
                 results = []
                 for i in range(mutations):
                     if i == mutations // 2:  # files of a folder have other names
@@ -67,7 +73,10 @@ def main(mutations, cold):
                     results.append(attempt(files, kind, path))
             read = sum(r for r, _ in results)
             peak = f"{children.peak / 1024:.0f}" if children else "-"
-            print(f"{kind:12}{read:8}{mutations - read:9}{max(t for _, t in results):13.2f}{peak:>22}", flush=True)
+            print(
+                f"{kind:12}{read:8}{mutations - read:9}{max(t for _, t in results):13.2f}{peak:>22}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
-"""What an identification says of robots whose gears give or play, whose currents lag, whose friction is not the rig's.
+"""What an identification says of robots whose gears give or play, whose currents lag, whose
+friction is not the rig's.
 
     python tests/benchmarks/detection.py [--quick] [--seed 0] [--most 200] [--row "compliance, 60"]
-    python tests/benchmarks/detection.py --cost                    # what the tests cost within one identification
-    python tests/benchmarks/detection.py --shown 20                # gears at the resonance that a rigid log would show
+    python tests/benchmarks/detection.py --cost                    # what the tests cost within one
+    identification python tests/benchmarks/detection.py --shown 20                # gears at the
+    resonance that a rigid log would show
 
-Robots: f drawn around two arms, the encoders' phase and the path's offset drawn anew, 16 steps per sample; the model
-is rigid, at 4. A robot whose loop does not stay bounded is drawn again. Rows say what it has, columns what is named
-first (`found.diagnostics.detection`).
+Robots: f drawn around two arms, the encoders' phase and the path's offset drawn anew, 16 steps per
+sample; the model is rigid, at 4. A robot whose loop does not stay bounded is drawn again. Rows say
+what it has, columns what is named first (`found.diagnostics.detection`).
 """
 
 import argparse
@@ -40,42 +42,62 @@ def arm_near(base, rng):
 
 
 def with_gears(drive, arm, path, hertz, ratio, **options):
-    elasticity = Elasticity.from_resonance(arm, hertz, ratio, drive=drive, q=path([0.0]).q[0], **options)
+    elasticity = Elasticity.from_resonance(
+        arm, hertz, ratio, drive=drive, q=path([0.0]).q[0], **options
+    )
     return dataclasses.replace(drive, elasticity=elasticity)
 
 
 def compliance(hertz):
-    return lambda drive, arm, path, rng: with_gears(drive, arm, path, hertz, rng.uniform(0.01, 0.03))
+    return lambda drive, arm, path, rng: with_gears(
+        drive, arm, path, hertz, rng.uniform(0.01, 0.03)
+    )
 
 
 def backlash(drive, arm, path, rng):
-    return with_gears(drive, arm, path, 200, 0.02, backlash=(np.deg2rad(rng.uniform(0.01, 0.05)),) * 2)
+    return with_gears(
+        drive, arm, path, 200, 0.02, backlash=(np.deg2rad(rng.uniform(0.01, 0.05)),) * 2
+    )
 
 
 def lag(low, high):
-    return lambda drive, arm, path, rng: dataclasses.replace(drive, current_lag=rng.uniform(low, high))
+    return lambda drive, arm, path, rng: dataclasses.replace(
+        drive, current_lag=rng.uniform(low, high)
+    )
 
 
 def friction(drive, arm, path, rng):
     times = 1 + rng.choice([-1, 1], size=(2, 2)) * rng.uniform(0.2, 0.5, size=(2, 2))
-    return dataclasses.replace(drive, viscous=drive.viscous * times[0], coulomb=drive.coulomb * times[1])
+    return dataclasses.replace(
+        drive, viscous=drive.viscous * times[0], coulomb=drive.coulomb * times[1]
+    )
 
 
 def logs(seed, change, laws):
-    """One robot, its logs under these laws; the rig of a record knows nothing of what was changed."""
+    """One robot, its logs under these laws; the rig of a record knows nothing of what was
+    changed.
+    """
     for attempt in range(100):
         rng = np.random.default_rng([seed, attempt])
         arm = arm_near(ARMS[seed % 2], rng)
         try:
             records = []
             for law in laws:
-                path = dataclasses.replace(PATH, offset=np.asarray(PATH.offset) + rng.uniform(-0.05, 0.05, 2))
-                drive = RIG.drive if change is None else change(RIG.drive, arm, path, np.random.default_rng(seed))
+                path = dataclasses.replace(
+                    PATH, offset=np.asarray(PATH.offset) + rng.uniform(-0.05, 0.05, 2)
+                )
+                drive = (
+                    RIG.drive
+                    if change is None
+                    else change(RIG.drive, arm, path, np.random.default_rng(seed))
+                )
                 encoder = dataclasses.replace(RIG.encoder, phase=Phase(shift=rng.uniform(0, 1, 2)))
                 rig = dataclasses.replace(RIG, drive=drive, encoder=encoder)
                 record = simulate(arm, rig, law, path, steps_per_sample=16)
                 known = LoggedTorque() if law.period else law
-                records.append(dataclasses.replace(record, rig=RIG, law=known, true_q=None, true_qd=None))
+                records.append(
+                    dataclasses.replace(record, rig=RIG, law=known, true_q=None, true_qd=None)
+                )
             return records, identify(DYNAMICS, records, progress=False)
         except ValueError:  # diverges, or saturates for most of the log
             continue
@@ -107,8 +129,13 @@ ROWS = (  # what the robot has, logs, how many robots, and in a quick run
 
 
 def cost(rounds=7):
-    """Seconds of one identification, with the tests and without, in turn; of the wall clock, and of the processors."""
-    yield "| robot | seconds without | with | ratio | processor, without | with |\n|---|---|---|---|---|---|"
+    """Seconds of one identification, with the tests and without, in turn; of the wall clock, and
+    of the processors.
+    """
+    yield (
+        "| robot | seconds without | with | ratio | processor, without | with"
+        " |\n|---|---|---|---|---|---|"
+    )
     tested = diagnostics.detect
     for name, change in (("as modelled", None), ("compliance, 60 Hz", compliance(60))):
         (record,), _ = logs(0, change, one(0))
@@ -117,10 +144,17 @@ def cost(rounds=7):
             diagnostics.detect = tested if i % 2 else lambda *_: Detection(reason="left out")
             started = time.perf_counter(), time.process_time()
             identify(DYNAMICS, record, seed=1, progress=False)
-            spent[bool(i % 2)].append((time.perf_counter() - started[0], time.process_time() - started[1]))
+            spent[bool(i % 2)].append(
+                (time.perf_counter() - started[0], time.process_time() - started[1])
+            )
         diagnostics.detect = tested
-        (wall, cpu), (wall_tested, cpu_tested) = (np.median(spent[which], axis=0) for which in (False, True))
-        yield f"| {name} | {wall:.2f} | {wall_tested:.2f} | {wall_tested / wall:.2f} | {cpu:.2f} | {cpu_tested:.2f} |"
+        (wall, cpu), (wall_tested, cpu_tested) = (
+            np.median(spent[which], axis=0) for which in (False, True)
+        )
+        yield (
+            f"| {name} | {wall:.2f} | {wall_tested:.2f} | {wall_tested / wall:.2f} | {cpu:.2f} |"
+            f" {cpu_tested:.2f} |"
+        )
 
 
 SHARES = (1.2, 1.0, 0.7, 0.4)
@@ -128,7 +162,9 @@ SHARES = (1.2, 1.0, 0.7, 0.4)
 
 
 def shown(robots):
-    """The same robots on gears of shares of the resonance that their log on rigid ones says it would show."""
+    """The same robots on gears of shares of the resonance that their log on rigid ones says it
+    would show.
+    """
     named, limits = collections.Counter(), []
     for seed in range(robots):
         records, found = logs(seed, None, one(seed))
@@ -136,7 +172,10 @@ def shown(robots):
         for share in SHARES:
             _, soft = logs(seed, compliance(share * limits[-1]), one(seed))
             named[share] += "compliance" in soft.diagnostics.detection.names
-    yield f"shown below {min(limits):.0f} to {max(limits):.0f} Hz; gears of a share of that, named in:"
+    yield (
+        f"shown below {min(limits):.0f} to {max(limits):.0f} Hz; gears of a share of that,"
+        " named in:"
+    )
     yield from (f"{share:g}: {named[share]} of {robots}" for share in SHARES)
 
 
@@ -153,7 +192,10 @@ def main():
         for line in cost() if given.cost else shown(given.shown):
             print(line, flush=True)
         return
-    print(f"| robot | {' | '.join(COLUMNS)} | and others | chi-square over its threshold, median | seconds |")
+    print(
+        f"| robot | {' | '.join(COLUMNS)} | and others | chi-square over its threshold, median |"
+        " seconds |"
+    )
     print(f"|---|{'---|' * len(COLUMNS)}---|---|---|")
     for i, (name, change, laws, count, few) in enumerate(ROWS):
         if given.row and not name.startswith(given.row):
@@ -172,7 +214,9 @@ def main():
                 print(f"    {name}, seed {seed}: {detection.names}", flush=True)
         cells = " | ".join(str(named[column]) for column in COLUMNS)
         seconds = (time.perf_counter() - started) / sum(named.values())
-        print(f"| {name} | {cells} | {more} | {np.median(strength):.1f} | {seconds:.1f} |", flush=True)
+        print(
+            f"| {name} | {cells} | {more} | {np.median(strength):.1f} | {seconds:.1f} |", flush=True
+        )
 
 
 if __name__ == "__main__":

@@ -2,11 +2,12 @@
 
     python tests/benchmarks/effects.py [name of a row, or its beginning ...]
 
-Literature arm with 1.5 kg on trajectory (6), every law with the true f and with the friction that it believes in. In a
-cell: share of the samples after 20 ms at which both joints' counts are within ±1, and the mean change of joint 2's
-torque per sample [N m]. Backlash is that of gears whose links swing at 200 Hz, 2 % damped. Cogging is six per turn of
-the motor, 3 % of its largest torque. Where four runs are made (backlash: phases of the encoders; cogging: its own
-phases; jitter: seeds) a cell has the least and the largest share, and the largest change of torque.
+Literature arm with 1.5 kg on trajectory (6), every law with the true f and with the friction that
+it believes in. In a cell: share of the samples after 20 ms at which both joints' counts are within
+±1, and the mean change of joint 2's torque per sample [N m]. Backlash is that of gears whose links
+swing at 200 Hz, 2 % damped. Cogging is six per turn of the motor, 3 % of its largest torque. Where
+four runs are made (backlash: phases of the encoders; cogging: its own phases; jitter: seeds) a cell
+has the least and the largest share, and the largest change of torque.
 """
 
 import argparse
@@ -46,7 +47,9 @@ def drive(**changes):
 
 def geared(backlash):
     """Elastic gears at 200 Hz with so much backlash [degree]."""
-    gears = Elasticity.from_resonance(ARM, 200, 0.02, drive=RIG.drive, backlash=np.full(2, np.deg2rad(backlash)))
+    gears = Elasticity.from_resonance(
+        ARM, 200, 0.02, drive=RIG.drive, backlash=np.full(2, np.deg2rad(backlash))
+    )
     shifts = (np.full(2, shift) for shift in (-0.5, -0.25, 0.0, 0.25))
     encoders = [dataclasses.replace(RIG.encoder, phase=Phase(shift=shift)) for shift in shifts]
     return [dataclasses.replace(drive(elasticity=gears), encoder=encoder) for encoder in encoders]
@@ -54,13 +57,22 @@ def geared(backlash):
 
 def bristles(pulses, damping=None):
     distance = RIG.encoder.to_angle(np.full(2, float(pulses)))
-    return [drive(presliding=Presliding(distance=distance, damping=None if damping is None else (damping,) * 2))]
+    return [
+        drive(
+            presliding=Presliding(
+                distance=distance, damping=None if damping is None else (damping,) * 2
+            )
+        )
+    ]
 
 
 def cogging(share):
     amplitude = share * RIG.drive.motor_gain * RIG.drive.current_limit
     phases = np.deg2rad((0, 90, 180, 270))
-    return [drive(ripple=TorqueRipple(amplitude=amplitude, cycles=(6, 6), phase=(phase, phase))) for phase in phases]
+    return [
+        drive(ripple=TorqueRipple(amplitude=amplitude, cycles=(6, 6), phase=(phase, phase)))
+        for phase in phases
+    ]
 
 
 def shaken(share):
@@ -90,9 +102,13 @@ EFFECTS = {
     "jitter 20 %": shaken(0.2),
     "viscous +50 %": [drive(viscous=1.5 * RIG.drive.viscous)],
     "Coulomb +50 %": [drive(coulomb=1.5 * RIG.drive.coulomb)],
-    "viscous and Coulomb +50 %": [drive(viscous=1.5 * RIG.drive.viscous, coulomb=1.5 * RIG.drive.coulomb)],
+    "viscous and Coulomb +50 %": [
+        drive(viscous=1.5 * RIG.drive.viscous, coulomb=1.5 * RIG.drive.coulomb)
+    ],
     "load-dependent friction 0.1": [drive(load_friction=(0.1, 0.1))],
-    "drift of friction by -20 % in 2 s": [drive(friction_drift=FrictionDrift(amount=(-0.2, -0.2), time=(2.0, 2.0)))],
+    "drift of friction by -20 % in 2 s": [
+        drive(friction_drift=FrictionDrift(amount=(-0.2, -0.2), time=(2.0, 2.0)))
+    ],
     "quadrature error 0.2 pulses": tracks(0.2),
 }
 """Rigs of each row."""
@@ -104,7 +120,9 @@ def share(evaluation):
 
 
 def cell(evaluations):
-    """Shares, rounded down, so that 100.00 means all samples, and chatter, of the runs under one law."""
+    """Shares, rounded down, so that 100.00 means all samples, and chatter, of the runs under one
+    law.
+    """
     if None in evaluations:
         return "diverges"
     shares = sorted({f"{np.floor(share(each) * 1e4) / 100:.2f}" for each in evaluations}, key=float)
@@ -120,7 +138,10 @@ def main():
     for name, rigs in EFFECTS.items():
         if not wanted or name.startswith(wanted):
             runs = [compare(ARM, rig, LAWS, PATH).evaluations for rig in rigs]
-            print(f"| {name} | {' | '.join(cell([run.get(law) for run in runs]) for law in LAWS)} |", flush=True)
+            print(
+                f"| {name} | {' | '.join(cell([run.get(law) for run in runs]) for law in LAWS)} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

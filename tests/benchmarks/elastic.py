@@ -1,6 +1,8 @@
-"""What an elastic gear costs per sub-step, and friction beyond Coulomb's: `python tests/benchmarks/elastic.py`.
+"""What an elastic gear costs per sub-step, and friction beyond Coulomb's: `python
+tests/benchmarks/elastic.py`.
 
-Rigid, elastic and other loops take turns in one process: one individual with its log, and 40 side by side without.
+Rigid, elastic and other loops take turns in one process: one individual with its log, and 40 side
+by side without.
 """
 
 import dataclasses
@@ -17,7 +19,12 @@ from plant.simulation.loop_kernel import LANES, LoopKernel
 from plant.simulation.time_tables import time_tables
 
 ROUNDS = 15
-ARM, RIG, PATH, LAW = puma560.literature_arm(1.5), puma560.rig(), puma560.reference(), puma560.p_law()
+ARM, RIG, PATH, LAW = (
+    puma560.literature_arm(1.5),
+    puma560.rig(),
+    puma560.reference(),
+    puma560.p_law(),
+)
 
 
 def runner(rig, *, population):
@@ -69,7 +76,10 @@ def main():
         print(f"{LANES} side by side" if population else "one individual")
         for name, each in seconds.items():
             median = statistics.median(each[1:])
-            print(f"  {name:<20} {1e9 * median / per:7.1f} ns per sub-step {median / base:6.2f} times the rigid one")
+            print(
+                f"  {name:<20} {1e9 * median / per:7.1f} ns per sub-step {median / base:6.2f} times"
+                " the rigid one"
+            )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
-"""How the cost of an objective grows with joints, samples, individuals and sub-steps; the slopes of both logarithms.
+"""How the cost of an objective grows with joints, samples, individuals and sub-steps; the slopes of
+both logarithms.
 
     python tests/benchmarks/growth.py [--write]
 
-Time of the process on one thread, the least of several calls: other load on the machine makes it only longer. The arms
-are the first joints of the PUMA 560, and for seven one more in the wrist; all of f differs between candidates. With
---write the figure of docs/background/speed.md is drawn anew.
+Time of the process on one thread, the least of several calls: other load on the machine makes it
+only longer. The arms are the first joints of the PUMA 560, and for seven one more in the wrist; all
+of f differs between candidates. With --write the figure of docs/background/speed.md is drawn anew.
 """
 
 import argparse
@@ -41,7 +42,9 @@ def experiment(n, samples):
     pick = [min(i, 5) for i in range(n)]
     names = ("gear", "motor_inertia", "viscous", "coulomb", "motor_gain", "current_limit")
     drive = Drive(**{name: getattr(rig.drive, name)[pick] for name in names})
-    rig = Rig(drive=drive, encoder=Encoder(resolution=rig.encoder.resolution[pick]), period=rig.period)
+    rig = Rig(
+        drive=drive, encoder=Encoder(resolution=rig.encoder.resolution[pick]), period=rig.period
+    )
     dynamics = Dynamics.from_chain(chain)
     path = Harmonics(period=4.0, offset=(0.0,) * n, cosine=((0.3,),) * n, sine=((0.2,),) * n)
     law = P(gain=np.array((0.11, 0.07, 0.04, 0.004, 0.004, 0.004))[pick])
@@ -55,7 +58,9 @@ def seconds(n=JOINTS, samples=SAMPLES, individuals=INDIVIDUALS, steps=STEPS, rou
     objective = Objective(arm.dynamics, record, steps_per_sample=steps, threads=1)
     candidates = arm.f * np.random.default_rng(0).uniform(0.999, 1.001, (individuals, len(arm.f)))
     if not np.isfinite(objective(candidates)).all():
-        raise RuntimeError("every candidate must follow the record, or its time is not that of a whole run")
+        raise RuntimeError(
+            "every candidate must follow the record, or its time is not that of a whole run"
+        )
     times = []
     for _ in range(rounds):
         started = time.process_time()
@@ -67,11 +72,15 @@ def seconds(n=JOINTS, samples=SAMPLES, individuals=INDIVIDUALS, steps=STEPS, rou
 def measured():
     """Seconds of each number that grows, by its name."""
     keywords = dict(zip(GROWING, ("n", "samples", "individuals", "steps"), strict=True))
-    return {name: [seconds(**{keywords[name]: x}) for x in values] for name, values in GROWING.items()}
+    return {
+        name: [seconds(**{keywords[name]: x}) for x in values] for name, values in GROWING.items()
+    }
 
 
 def slope(values, times):
-    """Exponent of the upper half of the numbers, where what a call costs in any case no longer counts."""
+    """Exponent of the upper half of the numbers, where what a call costs in any case no longer
+    counts.
+    """
     half = len(values) // 2
     return float(np.polyfit(np.log(values[half:]), np.log(times[half:]), 1)[0])
 

@@ -1,15 +1,17 @@
 """Right logs of many robots, by every method: how many are accused?
 
-    python tests/benchmarks/healthy.py [--logs 200] [--first 0] [--joints 3] [--seconds 600] [--robots PART ...]
+    python tests/benchmarks/healthy.py [--logs 200] [--first 0] [--joints 3] [--seconds 600]
+    [--robots PART ...]
         [--methods seeded]
 
-The arms of the package's robot files that have masses, and of the public model files (the extra `robots`), if these are
-installed; of each its first joints, as many as are asked for. Gears, friction and encoders as in `model_files.py`; each
-log has a path of its own, its own friction (half to twice) and P gains, from soft to such that hunt, is simulated at 16
-sub-steps, and identified from a model file whose bodies are right, by the next of the methods. All that a rig states is
-right, and a second log on another path is kept aside. Every warning is an accusation; that a rough method's values are
-at fault, not the log, is counted apart. The last line has the largest of what has a limit of its own: the RMS
-innovation, and how much worse the log kept aside is repeated.
+The arms of the package's robot files that have masses, and of the public model files (the extra
+`robots`), if these are installed; of each its first joints, as many as are asked for. Gears,
+friction and encoders as in `model_files.py`; each log has a path of its own, its own friction (half
+to twice) and P gains, from soft to such that hunt, is simulated at 16 sub-steps, and identified
+from a model file whose bodies are right, by the next of the methods. All that a rig states is
+right, and a second log on another path is kept aside. Every warning is an accusation; that a rough
+method's values are at fault, not the log, is counted apart. The last line has the largest of what
+has a limit of its own: the RMS innovation, and how much worse the log kept aside is repeated.
 """
 
 import argparse
@@ -38,20 +40,33 @@ def chains(joints, parts):
         folder()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of right angles that are put right
-            found |= {name: Chain.from_urdf(file_of(name), base=ARMS[name][1], tip=ARMS[name][2]) for name in ARMS}
+            found |= {
+                name: Chain.from_urdf(file_of(name), base=ARMS[name][1], tip=ARMS[name][2])
+                for name in ARMS
+            }
     except SystemExit as missing:
         print(missing)
-    asked = {name: chain for name, chain in found.items() if not parts or any(part in name for part in parts)}
+    asked = {
+        name: chain
+        for name, chain in found.items()
+        if not parts or any(part in name for part in parts)
+    }
     return {name: first(chain, joints) for name, chain in asked.items()}
 
 
 def first(chain, joints):
     """The chain of its first joints; without stated limits they turn by half a turn."""
     n = min(joints, chain.n)
-    lower, upper = ([-np.pi] * n, [np.pi] * n) if chain.limits is None else (chain.limits.lower, chain.limits.upper)
+    lower, upper = (
+        ([-np.pi] * n, [np.pi] * n)
+        if chain.limits is None
+        else (chain.limits.lower, chain.limits.upper)
+    )
     every = {"velocity": np.full(n, np.inf), "effort": np.full(n, np.inf)}
     limits = Limits(lower=lower[:n], upper=upper[:n], **every)
-    return Chain(links=chain.links[:n], gravity=chain.gravity, bodies=chain.bodies[:n], limits=limits)
+    return Chain(
+        links=chain.links[:n], gravity=chain.gravity, bodies=chain.bodies[:n], limits=limits
+    )
 
 
 def gains(truth, rig, path, first):
@@ -103,16 +118,25 @@ def main():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             of_log, of_method, found = said(arms[name], seed, method)
-        counts.update({"logs": 1, "accused": bool(of_log), "of the method": bool(of_method and not of_log)})
+        counts.update(
+            {"logs": 1, "accused": bool(of_log), "of the method": bool(of_method and not of_log)}
+        )
         if found is not None:
             told, rms = found.diagnostics, found.fit.rms_innovation or 0.0
             worse = told.held_out_difference / max(told.difference, 0.58)
             most = np.maximum(most, [0.0 if method == "output_error" else rms, worse])
-            print(f"{name}, log {seed}, {method}: {told.difference:.2f} pulses ({worse:.2f}, {rms:.3f})", flush=True)
+            print(
+                f"{name}, log {seed}, {method}: {told.difference:.2f} pulses ({worse:.2f},"
+                f" {rms:.3f})",
+                flush=True,
+            )
         for line in of_log:
             print(f"    accused: {line}", flush=True)
     accused, logs, apart = (counts[key] for key in ("accused", "logs", "of the method"))
-    print(f"{accused} of {logs} right logs of {len(arms)} robots accused; of {apart} more the method is at fault")
+    print(
+        f"{accused} of {logs} right logs of {len(arms)} robots accused; of {apart} more the method"
+        " is at fault"
+    )
     print(f"RMS innovation up to {most[0]:.3f}, kept aside up to {most[1]:.2f} times")
 
 

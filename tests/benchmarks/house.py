@@ -1,10 +1,12 @@
-"""What the house weighs, and the change against a commit: ``python tests/benchmarks/house.py [COMMIT]``.
+"""What the house weighs, and the change against a commit: ``python tests/benchmarks/house.py
+[COMMIT]``.
 
-Lines of code are those that hold a token which is neither a comment nor part of a docstring; public names are the
-elements of the three ``__all__``. A walk is the way of one argument through the calls that it is given to, in a small
-run: the `files` whose functions receive it, `stays` (distinct calls that hand it into another file), `climbs` (those of
-them into a room above the caller's, by the layers of pyproject.toml). Its own methods are no stays.
-Import times are medians of fresh processes in turn: compare them within one run.
+Lines of code are those that hold a token which is neither a comment nor part of a docstring; public
+names are the elements of the three ``__all__``. A walk is the way of one argument through the calls
+that it is given to, in a small run: the `files` whose functions receive it, `stays` (distinct calls
+that hand it into another file), `climbs` (those of them into a room above the caller's, by the
+layers of pyproject.toml). Its own methods are no stays. Import times are medians of fresh processes
+in turn: compare them within one run.
 """
 
 import argparse
@@ -25,7 +27,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("plant", "identification", "ctc")
 AIMS = {"lines of code": 24_000, "lines of docstrings": 9_500, "files": 320, "public names": 120}
-SILENT = {getattr(tokenize, name) for name in ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")}
+SILENT = {
+    getattr(tokenize, name)
+    for name in ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER")
+}
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -54,7 +59,10 @@ def weight(root):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 length = len(code & set(range(node.lineno, node.end_lineno + 1)))
                 if length > found["longest function"]:
-                    found["longest function"], longest = length, f"{path.relative_to(root).as_posix()}: {node.name}"
+                    found["longest function"], longest = (
+                        length,
+                        f"{path.relative_to(root).as_posix()}: {node.name}",
+                    )
         if path.parent.parent == root and path.name == "__init__.py":
             lists = [each for each in tree.body if isinstance(each, ast.Assign)]
             lists = [each.value.elts for each in lists if ast.unparse(each.targets[0]) == "__all__"]
@@ -81,9 +89,12 @@ def walk(root, call, given):
 
     def home(code):
         path = Path(code.co_filename)
-        if path.name == "arguments.py" and code.co_name == "wrapper":  # a decorator of many rooms: looked through
+        # a decorator of many rooms: looked through
+        if path.name == "arguments.py" and code.co_name == "wrapper":
             return None
-        return path.relative_to(root).as_posix().removesuffix(".py") if root in path.parents else None
+        return (
+            path.relative_to(root).as_posix().removesuffix(".py") if root in path.parents else None
+        )
 
     def height(file):
         return heights.get("/".join(file.split("/")[:2]), 0)
@@ -93,7 +104,10 @@ def walk(root, call, given):
         if event != "call" or (here := home(code)) is None or here.split("/")[0] not in PACKAGES:
             return
         names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-        if not any(frame.f_locals.get(name) is given for name in names) or frame.f_locals.get("self") is given:
+        if (
+            not any(frame.f_locals.get(name) is given for name in names)
+            or frame.f_locals.get("self") is given
+        ):
             return
         files.add(here)
         caller = frame.f_back
@@ -114,7 +128,9 @@ def walk(root, call, given):
 
 
 def walks(root):
-    """Of the record of `identify`, and of the first argument of `certify`; run in a process of the checkout `root`."""
+    """Of the record of `identify`, and of the first argument of `certify`; run in a process of
+    the checkout `root`.
+    """
     from ctc import ComputedTorque, certify
     from identification import identify
     from plant import puma560, simulate
@@ -127,7 +143,9 @@ def walks(root):
     )
     law = ComputedTorque(answer[0])
     found["certify(found)"] = walk(
-        root, lambda: certify(answer[0], answer[0].rig, law, path, samples=64, progress=False), answer[0]
+        root,
+        lambda: certify(answer[0], answer[0].rig, law, path, samples=64, progress=False),
+        answer[0],
     )
     return found
 
@@ -136,7 +154,9 @@ def own_process(root, *arguments):
     """Standard output of Python with the packages of a checkout."""
     environment = {**os.environ, "PYTHONPATH": str(root)}
     command = [sys.executable, *arguments]
-    return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=True).stdout  # noqa: S603
+    return subprocess.run(  # noqa: S603
+        command, cwd=root, env=environment, capture_output=True, text=True, check=True
+    ).stdout
 
 
 def import_times(roots, runs=5):
@@ -148,17 +168,25 @@ def import_times(roots, runs=5):
                 begun = time.perf_counter()
                 own_process(root, "-c", f"import {package}")
                 times[root][package].append(time.perf_counter() - begun)
-    return {root: {name: statistics.median(each) for name, each in of.items()} for root, of in times.items()}
+    return {
+        root: {name: statistics.median(each) for name, each in of.items()}
+        for root, of in times.items()
+    }
 
 
 def checkout(commit, folder):
-    """The three packages and pyproject.toml as they were at a commit; None where there is no such history."""
+    """The three packages and pyproject.toml as they were at a commit; None where there is no
+    such history.
+    """
     command = ["git", "-C", str(ROOT), "archive", commit, *PACKAGES, "pyproject.toml"]
     answer = subprocess.run(command, capture_output=True, check=False)  # noqa: S603
     if answer.returncode:
         return None
     with tarfile.open(fileobj=io.BytesIO(answer.stdout)) as archive:
-        archive.extractall(folder, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # noqa: S202 - git's own
+        # git's own
+        archive.extractall(  # noqa: S202
+            folder, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {})
+        )
     return Path(folder).resolve()
 
 
@@ -168,13 +196,28 @@ def report(commit, minutes):
         if len(roots) == 1:
             print(f"no commit {commit} in this history: only what is here")
         weights = [weight(root) for root in roots]
-        rows = [(name, [f"{found[name]:,}" for found, _ in weights], AIMS.get(name, "")) for name in weights[0][0]]
+        rows = [
+            (name, [f"{found[name]:,}" for found, _ in weights], AIMS.get(name, ""))
+            for name in weights[0][0]
+        ]
         ways = [json.loads(own_process(root, __file__, "--walks", str(root))) for root in roots]
         for name in ways[0]:
-            rows.append((f"{name}: files, stays, climbs", [", ".join(map(str, way[name])) for way in ways], ""))
+            rows.append(
+                (
+                    f"{name}: files, stays, climbs",
+                    [", ".join(map(str, way[name])) for way in ways],
+                    "",
+                )
+            )
         times = import_times(roots)
-        rows += [(f"import {name} [s]", [f"{times[root][name]:.2f}" for root in roots], "") for name in PACKAGES]
-        rows += [(f"{name} [min]", [""] * (len(roots) - 1) + [value], aim) for name, value, aim in minutes]
+        rows += [
+            (f"import {name} [s]", [f"{times[root][name]:.2f}" for root in roots], "")
+            for name in PACKAGES
+        ]
+        rows += [
+            (f"{name} [min]", [""] * (len(roots) - 1) + [value], aim)
+            for name, value, aim in minutes
+        ]
     heads = [*([commit] if len(roots) == 2 else []), "now"]
     print(f"{'':42}" + "".join(f"{head:>12}" for head in heads) + f"{'aim':>12}")
     for name, values, aim in rows:
@@ -192,7 +235,9 @@ def minute(text):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("commit", nargs="?", default="552e096", help="to compare with")
-    parser.add_argument("--minutes", nargs="*", type=minute, default=[], metavar="NAME=M", help="measured elsewhere")
+    parser.add_argument(
+        "--minutes", nargs="*", type=minute, default=[], metavar="NAME=M", help="measured elsewhere"
+    )
     parser.add_argument("--walks", type=Path, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.walks:

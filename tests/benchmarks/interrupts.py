@@ -1,7 +1,7 @@
 """How long does Ctrl-C take to come through long work, and does the same work then run as before?
 
-python tests/benchmarks/interrupts.py [interrupts] : so many at random instants of each kind of work, kernels from the
-cache. While they are compiled: tests/plant/compiler/test_background.py.
+python tests/benchmarks/interrupts.py [interrupts] : so many at random instants of each kind of
+work, kernels from the cache. While they are compiled: tests/plant/compiler/test_background.py.
 """
 
 import os
@@ -38,17 +38,24 @@ def interrupted(work, seconds):
 
 def main(count):
     rng, works = np.random.default_rng(17), Works(2.0, 10_000)
-    print(f"{'work':12}{'alone':>8}{'interrupted':>13}{'median':>9}{'longest':>9}{'same bits after':>17}")
+    print(
+        f"{'work':12}{'alone':>8}{'interrupted':>13}{'median':>9}{'longest':>9}{'same bits after':>17}"
+    )
     for kind in KINDS:
         expected = works.run(kind, None)
         began = time.perf_counter()
         expected = works.run(kind, None)
         alone = time.perf_counter() - began
-        took = [interrupted(lambda kind=kind: works.run(kind, None), rng.uniform(0, alone)) for _ in range(count)]
+        took = [
+            interrupted(lambda kind=kind: works.run(kind, None), rng.uniform(0, alone))
+            for _ in range(count)
+        ]
         took = [each for each in took if each is not None]
         same = works.run(kind, None) == expected
         print(
-            f"{kind:12}{alone:6.1f} s{len(took):13}{np.median(took):7.2f} s{max(took):7.2f} s{same!s:>17}", flush=True
+            f"{kind:12}{alone:6.1f} s{len(took):13}{np.median(took):7.2f} s{max(took):7.2f}"
+            f" s{same!s:>17}",
+            flush=True,
         )
 
 

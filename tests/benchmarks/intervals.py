@@ -1,10 +1,12 @@
 """Coverage of 95 % intervals: by class of unknowns, and on robots that their rigs do not describe.
 
-    python tests/benchmarks/intervals.py [--runs 600] [--kinds friction "gear 2 % off" ...]  # 600: hours on one core
+    python tests/benchmarks/intervals.py [--runs 600] [--kinds friction "gear 2 % off" ...]  # 600:
+    hours on one core
 
-Random arms (masses, centres, inertias 30 % off the literature's, a tool of up to 3 kg), each with encoder phases of its
-own, at 16 sub-steps; one log of (6) under P control, gains in turns (0.1, 0.08) and (0.2, 0.15). Width: of the
-interval, over that of noise alone. No interval: withheld, with its reason.
+Random arms (masses, centres, inertias 30 % off the literature's, a tool of up to 3 kg), each with
+encoder phases of its own, at 16 sub-steps; one log of (6) under P control, gains in turns (0.1,
+0.08) and (0.2, 0.15). Width: of the interval, over that of noise alone. No interval: withheld, with
+its reason.
 """
 
 import argparse
@@ -36,9 +38,14 @@ def offset(values):
 
 CURVED = changed(RIG, curve=offset((0.0, 0.0)))
 CLASSES = {  # unknowns beside f, and the stated rig
-    "f alone": ((), RIG), "friction": (FRICTION, RIG), "gains": (("law.gain[0]", "law.gain[1]"), RIG),
-    "offsets": (OFFSETS, CURVED), "a gear": (("drive.gear[0]",), RIG), "a delay": ((), RIG), "a load": (None, RIG),
-}  # fmt: skip
+    "f alone": ((), RIG),
+    "friction": (FRICTION, RIG),
+    "gains": (("law.gain[0]", "law.gain[1]"), RIG),
+    "offsets": (OFFSETS, CURVED),
+    "a gear": (("drive.gear[0]",), RIG),
+    "a delay": ((), RIG),
+    "a load": (None, RIG),
+}
 WRONG = ("gear 2 % off", "friction offset", "spring", "elastic, 100 Hz")
 
 
@@ -56,28 +63,41 @@ def robot(kind, arm, random):
 
 
 def late(record, rig, samples):
-    """The same experiment, its counts read so many samples after the reference, which the user does not know."""
+    """The same experiment, its counts read so many samples after the reference, which the user
+    does not know.
+    """
     t = record.t - samples * rig.period
     q = np.column_stack([np.interp(t, record.t, each) for each in record.true_q.T])
     counts = np.trunc(rig.position_in_pulses(q) + rig.encoder.phase.shift)
-    return dataclasses.replace(record, error_pulses=record.reference_pulses - counts, torque=None, current=None)
+    return dataclasses.replace(
+        record, error_pulses=record.reference_pulses - counts, torque=None, current=None
+    )
 
 
 def one(kind, k):
-    """Errors, standard deviations and those of noise alone, of all unknowns; or the reason why there are none."""
+    """Errors, standard deviations and those of noise alone, of all unknowns; or the reason why
+    there are none.
+    """
     random = np.random.default_rng([600, k])
     arm, law = random_arm(random), puma560.p_law(GAINS[k % 2])
     more, rig = CLASSES.get(kind, ((), RIG))
     real = rig if kind in CLASSES else robot(kind, arm, random)
-    encoder, carried = dataclasses.replace(real.encoder, phase=Phase(shift=random.uniform(-0.5, 0.5, 2))), arm
+    encoder, carried = (
+        dataclasses.replace(real.encoder, phase=Phase(shift=random.uniform(-0.5, 0.5, 2))),
+        arm,
+    )
     if more is None:
         load = Body(mass=random.uniform(0.5, 5), com=(0.0, -random.uniform(0.2, 0.5), 0.0))
         carried = DYNAMICS.arm(arm.f + DYNAMICS.f((Body(mass=0.0, com=(0, 0, 0)), load)))
     motion = PATH
-    record = simulate(carried, dataclasses.replace(real, encoder=encoder), law, motion, steps_per_sample=16)
+    record = simulate(
+        carried, dataclasses.replace(real, encoder=encoder), law, motion, steps_per_sample=16
+    )
     if kind == "a delay":
         record = late(
-            record, dataclasses.replace(real, encoder=encoder), random.uniform(0.05, 0.4) * random.choice([-1, 1])
+            record,
+            dataclasses.replace(real, encoder=encoder),
+            random.uniform(0.05, 0.4) * random.choice([-1, 1]),
         )
     record = dataclasses.replace(
         record, rig=rig, true_q=None, true_qd=None, link_counts=None, initial=None,
@@ -86,7 +106,9 @@ def one(kind, k):
     try:
         if more is None:
             found = find_load(arm, record, load.com)
-            return (np.array(each).reshape(1) for each in (found.mass - load.mass, found.std, np.nan))
+            return (
+                np.array(each).reshape(1) for each in (found.mass - load.mass, found.std, np.nan)
+            )
         found = identify(DYNAMICS, record, unknown=(*DYNAMICS.names, *more), seed=k, progress=False)
     except ValueError as error:
         return str(error)
@@ -101,11 +123,13 @@ def one(kind, k):
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--runs", type=int, default=600)
-    parser.add_argument("--kinds", nargs="*", choices=[*CLASSES, *WRONG], default=[*CLASSES, *WRONG])
+    parser.add_argument(
+        "--kinds", nargs="*", choices=[*CLASSES, *WRONG], default=[*CLASSES, *WRONG]
+    )
     given = parser.parse_args()
     print(
-        "| log | runs | no interval | hold | least of a parameter | width over noise's, median | by parameter | s |\n"
-        "|---|---|---|---|---|---|---|---|"
+        "| log | runs | no interval | hold | least of a parameter | width over noise's, median | by"
+        " parameter | s |\n|---|---|---|---|---|---|---|---|"
     )
     for kind in given.kinds:
         begun, results = time.perf_counter(), [one(kind, k) for k in range(given.runs)]

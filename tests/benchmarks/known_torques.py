@@ -1,14 +1,16 @@
-"""Does a known spring, or a known injected torque, cost anything? And what says that one was left out?
+"""Does a known spring, or a known injected torque, cost anything? And what says that one was left
+out?
 
-Logs of the literature arm under P, by MuJoCo (its own joint stiffness, friction and bodies) or by the library's own
-simulator: plain, with joint springs, with a torque injected at the amplifier. Of each kind several logs, which begin at
-other places of the paths of the paper. f is identified with what is known stated, and with it left out.
+Logs of the literature arm under P, by MuJoCo (its own joint stiffness, friction and bodies) or by
+the library's own simulator: plain, with joint springs, with a torque injected at the amplifier. Of
+each kind several logs, which begin at other places of the paths of the paper. f is identified with
+what is known stated, and with it left out.
 
     python tests/benchmarks/known_torques.py [--logs 8] [--method seeded] [--engine mujoco]
 
-Printed, over all logs: rms error of f, in the widths of the printed ranges, of all parameters and of the worst in each
-log; its ratio to the plain logs'; rms of simulated minus measured errors; logs in which a warning says that they do not
-agree; share of the 95 % intervals that hold the truth.
+Printed, over all logs: rms error of f, in the widths of the printed ranges, of all parameters and
+of the worst in each log; its ratio to the plain logs'; rms of simulated minus measured errors; logs
+in which a warning says that they do not agree; share of the 95 % intervals that hold the truth.
 """
 
 import argparse
@@ -70,13 +72,17 @@ def logs(count, engine):
 
 
 def found_in(record, method, unknown=None):
-    """Errors of f in widths, rms difference [pulses], whether a warning was given, and which intervals hold f."""
+    """Errors of f in widths, rms difference [pulses], whether a warning was given, and which
+    intervals hold f.
+    """
     found = identify(DYNAMICS, record, method=method, unknown=unknown, progress=False)
     error = (found.f - ARM.f) / WIDTH
     held = np.full(len(error), np.nan)
     if found.covariance is not None:
         held = np.abs(found.f - ARM.f) <= 1.96 * np.sqrt(np.diag(found.covariance)[: len(error)])
-    warned = any("differ by" in warning or "cannot be compared" in warning for warning in found.warnings)
+    warned = any(
+        "differ by" in warning or "cannot be compared" in warning for warning in found.warnings
+    )
     own = [] if found.rig.springs is None else found.rig.springs.stiffness - SPRINGS.stiffness
     return error, np.sqrt(found.objective / record.error_pulses.size), warned, held, own
 
@@ -94,22 +100,32 @@ def main():
         "plain": (made["plain"], None),
         "springs known": (made["springs"], None),
         "stiffness unknown": (
-            [dataclasses.replace(record, rig=guessed) for record in bare], (*DYNAMICS.names, *STIFFNESS)
+            [dataclasses.replace(record, rig=guessed) for record in bare],
+            (*DYNAMICS.names, *STIFFNESS),
         ),
         "springs left out": (bare, None),
         "injected, known": (made["injected"], None),
-        "injected, left out": ([dataclasses.replace(record, injected=None) for record in made["injected"]], None),
-    }  # fmt: skip
+        "injected, left out": (
+            [dataclasses.replace(record, injected=None) for record in made["injected"]],
+            None,
+        ),
+    }
     print(
-        f"{given.logs} logs of each kind, engine {given.engine}, method {given.method}; errors of f in % of its range"
+        f"{given.logs} logs of each kind, engine {given.engine}, method {given.method}; errors of f"
+        " in % of its range"
     )
-    print(f"{'':<19} {'rms':>7} {'worst':>7} {'ratio':>6} {'differ by':>10} {'warned':>7} {'held':>6}")
+    print(
+        f"{'':<19} {'rms':>7} {'worst':>7} {'ratio':>6} {'differ by':>10} {'warned':>7} {'held':>6}"
+    )
     plain, stiffness = None, []
     for name, (records, unknown) in cases.items():
         results = [found_in(record, given.method, unknown) for record in records]
         error, differ, warned, held, own = zip(*results, strict=True)
         error = np.abs(np.array(error))
-        rms, worst = 100 * np.sqrt(np.mean(error**2)), 100 * np.sqrt(np.mean(error.max(axis=1) ** 2))
+        rms, worst = (
+            100 * np.sqrt(np.mean(error**2)),
+            100 * np.sqrt(np.mean(error.max(axis=1) ** 2)),
+        )
         plain = rms if plain is None else plain
         covered = "-" if np.isnan(held).all() else f"{np.nanmean(held):.0%}"
         row = f"{rms:7.2f} {worst:7.2f} {rms / plain:6.2f} {np.median(differ):10.2f}"

@@ -1,11 +1,13 @@
-"""A guarded controller on Cortex-M7 and M4F: code, state, stack, instructions of a step, bits; and what single costs.
+"""A guarded controller on Cortex-M7 and M4F: code, state, stack, instructions of a step, bits; and
+what single costs.
 
     python tests/benchmarks/microcontroller.py
 
-Computed torque of two, six and seven joints of the PUMA 560 (its wrist has one more for seven), compiled by the
-exported Makefile, run in QEMU, whose counted instructions are no time. Then the everyday motions of the paper's arm,
-each in a closed loop at the controller in single precision: how far its torque is from that in double at the same
-counts, and the largest errors of both loops in pulses.
+Computed torque of two, six and seven joints of the PUMA 560 (its wrist has one more for seven),
+compiled by the exported Makefile, run in QEMU, whose counted instructions are no time. Then the
+everyday motions of the paper's arm, each in a closed loop at the controller in single precision:
+how far its torque is from that in double at the same counts, and the largest errors of both loops
+in pulses.
 """
 
 import ctypes
@@ -44,15 +46,24 @@ def sizes(n):
                 code = int(run(folder, "make", "-s", "size").splitlines()[1].split()[0])
                 stack = re.search(r"controller_step: (\d+)", run(folder, "make", "-s", "stack"))[1]
                 header = (folder / "controller.h").read_text()
-                state = int(re.search(r"memory\[(\d+)\]", header)[1]) * (8 if precision == "double" else 4)
+                state = int(re.search(r"memory\[(\d+)\]", header)[1]) * (
+                    8 if precision == "double" else 4
+                )
                 count = float(run(folder, "make", "-s", "instructions").split()[0])
                 board = run(folder, "make", "-s", "run")
                 flags = ("-std=c99", "-O2", "-ffp-contract=off")
                 run(folder, "cc", *flags, "-o", "host", "main.c", "controller.c", "-lm")
-                one, other = (np.array(x.split()) for x in (board, run(folder, "./host", "record.csv")))
-                words = "all" if (one == other).all() else f"all but {(one != other).sum()} of {len(one)} lines"
+                one, other = (
+                    np.array(x.split()) for x in (board, run(folder, "./host", "record.csv"))
+                )
+                words = (
+                    "all"
+                    if (one == other).all()
+                    else f"all but {(one != other).sum()} of {len(one)} lines"
+                )
             print(
-                f"| {n} | {target} | {precision} | {code:,} | {state:,} | {stack} | {count:,.0f} | {words} |",
+                f"| {n} | {target} | {precision} | {code:,} | {state:,} | {stack} | {count:,.0f} |"
+                f" {words} |",
                 flush=True,
             )
 
@@ -64,7 +75,10 @@ class Single:
         running.to_c(folder, precision="single")
         flags = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
         run(folder, "cc", *flags, "-o", "single.so", "controller.c", "-lm")
-        self.c, self.memory = ctypes.CDLL(str(folder / "single.so")), np.zeros(len(running.core.memory), np.float32)
+        self.c, self.memory = (
+            ctypes.CDLL(str(folder / "single.so")),
+            np.zeros(len(running.core.memory), np.float32),
+        )
         self.counts, self.torque = np.array(counts, np.int32), np.zeros(running.n, np.float32)
         self.c.controller_init(self.at(self.memory), self.at(self.counts))
 
@@ -86,7 +100,9 @@ class Single:
 
 
 def loop(arm, rig, law, path, steps, single=None):
-    """Largest error [pulses] of a loop; with a controller in single precision in it also its torque's [N m]."""
+    """Largest error [pulses] of a loop; with a controller in single precision in it also its
+    torque's [N m].
+    """
     t = np.arange(steps) * rig.period
     motion = path(t)
     robot = SteppedArm(arm, rig, motion.q[0], motion.qd[0])
@@ -120,9 +136,15 @@ def errors():
 
 
 if __name__ == "__main__":
-    print("| joints | target | precision | code | state | stack | instructions per step | bits of the host |")
+    print(
+        "| joints | target | precision | code | state | stack | instructions per step | bits of the"
+        " host |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for n in (2, 6, 7):
         sizes(n)
-    print("\n| motion | torque of single apart [N m] | largest error, single / double [pulses] |\n|---|---|---|")
+    print(
+        "\n| motion | torque of single apart [N m] | largest error, single / double [pulses]"
+        " |\n|---|---|---|"
+    )
     errors()

@@ -1,23 +1,27 @@
-"""Public model files: each arm simulated, by the library and by MuJoCo, identified from the log, and controlled.
+"""Public model files: each arm simulated, by the library and by MuJoCo, identified from the log,
+and controlled.
 
-    python tests/benchmarks/model_files.py [--robots PART ...] [--paths 3] [--mujoco] [--law] [--friction]
+    python tests/benchmarks/model_files.py [--robots PART ...] [--paths 3] [--mujoco] [--law]
+    [--friction]
         [--idle still step] [--rows FILE] [--write]
 
-Arms of 5 to 7 joints, arms and legs of humanoids included, of the package `example-robot-data` (the extra `robots`).
-Gears of 100, 4,096 pulses per turn of the motor, 1 ms; rotors of 0.3 of the mean inertia of their axis, dry friction of
-5 % of the largest torque of the path. The log is of 6 s, under `p_gains` for a peak of 30 pulses (100 where that is
-refused), without noise but that of its counts; all that a rig states is right. Each path is of four harmonics in the
-middle of the joints' ranges. With --mujoco the log is MuJoCo's, of the same file without its meshes, friction its own
-and identified, and its loop is four times as fast: of each step by Runge-Kutta, since those of first order are seen in
-what a log knows best. "off" is the error of f in its own covariance, per parameter (1 where that is right), "of each"
-in the standard deviation of each, rms; "torque" that of the torque on another path, rms. With --law computed torque of
-what was found drives the arm on two everyday motions. With --idle a joint in the middle hardly moves, or moves in step
-with the one before it, in the log and elsewhere; the bodies are 10 % off the file's then, which are the prior, and it
-must be said what does not excite all. Seconds are those of the processor, all threads, kernels that are built for a new
-arm included: they do not depend on what else the machine does.
+Arms of 5 to 7 joints, arms and legs of humanoids included, of the package `example-robot-data` (the
+extra `robots`). Gears of 100, 4,096 pulses per turn of the motor, 1 ms; rotors of 0.3 of the mean
+inertia of their axis, dry friction of 5 % of the largest torque of the path. The log is of 6 s,
+under `p_gains` for a peak of 30 pulses (100 where that is refused), without noise but that of its
+counts; all that a rig states is right. Each path is of four harmonics in the middle of the joints'
+ranges. With --mujoco the log is MuJoCo's, of the same file without its meshes, friction its own and
+identified, and its loop is four times as fast: of each step by Runge-Kutta, since those of first
+order are seen in what a log knows best. "off" is the error of f in its own covariance, per
+parameter (1 where that is right), "of each" in the standard deviation of each, rms; "torque" that
+of the torque on another path, rms. With --law computed torque of what was found drives the arm on
+two everyday motions. With --idle a joint in the middle hardly moves, or moves in step with the one
+before it, in the log and elsewhere; the bodies are 10 % off the file's then, which are the prior,
+and it must be said what does not excite all. Seconds are those of the processor, all threads,
+kernels that are built for a new arm included: they do not depend on what else the machine does.
 
-Rows are kept in a file, one JSON object a line: called again, cells that are in it are not run anew. With --write its
-rows become the table of docs/results.md and its picture.
+Rows are kept in a file, one JSON object a line: called again, cells that are in it are not run
+anew. With --write its rows become the table of docs/results.md and its picture.
 """
 
 import argparse
@@ -36,7 +40,18 @@ from ctc import ComputedTorque
 from identification import identify
 from identification.results.seen import of_prior
 from identification.results.summary import doubts
-from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Record, Rig, everyday_motions, p_gains, simulate
+from plant import (
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Harmonics,
+    Record,
+    Rig,
+    everyday_motions,
+    p_gains,
+    simulate,
+)
 
 ARMS = {
     "Panda": ("panda", None, "panda_hand_tcp"),
@@ -71,7 +86,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "results.md"
 PICTURE = PAGE.parent / "images" / "model_files.png"
 MARK = "model files"
 STEPS, ENGINE = 16, 64
-"""Sub-steps of a sample: of the library's log, whose loop feels counts as often, and of MuJoCo's, by Runge-Kutta."""
+"""Sub-steps of a sample: of the library's log, whose loop feels counts as often, and of
+MuJoCo's, by Runge-Kutta.
+"""
 
 
 def folder():
@@ -91,7 +108,9 @@ def file_of(name):
 def path_of(chain, seed, idle=None):
     """Four harmonics in the middle of the ranges, at most 0.8 rad off it; one joint idle."""
     draw, n = np.random.default_rng(seed), chain.n
-    lower, upper = (np.clip(side, -np.pi, np.pi) for side in (chain.limits.lower, chain.limits.upper))
+    lower, upper = (
+        np.clip(side, -np.pi, np.pi) for side in (chain.limits.lower, chain.limits.upper)
+    )
     middle, room = (lower + upper) / 2, np.minimum((upper - lower) / 2, 0.8)
     waves = draw.uniform(-1, 1, (2, n, 4)) / np.arange(1, 5)
     scale, one = 0.9 * room / np.abs(waves).sum(axis=(0, 2)), n // 2
@@ -99,7 +118,9 @@ def path_of(chain, seed, idle=None):
         scale[one] *= 1e-5
     elif idle == "step":
         waves[:, one], scale[one - 1 : one + 1] = waves[:, one - 1], scale[one - 1 : one + 1].min()
-    return Harmonics(period=6.0, offset=middle, cosine=waves[0] * scale[:, None], sine=waves[1] * scale[:, None])
+    return Harmonics(
+        period=6.0, offset=middle, cosine=waves[0] * scale[:, None], sine=waves[1] * scale[:, None]
+    )
 
 
 def rig_of(chain, path):
@@ -121,14 +142,24 @@ def rig_of(chain, path):
 
 
 def mujoco_log(name, chain, rig, law, path, duration):
-    """The record of the arm in MuJoCo: what lies before and beside it stands, without mass; no shapes."""
+    """The record of the arm in MuJoCo: what lies before and beside it stands, without mass; no
+    shapes.
+    """
     import mujoco
 
     root, moving = ET.parse(file_of(name)).getroot(), [link.name for link in chain.links]  # noqa: S314
-    joints = {joint.get("name"): joint for joint in root.findall("joint") if joint.find("child") is not None}
+    joints = {
+        joint.get("name"): joint
+        for joint in root.findall("joint")
+        if joint.find("child") is not None
+    }
     behind, grown = {joints[moving[0]].find("child").get("link")}, True
     while grown:
-        more = {j.find("child").get("link") for j in joints.values() if j.find("parent").get("link") in behind}
+        more = {
+            j.find("child").get("link")
+            for j in joints.values()
+            if j.find("parent").get("link") in behind
+        }
         grown, behind = not more <= behind, behind | more
     for link in root.findall("link"):
         for tag in ("visual", "collision", *([] if link.get("name") in behind else ["inertial"])):
@@ -138,7 +169,9 @@ def mujoco_log(name, chain, rig, law, path, duration):
         for element in joint.findall("mimic"):
             joint.remove(element)
         if key in moving:
-            joint.set("type", "continuous" if joint.get("type") == "revolute" else joint.get("type"))
+            joint.set(
+                "type", "continuous" if joint.get("type") == "revolute" else joint.get("type")
+            )
         else:
             joint.set("type", "fixed")
     # Virtual bodies between joints have no mass.
@@ -147,8 +180,12 @@ def mujoco_log(name, chain, rig, law, path, duration):
     place = [model.joint(key).qposadr[0] for key in moving]
     speed = [model.joint(key).dofadr[0] for key in moving]
     model.dof_armature[speed] = rig.drive.reflected_inertia()
-    model.dof_damping[speed], model.dof_frictionloss[speed] = rig.drive.joint_viscous(), rig.drive.joint_coulomb()
-    model.dof_solref[speed], model.dof_solimp[speed] = [0.0002, 1], [0.9999, 0.9999, 0.001, 0.5, 2]  # hard
+    model.dof_damping[speed], model.dof_frictionloss[speed] = (
+        rig.drive.joint_viscous(),
+        rig.drive.joint_coulomb(),
+    )
+    # hard
+    model.dof_solref[speed], model.dof_solimp[speed] = [0.0002, 1], [0.9999, 0.9999, 0.001, 0.5, 2]
     model.opt.timestep, model.opt.gravity[:] = rig.period / ENGINE, chain.gravity
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     data = mujoco.MjData(model)
@@ -167,18 +204,27 @@ def mujoco_log(name, chain, rig, law, path, duration):
         data.qfrc_applied[speed] = rig.drive.limited(per_count * (wanted[k] - halfway))
         mujoco.mj_step(model, data)
     t = np.arange(count) * rig.period
-    return Record(t=t, reference_pulses=asked[::ENGINE], error_pulses=errors, rig=rig, law=law, reference=path)
+    return Record(
+        t=t, reference_pulses=asked[::ENGINE], error_pulses=errors, rig=rig, law=law, reference=path
+    )
 
 
 def within(truth, rig, found):
-    """Share of the samples of two everyday motions that computed torque of what was found keeps within a pulse."""
+    """Share of the samples of two everyday motions that computed torque of what was found keeps
+    within a pulse.
+    """
     motions = everyday_motions(truth, rig)
-    runs = [simulate(truth, rig, ComputedTorque(found), motions[name]) for name in ("all slowly", "there and back")]
+    runs = [
+        simulate(truth, rig, ComputedTorque(found), motions[name])
+        for name in ("all slowly", "there and back")
+    ]
     return min(float((np.abs(run.error_pulses) <= 1).all(axis=1).mean()) for run in runs)
 
 
 def gains(truth, rig, path):
-    """P gains for a peak of 30 pulses; of a larger one, as a refusal says, where the loop would be too fast."""
+    """P gains for a peak of 30 pulses; of a larger one, as a refusal says, where the loop would
+    be too fast.
+    """
     for peak in (30, 100, 300):
         with contextlib.suppress(ValueError):
             return p_gains(truth, rig, path, peak=peak)
@@ -197,7 +243,9 @@ def row(name, seed, given):
         heavier = np.random.default_rng(seed).normal(1, 0.1, chain.n)
         bodies = zip(dynamics.chain.bodies, heavier, strict=True)
         truth = dynamics.arm(
-            dynamics.f([dataclasses.replace(b, mass=b.mass * k, inertia=b.inertia * k) for b, k in bodies])
+            dynamics.f(
+                [dataclasses.replace(b, mass=b.mass * k, inertia=b.inertia * k) for b, k in bodies]
+            )
         )
     law = gains(truth, rig, path)
     if given.mujoco:
@@ -212,7 +260,12 @@ def row(name, seed, given):
         found = identify(dynamics, record, unknown=unknown, progress=False, **prior)
     seconds = time.process_time() - begun
     off, p = found.f - truth.f, len(truth.f)
-    cell = {"n": chain.n, "f": p, "cpu": seconds, "warnings": [each.split(";")[0] for each in doubts(found)]}
+    cell = {
+        "n": chain.n,
+        "f": p,
+        "cpu": seconds,
+        "warnings": [each.split(";")[0] for each in doubts(found)],
+    }
     if given.idle:
         cell["said"] = any("the log does not excite all" in str(each.message) for each in told)
         cell["of the prior"] = len(of_prior(found))
@@ -221,12 +274,18 @@ def row(name, seed, given):
         cell["within_3"] = float(np.mean(np.abs(off) <= 3 * found.fit.std[:p]))
         cell["of each"] = float(np.sqrt(np.mean((off / found.fit.std[:p]) ** 2)))
     other = path_of(chain, seed + 100, given.idle)(np.linspace(0, 6, 200))
-    torques = [np.array([arm.inverse(*state) for state in zip(*other, strict=True)]) for arm in (found.arm, truth)]
-    cell["torque"] = float(np.sqrt(np.mean((torques[0] - torques[1]) ** 2) / np.mean(torques[1] ** 2)))
+    torques = [
+        np.array([arm.inverse(*state) for state in zip(*other, strict=True)])
+        for arm in (found.arm, truth)
+    ]
+    cell["torque"] = float(
+        np.sqrt(np.mean((torques[0] - torques[1]) ** 2) / np.mean(torques[1] ** 2))
+    )
     if given.law:
         try:
             cell["law"] = within(truth, dataclasses.replace(rig, drive=found.rig.drive), found)
-        except ValueError as refusal:  # drives that the path was light for cannot make everyday motions
+        # drives that the path was light for cannot make everyday motions
+        except ValueError as refusal:
             cell["no law"] = str(refusal)
     return cell
 
@@ -240,8 +299,10 @@ def healthy(cell):
 def tables(rows):
     """The table of all rows, one arm a line."""
     lines = [
-        "| arm | joints | f | cells healthy | off | torque elsewhere [%] | law: always within ±1, least share [%] "
-        "| identify [s of all threads] | what was said, or the cause |",
+        (
+            "| arm | joints | f | cells healthy | off | torque elsewhere [%] | law: always within"
+            " ±1, least share [%] | identify [s of all threads] | what was said, or the cause |"
+        ),
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for name in ARMS:
@@ -250,7 +311,14 @@ def tables(rows):
         if not cells:
             continue
         said = sorted({text for cell in cells for text in cell.get("warnings", [])})
-        said += sorted({f"{key}: {cell[key]}" for key in ("refused", "no law") for cell in cells if cell.get(key)})
+        said += sorted(
+            {
+                f"{key}: {cell[key]}"
+                for key in ("refused", "no law")
+                for cell in cells
+                if cell.get(key)
+            }
+        )
 
         def span(key, digits, factor=1.0, good=good):
             values = [factor * cell[key] for cell in good if key in cell]
@@ -262,10 +330,15 @@ def tables(rows):
             for key, digits, factor in (("off", 2, 1), ("torque", 2, 100), ("cpu", 0, 1))
         ]
         laws = [cell["law"] for cell in good if "law" in cell]
-        spans.insert(2, f"{sum(x == 1 for x in laws)} of {len(laws)}, {100 * min(laws):.2f}" if laws else "")
+        spans.insert(
+            2, f"{sum(x == 1 for x in laws)} of {len(laws)}, {100 * min(laws):.2f}" if laws else ""
+        )
         first = good[0] if good else {"n": "", "f": ""}
         count = f"{sum(map(healthy, cells))} of {len(cells)}"
-        lines.append(f"| {name} | {first['n']} | {first['f']} | {count} | {' | '.join(spans)} | {'; '.join(said)} |")
+        lines.append(
+            f"| {name} | {first['n']} | {first['f']} | {count} | {' | '.join(spans)} |"
+            f" {'; '.join(said)} |"
+        )
     return "\n".join(lines)
 
 
@@ -282,10 +355,22 @@ def draw(rows):
             continue
         for axes, key, factor in ((left, "off", 1), (right, "torque", 100)):
             shown = [cell for cell in cells if key in cell]
-            places = [names.index(cell["arm"]) + (0.12 if source == "own" else -0.12) for cell in shown]
-            axes.plot([factor * cell[key] for cell in shown], places, marker, ms=5, mfc="none", label=f"{source} log")
+            places = [
+                names.index(cell["arm"]) + (0.12 if source == "own" else -0.12) for cell in shown
+            ]
+            axes.plot(
+                [factor * cell[key] for cell in shown],
+                places,
+                marker,
+                ms=5,
+                mfc="none",
+                label=f"{source} log",
+            )
     left.axvspan(0.7, 1.3, color="0.92", zorder=0)
-    left.set(xlabel="error of f in its covariance, per parameter [-] (shaded: 0.7 to 1.3)", xlim=(0, None))
+    left.set(
+        xlabel="error of f in its covariance, per parameter [-] (shaded: 0.7 to 1.3)",
+        xlim=(0, None),
+    )
     left.set_yticks(range(len(names)), names)
     right.axvline(1, color="0.8", zorder=0)
     right.set(xlabel="torque on another path, rms error [%]", xscale="log")
@@ -299,7 +384,10 @@ def write(rows):
     """Table and picture into the documentation."""
     before, rest = PAGE.read_text(encoding="utf-8").split(f"<!-- {MARK} -->\n")
     after = rest.split(f"<!-- end of {MARK} -->")[1]
-    good = f"{sum(map(healthy, rows))} of {len(rows)} cells are healthy; the law keeps every sample of two everyday "
+    good = (
+        f"{sum(map(healthy, rows))} of {len(rows)} cells are healthy; the law keeps every sample of"
+        " two everyday "
+    )
     good += f"motions within ±1 pulse in {sum(cell.get('law') == 1 for cell in rows)}."
     text = f"{before}<!-- {MARK} -->\n{good}\n\n{tables(rows)}\n<!-- end of {MARK} -->{after}"
     PAGE.write_text(text, encoding="utf-8")
@@ -311,20 +399,37 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", nargs="*", default=[], help="parts of names")
     parser.add_argument("--paths", type=int, default=1)
-    parser.add_argument("--mujoco", action="store_true", help="MuJoCo's log in place of the library's")
+    parser.add_argument(
+        "--mujoco", action="store_true", help="MuJoCo's log in place of the library's"
+    )
     parser.add_argument("--friction", action="store_true", help="identified, too")
     parser.add_argument("--idle", choices=["still", "step"], help="one joint of the log")
-    parser.add_argument("--law", action="store_true", help="drive the arm by computed torque of what was found")
+    parser.add_argument(
+        "--law", action="store_true", help="drive the arm by computed torque of what was found"
+    )
     parser.add_argument("--rows", type=Path, default=Path("model_files.jsonl"))
-    parser.add_argument("--write", action="store_true", help="write the documentation of the rows there are, and end")
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help="write the documentation of the rows there are, and end",
+    )
     given = parser.parse_args()
-    rows = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
+    rows = (
+        [json.loads(line) for line in given.rows.read_text().splitlines()]
+        if given.rows.exists()
+        else []
+    )
     if given.write:
         return write(rows)
     log = "MuJoCo" if given.mujoco else "own"
     for seed in range(given.paths):
         for name in ARMS:
-            cell = {"arm": name, "path": seed, "log": log, "friction": given.friction or given.mujoco}
+            cell = {
+                "arm": name,
+                "path": seed,
+                "log": log,
+                "friction": given.friction or given.mujoco,
+            }
             cell |= {"idle": given.idle} if given.idle else {}
             there = any(all(old.get(key) == cell[key] for key in cell) for old in rows)
             if there or (given.robots and not any(part in name for part in given.robots)):
@@ -339,7 +444,10 @@ def main():
             rows.append(cell | {"all": time.perf_counter() - begun})
             with given.rows.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
-            print({key: round(x, 4) if isinstance(x, float) else x for key, x in rows[-1].items()}, flush=True)
+            print(
+                {key: round(x, 4) if isinstance(x, float) else x for key, x in rows[-1].items()},
+                flush=True,
+            )
     print(f"{sum(map(healthy, rows))} of {len(rows)} cells healthy")
     return None
 

@@ -1,11 +1,12 @@
-"""Files of the library's own readers, spoilt as their structure is: how many are read, how long it takes, what memory.
+"""Files of the library's own readers, spoilt as their structure is: how many are read, how long it
+takes, what memory.
 
     python tests/benchmarks/mutated_files.py [mutations]
 
-A saved identification, a saved rig, a checkpoint, a record, a path and a URDF model. Half of the mutations spoil bytes
-(tests/oracles/spoilt_files.py); half understand the text: a key, a number, a row, an element is dropped, doubled,
-moved, or made into something else. Each must be read, or refused in one line. Other formats:
-tests/benchmarks/corrupt_files.py.
+A saved identification, a saved rig, a checkpoint, a record, a path and a URDF model. Half of the
+mutations spoil bytes (tests/oracles/spoilt_files.py); half understand the text: a key, a number, a
+row, an element is dropped, doubled, moved, or made into something else. Each must be read, or
+refused in one line. Other formats: tests/benchmarks/corrupt_files.py.
 """
 
 import json
@@ -26,7 +27,22 @@ from identification import Identification, identify
 from plant import Chain, Record, Rig, Table, puma560, simulate
 from plant.parts.checkpoint import Checkpoint
 
-ODD = [None, True, -1, 0, 1e308, "x", "1_000", "١", [], {}, [[[]]], {"kind": "plant.Rig"}, {"float": "nan"}, 10**40]
+ODD = [
+    None,
+    True,
+    -1,
+    0,
+    1e308,
+    "x",
+    "1_000",
+    "١",
+    [],
+    {},
+    [[[]]],
+    {"kind": "plant.Rig"},
+    {"float": "nan"},
+    10**40,
+]
 URDF = """<robot name="r"><link name="base"/>
 <link name="one"><inertial><origin xyz="0 0 0.1" rpy="0 0.1 0"/><mass value="2"/>
 <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
@@ -54,15 +70,25 @@ def sound(folder):
     (folder / "path.csv").write_text("t, q_1\n" + "".join(f"{0.1 * i},{i}\n" for i in range(30)))
     (folder / "robot.urdf").write_text(URDF)
     return {
-        "found.json": Identification.load, "rig.json": Rig.load, "work.json": resumed, "record.csv": Record.from_csv,
-        "path.csv": Table.from_csv, "robot.urdf": Chain.from_urdf,
-    }  # fmt: skip
+        "found.json": Identification.load,
+        "rig.json": Rig.load,
+        "work.json": resumed,
+        "record.csv": Record.from_csv,
+        "path.csv": Table.from_csv,
+        "robot.urdf": Chain.from_urdf,
+    }
 
 
 def places(data, at=()):
     """Where every value in a JSON text is."""
     yield at
-    for key, value in data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ():
+    for key, value in (
+        data.items()
+        if isinstance(data, dict)
+        else enumerate(data)
+        if isinstance(data, list)
+        else ()
+    ):
         yield from places(value, (*at, key))
 
 
@@ -94,14 +120,18 @@ def mutated_text(text, rng):
     found = list(re.finditer(pattern, text)) or list(re.finditer(r".", text))
     for _ in range(rng.integers(1, 3)):
         one, other = (found[int(i)] for i in rng.integers(len(found), size=2))
-        new = ["", one[0] * 2, other[0], str(ODD[int(rng.integers(len(ODD)))]), "9" * 400][int(rng.integers(5))]
+        new = ["", one[0] * 2, other[0], str(ODD[int(rng.integers(len(ODD)))]), "9" * 400][
+            int(rng.integers(5))
+        ]
         text = text[: one.start()] + new + text[one.end() :]
     return text
 
 
 def main(mutations):
     warnings.simplefilter("ignore")
-    print(f"{'file':12}{'read':>8}{'refused':>9}{'slowest [s]':>13}{'peak memory [MB] beyond the start':>35}")
+    print(
+        f"{'file':12}{'read':>8}{'refused':>9}{'slowest [s]':>13}{'peak memory [MB] beyond the start':>35}"
+    )
     with tempfile.TemporaryDirectory() as folder:
         for name, read in sound(Path(folder)).items():
             path, rng = Path(folder, name), np.random.default_rng(17)
@@ -124,7 +154,10 @@ def main(mutations):
                         raise RuntimeError(f"not a message: {error!r}") from None
                 slowest = max(slowest, time.perf_counter() - began)
             peak = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-            print(f"{name:12}{read_some:8}{mutations - read_some:9}{slowest:13.2f}{peak:35.0f}", flush=True)
+            print(
+                f"{name:12}{read_some:8}{mutations - read_some:9}{slowest:13.2f}{peak:35.0f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -3,10 +3,11 @@
     python tests/benchmarks/mutations.py --guards [--every 8]
     python tests/benchmarks/mutations.py --seeded 60 [--tree FOLDER]
 
-The first changes every eighth comparison and sign of what guards and stops a running controller (plant/realtime). The
-second draws changes from all three packages, from each file as many as it has places on average; with --tree of another
-checkout. Each is made in a copy, and the tests of its room run until one fails, which must pass on the tree as it is:
-those are named by their file. A change of a kernel changes its text, and by that its name in the cache.
+The first changes every eighth comparison and sign of what guards and stops a running controller
+(plant/realtime). The second draws changes from all three packages, from each file as many as it has
+places on average; with --tree of another checkout. Each is made in a copy, and the tests of its
+room run until one fails, which must pass on the tree as it is: those are named by their file. A
+change of a kernel changes its text, and by that its name in the cache.
 """
 
 import argparse
@@ -27,8 +28,22 @@ ROOT = Path(__file__).resolve().parents[2]
 GUARDS = ("first_motion", "guards", "running", "safety", "status", "stopping", "watching")
 GUARDED = ("tests/plant/realtime", "tests/ctc/laws/test_guards.py", "tests/ctc/laws/test_faults.py",
            "tests/ctc/laws/test_spoilt_loops.py")  # fmt: skip
-OTHER = {"<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "==", "is": "is not", "is not": "is",
-         "in": "not in", "not in": "in", "+": "-", "-": "+", "*": "/", "/": "*"}  # fmt: skip
+OTHER = {
+    "<": ">=",
+    ">=": "<",
+    ">": "<=",
+    "<=": ">",
+    "==": "!=",
+    "!=": "==",
+    "is": "is not",
+    "is not": "is",
+    "in": "not in",
+    "not in": "in",
+    "+": "-",
+    "-": "+",
+    "*": "/",
+    "/": "*",
+}
 LONGEST = 600
 """Seconds of the tests of a room."""
 
@@ -54,11 +69,19 @@ def changes(file, kinds):
     def replacement(node):
         if isinstance(node, ast.Compare) and "comparison" in kinds:
             return between(node.left, node.comparators[0])
-        if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)) and "sign" in kinds:
+        if (
+            isinstance(node, ast.BinOp)
+            and isinstance(node.op, (ast.Add, ast.Sub))
+            and "sign" in kinds
+        ):
             return between(node.left, node.right)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and "sign" in kinds:
             return at(node.lineno, node.col_offset), at(node.lineno, node.col_offset) + 1, "+"
-        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and "index" in kinds:
+        if (
+            isinstance(node, ast.Subscript)
+            and isinstance(node.slice, ast.Constant)
+            and "index" in kinds
+        ):
             return number(node.slice) if isinstance(node.slice.value, int) else None
         if isinstance(node, ast.Constant) and "number" in kinds:
             return number(node)
@@ -84,20 +107,39 @@ def changes(file, kinds):
 
 
 def rooms_of(tree, file):
-    """Test files of a file's room, else of its package; those first that have its name, then those that mention it."""
+    """Test files of a file's room, else of its package; those first that have its name, then
+    those that mention it.
+    """
     package, *room = file.relative_to(tree).parts[:-1]
     own = tree.joinpath("tests", package, *room)
     tests = sorted((own if own.is_dir() else tree / "tests" / package).rglob("test_*.py"))
-    tests.sort(key=lambda test: (file.stem not in test.stem, not re.search(rf"\b{file.stem}\b", test.read_text())))
+    tests.sort(
+        key=lambda test: (
+            file.stem not in test.stem,
+            not re.search(rf"\b{file.stem}\b", test.read_text()),
+        )
+    )
     return [str(test.relative_to(tree)) for test in tests]
 
 
 def failing(copy, tests):
     """The first of the tests that fails, "" if none does."""
     environment = {**os.environ, "PYTHONPATH": str(copy), "MPLBACKEND": "Agg"}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", *tests]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--no-header",
+        *tests,
+    ]
     try:
-        ran = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST)  # noqa: S603
+        ran = subprocess.run(  # noqa: S603
+            command, cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST
+        )
     except subprocess.TimeoutExpired:
         return "no end"
     if ran.returncode == 0:
@@ -107,7 +149,9 @@ def failing(copy, tests):
 
 
 def noticed(copy, file, text, tests, anyway):
-    """Name of the test that fails by the change of a file, "" if none does; what fails anyway is left out."""
+    """Name of the test that fails by the change of a file, "" if none does; what fails anyway is
+    left out.
+    """
     path = copy / file
     before = path.read_text(encoding="utf-8")
     while True:
@@ -135,22 +179,37 @@ def main():
     tree = chosen.tree.resolve()
     if chosen.guards:
         files = [tree / "plant/realtime" / f"{name}.py" for name in GUARDS]
-        every = [(file, *change) for file in files for change in changes(file, ("comparison", "sign"))]
+        every = [
+            (file, *change) for file in files for change in changes(file, ("comparison", "sign"))
+        ]
         picked = [(*change, GUARDED) for change in every[:: chosen.every]]
-        picked = [change for change in picked if not chosen.only or f"{change[0].name}:{change[1]}" in chosen.only]
+        picked = [
+            change
+            for change in picked
+            if not chosen.only or f"{change[0].name}:{change[1]}" in chosen.only
+        ]
     else:
         files = [
-            file for package in ("plant", "identification", "ctc") for file in sorted((tree / package).rglob("*.py"))
+            file
+            for package in ("plant", "identification", "ctc")
+            for file in sorted((tree / package).rglob("*.py"))
         ]
-        every = [(file, *change) for file in files
-                 for change in changes(file, ("comparison", "sign", "number", "index"))]  # fmt: skip
+        every = [
+            (file, *change)
+            for file in files
+            for change in changes(file, ("comparison", "sign", "number", "index"))
+        ]
         picked = random.Random(chosen.seed).sample(every, chosen.seeded)  # noqa: S311
         picked = [(*change, rooms_of(tree, change[0])) for change in picked]
     print(f"{len(picked)} of {len(every)} places in {len(files)} files", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         copies = [Path(folder) / str(i) for i in range(2)]
         for copy in copies:
-            shutil.copytree(tree, copy, ignore=shutil.ignore_patterns(".git", "__pycache__", "_build", "*.egg-info"))
+            shutil.copytree(
+                tree,
+                copy,
+                ignore=shutil.ignore_patterns(".git", "__pycache__", "_build", "*.egg-info"),
+            )
         free, results, anyway = list(copies), Counter(), {}
 
         def one(change):
@@ -163,7 +222,11 @@ def main():
         with ThreadPoolExecutor(2) as pool:
             for what, by, seconds in pool.map(one, picked):
                 results[by.partition("::")[0] or "none"] += 1
-                print(f"{'noticed by ' + by if by else 'NOT NOTICED':60.60}  {what}  ({seconds:.0f} s)", flush=True)
+                print(
+                    f"{'noticed by ' + by if by else 'NOT NOTICED':60.60}  {what} "
+                    f" ({seconds:.0f} s)",
+                    flush=True,
+                )
     print(f"{len(picked) - results['none']} of {len(picked)} noticed")
     for name, count in results.most_common():
         print(f"  {count:3} {name}")

@@ -1,10 +1,12 @@
-"""What the model neglects (3.3, 4.2): the current loop. By how many pulses it changes the tracking errors.
+"""What the model neglects (3.3, 4.2): the current loop. By how many pulses it changes the tracking
+errors.
 
     python tests/benchmarks/neglected.py
 
-The same run of trajectory (6) under P, robot at 16 steps per sample, with motor torques that follow what is asked for
-with a lag of first order: the closed current loop of the amplifier, whose time constant is the inductance over the gain
-of its PI controller (back-EMF is a disturbance inside that loop). And what the default identification makes of it.
+The same run of trajectory (6) under P, robot at 16 steps per sample, with motor torques that follow
+what is asked for with a lag of first order: the closed current loop of the amplifier, whose time
+constant is the inductance over the gain of its PI controller (back-EMF is a disturbance inside that
+loop). And what the default identification makes of it.
 """
 
 import casadi as ca
@@ -36,9 +38,15 @@ class LaggedP(Law):
 
 
 def main():
-    robot, rig, path, dynamics = puma560.arm(), puma560.rig(), puma560.reference(), puma560.dynamics()
+    robot, rig, path, dynamics = (
+        puma560.arm(),
+        puma560.rig(),
+        puma560.reference(),
+        puma560.dynamics(),
+    )
     print(
-        "| gains | lag [ms] | change of the errors, rms of joints 2, 3 [pulses] | largest | worst error of f, default |"
+        "| gains | lag [ms] | change of the errors, rms of joints 2, 3 [pulses] | largest | worst"
+        " error of f, default |"
     )
     print("|---|---|---|---|---|")
     for gain in ((0.1, 0.08), (0.2, 0.15)):
@@ -48,17 +56,25 @@ def main():
             made = simulate(robot, rig, LaggedP(gain=gain, lag=lag), path, steps_per_sample=16)
             change = made.error_pulses - plain.error_pulses
             log = type(made)(
-                t=made.t, reference_pulses=made.reference_pulses, error_pulses=made.error_pulses, rig=rig, law=p,
+                t=made.t,
+                reference_pulses=made.reference_pulses,
+                error_pulses=made.error_pulses,
+                rig=rig,
+                law=p,
                 reference=path,
-            )  # fmt: skip
+            )
             try:
                 off = 100 * np.abs(identify(dynamics, log, progress=False).f - robot.f) / WIDTH
-                said = f"{off.max():.1f} % ({dynamics.names[int(off.argmax())]}), median {np.median(off):.2f} %"
+                said = (
+                    f"{off.max():.1f} % ({dynamics.names[int(off.argmax())]}), median"
+                    f" {np.median(off):.2f} %"
+                )
             except ValueError as error:
                 said = str(error).split(";")[0]
             rms = np.sqrt((change**2).mean(axis=0))
             print(
-                f"| {gain} | {1e3 * lag:g} | {rms[0]:.2f}, {rms[1]:.2f} | {np.abs(change).max():.0f} | {said} |",
+                f"| {gain} | {1e3 * lag:g} | {rms[0]:.2f}, {rms[1]:.2f} |"
+                f" {np.abs(change).max():.0f} | {said} |",
                 flush=True,
             )
 

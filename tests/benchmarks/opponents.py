@@ -1,4 +1,5 @@
-"""The closed loop of the paper's experiment by several engines: costs (P,) of candidates (P, 9), all by the same step.
+"""The closed loop of the paper's experiment by several engines: costs (P,) of candidates (P, 9),
+all by the same step.
 
 Used by bench_engine.py (pytest-benchmark) and speed.py (the table of docs/background/speed.md).
 """
@@ -29,13 +30,18 @@ class Experiment:
     """Trajectory (6) under the P law, logged by a robot of 16 sub-steps, to be replayed with 4."""
 
     def __init__(self, samples=None):
-        self.record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
+        self.record = simulate(
+            puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16
+        )
         self.samples = samples or len(self.record)
         self.dynamics = puma560.dynamics()
         self.loop = ClosedLoop(
-            dynamics=self.dynamics, rig=self.record.rig, law=self.record.law, steps_per_sample=STEPS_PER_SAMPLE,
+            dynamics=self.dynamics,
+            rig=self.record.rig,
+            law=self.record.law,
+            steps_per_sample=STEPS_PER_SAMPLE,
             score=squared_error(2),
-        )  # fmt: skip
+        )
         path = path_of(self.record)
         data = np.column_stack([self.record.error_pulses, self.record.valid])[: self.samples]
         clock = Clock.regular(self.samples, self.record.rig.period)
@@ -59,7 +65,9 @@ class Engine:
 
 
 class Kernel:
-    """The population's kernel alone, so many individuals side by side; with one it is the scalar numba loop."""
+    """The population's kernel alone, so many individuals side by side; with one it is the scalar
+    numba loop.
+    """
 
     def __init__(self, experiment, width):
         self.experiment, self.width = experiment, width
@@ -78,14 +86,24 @@ class Kernel:
 
 
 def sample_function(loop):
-    """One sample of the loop as one casadi Function of scalars: log, score and all its sub-steps."""
-    state, numbers = ca.MX.sym("state", len(loop.state_names)), ca.MX.sym("numbers", len(loop.number_names))
-    sample_time, data = ca.MX.sym("sample_time", len(loop.time_names)), ca.MX.sym("data", loop.n_data)
+    """One sample of the loop as one casadi Function of scalars: log, score and all its
+    sub-steps.
+    """
+    state, numbers = (
+        ca.MX.sym("state", len(loop.state_names)),
+        ca.MX.sym("numbers", len(loop.number_names)),
+    )
+    sample_time, data = (
+        ca.MX.sym("sample_time", len(loop.time_names)),
+        ca.MX.sym("data", loop.n_data),
+    )
     step_time = ca.MX.sym("step_time", len(loop.time_names), loop.steps_per_sample)
     following, _ = loop.sample(state, sample_time, numbers, data)
     for i in range(loop.steps_per_sample):
         following, _ = loop.substep(following, step_time[:, i], numbers)
-    return ca.Function("sample_of_loop", [state, sample_time, data, step_time, numbers], [following]).expand()
+    return ca.Function(
+        "sample_of_loop", [state, sample_time, data, step_time, numbers], [following]
+    ).expand()
 
 
 class Mapaccum:
@@ -93,14 +111,18 @@ class Mapaccum:
 
     def __init__(self, experiment):
         self.experiment = experiment
-        self._loop = sample_function(experiment.loop).mapaccum("loop", experiment.samples, {"base": 2})
+        self._loop = sample_function(experiment.loop).mapaccum(
+            "loop", experiment.samples, {"base": 2}
+        )
         _, sample_time, step_time, data = experiment.tables
         self._rows = [np.ascontiguousarray(table.T) for table in (sample_time, data, step_time)]
 
     def __call__(self, population):
         costs = []
         for f in population:
-            numbers = np.repeat(np.append(f, self.experiment.fixed)[:, None], self.experiment.samples, axis=1)
+            numbers = np.repeat(
+                np.append(f, self.experiment.fixed)[:, None], self.experiment.samples, axis=1
+            )
             final = self._loop(self.experiment.state, *self._rows, numbers).full()[:, -1]
             costs.append(final[-2] if final[-1] > 0 else np.inf)
         return np.array(costs)
@@ -124,7 +146,9 @@ void run(long samples, long states, long times, long data_count, long steps, dou
 
 
 class CasadiC:
-    """The C that casadi generates of the sample, in a loop over the samples, compiled for this machine."""
+    """The C that casadi generates of the sample, in a loop over the samples, compiled for this
+    machine.
+    """
 
     def __init__(self, experiment):
         self.experiment = experiment
@@ -132,29 +156,55 @@ class CasadiC:
         generator = ca.CodeGenerator("sample.c", {"with_header": False})
         generator.add(function)
         text = generator.dump()
-        sizes = {"ARG": function.sz_arg(), "RES": function.sz_res(), "IW": function.sz_iw(), "W": function.sz_w()}
+        sizes = {
+            "ARG": function.sz_arg(),
+            "RES": function.sz_res(),
+            "IW": function.sz_iw(),
+            "W": function.sz_w(),
+        }
         defines = "".join(f"#define SIZE_{name} {size}\n" for name, size in sizes.items())
         with tempfile.TemporaryDirectory() as folder:
             source, library = Path(folder, "loop.c"), Path(folder, "loop.so")
             source.write_text(text + defines + _DRIVER)
-            command = ["gcc", "-O3", "-march=native", "-shared", "-fPIC", "-o", library, source, "-lm"]
+            command = [
+                "gcc",
+                "-O3",
+                "-march=native",
+                "-shared",
+                "-fPIC",
+                "-o",
+                library,
+                source,
+                "-lm",
+            ]
             subprocess.run(command, check=True)  # noqa: S603 - what casadi generated
             self._run = ctypes.CDLL(str(library)).run
 
     def __call__(self, population):
         experiment, costs = self.experiment, []
         _, sample_time, step_time, data = experiment.tables
-        counts = (experiment.samples, len(experiment.state), sample_time.shape[1], data.shape[1], STEPS_PER_SAMPLE)
+        counts = (
+            experiment.samples,
+            len(experiment.state),
+            sample_time.shape[1],
+            data.shape[1],
+            STEPS_PER_SAMPLE,
+        )
         for f in population:
             state, numbers = experiment.state.copy(), np.append(f, experiment.fixed)
             arrays = (state, sample_time, data, step_time, numbers)
-            self._run(*map(ctypes.c_long, counts), *(array.ctypes.data_as(ctypes.c_void_p) for array in arrays))
+            self._run(
+                *map(ctypes.c_long, counts),
+                *(array.ctypes.data_as(ctypes.c_void_p) for array in arrays),
+            )
             costs.append(state[-2] if state[-1] > 0 else np.inf)
         return np.array(costs)
 
 
 def all_engines(experiment):
-    """Name -> (callable, individuals that it is given): the slow ones get fewer, all are told per individual."""
+    """Name -> (callable, individuals that it is given): the slow ones get fewer, all are told
+    per individual.
+    """
     engines = {
         "engine, 1 thread": (Engine(experiment, 1), 80),
         "engine, 2 threads": (Engine(experiment, 2), 80),
@@ -167,7 +217,10 @@ def all_engines(experiment):
         engines |= {
             "C, scalar, libm": (functools.partial(c_loops.scalar_costs, by_hand), 10),
             "C, vectors by hand": (functools.partial(c_loops.vector_costs, by_hand), 80),
-            "C, vectors by hand, sines turned": (functools.partial(c_loops.turned_costs, by_hand), 80),
+            "C, vectors by hand, sines turned": (
+                functools.partial(c_loops.turned_costs, by_hand),
+                80,
+            ),
             "C generated by casadi": (CasadiC(experiment), 5),
         }
     return engines

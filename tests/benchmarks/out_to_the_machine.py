@@ -1,7 +1,9 @@
-"""What each way out to the machine agrees with, its size and time: ``python tests/benchmarks/out_to_the_machine.py``.
+"""What each way out to the machine agrees with, its size and time: ``python
+tests/benchmarks/out_to_the_machine.py``.
 
-One table for `docs/guides/out_to_the_machine.md`: computed torque of the PUMA 560, two joints. The plugin and the FMUs
-run against what their tests run against; the microcontroller under QEMU, which counts instructions and no time.
+One table for `docs/guides/out_to_the_machine.md`: computed torque of the PUMA 560, two joints. The
+plugin and the FMUs run against what their tests run against; the microcontroller under QEMU, which
+counts instructions and no time.
 """
 
 import contextlib
@@ -27,7 +29,14 @@ from ros_controller import Controller  # noqa: E402
 from test_fmu import Fmu, loop  # noqa: E402
 
 from ctc import ComputedTorque, evaluate  # noqa: E402
-from plant import PointToPoint, puma560, simulate, to_fmu, to_ros2_control, write_replay  # noqa: E402
+from plant import (  # noqa: E402
+    PointToPoint,
+    puma560,
+    simulate,
+    to_fmu,
+    to_ros2_control,
+    write_replay,
+)
 
 ARM, RIG = puma560.arm(), puma560.rig()
 LAW, PATH = ComputedTorque(ARM, RIG), puma560.reference()
@@ -42,7 +51,19 @@ def run(folder, *command):
 def c_code(folder, record):
     """Difference of the guarded C to `.step`, bytes of code, and time of a step [s]."""
     LAW.start(RIG, record.counts[0]).to_c(folder)
-    run(folder, "cc", "-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC", "-o", "c.so", "controller.c", "-lm")
+    run(
+        folder,
+        "cc",
+        "-std=c99",
+        "-O2",
+        "-ffp-contract=off",
+        "-shared",
+        "-fPIC",
+        "-o",
+        "c.so",
+        "controller.c",
+        "-lm",
+    )
     c, memory, torque = ctypes.CDLL(str(folder / "c.so")), np.zeros(4000), np.zeros(2)
     python, apart, times = LAW.start(RIG, record.counts[0]), 0.0, []
 
@@ -76,7 +97,9 @@ def plugin(folder):
 
 
 def fmus(folder, record):
-    """Difference of the torque to `simulate`, counts that differ, bytes of each file, time of both steps [s]."""
+    """Difference of the torque to `simulate`, counts that differ, bytes of each file, time of
+    both steps [s].
+    """
     to_fmu(LAW, folder / "law.fmu", version=3)
     to_fmu(ARM, folder / "arm.fmu", rig=RIG, version=3)
     both = [Fmu(folder / f"{each}.fmu", folder / each) for each in ("law", "arm")]
@@ -93,12 +116,25 @@ def fmus(folder, record):
 
 
 def microcontroller(folder, record):
-    """Lines that differ from the host's, bytes of code, and instructions of a step of a Cortex-M7 in double."""
+    """Lines that differ from the host's, bytes of code, and instructions of a step of a
+    Cortex-M7 in double.
+    """
     LAW.start(RIG, record.counts[0]).to_c(folder, target="cortex-m7")
     write_replay(record, folder / "record.csv")
     run(folder, "make", "controller.elf")
     board = run(folder, "make", "-s", "run").split()
-    run(folder, "cc", "-std=c99", "-O2", "-ffp-contract=off", "-o", "host", "main.c", "controller.c", "-lm")
+    run(
+        folder,
+        "cc",
+        "-std=c99",
+        "-O2",
+        "-ffp-contract=off",
+        "-o",
+        "host",
+        "main.c",
+        "controller.c",
+        "-lm",
+    )
     host = run(folder, "./host", "record.csv").split()
     code = int(run(folder, "make", "-s", "size").splitlines()[1].split()[0])
     return (
@@ -110,7 +146,9 @@ def microcontroller(folder, record):
 
 
 def mcap(folder, record):
-    """Median time [s] that logging adds to a step, bytes of a sample, kills, and files that they left without index."""
+    """Median time [s] that logging adds to a step, bytes of a sample, kills, and files that they
+    left without index.
+    """
     motion, median, path = record.reference(record.t), [], folder / "run.mcap"
     for logs in (False, True):
         controller, times = LAW.start(RIG, record.counts[0]), []
@@ -138,7 +176,9 @@ def mcap(folder, record):
 
 
 def steps():
-    """Largest error of the joints [pulses] on (6), for steps of no, 1 / 1000 and 1 / 100 of the rated torque."""
+    """Largest error of the joints [pulses] on (6), for steps of no, 1 / 1000 and 1 / 100 of the
+    rated torque.
+    """
     rated = RIG.drive.motor_gain * RIG.drive.current_limit / 3
     for share in (None, 1e-3, 1e-2):
         drive = dataclasses.replace(RIG.drive, torque_step=None if share is None else share * rated)
@@ -153,18 +193,35 @@ def main():
         for each in folders:
             each.mkdir()
         share, code, spent = c_code(folders[0], record)
-        print(f"guarded C: {share:.1e} of the largest torque, {code:,} bytes, {1e6 * spent:.1f} us", flush=True)
+        print(
+            f"guarded C: {share:.1e} of the largest torque, {code:,} bytes, {1e6 * spent:.1f} us",
+            flush=True,
+        )
         share, code, spent, allocations = plugin(folders[1])
-        print(f"plugin: {share:.1e}, {code:,} bytes, {1e6 * spent:.1f} us, {allocations} allocations", flush=True)
+        print(
+            f"plugin: {share:.1e}, {code:,} bytes, {1e6 * spent:.1f} us, {allocations} allocations",
+            flush=True,
+        )
         share, differing, sizes, spent = fmus(folders[2], record)
-        print(f"FMUs: {share:.1e}, {differing} counts differ, {sizes} bytes, {1e6 * spent:.0f} us for both", flush=True)
+        print(
+            f"FMUs: {share:.1e}, {differing} counts differ, {sizes} bytes, {1e6 * spent:.0f} us for"
+            " both",
+            flush=True,
+        )
         spent, size, kills, broken = mcap(folders[4], record)
-        said = f"{1e6 * spent:.0f} us more, {size:.0f} bytes a sample, {broken} of {kills} kills left no index"
+        said = (
+            f"{1e6 * spent:.0f} us more, {size:.0f} bytes a sample, {broken} of {kills} kills left"
+            " no index"
+        )
         print(f"MCAP: {said}", flush=True)
         if shutil.which("qemu-system-arm") and shutil.which("arm-none-eabi-gcc"):
             short = simulate(ARM, RIG, LAW, PATH, duration=200 * RIG.period)
             differing, lines, code, count = microcontroller(folders[3], short)
-            print(f"cortex-m7: {differing} of {lines} numbers differ, {code:,} bytes, {count} instructions", flush=True)
+            print(
+                f"cortex-m7: {differing} of {lines} numbers differ, {code:,} bytes, {count}"
+                " instructions",
+                flush=True,
+            )
     for share, errors in steps():
         print(f"torque step {share}: {np.round(errors, 2)} pulses", flush=True)
 

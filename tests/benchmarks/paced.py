@@ -1,11 +1,13 @@
-"""How late the steps of a paced loop begin: the exported C, and `.step` from Python with its garbage collection frozen.
+"""How late the steps of a paced loop begin: the exported C, and `.step` from Python with its
+garbage collection frozen.
 
     python tests/benchmarks/paced.py [--seconds 600]
 
-Both run at 0.7 ms over trajectory (6), each step begun at its own absolute instant (clock_nanosleep), with nothing
-beside them and with a loop that never rests on every other core. Late is a step that ends after its period. Of the
-others the jitter printed is half of what lies between the earliest and the latest beginning, as a share of the period:
-what ``Uncertainty(jitter=...)`` takes; a late step is a lost sample (`plant.Transport`).
+Both run at 0.7 ms over trajectory (6), each step begun at its own absolute instant
+(clock_nanosleep), with nothing beside them and with a loop that never rests on every other core.
+Late is a step that ends after its period. Of the others the jitter printed is half of what lies
+between the earliest and the latest beginning, as a share of the period: what
+``Uncertainty(jitter=...)`` takes; a late step is a lost sample (`plant.Transport`).
 """
 
 import argparse
@@ -65,7 +67,9 @@ def in_python(record, seconds):
     gc.enable()
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     bins = np.maximum(np.ceil(np.log2(np.maximum(delays, 1) / 1e3 * (1 + 1e-12))), 0).astype(int)
-    lines = [f"begun less than {1 << bin} us late: {(bins == bin).sum()}" for bin in sorted(set(bins))]
+    lines = [
+        f"begun less than {1 << bin} us late: {(bins == bin).sum()}" for bin in sorted(set(bins))
+    ]
     lines.append(f"longest step: {taken.max() / 1e3:.1f} us")
     late = delays + taken > PERIOD
     lines.append(f"late steps: {late.sum()} of {steps}")
@@ -102,4 +106,6 @@ if __name__ == "__main__":
         for cores in (0, os.cpu_count() - 1):
             with busy(cores):
                 print(f"== C, {cores} other cores busy\n{run(paced, folder)}", flush=True)
-                print(f"== Python, {cores} other cores busy\n{in_python(record, seconds)}", flush=True)
+                print(
+                    f"== Python, {cores} other cores busy\n{in_python(record, seconds)}", flush=True
+                )

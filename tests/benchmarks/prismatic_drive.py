@@ -1,14 +1,16 @@
-"""One prismatic joint under a sampled cascade that saturates, from its tracking error alone, in one call.
+"""One prismatic joint under a sampled cascade that saturates, from its tracking error alone, in one
+call.
 
     python tests/benchmarks/prismatic_drive.py [--seeds 10]
 
-In the manner of the EMPS benchmark: mass 95 kg, viscous friction 203 N s/m, Coulomb friction 20 N, an offset of -3 N,
-1 kHz, 50,000 counts per 2.5 mm, a point-to-point path of 0.4 m. The robot is simulated at 16 sub-steps, its speed is
-the difference of two samples, its amplifier saturates where it accelerates; no torque is logged, the log is cut at a
-random instant, rounded reference and unrounded. Asked: the four numbers within 0.5 %.
+In the manner of the EMPS benchmark: mass 95 kg, viscous friction 203 N s/m, Coulomb friction 20 N,
+an offset of -3 N, 1 kHz, 50,000 counts per 2.5 mm, a point-to-point path of 0.4 m. The robot is
+simulated at 16 sub-steps, its speed is the difference of two samples, its amplifier saturates where
+it accelerates; no torque is logged, the log is cut at a random instant, rounded reference and
+unrounded. Asked: the four numbers within 0.5 %.
 
-Source of the figures: A. Janot, M. Gautier, M. Brunot, Data set and reference models of EMPS, Nonlinear System
-Identification Benchmarks, 2019.
+Source of the figures: A. Janot, M. Gautier, M. Brunot, Data set and reference models of EMPS,
+Nonlinear System Identification Benchmarks, 2019.
 """
 
 import argparse
@@ -19,7 +21,19 @@ import time
 import numpy as np
 
 from identification import identify
-from plant import Cascade, Chain, Drive, Dynamics, Encoder, FrictionCurve, Harmonics, Link, Phase, Rig, simulate
+from plant import (
+    Cascade,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    FrictionCurve,
+    Harmonics,
+    Link,
+    Phase,
+    Rig,
+    simulate,
+)
 
 GEAR = 2 * np.pi / 2.5e-3  # motor angle per travel [rad/m]
 TRUE = np.array([95.0, 203.0, 20.0, -3.0])  # kg, N s/m, N, N
@@ -28,7 +42,9 @@ UNKNOWN = ("drive.viscous[0]", "drive.coulomb[0]", "drive.curve.offset[0]")
 
 
 def rig(viscous=203.0, coulomb=20.0, offset=-3.0):
-    """With friction as given at the slide; the motor sees it over the gear, viscous friction over its square."""
+    """With friction as given at the slide; the motor sees it over the gear, viscous friction
+    over its square.
+    """
     drive = Drive(
         gear=(GEAR,), motor_inertia=(0.0,), motor_gain=(1.0,), current_limit=(LIMIT / GEAR,),
         viscous=(viscous / GEAR**2,), coulomb=(coulomb / GEAR,),
@@ -41,16 +57,24 @@ CHAIN = Chain(links=(Link(name="slide", prismatic=True),), gravity=(0.0, 0.0, 0.
 DYNAMICS = Dynamics.from_chain(CHAIN)
 COUNT = 2.5e-3 / 50_000  # [m]
 # Motor torque per pulse [N m]: poles of position and speed near 3 and 9 Hz, an integral at 1 Hz.
-LAW = Cascade(position=(20.0,), speed=(57 * 95 * COUNT / GEAR,), integral=(57 * 6 * 95 * COUNT / GEAR,), difference=2,
-              period=1e-3)  # fmt: skip
-PATH = Harmonics(period=4.0, offset=(0.1,), cosine=((-0.1, 0.0, 0.012),), sine=((0.02, 0.025, 0.0),))
+LAW = Cascade(
+    position=(20.0,),
+    speed=(57 * 95 * COUNT / GEAR,),
+    integral=(57 * 6 * 95 * COUNT / GEAR,),
+    difference=2,
+    period=1e-3,
+)
+PATH = Harmonics(
+    period=4.0, offset=(0.1,), cosine=((-0.1, 0.0, 0.012),), sine=((0.02, 0.025, 0.0),)
+)
 
 
 def log(seed):
     random = np.random.default_rng(seed)
     arm, real = DYNAMICS.arm(TRUE[:1]), rig()
     real = dataclasses.replace(
-        real, encoder=dataclasses.replace(real.encoder, phase=Phase(shift=random.uniform(-0.5, 0.5, 1)))
+        real,
+        encoder=dataclasses.replace(real.encoder, phase=Phase(shift=random.uniform(-0.5, 0.5, 1))),
     )
     begin = random.uniform(0.1, 1.0)
     record = simulate(arm, real, LAW, PATH, duration=9.0 + begin, steps_per_sample=16)
@@ -66,7 +90,10 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=10)
     given = parser.parse_args()
-    print("| reference | seed | mass | viscous | Coulomb | offset [% off] | within 1.96 std | saturated | s |")
+    print(
+        "| reference | seed | mass | viscous | Coulomb | offset [% off] | within 1.96 std |"
+        " saturated | s |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     worst = 0.0
     for seed in range(given.seeds):
@@ -79,8 +106,12 @@ def main():
             off = 100 * (found.fit.values * scale / TRUE - 1)
             held = np.abs(found.fit.values * scale - TRUE) < 1.96 * found.fit.std * scale
             worst = max(worst, np.abs(off).max())
-            print(f"| {kind} | {seed} | " + " | ".join(f"{each:+.3f}" for each in off) +
-                  f" | {held.sum()} of 4 | {share:.1%} | {time.perf_counter() - begun:.1f} |", flush=True)  # fmt: skip
+            print(
+                f"| {kind} | {seed} | "
+                + " | ".join(f"{each:+.3f}" for each in off)
+                + f" | {held.sum()} of 4 | {share:.1%} | {time.perf_counter() - begun:.1f} |",
+                flush=True,
+            )
             for text in found.warnings:
                 print("   ", text)
     print(f"largest error {worst:.3f} % (asked: 0.5)")

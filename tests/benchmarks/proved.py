@@ -1,7 +1,9 @@
-"""What is proved beside what is sampled: ``python tests/benchmarks/proved.py [--boost 1] [motion ...]``.
+"""What is proved beside what is sampled: ``python tests/benchmarks/proved.py [--boost 1] [motion
+...]``.
 
-The paper's arm, f and friction identified from one log, under its default controller on trajectory (6), on that at half
-speed, and in everyday motions: bounds of the error before rounding, the largest of 1,000 samples, and the time.
+The paper's arm, f and friction identified from one log, under its default controller on trajectory
+(6), on that at half speed, and in everyday motions: bounds of the error before rounding, the
+largest of 1,000 samples, and the time.
 """
 
 import argparse
@@ -27,7 +29,15 @@ for name in given.motions:
     certificate = certify(found, found.rig, law, motions[name], samples=1000, progress=False)
     began, processor = time.perf_counter(), time.process_time()
     proved, sampled = certificate.proved, certificate.runs.unrounded.max(axis=0)
-    lasted = f"{time.perf_counter() - began:.0f} s, processor {time.process_time() - processor:.0f} s"
-    print(f"{name}: rounding alone {proved.rounding.round(2)} (sampled {certificate.by_counts.round(2)})")
-    print(f"  {proved.share:g} of the ranges {proved.error.round(2)} (sampled, all {sampled.round(2)}); {lasted}")
+    lasted = (
+        f"{time.perf_counter() - began:.0f} s, processor {time.process_time() - processor:.0f} s"
+    )
+    print(
+        f"{name}: rounding alone {proved.rounding.round(2)} (sampled"
+        f" {certificate.by_counts.round(2)})"
+    )
+    print(
+        f"  {proved.share:g} of the ranges {proved.error.round(2)} (sampled, all"
+        f" {sampled.round(2)}); {lasted}"
+    )
     print(f"  {proved}", flush=True)

@@ -1,10 +1,12 @@
-"""Two fits of one real machine from disjoint halves of its logs: do their intervals overlap as they claim?
+"""Two fits of one real machine from disjoint halves of its logs: do their intervals overlap as they
+claim?
 
-    CTC_DATA=... python tests/benchmarks/real_halves.py [--splits 20] [--methods identify fit_torque]
+    CTC_DATA=... python tests/benchmarks/real_halves.py [--splits 20] [--methods identify
+    fit_torque]
 
-Double pendulum, both designs: the open-loop excitation runs, split at random into disjoint halves; each half gives its
-own intervals, |a - b| is compared with the root of the sum of the squared half-widths. Six-axis arm: the first half of
-its moving time against the second.
+Double pendulum, both designs: the open-loop excitation runs, split at random into disjoint halves;
+each half gives its own intervals, |a - b| is compared with the root of the sum of the squared
+half-widths. Six-axis arm: the first half of its moving time against the second.
 """
 
 import argparse
@@ -23,7 +25,10 @@ pendulum, tx40 = import_module("8_real_double_pendulum"), import_module("5_real_
 RATE, REST = 5000, 1.5
 """Of the six-axis log [Hz], and its end without motion [s]."""
 
-RUNS = {"C.0": ("00", "01", "02", "03", "04", "05", "06"), "A.0": ("00", "01", "02", "03", "04", "05")}
+RUNS = {
+    "C.0": ("00", "01", "02", "03", "04", "05", "06"),
+    "A.0": ("00", "01", "02", "03", "04", "05"),
+}
 
 
 def found(method, dynamics, records):
@@ -48,7 +53,9 @@ def halves(folder, design, method, splits):
         order = np.random.default_rng([20, k]).permutation(len(records))
         parts = (order[: len(order) // 2], order[len(order) // 2 :])
         try:
-            (names, a, of_a), (_, b, of_b) = (found(method, dynamics, [records[i] for i in part]) for part in parts)
+            (names, a, of_a), (_, b, of_b) = (
+                found(method, dynamics, [records[i] for i in part]) for part in parts
+            )
         except ValueError as error:
             print(f"  split {k}: {error}")
             continue
@@ -63,8 +70,10 @@ def report(label, names, off, wide):
     names, off, wide = np.array(names)[shown], off[:, shown], wide[:, :, shown]
     held = off < np.hypot(wide[:, 0], wide[:, 1])
     ratio = np.median(wide, axis=(0, 1)) / np.sqrt(np.mean(off**2, axis=0))
-    print(f"{label}: {held.mean():.1%} of {held.size} hold; median over parameters of half-width / rms |a - b| "
-          f"{np.median(ratio):.2f}")  # fmt: skip
+    print(
+        f"{label}: {held.mean():.1%} of {held.size} hold; median over parameters of half-width /"
+        f" rms |a - b| {np.median(ratio):.2f}"
+    )
     for name, share, each in zip(names, held.mean(axis=0), ratio, strict=True):
         print(f"  {name:40} {share:6.1%}  half-width {each:5.2f} of the rms")
 

@@ -1,10 +1,11 @@
-"""The observer's memory on a real machine, chosen without the runs that are kept aside: nested leave-one-run-out.
+"""The observer's memory on a real machine, chosen without the runs that are kept aside: nested
+leave-one-run-out.
 
     CTC_DATA=... python tests/benchmarks/real_memory.py
 
-Double pendulum, both designs: of the runs to learn from, each is left out once, for each memory; the memory with which
-these are simulated best is the one to use. Then all of them give f, and the runs kept aside, which nothing was chosen
-by, are simulated freely.
+Double pendulum, both designs: of the runs to learn from, each is left out once, for each memory;
+the memory with which these are simulated best is the one to use. Then all of them give f, and the
+runs kept aside, which nothing was chosen by, are simulated freely.
 """
 
 import os
@@ -27,7 +28,9 @@ def main():
     folder, own = Path(os.environ["CTC_DATA"]) / "dfki_double_pendulum", prediction._REPLAYED
     for design, (lengths, learn, aside) in pendulum.DESIGNS.items():
         dynamics = pendulum.dynamics(lengths)
-        records, kept = ([pendulum.load(folder, design, run) for run in runs] for runs in (learn, aside))
+        records, kept = (
+            [pendulum.load(folder, design, run) for run in runs] for runs in (learn, aside)
+        )
         missed = {}
         for memory in MEMORIES:
             prediction._REPLAYED = memory
@@ -36,14 +39,24 @@ def main():
                 found = pendulum.fit(dynamics, records[:k] + records[k + 1 :])
                 off.append(pendulum.misses(found, [record]))
             missed[memory] = float(np.sqrt(np.mean(np.square(off))))
-            print(f"{design}: memory of {memory} samples, runs left out missed by {missed[memory]:.4f} rad", flush=True)
+            print(
+                f"{design}: memory of {memory} samples, runs left out missed by"
+                f" {missed[memory]:.4f} rad",
+                flush=True,
+            )
         best = min(missed, key=missed.get)
         for memory in dict.fromkeys((best, own)):
             prediction._REPLAYED = memory
             off = pendulum.misses(pendulum.fit(dynamics, records, kept), kept)
             which = "chosen so" if memory == best else "the library's"
-            said = f"{off[0]:.4f} and {off[1]:.4f} rad; before {FORMER[design][0]} and {FORMER[design][1]}"
-            print(f"{design}: memory of {memory} ({which}): runs kept aside missed by {said}", flush=True)
+            said = (
+                f"{off[0]:.4f} and {off[1]:.4f} rad; before {FORMER[design][0]} and"
+                f" {FORMER[design][1]}"
+            )
+            print(
+                f"{design}: memory of {memory} ({which}): runs kept aside missed by {said}",
+                flush=True,
+            )
         prediction._REPLAYED = own
 
 

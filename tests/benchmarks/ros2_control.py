@@ -1,7 +1,9 @@
-"""The exported controller of ros2_control over all everyday motions: ``python tests/benchmarks/ros2_control.py``.
+"""The exported controller of ros2_control over all everyday motions: ``python
+tests/benchmarks/ros2_control.py``.
 
-Compiled against the stand-in of the interfaces (`tests/oracles/ros2`), fed with what the running controller in Python
-reads on the simulated arm; the time of `update` includes the call through ctypes.
+Compiled against the stand-in of the interfaces (`tests/oracles/ros2`), fed with what the running
+controller in Python reads on the simulated arm; the time of `update` includes the call through
+ctypes.
 """
 
 import shutil
@@ -24,7 +26,9 @@ from plant import SteppedArm, everyday_motions, puma560, to_ros2_control  # noqa
 
 
 def over(controller, law, path):
-    """Largest difference of the torque as a share of the largest torque, samples, allocations, times of update [s]."""
+    """Largest difference of the torque as a share of the largest torque, samples, allocations,
+    times of update [s].
+    """
     rig = law.rig
     arm = SteppedArm(law.arm, rig, path([0.0]).q[0])
     running, period = law.start(rig, arm.pulses), round(1e9 * rig.period)
@@ -50,10 +54,15 @@ def main():
         folder = Path(place)
         to_ros2_control(law, folder)
         controller = Controller(folder)
-        print(f"{'motion':28}{'samples':>9}{'difference':>12}{'allocations':>13}{'us per update':>15}")
+        print(
+            f"{'motion':28}{'samples':>9}{'difference':>12}{'allocations':>13}{'us per update':>15}"
+        )
         for name, path in everyday_motions(law.arm, law.rig).items():
             share, steps, allocations, times = over(controller, law, path)
-            print(f"{name:28}{steps:9}{share:12.1e}{allocations:13}{1e6 * statistics.median(times):15.1f}", flush=True)
+            print(
+                f"{name:28}{steps:9}{share:12.1e}{allocations:13}{1e6 * statistics.median(times):15.1f}",
+                flush=True,
+            )
         command = [shutil.which("size"), folder / "c.o", folder / "plugin.o"]
         sizes = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
         print(sizes.stdout)

@@ -1,9 +1,9 @@
 """Logs read a second time: is the convention of the counters found, does obeying `check()` do harm?
 
-    python tests/benchmarks/second_reading.py                 all, in this order
-    python tests/benchmarks/second_reading.py --logs 20       fewer of each
-    python tests/benchmarks/second_reading.py rounding
-    python tests/benchmarks/second_reading.py causes --logs 20 [--arms puma] [--only healthy play] [--said]
+    python tests/benchmarks/second_reading.py                 all, in this order python
+    tests/benchmarks/second_reading.py --logs 20       fewer of each python
+    tests/benchmarks/second_reading.py rounding python tests/benchmarks/second_reading.py causes
+    --logs 20 [--arms puma] [--only healthy play] [--said]
         [--law PID]
 
 Arms, paths, gains and friction are drawn anew for each log.
@@ -25,15 +25,25 @@ _FLOOR = 0.02  # of f's scale: below it a difference is that of two logs
 
 
 def drawn(seed, rounding="floor", crossing=True):
-    """Record of an arm, path and P loop drawn from a seed, and its f; crossing: whether joints pass zero."""
+    """Record of an arm, path and P loop drawn from a seed, and its f; crossing: whether joints
+    pass zero.
+    """
     random = np.random.default_rng(seed)
     arm = puma560.literature_arm(random.uniform(0.0, 1.5))
     period = random.uniform(2.5, 4.0)
     cosine, sine = (random.normal(size=(2, 3)) * 0.35 / np.arange(1, 4) for _ in range(2))
-    offset = random.uniform(-0.2, 0.2, 2) if crossing else np.abs(cosine).sum(axis=1) + np.abs(sine).sum(axis=1) + 0.1
+    offset = (
+        random.uniform(-0.2, 0.2, 2)
+        if crossing
+        else np.abs(cosine).sum(axis=1) + np.abs(sine).sum(axis=1) + 0.1
+    )
     path = Harmonics(period=period, offset=offset, cosine=cosine, sine=sine)
-    drive = dataclasses.replace(PAPER.drive, coulomb=PAPER.drive.coulomb * random.uniform(0.5, 1.2, 2))
-    encoder = dataclasses.replace(PAPER.encoder, rounding=rounding, phase=Phase(shift=random.uniform(-0.5, 0.5, 2)))
+    drive = dataclasses.replace(
+        PAPER.drive, coulomb=PAPER.drive.coulomb * random.uniform(0.5, 1.2, 2)
+    )
+    encoder = dataclasses.replace(
+        PAPER.encoder, rounding=rounding, phase=Phase(shift=random.uniform(-0.5, 0.5, 2))
+    )
     rig = dataclasses.replace(PAPER, drive=drive, encoder=encoder)
     law = puma560.p_law(np.array((0.20, 0.15)) * random.uniform(0.3, 1.0))
     record = simulate(arm, rig, law, path, duration=2 * period, steps_per_sample=8)
@@ -42,7 +52,9 @@ def drawn(seed, rounding="floor", crossing=True):
 
 def stated(rig, rounding):
     """The rig as its owner states it: he does not know the phase."""
-    return dataclasses.replace(rig, encoder=Encoder(resolution=rig.encoder.resolution, rounding=rounding))
+    return dataclasses.replace(
+        rig, encoder=Encoder(resolution=rig.encoder.resolution, rounding=rounding)
+    )
 
 
 def rounding(logs):
@@ -57,15 +69,25 @@ def rounding(logs):
             wrong + (clear and (seen > 0.5) != (true == "fix")),
         )
         silent += not clear
-    print(f"floor or fix, joints pass zero: {right} of {logs} found, {wrong} wrong, {silent} said to be undecidable")
-    none = [fix_seen(Signals(drawn(seed, ("floor", "fix")[seed % 2], False)[0])) for seed in range(max(4, logs // 10))]
-    print(f"no joint passes zero: undecidable in {sum(seen is None for seen in none)} of {len(none)}")
+    print(
+        f"floor or fix, joints pass zero: {right} of {logs} found, {wrong} wrong, {silent} said to"
+        " be undecidable"
+    )
+    none = [
+        fix_seen(Signals(drawn(seed, ("floor", "fix")[seed % 2], False)[0]))
+        for seed in range(max(4, logs // 10))
+    ]
+    print(
+        f"no joint passes zero: undecidable in {sum(seen is None for seen in none)} of {len(none)}"
+    )
 
 
-# -- one log, spoiled ------------------------------------------------------------------------------------------------
+# -- one log, spoiled ----------------------------------------------------------------------------
 def rows(record, row):
     names = ("error_pulses", "reference_pulses", "torque", "current")
-    return dataclasses.replace(record, **{name: x[row] for name in names if (x := getattr(record, name)) is not None})
+    return dataclasses.replace(
+        record, **{name: x[row] for name in names if (x := getattr(record, name)) is not None}
+    )
 
 
 def counting(record, counts):
@@ -88,13 +110,17 @@ def stuck(record, random):
 
 def glitches(record, random):
     counts = np.array(record.counts)
-    counts[random.integers(10, len(record) - 10, 8), random.integers(record.n)] += random.integers(50, 500)
+    counts[random.integers(10, len(record) - 10, 8), random.integers(record.n)] += random.integers(
+        50, 500
+    )
     return counting(record, counts)
 
 
 def turn(record, random):
     counts, joint = np.array(record.counts), random.integers(record.n)
-    counts[random.integers(len(record) // 4, len(record)) :, joint] += record.rig.encoder.resolution[joint]
+    counts[random.integers(len(record) // 4, len(record)) :, joint] += (
+        record.rig.encoder.resolution[joint]
+    )
     return counting(record, counts)
 
 
@@ -126,12 +152,22 @@ def milliseconds(record, random):
 
 
 SPOILED = (
-    lost_packets, stuck, glitches, turn, late_stamps, other_rounding, late, turned_torque, milliseconds,
-)  # fmt: skip
+    lost_packets,
+    stuck,
+    glitches,
+    turn,
+    late_stamps,
+    other_rounding,
+    late,
+    turned_torque,
+    milliseconds,
+)
 
 
 def error(record, f):
-    """Largest error of the f that is found, in the share of the largest parameter; inf where it is refused."""
+    """Largest error of the f that is found, in the share of the largest parameter; inf where it
+    is refused.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -142,7 +178,9 @@ def error(record, f):
 
 
 def obeyed(logs):
-    """Errors of f from the clean log, the spoiled one, and the spoiled one with all advice of check() followed."""
+    """Errors of f from the clean log, the spoiled one, and the spoiled one with all advice of
+    check() followed.
+    """
     table = []
     for seed in range(logs):
         record, f = drawn(1000 + seed, ("floor", "fix")[seed % 2])
@@ -154,14 +192,21 @@ def obeyed(logs):
         table.append([error(record, f), error(spoiled, f), error(spoiled.check().record, f)])
         names = ", ".join(SPOILED[kind].__name__ for kind in sorted(kinds))
         print(
-            f"  {seed:3d} clean {table[-1][0]:.4f} as it is {table[-1][1]:.4f} obeyed {table[-1][2]:.4f}  {names}",
+            f"  {seed:3d} clean {table[-1][0]:.4f} as it is {table[-1][1]:.4f} obeyed"
+            f" {table[-1][2]:.4f}  {names}",
             flush=True,
         )
     clean, left, followed = np.array(table).T
     with np.errstate(invalid="ignore"):
         worse = int((followed > np.maximum(1.1 * left, left + _FLOOR)).sum())
-    print(f"advice followed: f worse in {worse} of {logs}; median error / clean: {np.median(followed / clean):.2f}")
-    print(f"as they are: median error / clean {np.median(left / clean):.2f}, refused {int(np.isinf(left).sum())}")
+    print(
+        f"advice followed: f worse in {worse} of {logs}; median error / clean:"
+        f" {np.median(followed / clean):.2f}"
+    )
+    print(
+        f"as they are: median error / clean {np.median(left / clean):.2f}, refused"
+        f" {int(np.isinf(left).sum())}"
+    )
 
 
 def causes(logs):
@@ -175,7 +220,9 @@ BENCHES = {"rounding": (rounding, 100), "obeyed": (obeyed, 200), "causes": (caus
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("which", nargs="*", choices=[*BENCHES, []], default=list(BENCHES))
     parser.add_argument("--logs", type=int, default=0)
     parser.add_argument("--arms", nargs="*", default=["puma", "ur5e"], help="of causes")

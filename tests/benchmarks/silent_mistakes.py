@@ -1,11 +1,13 @@
-"""Mistakes in what is stated of a robot that used to pass in silence: is each said, and by which message?
+"""Mistakes in what is stated of a robot that used to pass in silence: is each said, and by which
+message?
 
     python tests/benchmarks/silent_mistakes.py [--logs 10] [--runs 50] [--kinds gain_1.5 ...]
 
-An arm of two links under a P law, simulated at 16 sub-steps with f drawn within 10 % of the paper's, or of another arm
-with links of 0.35 m where a length is wrong. Nine mistakes, each in as many logs, with the torque in the log (as
-amplifiers report it) and without. Caught is a refusal, or a warning of `simulate` or `identify`; `record.check()` is
-counted beside it. Then RUNS right logs: how many have a warning.
+An arm of two links under a P law, simulated at 16 sub-steps with f drawn within 10 % of the
+paper's, or of another arm with links of 0.35 m where a length is wrong. Nine mistakes, each in as
+many logs, with the torque in the log (as amplifiers report it) and without. Caught is a refusal, or
+a warning of `simulate` or `identify`; `record.check()` is counted beside it. Then RUNS right logs:
+how many have a warning.
 """
 
 import argparse
@@ -41,7 +43,9 @@ def right(random, dynamics=None):
 
 
 def rigged(record, *, encoder=None, **drive):
-    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **drive), encoder=encoder or RIG.encoder)
+    rig = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, **drive), encoder=encoder or RIG.encoder
+    )
     return dataclasses.replace(record, rig=rig, reference=None, true_q=None, true_qd=None)
 
 
@@ -67,19 +71,25 @@ def slow(random):
 
 KINDS = {
     "gain 1.5": lambda record: gained(record, 1.5),
-    "sign of the error": lambda record: dataclasses.replace(record, error_pulses=-record.error_pulses),
+    "sign of the error": lambda record: dataclasses.replace(
+        record, error_pulses=-record.error_pulses
+    ),
     "length 0.45 for 0.35 m": None,
     "gain 1.1": lambda record: gained(record, 1.1),
     "resolution per radian": per_radian,
     "gear 120 for 100": lambda record: rigged(record, gear=1.2 * RIG.drive.gear),
     "period 1.0 s": None,
-    "viscous joint side": lambda record: rigged(record, viscous=RIG.drive.viscous * RIG.drive.gear**2),
+    "viscous joint side": lambda record: rigged(
+        record, viscous=RIG.drive.viscous * RIG.drive.gear**2
+    ),
     "path in degrees": None,
 }
 
 
 def said(kind, torque, seed):
-    """First message about a log with this mistake, or about a right one (kind None); and whether check() finds it."""
+    """First message about a log with this mistake, or about a right one (kind None); and whether
+    check() finds it.
+    """
     random = np.random.default_rng(seed)
     checked = False
     with warnings.catch_warnings(record=True) as caught:
@@ -96,7 +106,9 @@ def said(kind, torque, seed):
                 record = record if kind is None else KINDS[kind](record)
             if not torque:
                 record = dataclasses.replace(record, torque=None, current=None)
-            checked = any(finding.verdict in ("wrong", "look") for finding in record.check().findings)
+            checked = any(
+                finding.verdict in ("wrong", "look") for finding in record.check().findings
+            )
             dynamics = of_length(0.45) if kind == "length 0.45 for 0.35 m" else puma560.dynamics()
             identify(dynamics, record, seed=seed, progress=False)
         except ValueError as error:
@@ -127,15 +139,21 @@ def main():
     options = parser.parse_args()
     for kind in options.kinds:
         for torque in (True, False):
-            started, results = time.perf_counter(), [said(kind, torque, seed) for seed in range(options.logs)]
+            started, results = (
+                time.perf_counter(),
+                [said(kind, torque, seed) for seed in range(options.logs)],
+            )
             number = sum(bool(text) for text, _ in results)
             checks = sum(checked for _, checked in results)
             heads = collections.Counter(
-                line[:150] for text, _ in results for line in text.splitlines() if "identified with" not in line
+                line[:150]
+                for text, _ in results
+                for line in text.splitlines()
+                if "identified with" not in line
             )
             print(
-                f"{kind}, {'torque' if torque else 'no torque'}: caught {number} of {options.logs}, by check() {checks}"
-                f" ({time.perf_counter() - started:.0f} s)",
+                f"{kind}, {'torque' if torque else 'no torque'}: caught {number} of {options.logs},"
+                f" by check() {checks} ({time.perf_counter() - started:.0f} s)",
                 flush=True,
             )
             for line, count in heads.most_common(4):

@@ -2,9 +2,10 @@
 
     python tests/benchmarks/six_joints.py [--cpp]
 
-One sub-step of the loop holds an inertia matrix, two Coriolis torques, gravity, the inverse, friction with three
-sweeps, six encoders and the P law; one call of pinocchio's `aba` is forward dynamics alone. With --cpp its loop is
-compiled from C++ too, which takes a minute and the headers of the packages `pin` and `cmeel-eigen`.
+One sub-step of the loop holds an inertia matrix, two Coriolis torques, gravity, the inverse,
+friction with three sweeps, six encoders and the P law; one call of pinocchio's `aba` is forward
+dynamics alone. With --cpp its loop is compiled from C++ too, which takes a minute and the headers
+of the packages `pin` and `cmeel-eigen`.
 """
 
 import argparse
@@ -41,7 +42,10 @@ ROWS = ((0, 0, 0), (-1, 0, 0.15), (0, 0.43, -0.1), (1, -0.02, 0.43), (-1, 0, 0),
 
 def arm(random):
     """A chain of that shape with random bodies."""
-    links = [Link(name=str(i + 1), alpha=alpha * np.pi / 2, a=a, d=d) for i, (alpha, a, d) in enumerate(ROWS)]
+    links = [
+        Link(name=str(i + 1), alpha=alpha * np.pi / 2, a=a, d=d)
+        for i, (alpha, a, d) in enumerate(ROWS)
+    ]
     bodies = []
     for _ in links:
         root = random.normal(size=(3, 3)) * 0.1
@@ -52,16 +56,24 @@ def arm(random):
 
 
 def kernel_time(chain, bodies, samples=500):
-    """Seconds until the kernel has run for the first time, and seconds per individual and sub-step."""
+    """Seconds until the kernel has run for the first time, and seconds per individual and
+    sub-step.
+    """
     n = chain.n
     started = time.perf_counter()
     dynamics = Dynamics(chain=chain, lumping=Lumping.standard(chain))
     rig = direct_rig(np.full(n, 0.1), np.full(n, 0.1), smooth=False)
     law = P(gain=np.full(n, 1e-3))
-    loop = ClosedLoop(dynamics=dynamics, rig=rig, law=law, steps_per_sample=4, score=squared_error(n))
+    loop = ClosedLoop(
+        dynamics=dynamics, rig=rig, law=law, steps_per_sample=4, score=squared_error(n)
+    )
     kernel = LoopKernel(loop, range(dynamics.p))
     pose = np.linspace(0.1, 0.6, n)
-    tables = [np.zeros((0, 4 * n + 1)), np.zeros((samples, 4 * n + 1)), np.zeros((4 * samples, 4 * n + 1))]
+    tables = [
+        np.zeros((0, 4 * n + 1)),
+        np.zeros((samples, 4 * n + 1)),
+        np.zeros((4 * samples, 4 * n + 1)),
+    ]
     for table in tables:
         table[:, :n], table[:, 3 * n : 4 * n], table[:, -1] = pose, rig.counts(pose), loop.h
     state = np.repeat(loop.initial_state(pose, np.zeros(n))[:, None], LANES, axis=1)
@@ -107,11 +119,19 @@ def cpp_loop():
     """The C++ loop, compiled now."""
     prefix = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix")
     if not (prefix / "include" / "eigen3").is_dir():
-        raise SystemExit("the headers of Eigen must be there; they are not. pip install cmeel-eigen")
+        raise SystemExit(
+            "the headers of Eigen must be there; they are not. pip install cmeel-eigen"
+        )
     library = Path(tempfile.mkdtemp(), "aba.so")
     command = ["g++", "-O3", "-march=native", "-w", "-DNDEBUG", "-std=c++17", "-shared", "-fPIC"]
     command += ["-DBOOST_MPL_LIMIT_LIST_SIZE=30", "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS"]
-    command += [f"-I{prefix / 'include'}", f"-I{prefix / 'include' / 'eigen3'}", HERE / "c" / "aba.cpp", "-o", library]
+    command += [
+        f"-I{prefix / 'include'}",
+        f"-I{prefix / 'include' / 'eigen3'}",
+        HERE / "c" / "aba.cpp",
+        "-o",
+        library,
+    ]
     command += [f"-L{prefix / 'lib'}", "-lpinocchio_default", f"-Wl,-rpath,{prefix / 'lib'}"]
     subprocess.run(command, check=True)  # noqa: S603 - our own source
     return ctypes.CDLL(str(library)).aba_loop
@@ -119,7 +139,12 @@ def cpp_loop():
 
 def aba_times(chain, bodies, *, cpp):
     """Seconds per call of `aba`, by name of the loop."""
-    model, random, n, count = pinocchio_model(chain, bodies), np.random.default_rng(1), chain.n, 20000
+    model, random, n, count = (
+        pinocchio_model(chain, bodies),
+        np.random.default_rng(1),
+        chain.n,
+        20000,
+    )
     data = model.createData()
     q, qd, tau = random.uniform(-1, 1, (3, count, n))
 
@@ -134,9 +159,13 @@ def aba_times(chain, bodies, *, cpp):
         rows = np.array([np.append(place.rotation.ravel(), place.translation) for place in places])
         inertias = np.array([[b.mass, *b.com, *inertia_matrix(b).ravel()] for b in bodies])
         gravity = np.array(chain.gravity, dtype=float)
-        address = [x.ctypes.data_as(ctypes.c_void_p) for x in (rows, inertias, gravity, q, qd, tau, qdd)]
+        address = [
+            x.ctypes.data_as(ctypes.c_void_p) for x in (rows, inertias, gravity, q, qd, tau, qdd)
+        ]
         long = ctypes.c_long
-        times["pinocchio, loop in C++"] = timed(lambda: loop(long(n), *address[:3], long(count), *address[3:])) / count
+        times["pinocchio, loop in C++"] = (
+            timed(lambda: loop(long(n), *address[:3], long(count), *address[3:])) / count
+        )
         np.testing.assert_allclose(qdd[7], pin.aba(model, data, q[7], qd[7], tau[7]), rtol=1e-9)
     return times
 

@@ -1,9 +1,10 @@
-"""How fast the engine is, and what its settings cost: every number of docs/background/speed.md, measured in one go.
+"""How fast the engine is, and what its settings cost: every number of docs/background/speed.md,
+measured in one go.
 
     python tests/benchmarks/speed.py [--write] [--quick]
 
-With --write the tables replace those in docs/background/speed.md. Engines take turns, round after round, so that a
-noisy machine disturbs all of them alike; ratios are medians over the rounds.
+With --write the tables replace those in docs/background/speed.md. Engines take turns, round after
+round, so that a noisy machine disturbs all of them alike; ratios are medians over the rounds.
 """
 
 import argparse
@@ -75,7 +76,9 @@ def machine():
     model = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), model)
+        model = next(
+            (line.split(":")[1].strip() for line in lines if line.startswith("model name")), model
+        )
         flags = next((line for line in lines if line.startswith("flags")), "")
         model += " with AVX-512" if "avx512f" in flags else " with AVX2" if "avx2" in flags else ""
     parts = [f"{model}, {os.cpu_count()} cores", f"Python {platform.python_version()}"]
@@ -83,13 +86,20 @@ def machine():
     if c_loops.available():
         version = subprocess.run(["gcc", "--version"], capture_output=True, text=True, check=True)  # noqa: S607
         parts.append(version.stdout.splitlines()[0])
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=ROOT,  # noqa: S607
-                            check=False).stdout.strip()  # fmt: skip
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"],  # noqa: S607
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=False,
+    ).stdout.strip()
     return f"{'; '.join(parts)}; commit {commit or 'unknown'}."
 
 
 def engines(rounds):
-    """Table of all engines on the paper's experiment, and lines on threads and the genetic algorithm."""
+    """Table of all engines on the paper's experiment, and lines on threads and the genetic
+    algorithm.
+    """
     experiment = Experiment()
     population, names = experiment.candidates(80), all_engines(experiment)
     per = {name: [] for name in names}
@@ -98,26 +108,45 @@ def engines(rounds):
     for _ in range(rounds):
         for name, (engine, count) in names.items():
             engine(population[:count])  # in its stride: what came before has emptied the caches
-            per[name].append(seconds(lambda: engine(population[:count])) / count)  # noqa: B023 - called at once
-    yield f"Population 80, trajectory (6), 5,215 samples, 4 sub-steps, 3 friction sweeps; {rounds} rounds, in which"
+            # called at once
+            per[name].append(seconds(lambda: engine(population[:count])) / count)  # noqa: B023
+    yield (
+        f"Population 80, trajectory (6), 5,215 samples, 4 sub-steps, 3 friction sweeps; {rounds}"
+        " rounds, in which"
+    )
     yield "each engine is called twice and timed the second time.\n"
-    yield "| engine | ms per simulation | time, with this engine on one thread as 1 | middle half of the rounds |"
+    yield (
+        "| engine | ms per simulation | time, with this engine on one thread as 1 | middle half of"
+        " the rounds |"
+    )
     yield "|---|---|---|---|"
     ours = np.array(per["engine, 1 thread"])
     for name, times in per.items():
         ratios = np.array(times) / ours
         low, high = np.quantile(ratios, (0.25, 0.75))
-        yield f"| {name} | {statistics.median(times) * 1e3:.4f} | {np.median(ratios):.2f} | {low:.2f} to {high:.2f} |"
+        yield (
+            f"| {name} | {statistics.median(times) * 1e3:.4f} | {np.median(ratios):.2f} | {low:.2f}"
+            f" to {high:.2f} |"
+        )
     many = experiment.candidates(3200, seed=1)
     one, two = Engine(experiment, 1), Engine(experiment, 2)
-    pairs = np.array([(seconds(lambda: one(many)), seconds(lambda: two(many))) for _ in range(max(3, rounds // 3))])
+    pairs = np.array(
+        [
+            (seconds(lambda: one(many)), seconds(lambda: two(many)))
+            for _ in range(max(3, rounds // 3))
+        ]
+    )
     yield ""
     yield (
-        f"3,200 evaluations: {np.median(pairs[:, 0]):.3f} s on one thread, {np.median(pairs[:, 1]):.3f} s on two, "
-        f"{np.median(pairs[:, 0] / pairs[:, 1]):.2f} times faster. The paper: half an hour."
+        f"3,200 evaluations: {np.median(pairs[:, 0]):.3f} s on one thread,"
+        f" {np.median(pairs[:, 1]):.3f} s on two, {np.median(pairs[:, 0] / pairs[:, 1]):.2f} times"
+        " faster. The paper: half an hour."
     )
     options = {"method": "paper", "progress": False}
-    runs = [seconds(lambda: identify(puma560.dynamics(), experiment.record, **options)) for _ in range(6)]
+    runs = [
+        seconds(lambda: identify(puma560.dynamics(), experiment.record, **options))
+        for _ in range(6)
+    ]
     yield f"The whole genetic algorithm of 3.7, warm: {statistics.median(runs[1:]):.2f} s."
 
 
@@ -125,8 +154,11 @@ def without_avx512(rounds):
     """The table of engines of a process for which the processor has no AVX-512, nor has gcc."""
     environment = {**os.environ, AVX512_VARIABLE: "1"}
     command = [sys.executable, __file__, "--engines", str(rounds)]
-    answer = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)  # noqa: S603 - this file
-    yield from (line for line in answer.stdout.splitlines() if line.startswith("|") and "casadi" not in line)
+    # this file
+    answer = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)  # noqa: S603
+    yield from (
+        line for line in answer.stdout.splitlines() if line.startswith("|") and "casadi" not in line
+    )
 
 
 def widths(rounds):
@@ -139,10 +171,15 @@ def widths(rounds):
         kernel(population)
     for _ in range(rounds):
         for width, kernel in kernels.items():
-            per[width].append(seconds(lambda: kernel(population)) / len(population))  # noqa: B023 - called at once
+            # called at once
+            per[width].append(seconds(lambda: kernel(population)) / len(population))  # noqa: B023
     yield "| individuals side by side | " + " | ".join(map(str, kernels)) + " |"
     yield "|---|" + "---|" * len(kernels)
-    yield "| ms per simulation | " + " | ".join(f"{statistics.median(t) * 1e3:.3f}" for t in per.values()) + " |"
+    yield (
+        "| ms per simulation | "
+        + " | ".join(f"{statistics.median(t) * 1e3:.3f}" for t in per.values())
+        + " |"
+    )
 
 
 def scaling():
@@ -159,14 +196,24 @@ def scaling():
         return best / count / len(record) / steps * 1e9
 
     rows = {
-        "individuals (500 samples)": {n: per_sub_step(0.35, n) for n in (40, 400, 4000, 40000, 100000)},
-        "samples (80 individuals)": {n: per_sub_step(n * 0.7e-3, 80) for n in (250, 500, 1000, 2000, 5000, 10000)},
-        "sub-steps (80 individuals, 1000 samples)": {n: per_sub_step(0.7, 80, n) for n in (1, 2, 4, 8, 16, 32)},
+        "individuals (500 samples)": {
+            n: per_sub_step(0.35, n) for n in (40, 400, 4000, 40000, 100000)
+        },
+        "samples (80 individuals)": {
+            n: per_sub_step(n * 0.7e-3, 80) for n in (250, 500, 1000, 2000, 5000, 10000)
+        },
+        "sub-steps (80 individuals, 1000 samples)": {
+            n: per_sub_step(0.7, 80, n) for n in (1, 2, 4, 8, 16, 32)
+        },
     }
     for name, row in rows.items():
         yield f"| {name} | " + " | ".join(f"{n:,}" for n in row) + " |"
         yield "|---|" + "---|" * len(row)
-        yield "| ns per individual and sub-step | " + " | ".join(f"{t:.2f}" for t in row.values()) + " |"
+        yield (
+            "| ns per individual and sub-step | "
+            + " | ".join(f"{t:.2f}" for t in row.values())
+            + " |"
+        )
         yield ""
 
 
@@ -175,7 +222,13 @@ def starts(rounds):
 
     def child(code, cache):
         environment = {**os.environ, "ONEPULSE_CACHE": cache, "PYTHONPATH": str(ROOT)}
-        said = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)  # noqa: S603
+        said = subprocess.run(  # noqa: S603
+            [sys.executable, "-c", code],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         return float(said.stdout)
 
     cold, warm = [], []
@@ -186,20 +239,30 @@ def starts(rounds):
             warm.append(child(FIRST_VALUE, cache))
             memory = child(MEMORY, cache)
     yield (
-        f"From `import` to the first value of the objective: {statistics.median(cold):.2f} s with an empty cache, "
-        f"{statistics.median(warm):.2f} s with a filled one (medians of {rounds} processes each)."
+        f"From `import` to the first value of the objective: {statistics.median(cold):.2f} s with"
+        f" an empty cache, {statistics.median(warm):.2f} s with a filled one (medians of {rounds}"
+        " processes each)."
     )
     imports = {code: [] for code in ("pass", "import plant", "import ctc")}
     for _ in range(2 * rounds):
         for code, spent in imports.items():
-            spent.append(seconds(lambda: subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)))  # noqa: B023, S603 - called at once
-    said = ", ".join(f"`{code}` {statistics.median(spent):.2f} s" for code, spent in imports.items())
+            spent.append(
+                seconds(lambda: subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True))  # noqa: B023, S603
+            )
+    said = ", ".join(
+        f"`{code}` {statistics.median(spent):.2f} s" for code, spent in imports.items()
+    )
     yield f"Whole processes (medians of {2 * rounds}): {said}."
-    yield f"1,000 individuals over 10 s of samples every 0.7 ms: {memory / 1024:.0f} MB more than before, at the peak."
+    yield (
+        f"1,000 individuals over 10 s of samples every 0.7 ms: {memory / 1024:.0f} MB more than"
+        " before, at the peak."
+    )
 
 
 def accuracy():
-    """What sub-steps and sweeps change, in pulses of the motor shaft, against 256 sub-steps and 30 sweeps."""
+    """What sub-steps and sweeps change, in pulses of the motor shaft, against 256 sub-steps and
+    30 sweeps.
+    """
     arm, rig, law, path = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
     exact = simulate(arm, rig, law, path, steps_per_sample=256, sweeps=30)
 
@@ -209,10 +272,15 @@ def accuracy():
         floor = np.sum((record.error_pulses - other.error_pulses) ** 2)
         return f"{rms[0]:.2f}, {rms[1]:.2f} | {np.abs(pulses).max():.2f} | {floor:,.0f}"
 
-    yield "| sub-steps | sweeps | true position error, RMS of joints 2, 3 [pulses] | largest [pulses] | objective (4) |"
+    yield (
+        "| sub-steps | sweeps | true position error, RMS of joints 2, 3 [pulses] | largest [pulses]"
+        " | objective (4) |"
+    )
     yield "|---|---|---|---|---|"
     for steps in (1, 2, 4, 8, 16, 32, 64):
-        yield f"| {steps} | 3 | {off(simulate(arm, rig, law, path, steps_per_sample=steps), exact)} |"
+        yield (
+            f"| {steps} | 3 | {off(simulate(arm, rig, law, path, steps_per_sample=steps), exact)} |"
+        )
     for sweeps in (1, 2, 5, 10):
         yield f"| 4 | {sweeps} | {off(simulate(arm, rig, law, path, sweeps=sweeps), exact)} |"
 
@@ -220,18 +288,27 @@ def accuracy():
 def more_joints(*, cpp):
     """The kernel of a six-joint arm beside pinocchio."""
     chain, bodies = six_joints.arm(np.random.default_rng(0))
-    first, step, instructions = six_joints.without_cache(lambda: six_joints.kernel_time(chain, bodies))
-    yield f"{instructions:,} instructions per sub-step; from the description of the arm to the first run {first:.1f} s."
+    first, step, instructions = six_joints.without_cache(
+        lambda: six_joints.kernel_time(chain, bodies)
+    )
+    yield (
+        f"{instructions:,} instructions per sub-step; from the description of the arm to the first"
+        f" run {first:.1f} s."
+    )
     yield "\n| engine | what | microseconds | times this engine |\n|---|---|---|---|"
     yield f"| this engine, 1 thread | a whole sub-step of the closed loop | {step * 1e6:.3f} | 1 |"
     for name, spent in six_joints.aba_times(chain, bodies, cpp=cpp).items():
-        yield f"| {name} | forward dynamics alone (`aba`) | {spent * 1e6:.3f} | {spent / step:.1f} |"
+        yield (
+            f"| {name} | forward dynamics alone (`aba`) | {spent * 1e6:.3f} | {spent / step:.1f} |"
+        )
 
 
 def main():
     """Measure, print, and replace the tables of the page if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/background/speed.md")
+    parser.add_argument(
+        "--write", action="store_true", help="put the tables into docs/background/speed.md"
+    )
     parser.add_argument("--quick", action="store_true", help="few rounds, no C++")
     parser.add_argument("--engines", type=int, metavar="ROUNDS", help=argparse.SUPPRESS)
     options = parser.parse_args()

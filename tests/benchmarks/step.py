@@ -1,9 +1,10 @@
-"""How long one step of a running controller takes, from Python and inside a loop that numba compiles.
+"""How long one step of a running controller takes, from Python and inside a loop that numba
+compiles.
 
     python tests/benchmarks/step.py
 
-Medians over single calls from Python (less what the clock itself takes), and over loops of a thousand in numba; all
-variants take turns, so that a noisy machine disturbs them alike.
+Medians over single calls from Python (less what the clock itself takes), and over loops of a
+thousand in numba; all variants take turns, so that a noisy machine disturbs them alike.
 """
 
 import statistics
@@ -73,14 +74,21 @@ def main():
                 core = law.start(rig, counts[0], **options).core
                 begun = time.perf_counter()
                 done = all_steps(core.step, core.memory, counts, *motion, torque)
-                spent.setdefault((name, guards, "numba"), []).append((time.perf_counter() - begun) / done * 1e6)
+                spent.setdefault((name, guards, "numba"), []).append(
+                    (time.perf_counter() - begun) / done * 1e6
+                )
             times = from_python(law.start(rig, counts[0]), rows["arrays"], clocked=True)
-            spent.setdefault((name, "on, with a clock", "Python, arrays"), []).extend(t - clock for t in times)
+            spent.setdefault((name, "on, with a clock", "Python, arrays"), []).extend(
+                t - clock for t in times
+            )
     print("| law | guards | called from | median [us] | 99 of 100 below [us] |")
     print("|---|---|---|---|---|")
     for (name, guards, where), times in spent.items():
         times = times[1:] if where == "numba" else times  # the first one compiles
-        print(f"| {name} | {guards} | {where} | {statistics.median(times):.2f} | {np.quantile(times, 0.99):.2f} |")
+        print(
+            f"| {name} | {guards} | {where} | {statistics.median(times):.2f} |"
+            f" {np.quantile(times, 0.99):.2f} |"
+        )
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
-"""What `tune` finds on stated gears: plants that leave out of 120 fresh ones, and chatter, beside what was asked.
+"""What `tune` finds on stated gears: plants that leave out of 120 fresh ones, and chatter, beside
+what was asked.
 
     python tests/benchmarks/tuning.py [--quick]
     python tests/benchmarks/tuning.py --time
 
-Literature arm with 1.5 kg, f drawn with 0.3 %, damping ratio 1 to 3 %, friction to 2 % (last row: 10 %), path (6).
-Each row takes 1 to 3 min on two free cores. `--quick` takes 15-40 and 150-300 Hz. `--time` takes rigid gears, friction
-to 2 %: the paper's arm along path (6) and in all everyday motions, a UR5e in one of them.
+Literature arm with 1.5 kg, f drawn with 0.3 %, damping ratio 1 to 3 %, friction to 2 % (last row:
+10 %), path (6). Each row takes 1 to 3 min on two free cores. `--quick` takes 15-40 and 150-300 Hz.
+`--time` takes rigid gears, friction to 2 %: the paper's arm along path (6) and in all everyday
+motions, a UR5e in one of them.
 """
 
 import sys
@@ -27,38 +29,60 @@ ASKED = (
 
 
 def main(quick):
-    print(f"{'Hz':>10} {'friction':>8} {'leave, of 120':>14} {'asked':>6} {'chatter [N m]':>14} {'asked':>6} "
-          f"{'observer 150 leaves':>20}  time, law")  # fmt: skip
+    print(
+        f"{'Hz':>10} {'friction':>8} {'leave, of 120':>14} {'asked':>6} {'chatter [N m]':>14}"
+        f" {'asked':>6} {'observer 150 leaves':>20}  time, law"
+    )
     for resonance, friction, share, chatter in ASKED[::3] if quick else ASKED:
         stated = Uncertainty(resonance=resonance, friction=friction, covariance=COVARIANCE)
         started = time.perf_counter()
         found = tune(ARM, RIG, PATH, stated, allowed=share, progress=False)
         seconds = time.perf_counter() - started
         fresh = certify(ARM, RIG, found.law, PATH, stated, samples=FRESH, seed=1234)
-        observer = certify(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=150), PATH, stated, samples=FRESH, seed=1234)
+        observer = certify(
+            ARM,
+            RIG,
+            ComputedTorque(ARM, RIG, bandwidth=150),
+            PATH,
+            stated,
+            samples=FRESH,
+            seed=1234,
+        )
         best = min(found.trials, key=lambda trial: trial.rank)
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in best.numbers.items())
         print(
-            f"{resonance!s:>10} {friction:8.0%} {fresh.failures:14} {share * FRESH:6.0f} "
-            f"{fresh.runs.chatter[:, 0].mean():14.1f} {chatter:6.0f} {observer.failures:20}  {seconds:.0f} s, "
-            f"{best.family}: {numbers}; certificate: {found.certificate.verdict}",
+            f"{resonance!s:>10} {friction:8.0%} {fresh.failures:14} {share * FRESH:6.0f}"
+            f" {fresh.runs.chatter[:, 0].mean():14.1f} {chatter:6.0f} {observer.failures:20} "
+            f" {seconds:.0f} s, {best.family}: {numbers}; certificate: {found.certificate.verdict}",
             flush=True,
         )
 
 
 def timed():
-    """How long each takes, what it found, and how many of 10,000 samples exceed the limit under it."""
+    """How long each takes, what it found, and how many of 10,000 samples exceed the limit under
+    it.
+    """
     robot = read_robot("ur5e")
     for name, arm, rig, motions, spread in (
         ("path (6)", ARM, RIG, PATH, 0.003),
         ("everyday motions", ARM, RIG, everyday_motions(ARM, RIG), 0.003),
-        ("UR5e, far and fast", robot.arm, robot.rig, everyday_motions(robot.arm, robot.rig)["far and fast"], 0.01),
+        (
+            "UR5e, far and fast",
+            robot.arm,
+            robot.rig,
+            everyday_motions(robot.arm, robot.rig)["far and fast"],
+            0.01,
+        ),
     ):
         stated = Uncertainty(friction=0.02, covariance=np.diag((spread * arm.f) ** 2))
         started = time.perf_counter()
         found = tune(arm, rig, motions, stated, progress=False)
         seconds = time.perf_counter() - started
-        print(f"{name}: {seconds:.0f} s, of 10,000 exceed {found.certificate.failures}\n{found.table}", flush=True)
+        print(
+            f"{name}: {seconds:.0f} s, of 10,000 exceed"
+            f" {found.certificate.failures}\n{found.table}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

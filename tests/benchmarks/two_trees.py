@@ -1,15 +1,18 @@
-"""Two checkouts of this project in one run: are their numbers the same bits, how are they built, how fast are they?
+"""Two checkouts of this project in one run: are their numbers the same bits, how are they built,
+how fast are they?
 
-    python tests/benchmarks/two_trees.py OLD NEW [--quick] [--only numbers,kernels,imports,structure,speed]
+    python tests/benchmarks/two_trees.py OLD NEW [--quick] [--only
+    numbers,kernels,imports,structure,speed]
 
-OLD and NEW are folders that hold plant/, identification/ and ctc/; they are copied before anything runs, and each copy
-has its own kernel cache. Exit status 1 if a number differs.
+OLD and NEW are folders that hold plant/, identification/ and ctc/; they are copied before anything
+runs, and each copy has its own kernel cache. Exit status 1 if a number differs.
 
-`kernels`: the generated text of the kernels of closed loops, whose equations are the same where the text is.
+`kernels`: the generated text of the kernels of closed loops, whose equations are the same where the
+text is.
 
-`structure`: an ``__init__.py`` is a face, no file; what is imported through one is followed to the file that holds it,
-late imports included. A line of code is a non-empty line of the syntax tree written out again, without what does not
-run: imports, ``__all__``, docstrings, annotations.
+`structure`: an ``__init__.py`` is a face, no file; what is imported through one is followed to the
+file that holds it, late imports included. A line of code is a non-empty line of the syntax tree
+written out again, without what does not run: imports, ``__all__``, docstrings, annotations.
 """
 
 import argparse
@@ -40,7 +43,14 @@ def table(rows):
     """Print rows of cells, the first one of each to the left."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for first, *others in rows:
-        print("  ".join([f"{first:<{widths[0]}}", *(f"{x:>{w}}" for x, w in zip(others, widths[1:], strict=True))]))
+        print(
+            "  ".join(
+                [
+                    f"{first:<{widths[0]}}",
+                    *(f"{x:>{w}}" for x, w in zip(others, widths[1:], strict=True)),
+                ]
+            )
+        )
 
 
 def environment(tree):
@@ -56,9 +66,11 @@ def child(tree, part, quick):
     return subprocess.Popen(command, cwd=tree, env=environment(tree), text=True, **pipes)  # noqa: S603
 
 
-# -- numbers ---------------------------------------------------------------------------------------------------------
+# -- numbers -------------------------------------------------------------------------------------
 def answers(quick):
-    """What must not change, (name, values), by the public names of the tree that this process imports."""
+    """What must not change, (name, values), by the public names of the tree that this process
+    imports.
+    """
     import plant
     from ctc import ComputedTorque, certify, compare, evaluate
     from identification import identify
@@ -67,27 +79,51 @@ def answers(quick):
     seeds, samples, duration = (3, 64, 0.5) if quick else (20, 400, None)
     robot, rig, law, path = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference()
     log, loaded = (simulate(arm, rig, law, path) for arm in (robot, puma560.literature_arm(1.5)))
-    yield "simulate: errors, torques", [log.error_pulses, log.torque, loaded.error_pulses, loaded.torque]
-    ways = {"paper": (log, {"method": "paper"}), "default, 1.5 kg": (loaded, {}), "default": (log, {})}
+    yield (
+        "simulate: errors, torques",
+        [log.error_pulses, log.torque, loaded.error_pulses, loaded.torque],
+    )
+    ways = {
+        "paper": (log, {"method": "paper"}),
+        "default, 1.5 kg": (loaded, {}),
+        "default": (log, {}),
+    }
     for name, (record, options) in ways.items():
-        runs = [identify(puma560.dynamics(), record, seed=s, progress=False, **options) for s in range(seeds)]
+        runs = [
+            identify(puma560.dynamics(), record, seed=s, progress=False, **options)
+            for s in range(seeds)
+        ]
         yield f"identify, {name}, {seeds} seeds: f", [run.f for run in runs]
         yield f"identify, {name}, {seeds} seeds: objective", [run.objective for run in runs]
     yield f"identify, {name}, {seeds} seeds: covariance", [run.covariance for run in runs]
     found = runs[1]
 
-    design, given = ComputedTorque(found.arm, found.rig), {"rig": rig, "reference": path, "duration": duration}
+    design, given = (
+        ComputedTorque(found.arm, found.rig),
+        {"rig": rig, "reference": path, "duration": duration},
+    )
     for backend in ("casadi", "numba"):
         report = evaluate(arm=robot, law=design, backend=backend, **given)
-        yield f"evaluate, {backend}: errors, torques", [report.record.error_pulses, report.record.torque]
+        yield (
+            f"evaluate, {backend}: errors, torques",
+            [report.record.error_pulses, report.record.torque],
+        )
         yield f"evaluate, {backend}: max_true_error_pulses", [report.max_true_error_pulses]
-    both = compare(arm=robot, laws={"P": law, "computed torque": design}, **given).evaluations.values()
-    yield "compare, two laws: errors, torques", [x for e in both for x in (e.record.error_pulses, e.record.torque)]
+    both = compare(
+        arm=robot, laws={"P": law, "computed torque": design}, **given
+    ).evaluations.values()
+    yield (
+        "compare, two laws: errors, torques",
+        [x for e in both for x in (e.record.error_pulses, e.record.torque)],
+    )
     certificate = certify(found=found, law=design, samples=samples, **given)
     runs, drawn = certificate.runs, certificate.plants
     yield f"certify, {samples} plants: drawn", [drawn.f, drawn.values]
     yield f"certify, {samples} plants: peaks, currents", [runs.peak, runs.unrounded, runs.current]
-    yield f"certify, {samples} plants: outside", [runs.outside, certificate.probability, certificate.interval]
+    yield (
+        f"certify, {samples} plants: outside",
+        [runs.outside, certificate.probability, certificate.interval],
+    )
 
     if hasattr(plant, "write_replay"):
         write_replay = plant.write_replay
@@ -104,7 +140,10 @@ def answers(quick):
     )  # fmt: skip
     law = p_gains(whole.arm(whole.f()), rig, path, 12.0)
     log = simulate(whole.arm(whole.f()), rig, law, path, duration=duration)
-    yield "p_gains, simulate, six joints", [law.gain, log.error_pulses, log.torque, log.true_q, log.true_qd]
+    yield (
+        "p_gains, simulate, six joints",
+        [law.gain, log.error_pulses, log.torque, log.true_q, log.true_qd],
+    )
 
 
 def whole_puma560():
@@ -126,11 +165,15 @@ def exported(law, rig, write, name):
         law.to_c(folder, rig)
         write(Path(folder, "record.csv"))
         if not (compiler := shutil.which("cc")):
-            return f"exported C, {name}: text (no cc here)", Path(folder, "controller.c").read_text("ascii")
+            return f"exported C, {name}: text (no cc here)", Path(folder, "controller.c").read_text(
+                "ascii"
+            )
         command = [compiler, "-std=c99", "-O2", "-o", "replay", "main.c", "controller.c", "-lm"]
         subprocess.run(command, cwd=folder, check=True)  # noqa: S603
         said = subprocess.check_output([f"{folder}/replay", "record.csv"], cwd=folder, text=True)  # noqa: S603
-        return f"exported C, {name}: torques of its replay", [float(x) for x in said.replace(",", " ").split()]
+        return f"exported C, {name}: torques of its replay", [
+            float(x) for x in said.replace(",", " ").split()
+        ]
 
 
 def sources(_):
@@ -147,16 +190,22 @@ def sources(_):
     phase = Encoder(resolution=rig.encoder.resolution, phase=Phase(shift=(0.1, 0.2)))
     rigs = {
         "rigid": rig,
-        "rigid, late and shifted": replace(rig, encoder=phase, transport=Transport(delay=2e-4, lost=(3,))),
+        "rigid, late and shifted": replace(
+            rig, encoder=phase, transport=Transport(delay=2e-4, lost=(3,))
+        ),
         "elastic": replace(rig, drive=replace(rig.drive, elasticity=elastic)),
-        "elastic, lagging": replace(rig, drive=replace(rig.drive, elasticity=elastic, current_lag=1e-4)),
+        "elastic, lagging": replace(
+            rig, drive=replace(rig.drive, elasticity=elastic, current_lag=1e-4)
+        ),
     }
     laws = {"P": puma560.p_law(), "computed torque": ComputedTorque(arm, rig)}
     for name, each in rigs.items():
         for called, law in laws.items():
             for smooth in (False, True):
                 if each.transport is None or law.period is not None:
-                    loop = loop_of(dynamics=arm.dynamics, rig=each, law=law, steps_per_sample=4, smooth=smooth)
+                    loop = loop_of(
+                        dynamics=arm.dynamics, rig=each, law=law, steps_per_sample=4, smooth=smooth
+                    )
                     numbers = range(len(loop.number_names))
                     text, _ = text_of(loop, numbers[:9], numbers[9:], False, "population", 8)
                     yield f"{name}, {called}{', smooth' * smooth}: text", text
@@ -182,23 +231,37 @@ def numbers(trees, quick, part="numbers"):
     """Compare the answers; whether any differs, or is missing."""
     running = {name: child(tree, part, quick) for name, tree in trees.items()}
     answered = {name: json.loads(run.communicate()[0] or "{}") for name, run in running.items()}
-    rows, said = [("", "numbers", "")], [f"{name} tree: failed" for name, run in running.items() if run.returncode]
+    rows, said = (
+        [("", "numbers", "")],
+        [f"{name} tree: failed" for name, run in running.items() if run.returncode],
+    )
     for what in answered["old"] | answered["new"]:
         old, new = (answered[name].get(what) for name in trees)
         if old is None or new is None:
             rows.append((what, f"{len(old or new):,}", f"only in {'old' if old else 'new'}"))
             continue
-        wrong = [i for i, pair in enumerate(zip_longest(old, new, fillvalue="missing")) if pair[0] != pair[1]]
-        rows.append((what, f"{max(len(old), len(new)):,}", f"{len(wrong):,} differ" if wrong else "equal"))
+        wrong = [
+            i
+            for i, pair in enumerate(zip_longest(old, new, fillvalue="missing"))
+            if pair[0] != pair[1]
+        ]
+        rows.append(
+            (what, f"{max(len(old), len(new)):,}", f"{len(wrong):,} differ" if wrong else "equal")
+        )
         for i in wrong[:1]:
-            pair = [f"{float.fromhex(x):.17g} ({x})" if "0x" in x else x for x in (*old[i : i + 1], *new[i : i + 1])]
+            pair = [
+                f"{float.fromhex(x):.17g} ({x})" if "0x" in x else x
+                for x in (*old[i : i + 1], *new[i : i + 1])
+            ]
             said.append(f"{what}: first at {i}, {' -> '.join(pair)}")
     table(rows)
     print(*said, sep="\n", end="\n" if said else "")
-    return any(verdict != "equal" for *_, verdict in rows[1:]) or any(run.returncode for run in running.values())
+    return any(verdict != "equal" for *_, verdict in rows[1:]) or any(
+        run.returncode for run in running.values()
+    )
 
 
-# -- imports ---------------------------------------------------------------------------------------------------------
+# -- imports -------------------------------------------------------------------------------------
 def imports(trees, quick):
     """Processes that only import, old and new in turns; the first of each warms the bytecode."""
     codes = {"bare interpreter": "pass"} | {f"import {name}": f"import {name}" for name in PACKAGES}
@@ -218,7 +281,7 @@ def imports(trees, quick):
     print(f"{len(old)} whole processes each, in turns")
 
 
-# -- structure -------------------------------------------------------------------------------------------------------
+# -- structure -----------------------------------------------------------------------------------
 class Running(ast.NodeTransformer):
     """Leaves what runs."""
 
@@ -226,7 +289,10 @@ class Running(ast.NodeTransformer):
         match node:
             case ast.Import() | ast.ImportFrom() | ast.Expr(value=ast.Constant(value=str())):
                 return None
-            case ast.Assign(targets=[ast.Name(id="__all__")]) | ast.If(test=ast.Name(id="TYPE_CHECKING")):
+            case (
+                ast.Assign(targets=[ast.Name(id="__all__")])
+                | ast.If(test=ast.Name(id="TYPE_CHECKING"))
+            ):
                 return None
             case ast.FunctionDef(decorator_list=[ast.Name(id="overload"), *_]):
                 return None
@@ -235,10 +301,17 @@ class Running(ast.NodeTransformer):
             case ast.arg():
                 node.annotation = None
             case ast.AnnAssign():
-                return ast.copy_location(ast.Assign([node.target], node.value), node) if node.value else None
+                return (
+                    ast.copy_location(ast.Assign([node.target], node.value), node)
+                    if node.value
+                    else None
+                )
             case ast.ClassDef():
-                bare = [isinstance(x, ast.AnnAssign) and not x.value for x in node.body]  # a field stays, as its name
-                node.body = [ast.Expr(x.target) if b else x for x, b in zip(node.body, bare, strict=True)]
+                # a field stays, as its name
+                bare = [isinstance(x, ast.AnnAssign) and not x.value for x in node.body]
+                node.body = [
+                    ast.Expr(x.target) if b else x for x, b in zip(node.body, bare, strict=True)
+                ]
         return self.generic_visit(node)
 
 
@@ -248,9 +321,13 @@ def imported(node, late=False):
         if isinstance(each, ast.Import):
             yield from ((alias.name, None, None, late) for alias in each.names)
         elif isinstance(each, ast.ImportFrom):
-            yield from ((each.module, alias.name, alias.asname or alias.name, late) for alias in each.names)
+            yield from (
+                (each.module, alias.name, alias.asname or alias.name, late) for alias in each.names
+            )
         elif not (isinstance(each, ast.If) and ast.unparse(each.test) == "TYPE_CHECKING"):
-            yield from imported(each, late or isinstance(each, (ast.FunctionDef, ast.AsyncFunctionDef)))
+            yield from imported(
+                each, late or isinstance(each, (ast.FunctionDef, ast.AsyncFunctionDef))
+            )
 
 
 def circles(graph):
@@ -271,14 +348,20 @@ def depth(graph, circle):
 
     @functools.cache
     def floors(each):
-        return circle(each) + max((floors(group[b]) for a in each for b in graph[a] if group[b] != each), default=0)
+        return circle(each) + max(
+            (floors(group[b]) for a in each for b in graph[a] if group[b] != each), default=0
+        )
 
     return max(map(floors, group.values()))
 
 
 def levels(tree):
-    """Room -> (package, level, counted from above), of the layers that import-linter is told of inside packages."""
-    told = tomllib.loads((tree / "pyproject.toml").read_text("utf-8"))["tool"].get("importlinter", {})
+    """Room -> (package, level, counted from above), of the layers that import-linter is told of
+    inside packages.
+    """
+    told = tomllib.loads((tree / "pyproject.toml").read_text("utf-8"))["tool"].get(
+        "importlinter", {}
+    )
     return {
         f"{package}.{name.strip('() ')}": (package, level)
         for contract in told.get("contracts", ())
@@ -290,24 +373,43 @@ def levels(tree):
 
 def anatomy(tree):
     """Counts of one tree, and lists of what they count."""
-    texts = {p.relative_to(tree): p.read_text("utf-8") for name in PACKAGES for p in (tree / name).rglob("*.py")}
+    texts = {
+        p.relative_to(tree): p.read_text("utf-8")
+        for name in PACKAGES
+        for p in (tree / name).rglob("*.py")
+    }
     parsed = {".".join(path.with_suffix("").parts): ast.parse(text) for path, text in texts.items()}
-    names = [x for p in PACKAGES for x in parsed[f"{p}.__init__"].body if ast.unparse(x).startswith("__all__ =")]
+    names = [
+        x
+        for p in PACKAGES
+        for x in parsed[f"{p}.__init__"].body
+        if ast.unparse(x).startswith("__all__ =")
+    ]
     found = {name: list(imported(x)) for name, x in parsed.items()}
     files, level = [name for name in parsed if not name.endswith(".__init__")], levels(tree)
 
     def home(module, name):
         """File that holds what `from module import name` gives."""
-        shown = {here: (source, what) for source, what, here, _ in found.get(f"{module}.__init__", ()) if what}
+        shown = {
+            here: (source, what)
+            for source, what, here, _ in found.get(f"{module}.__init__", ())
+            if what
+        }
         written = [file for file in (f"{module}.{name}", module) if file in files]
         return written[0] if written else home(*shown[name]) if name in shown else None
 
     graph = {a: {home(*each[:2]) for each in found[a]} - {None, a} for a in files}
-    room = {a: next((x for x in level if f"{a}.".startswith(f"{x}.")), a.rpartition(".")[0]) for a in files}
+    room = {
+        a: next((x for x in level if f"{a}.".startswith(f"{x}.")), a.rpartition(".")[0])
+        for a in files
+    }
     arrows = [(room[a], room[b]) for a in graph for b in graph[a] if room[a] != room[b]]
     ranked = [(level[x], level[y]) for x, y in arrows if x in level and y in level]
     rooms = {x: {b for a, b in arrows if a == x} for x in room.values()}
-    sizes = [sorted((len(x) for x in circles(each) if len(x) > 1), reverse=True) for each in (graph, rooms)]
+    sizes = [
+        sorted((len(x) for x in circles(each) if len(x) > 1), reverse=True)
+        for each in (graph, rooms)
+    ]
     folders = Counter(a.rpartition(".")[0].replace(".", "/") for a in files)
     late = [module for a in found for module, *_, is_late in found[a] if is_late]
     late = Counter(x.split(".")[0] if x.startswith(PACKAGES) else x for x in late)
@@ -321,7 +423,9 @@ def anatomy(tree):
         "longest chain of imports, a circle as all its files": depth(graph, len),
         "circles between files: their sizes": " + ".join(map(str, sizes[0])) or "none",
         "circles between rooms: their sizes": " + ".join(map(str, sizes[1])) or "none",
-        "arrows upward between rooms": sum(x == y and j <= i for (x, i), (y, j) in ranked) if level else "n/a",
+        "arrows upward between rooms": (
+            sum(x == y and j <= i for (x, i), (y, j) in ranked) if level else "n/a"
+        ),
         "late imports": late.total(),
         "public names": sum(isinstance(x, ast.Constant) for each in names for x in ast.walk(each)),
         "lines of the longest file": length,
@@ -343,7 +447,7 @@ def structure(trees, _):
             print(textwrap.fill(f"{name}, {what}: {counted}", 120, subsequent_indent="    "))
 
 
-# -- speed -----------------------------------------------------------------------------------------------------------
+# -- speed ---------------------------------------------------------------------------------------
 def clock(_):
     """Read which of two things to do, line by line; print how long it takes per simulation [ms]."""
     import numpy as np
@@ -355,7 +459,10 @@ def clock(_):
     record = simulate(arm, puma560.rig(), puma560.p_law(), puma560.reference())
     population = arm.f * (1 + 0.05 * np.random.default_rng(0).normal(size=(3200, 9)))
     one, two = (Objective(puma560.dynamics(), record, threads=threads) for threads in (1, 2))
-    calls = {"one": lambda: [one(population[:80]) for _ in range(10)], "two": lambda: two(population)}
+    calls = {
+        "one": lambda: [one(population[:80]) for _ in range(10)],
+        "two": lambda: two(population),
+    }
     for call in calls.values():
         call()
     print("ready", flush=True)
@@ -372,8 +479,13 @@ def speed(trees, quick):
     for run in running.values():
         run.stdout.readline()
     pairs = 5 if quick else 25
-    rows = [("ms per simulation", "old, median", "new, median", "new / old", "middle half", "range")]
-    for what, task in {"80 candidates, one thread": "one", "3,200 candidates, two threads": "two"}.items():
+    rows = [
+        ("ms per simulation", "old, median", "new, median", "new / old", "middle half", "range")
+    ]
+    for what, task in {
+        "80 candidates, one thread": "one",
+        "3,200 candidates, two threads": "two",
+    }.items():
         spent = {name: [] for name in trees}
         for i in range(pairs):
             for name in list(trees)[:: 1 if i % 2 else -1]:
@@ -382,7 +494,11 @@ def speed(trees, quick):
         old, new = map(statistics.median, spent.values())
         ratios = [b / a for a, b in zip(*spent.values(), strict=True)]
         low, middle, high = statistics.quantiles(ratios, n=4, method="inclusive")
-        texts = f"{middle:.3f}", f"{low:.3f} to {high:.3f}", f"{min(ratios):.3f} to {max(ratios):.3f}"
+        texts = (
+            f"{middle:.3f}",
+            f"{low:.3f} to {high:.3f}",
+            f"{min(ratios):.3f} to {max(ratios):.3f}",
+        )
         rows.append((what, f"{old:.4f}", f"{new:.4f}", *texts))
     for run in running.values():
         run.communicate()
@@ -395,7 +511,13 @@ def kernels(trees, quick):
     return numbers(trees, quick, "kernels")
 
 
-PARTS = {"numbers": numbers, "kernels": kernels, "imports": imports, "structure": structure, "speed": speed}
+PARTS = {
+    "numbers": numbers,
+    "kernels": kernels,
+    "imports": imports,
+    "structure": structure,
+    "speed": speed,
+}
 
 
 def main():
@@ -408,16 +530,23 @@ def main():
     options = parser.parse_args()
     chosen, different = options.only.split(","), False
     if not set(chosen) <= set(PARTS):
-        parser.error(f"--only must be some of {','.join(PARTS)}; got {options.only}. Leave it out for all.")
+        parser.error(
+            f"--only must be some of {','.join(PARTS)}; got {options.only}. Leave it out for all."
+        )
     with tempfile.TemporaryDirectory() as folder:
         trees = {name: Path(folder, name).resolve() for name in ("old", "new")}
         for name, tree in trees.items():
             origin = getattr(options, name)
             for package in PACKAGES:
-                shutil.copytree(origin / package, tree / package, ignore=shutil.ignore_patterns("__pycache__"))
+                shutil.copytree(
+                    origin / package, tree / package, ignore=shutil.ignore_patterns("__pycache__")
+                )
             shutil.copy(origin / "pyproject.toml", tree)
             command = ["git", "-C", str(origin), "describe", "--always", "--dirty"]
-            commit = shutil.which("git") and subprocess.run(command, capture_output=True, text=True, check=False).stdout  # noqa: S603
+            commit = (
+                shutil.which("git")
+                and subprocess.run(command, capture_output=True, text=True, check=False).stdout  # noqa: S603
+            )
             print(f"{name}: {(commit or str(origin)).strip()}")
         print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores")
         for part in chosen:
@@ -429,7 +558,10 @@ def main():
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
         if not Path(import_module("plant").__file__).resolve().is_relative_to(Path.cwd()):
-            sys.exit(f"plant must be that of {Path.cwd()}; another one comes first on the path. Uninstall it.")
+            sys.exit(
+                f"plant must be that of {Path.cwd()}; another one comes first on the path."
+                " Uninstall it."
+            )
         tasks = {"numbers": answer, "kernels": lambda quick: answer(quick, sources), "speed": clock}
         tasks[sys.argv[2]](sys.argv[3] == "quick")
     else:

@@ -1,10 +1,12 @@
-"""A whole PUMA 560, forty parameters, one log of 4 s: what identification and certificate take, also in another tree.
+"""A whole PUMA 560, forty parameters, one log of 4 s: what identification and certificate take,
+also in another tree.
 
     python tests/benchmarks/whole_arm.py [--rounds 3] [--old FOLDER]
 
-Each identification runs in a process of its own: with an empty cache of kernels, with a filled one, and once more in
-the same process. With --old the same runs in another checkout, in turns. The arm with seven joints has one more in the
-wrist. Errors are in standard deviations of the noise alone, rms over all parameters.
+Each identification runs in a process of its own: with an empty cache of kernels, with a filled one,
+and once more in the same process. With --old the same runs in another checkout, in turns. The arm
+with seven joints has one more in the wrist. Errors are in standard deviations of the noise alone,
+rms over all parameters.
 """
 
 import argparse
@@ -25,7 +27,18 @@ PLANTS = 1200
 
 def experiment(n):
     """The arm, its rig, a path on which all of it shows, and a log under P control."""
-    from plant import Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, read_robot, simulate
+    from plant import (
+        Chain,
+        Drive,
+        Dynamics,
+        Encoder,
+        Harmonics,
+        Link,
+        Rig,
+        p_gains,
+        read_robot,
+        simulate,
+    )
 
     robot = read_robot("puma560")
     chain, rig = robot.dynamics.chain, robot.rig
@@ -36,7 +49,9 @@ def experiment(n):
         pick = [0, 1, 2, 3, 4, 4, 5]
         names = ("gear", "motor_inertia", "viscous", "coulomb", "motor_gain", "current_limit")
         drive = Drive(**{name: getattr(rig.drive, name)[pick] for name in names})
-        rig = Rig(drive=drive, encoder=Encoder(resolution=rig.encoder.resolution[pick]), period=rig.period)
+        rig = Rig(
+            drive=drive, encoder=Encoder(resolution=rig.encoder.resolution[pick]), period=rig.period
+        )
     dynamics = Dynamics.from_chain(chain)
     cosine, sine = np.random.default_rng(1).uniform(-0.4, 0.4, (2, n, 4)) / np.arange(1, 5)
     path = Harmonics(period=4.0, offset=(0, -0.5, 0.5, 0, 0.3, 0, 0)[:n], cosine=cosine, sine=sine)
@@ -45,7 +60,9 @@ def experiment(n):
 
 
 def one(n):
-    """Seconds of a first and of a second identification, error, seconds of a certificate of 10,000 loops."""
+    """Seconds of a first and of a second identification, error, seconds of a certificate of
+    10,000 loops.
+    """
     from ctc import ComputedTorque, Uncertainty, certify
     from identification import identify
 
@@ -68,7 +85,10 @@ def child(tree, n, cache):
     """The numbers of `one` in a checkout."""
     environment = {**os.environ, "PYTHONPATH": str(tree), "ONEPULSE_CACHE": cache}
     command = [sys.executable, __file__, "--one", str(n)]
-    answer = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment, cwd=tree)  # noqa: S603 - this file
+    # this file
+    answer = subprocess.run(  # noqa: S603
+        command, stdout=subprocess.PIPE, text=True, check=True, env=environment, cwd=tree
+    )
     return [float(each) for each in answer.stdout.split()[-5:]]
 
 
@@ -84,7 +104,8 @@ def main():
         return
     trees = {"this": ROOT} | ({"old": options.old.resolve()} if options.old else {})
     print(
-        "| tree | joints | samples | identify, no kernels [s] | kernels [s] | again [s] | error | certify 10,000 [s] |"
+        "| tree | joints | samples | identify, no kernels [s] | kernels [s] | again [s] | error |"
+        " certify 10,000 [s] |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for n in (6, 7):
@@ -99,8 +120,8 @@ def main():
             filled = [statistics.median(column) for column in zip(*both["filled"], strict=True)]
             samples, first, again, error, certified = filled
             print(
-                f"| {name} | {n} | {samples:.0f} | {empty:.1f} | {first:.1f} | {again:.1f} | {error:.2f} | "
-                f"{certified:.1f} |",
+                f"| {name} | {n} | {samples:.0f} | {empty:.1f} | {first:.1f} | {again:.1f} |"
+                f" {error:.2f} | {certified:.1f} |",
                 flush=True,
             )
 

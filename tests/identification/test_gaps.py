@@ -1,4 +1,6 @@
-"""Logs with cells that are empty and rows that are missing: no cause for another f, nor for a refusal."""
+"""Logs with cells that are empty and rows that are missing: no cause for another f, nor for a
+refusal.
+"""
 
 import dataclasses
 
@@ -48,13 +50,16 @@ def without(rows, *names):
         pytest.param(without(slice(100, 150), "q1", "q2"), marks=pytest.mark.slow),
         without(slice(3000, 3050), "q1", "q2", "asked1", "asked2"),
         pytest.param(
-            {name: np.delete(value, slice(1000, 1080)) for name, value in table().items()}, marks=pytest.mark.slow
+            {name: np.delete(value, slice(1000, 1080)) for name, value in table().items()},
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["a position", "a reference", "50 positions", "50 of all", "80 rows"],
 )
 def test_what_is_missing_moves_nothing(whole, columns):
-    """Within half a standard deviation of the whole log, whose reference is still known between its counts."""
+    """Within half a standard deviation of the whole log, whose reference is still known between
+    its counts.
+    """
     assert read(columns).reference is not None
     found = found_in(columns)
     assert (np.abs(found.f - whole.f) < 0.5 * whole.fit.std).all()
@@ -63,7 +68,11 @@ def test_what_is_missing_moves_nothing(whole, columns):
 
 def test_a_period_that_is_no_arms_is_named():
     columns, slow = table(), dataclasses.replace(RIG, period=1.0)
-    with pytest.raises(ValueError, match=r"sampled every 1 s it does not. State rig\.period in seconds"):
+    with pytest.raises(
+        ValueError, match=r"sampled every 1 s it does not. State rig\.period in seconds"
+    ):
         identify(ARM.dynamics, read({**columns, "t": columns["t"] / 7e-4}, slow), progress=False)
-    with pytest.raises(ValueError, match=r"rig\.period must be in seconds, such as 0\.001; it is 1 s"):
+    with pytest.raises(
+        ValueError, match=r"rig\.period must be in seconds, such as 0\.001; it is 1 s"
+    ):
         read(columns, slow)

@@ -8,7 +8,17 @@ import pytest
 
 from identification import Objective, RecordError, identify
 from identification.equation_error.naming import each_named
-from plant import Chain, Dynamics, Link, LoggedTorque, PointToPoint, Record, puma560, read_robot, simulate
+from plant import (
+    Chain,
+    Dynamics,
+    Link,
+    LoggedTorque,
+    PointToPoint,
+    Record,
+    puma560,
+    read_robot,
+    simulate,
+)
 
 RIG, DYNAMICS = puma560.rig(), puma560.dynamics()
 COLUMNS = {"t": "time", "counts": ("c_shoulder", "c_elbow"), "torque": ("u_shoulder", "u_elbow")}
@@ -29,24 +39,35 @@ def stuck(record):
 
 
 def test_a_run_in_which_the_elbow_sticks_is_named(record):
-    """Its place, its file, the joint and the column; not where it is the only record, which has no other name."""
-    said = r"^records\[1\] \(run_01.csv\): every motor must move by at least 20 pulses; that of .*, column 'c_elbow' "
+    """Its place, its file, the joint and the column; not where it is the only record, which has
+    no other name.
+    """
+    said = (
+        r"^records\[1\] \(run_01.csv\): every motor must move by at least 20 pulses; that of .*,"
+        r" column 'c_elbow' "
+    )
     with pytest.raises(ValueError, match=said + r"\(counts\), moves by 0\. "):
         identify(DYNAMICS, [record, stuck(record), record], progress=False)
     with pytest.raises(ValueError, match=r"^the record \(run_01.csv\): every motor must move"):
         identify(DYNAMICS, stuck(record), progress=False)
     nameless = dataclasses.replace(stuck(record), name="", columns=None)
-    with pytest.raises(ValueError, match=r"^every motor must move by at least 20 pulses; that of .* moves by 0\. "):
+    with pytest.raises(
+        ValueError, match=r"^every motor must move by at least 20 pulses; that of .* moves by 0\. "
+    ):
         identify(DYNAMICS, nameless, progress=False)
 
 
 def test_a_record_without_a_law_is_named_also_among_those_that_are_held_out(record):
     lawless = dataclasses.replace(record, law=None, name="run_02.csv")
     for records, held_out, place in (
-        ([record, lawless, record], None, r"records\[1\]"), ([record, record, lawless], None, r"records\[2\]"),
-        ([record], [record, lawless], r"held_out\[1\]"), ([record, record], lawless, r"held_out\[0\]"),
-    ):  # fmt: skip
-        with pytest.raises(ValueError, match=rf"^{place} \(run_02.csv\): the record must name the law"):
+        ([record, lawless, record], None, r"records\[1\]"),
+        ([record, record, lawless], None, r"records\[2\]"),
+        ([record], [record, lawless], r"held_out\[1\]"),
+        ([record, record], lawless, r"held_out\[0\]"),
+    ):
+        with pytest.raises(
+            ValueError, match=rf"^{place} \(run_02.csv\): the record must name the law"
+        ):
             identify(DYNAMICS, records, held_out=held_out, progress=False)
 
 
@@ -54,15 +75,22 @@ def test_a_record_of_another_arm_is_named(record):
     robot = read_robot("ur5e")
     other = simulate(robot.dynamics.arm(robot.dynamics.f()), robot.rig, robot.law, PointToPoint(
         start=np.zeros(6), goal=np.full(6, 0.1), duration=0.5), duration=0.5)  # fmt: skip
-    with pytest.raises(ValueError, match=r"^records\[1\]: rig must have 2 joints like the arm; got 6"):
+    with pytest.raises(
+        ValueError, match=r"^records\[1\]: rig must have 2 joints like the arm; got 6"
+    ):
         identify(DYNAMICS, [record, other], progress=False)
 
 
 def test_a_turned_column_is_named_where_no_arm_explains_the_torque(record):
-    """All torques of one run turned: the torque equation gives no arm, and the checkup says which columns."""
-    turned = dataclasses.replace(record, torque=-record.torque, law=LoggedTorque(), reference=None, name="run_03.csv")
+    """All torques of one run turned: the torque equation gives no arm, and the checkup says
+    which columns.
+    """
+    turned = dataclasses.replace(
+        record, torque=-record.torque, law=LoggedTorque(), reference=None, name="run_03.csv"
+    )
     said = (
-        r"it does in no band. .*\(run_03.csv\): drive sign of .*: Torque accelerates the counts backwards.*'u_shoulder'"
+        r"it does in no band. .*\(run_03.csv\): drive sign of .*: Torque accelerates the counts"
+        r" backwards.*'u_shoulder'"
     )
     with pytest.raises(ValueError, match=said):
         identify(DYNAMICS, turned, progress=False)
@@ -76,7 +104,8 @@ def test_only_the_innermost_record_is_named_and_the_refusal_can_be_sent(record):
     with pytest.raises(RecordError) as refusal, outer, inner:
         refuse()
     assert str(refusal.value) == "the record (run_01.csv): it must not."
-    assert str(pickle.loads(pickle.dumps(refusal.value))) == str(refusal.value)  # noqa: S301 - our own
+    # our own
+    assert str(pickle.loads(pickle.dumps(refusal.value))) == str(refusal.value)  # noqa: S301
 
 
 def test_names_and_columns_of_a_record_do_not_count_where_records_are_compared(record):
@@ -103,6 +132,9 @@ def test_short_names_of_f_are_names(record):
     dynamics = Dynamics.from_chain(chain)
     assert dynamics.short_names != dynamics.names
     unknown = (*dynamics.short_names[::-1], "drive.viscous[1]")
-    assert Objective(dynamics, record, unknown).unknown == (*dynamics.names[::-1], "drive.viscous[1]")
+    assert Objective(dynamics, record, unknown).unknown == (
+        *dynamics.names[::-1],
+        "drive.viscous[1]",
+    )
     with pytest.raises(ValueError, match=r"each number once; .* comes twice"):
         Objective(dynamics, record, (dynamics.short_names[0], *dynamics.names))

@@ -1,4 +1,6 @@
-"""Friction that a drive leaves open is identified with f; what identifying it would give a certificate."""
+"""Friction that a drive leaves open is identified with f; what identifying it would give a
+certificate.
+"""
 
 import dataclasses
 
@@ -35,7 +37,10 @@ def test_open_friction_is_what_unknown_friction_is(record):
 
 def test_what_is_stated_is_taken_as_stated(record):
     found = found_of(dataclasses.replace(record, rig=with_drive(record.rig, coulomb=None)))
-    assert [name for name in found.fit.unknown if "drive" in name] == ["drive.coulomb[0]", "drive.coulomb[1]"]
+    assert [name for name in found.fit.unknown if "drive" in name] == [
+        "drive.coulomb[0]",
+        "drive.coulomb[1]",
+    ]
     assert (found.rig.drive.viscous == record.rig.drive.viscous).all()
 
 
@@ -60,17 +65,28 @@ def test_an_open_drive_is_saved_and_restored(tmp_path):
 
 
 def test_certificate_says_what_identified_friction_would_give(record):
-    """Of friction that is stated to 50 %; the share is about that of a certificate with friction identified."""
+    """Of friction that is stated to 50 %; the share is about that of a certificate with friction
+    identified.
+    """
     found = identify(puma560.dynamics(), record, method="prediction_error", progress=False)
     known = found.diagnostics.detection.friction
-    better = identify(puma560.dynamics(), record, method="prediction_error", unknown="friction", progress=False)
+    better = identify(
+        puma560.dynamics(), record, method="prediction_error", unknown="friction", progress=False
+    )
     std = dict(zip(better.fit.unknown, np.sqrt(np.diag(better.fit.noise_covariance)), strict=True))
     for name, value in known.items():
         assert 0.5 < value / std[f"drive.{name}"] < 2
-    law, options = ComputedTorque(found, bandwidth=60), {"samples": 200, "duration": 1.0, "progress": False}
-    certificate = certify(found, found.rig, law, puma560.reference(), Uncertainty(friction=0.5), **options)
+    law, options = (
+        ComputedTorque(found, bandwidth=60),
+        {"samples": 200, "duration": 1.0, "progress": False},
+    )
+    certificate = certify(
+        found, found.rig, law, puma560.reference(), Uncertainty(friction=0.5), **options
+    )
     assert certificate.probability > 0.5
     assert certificate.friction_known < 0.3
     assert 'identify(..., unknown="friction")' in " ".join(str(certificate).split())
-    fine = certify(found, found.rig, law, puma560.reference(), Uncertainty(friction=0.02), **options)
+    fine = certify(
+        found, found.rig, law, puma560.reference(), Uncertainty(friction=0.02), **options
+    )
     assert "unknown=" not in str(fine)

@@ -1,4 +1,6 @@
-"""Joints that hardly move, or move in step, identified with a prior: f is whole, and right where the log tells it."""
+"""Joints that hardly move, or move in step, identified with a prior: f is whole, and right where
+the log tells it.
+"""
 
 import dataclasses
 import re
@@ -17,16 +19,29 @@ from tests.oracles.pinocchio_arm import pinocchio_model
 BODIES = (
     Body(mass=8.0, com=(0.05, 0.02, -0.1), inertia=(0.2, 0.01, 0.02, 0.25, -0.01, 0.1), rotor=1.5),
     Body(mass=6.0, com=(0.2, 0.01, 0.05), inertia=(0.03, 0.01, -0.005, 0.2, 0.004, 0.2), rotor=1.0),
-    Body(mass=2.0, com=(0.15, -0.03, 0.02), inertia=(0.01, 0.002, 0.001, 0.04, 0.001, 0.035), rotor=0.3),
+    Body(
+        mass=2.0,
+        com=(0.15, -0.03, 0.02),
+        inertia=(0.01, 0.002, 0.001, 0.04, 0.001, 0.035),
+        rotor=0.3,
+    ),
 )
 """The truth; the model file has other masses and centres, within its spread."""
 
 FILE = tuple(
-    dataclasses.replace(body, mass=body.mass * share, com=body.com * np.array(shift), inertia=body.inertia * share)
-    for body, share, shift in zip(BODIES, (1.1, 0.9, 0.85), ((1.1, 1, 0.9), (1.1, 1, 1), (0.9, 1.1, 1)), strict=True)
+    dataclasses.replace(
+        body, mass=body.mass * share, com=body.com * np.array(shift), inertia=body.inertia * share
+    )
+    for body, share, shift in zip(
+        BODIES, (1.1, 0.9, 0.85), ((1.1, 1, 0.9), (1.1, 1, 1), (0.9, 1.1, 1)), strict=True
+    )
 )
 
-LINKS = (Link(name="base"), Link(name="shoulder", alpha=-np.pi / 2, d=0.1), Link(name="elbow", a=0.4))
+LINKS = (
+    Link(name="base"),
+    Link(name="shoulder", alpha=-np.pi / 2, d=0.1),
+    Link(name="elbow", a=0.4),
+)
 
 GEAR = 100.0
 
@@ -36,14 +51,26 @@ def chain(bodies):
 
 
 def logged(amplitudes):
-    """The log of the true arm whose joints swing by these amplitudes [rad], and the torque of two speeds in step."""
-    every, truth = np.ones(3), Dynamics.from_chain(chain(BODIES)).arm(Dynamics.from_chain(chain(BODIES)).f())
+    """The log of the true arm whose joints swing by these amplitudes [rad], and the torque of
+    two speeds in step.
+    """
+    every, truth = (
+        np.ones(3),
+        Dynamics.from_chain(chain(BODIES)).arm(Dynamics.from_chain(chain(BODIES)).f()),
+    )
     drive = Drive(
-        gear=GEAR * every, motor_inertia=[body.rotor / GEAR**2 for body in BODIES], viscous=1e-3 * every,
-        coulomb=(0.02, 0.02, 0.12), motor_gain=every, current_limit=10 * every, joints=("base", "shoulder", "elbow"),
-    )  # fmt: skip
+        gear=GEAR * every,
+        motor_inertia=[body.rotor / GEAR**2 for body in BODIES],
+        viscous=1e-3 * every,
+        coulomb=(0.02, 0.02, 0.12),
+        motor_gain=every,
+        current_limit=10 * every,
+        joints=("base", "shoulder", "elbow"),
+    )
     rig = Rig(drive=drive, encoder=Encoder(resolution=4096 * every), period=1e-3)
-    waves = np.array([[[0.5, 0.3, -0.2], [0.3, -0.5, 0.2], [0.2, 0.3, 0.5]]] * 2) * np.array([[[1.0]], [[-0.6]]])
+    waves = np.array([[[0.5, 0.3, -0.2], [0.3, -0.5, 0.2], [0.2, 0.3, 0.5]]] * 2) * np.array(
+        [[[1.0]], [[-0.6]]]
+    )
     waves = np.einsum("kij,il->klj", waves, np.asarray(amplitudes))
     path = Harmonics(period=4.0, offset=np.array([0.2, -0.8, 0.6]), cosine=waves[0], sine=waves[1])
     law = p_gains(truth, rig, path, peak=30 * every)
@@ -66,16 +93,25 @@ def still():
 
 
 def torque_off(arm, joints):
-    """Error of torques (n,) on another path of these joints, against pinocchio with the true bodies; relative, rms."""
+    """Error of torques (n,) on another path of these joints, against pinocchio with the true
+    bodies; relative, rms.
+    """
     model = pinocchio_model(chain(BODIES), BODIES)
     data, t = model.createData(), np.linspace(0, 6, 100)
     q, qd, qdd = (np.zeros((100, 3)) for _ in range(3))
     q[:, 2] = 0.6
     for i in joints:
         rate = 1.0 + 0.7 * i
-        q[:, i], qd[:, i], qdd[:, i] = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
+        q[:, i], qd[:, i], qdd[:, i] = (
+            np.sin(rate * t),
+            rate * np.cos(rate * t),
+            -(rate**2) * np.sin(rate * t),
+        )
     rotors = np.array([body.rotor for body in BODIES])
-    true = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)]) + rotors * qdd
+    true = (
+        np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+        + rotors * qdd
+    )
     ours = np.array([arm.inverse(*state) for state in zip(q, qd, qdd, strict=True)])
     return np.sqrt(np.mean((ours - true) ** 2, axis=0) / np.mean(true**2, axis=0))
 
@@ -122,7 +158,9 @@ def test_what_came_from_where(still):
     text = " ".join(text.split())
     assert f"{len(those.shares) - count} come from the log, {count} from the prior" in text
     assert "the log does not excite all: joint elbow (q[2]) moves by" in text
-    assert f"least told first, 3 of {count} (f in its standard deviations)" in str(list(origins(found, full=False))[-1])
+    assert f"least told first, 3 of {count} (f in its standard deviations)" in str(
+        list(origins(found, full=False))[-1]
+    )
     assert "Cramér-Rao bound" not in found.summary(full=True)  # it would be of the log alone
     left = found.fit.std / np.sqrt(np.diag(found.fit.prior.covariance))
     (rotor,) = [i for i, name in enumerate(found.arm.dynamics.names) if name == "J_elbow"]
@@ -139,9 +177,15 @@ def test_certify_draws_both(still):
     found, _ = still
     law = ComputedTorque(found.arm, found.rig, bandwidth=60)
     certificate = certify(
-        found, found.rig, law, found.records[0].reference, Uncertainty(friction=0.0), samples=64, duration=0.2,
+        found,
+        found.rig,
+        law,
+        found.records[0].reference,
+        Uncertainty(friction=0.0),
+        samples=64,
+        duration=0.2,
         progress=False,
-    )  # fmt: skip
+    )
     drawn = certificate.plants.f.std(axis=0)
     assert drawn == pytest.approx(found.fit.std, rel=0.5)
 
@@ -163,16 +207,24 @@ def test_joints_in_step():
 
 def test_a_contradicted_prior_is_said():
     """Bodies of half the mass with a spread of 5 %."""
-    half = tuple(dataclasses.replace(body, mass=body.mass / 2, inertia=body.inertia / 2) for body in BODIES)
-    found, _ = found_of(logged(np.diag([0.8, 0.6, 0.7])), prior=(half, 0.05), method="equation_error")
+    half = tuple(
+        dataclasses.replace(body, mass=body.mass / 2, inertia=body.inertia / 2) for body in BODIES
+    )
+    found, _ = found_of(
+        logged(np.diag([0.8, 0.6, 0.7])), prior=(half, 0.05), method="equation_error"
+    )
     (line,) = [line for line in found.warnings if "contradicts the prior" in line]
     assert "\n" not in line
 
 
 def test_a_prior_that_holds_the_log_down_is_said_first():
     """So narrow that nothing comes from the log: what is left over looks like the rig's."""
-    half = tuple(dataclasses.replace(body, mass=body.mass / 2, inertia=body.inertia / 2) for body in BODIES)
-    found, _ = found_of(logged(np.diag([0.8, 0.6, 0.7])), prior=(half, 0.001), method="equation_error")
+    half = tuple(
+        dataclasses.replace(body, mass=body.mass / 2, inertia=body.inertia / 2) for body in BODIES
+    )
+    found, _ = found_of(
+        logged(np.diag([0.8, 0.6, 0.7])), prior=(half, 0.001), method="equation_error"
+    )
     assert found.warnings[0].startswith("the log contradicts the prior: ")
 
 
@@ -190,7 +242,9 @@ def test_by_default_the_model_s_bodies_fill_in_for_a_joint_that_stands_still(sti
 
 @pytest.mark.parametrize("amplitudes", [(0.004, 0.004, 0.004), (0.0, 0.6, 0.6)])
 def test_where_no_arm_follows_from_the_log_alone_the_model_s_bodies_help(amplitudes):
-    """All joints move by some tenths of a degree, or one hunts about where it is held, which is said at once."""
+    """All joints move by some tenths of a degree, or one hunts about where it is held, which is
+    said at once.
+    """
     found, said = found_of(logged(np.diag(amplitudes)))
     why = (
         "no arm follows from the log alone. From the prior"
@@ -208,8 +262,8 @@ def test_what_moves_in_step_is_named_by_check_and_identify_and_fitted_from_the_l
     record = logged(follows)
     found, said = found_of(record)
     assert said == [
-        "identify: the log does not excite all: joint shoulder (q[1]) and joint elbow (q[2]) move in step. "
-        "design_motion(arm, rig, law, ...) gives a motion that excites more."
+        "identify: the log does not excite all: joint shoulder (q[1]) and joint elbow (q[2]) move"
+        " in step. design_motion(arm, rig, law, ...) gives a motion that excites more."
     ]
     assert found.fit.prior is None
     (finding,) = record.check().problems

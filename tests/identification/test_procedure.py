@@ -1,7 +1,9 @@
-"""The identification procedure of 3.2: a robot of known f, measured and found again, with the paper's settings.
+"""The identification procedure of 3.2: a robot of known f, measured and found again, with the
+paper's settings.
 
-The quick tests look at two seeds; the study of ten, with medians and the order of the spread, is marked slow
-(``pytest -m slow``). Bands come from FINDINGS, whose figures are those of another program on the same problem.
+The quick tests look at two seeds; the study of ten, with medians and the order of the spread, is
+marked slow (``pytest -m slow``). Bands come from FINDINGS, whose figures are those of another
+program on the same problem.
 """
 
 import dataclasses
@@ -16,20 +18,27 @@ from identification import GeneticSettings, Objective, identify, spread
 from plant import Dynamics, puma560, simulate
 
 NAMES = puma560.dynamics().names
-UNKNOWN = ("drive.viscous[0]", *reversed(NAMES), "law.gain[1]")  # as in test_objective, so that both share a kernel
+# as in test_objective, so that both share a kernel
+UNKNOWN = ("drive.viscous[0]", *reversed(NAMES), "law.gain[1]")
 TINY = GeneticSettings(individuals=6, subpopulations=2, generations=3)
 RANGES = np.array(puma560.PRINTED_RANGES)
 
 
 @cache
 def measured():
-    """The experiment of the paper: P = (0.2, 0.15), trajectory (6), the robot finer than any model."""
-    return simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
+    """The experiment of the paper: P = (0.2, 0.15), trajectory (6), the robot finer than any
+    model.
+    """
+    return simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16
+    )
 
 
 @cache
 def short():
-    return simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.35)
+    return simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.35
+    )
 
 
 def quick(record=None, **options):
@@ -37,10 +46,11 @@ def quick(record=None, **options):
     return identify(puma560.dynamics(), record or short(), **options)
 
 
-# -- the paper ------------------------------------------------------------------------------------------------------
+# -- the paper -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_paper_settings_reach_what_was_measured_before(seed):
-    """FINDINGS: best of generation 0 18,000-32,500, after 40 generations 11,300-16,000, widened for single seeds.
+    """FINDINGS: best of generation 0 18,000-32,500, after 40 generations 11,300-16,000, widened for
+    single seeds.
 
     The paper's own run fell from 38,000-45,000 to 23,000-25,000, by a factor of 0.6.
     """
@@ -60,9 +70,16 @@ def test_the_paper_settings_reach_what_was_measured_before(seed):
 
 @pytest.mark.slow
 def test_ten_seeds():
-    """FINDINGS: medians in the ranges, the result at most 0.65 of the start, f9 tightest of all (the paper: 3 %)."""
-    series = spread(puma560.dynamics(), measured(), published=puma560.PUBLISHED_ALTERATION, progress=False)
-    first, last = (np.array([getattr(run, k) for run in series.runs]) for k in ("initial_objective", "objective"))
+    """FINDINGS: medians in the ranges, the result at most 0.65 of the start, f9 tightest of all
+    (the paper: 3 %).
+    """
+    series = spread(
+        puma560.dynamics(), measured(), published=puma560.PUBLISHED_ALTERATION, progress=False
+    )
+    first, last = (
+        np.array([getattr(run, k) for run in series.runs])
+        for k in ("initial_objective", "objective")
+    )
     assert 18_000 <= np.median(first) <= 32_500
     assert 7_000 <= np.median(last) <= 17_000
     assert np.median(last) <= 0.65 * np.median(first)
@@ -72,7 +89,7 @@ def test_ten_seeds():
     assert set(order[-3:]) == {"f3", "f5", "f8"}
 
 
-# -- the result -----------------------------------------------------------------------------------------------------
+# -- the result ----------------------------------------------------------------------------------
 def test_the_result_says_all():
     found = quick(seed=4)
     np.testing.assert_array_equal(found.arm.f, found.f)
@@ -80,7 +97,11 @@ def test_the_result_says_all():
     assert found.arm.dynamics == puma560.dynamics()
     assert (found.rig, found.law) == (short().rig, short().law)
     assert found.fit.unknown == NAMES
-    assert (found.search.seed, found.search.settings, found.versions["onepulse"]) == (4, TINY, plant.__version__)
+    assert (found.search.seed, found.search.settings, found.versions["onepulse"]) == (
+        4,
+        TINY,
+        plant.__version__,
+    )
     assert found.initial_population.shape == (12, 9)
     assert found.history.shape == (4, 3)
     assert found.evaluations == 12 + 3 * 2 * 6  # generation gap 0.94 of 6 is 6
@@ -102,7 +123,8 @@ def test_the_initial_population_is_drawn_from_the_ranges():
     share = (found.initial_population - low) / (high - low)
     assert share.min() >= 0
     assert share.max() <= 1
-    # Uniform: mean 1/2 with a standard error of 1/sqrt(12 * 200) = 0.02 per unknown; five of them never come.
+    # Uniform: mean 1/2 with a standard error of 1/sqrt(12 * 200) = 0.02 per unknown; five of them
+    # never come.
     np.testing.assert_allclose(share.mean(axis=0), 0.5, atol=0.1)
 
 
@@ -134,15 +156,21 @@ def test_friction_and_gain_come_back_in_rig_and_law():
 
 
 def test_a_range_of_one_point_is_found_exactly():
-    """With the truth as the only candidate the objective is the truth's: zero with equal sub-steps."""
+    """With the truth as the only candidate the objective is the truth's: zero with equal
+    sub-steps.
+    """
     found = quick(ranges=np.column_stack([puma560.PUBLISHED, puma560.PUBLISHED]))
     np.testing.assert_array_equal(found.f, puma560.PUBLISHED)
     assert found.objective == 0
 
 
 def test_several_records():
-    other = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.35)
-    found = identify(puma560.dynamics(), [short(), other], settings=TINY, method="paper", progress=False)
+    other = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.35
+    )
+    found = identify(
+        puma560.dynamics(), [short(), other], settings=TINY, method="paper", progress=False
+    )
     assert Objective(puma560.dynamics(), [short(), other])(found.f[None]) == [found.objective]
 
 
@@ -164,7 +192,7 @@ def test_progress_is_shown_on_request_only(capsys, monkeypatch):
     assert "pulses^2" in shown
 
 
-# -- bad input ------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -191,22 +219,33 @@ def test_bad_input_is_refused_in_one_line(options, said):
 
 def test_ranges_must_come_from_somewhere():
     with pytest.raises(ValueError, match="ranges must be given for f1, f2"):
-        identify(dataclasses.replace(puma560.dynamics(), ranges=None), short(), method="paper", progress=False)
+        identify(
+            dataclasses.replace(puma560.dynamics(), ranges=None),
+            short(),
+            method="paper",
+            progress=False,
+        )
 
 
 def test_no_possible_candidate_is_an_error_and_not_a_result():
     impossible = RANGES.copy()
     impossible[1] = 10.0, 11.0  # D12 far above sqrt(D11 D22)
-    with pytest.raises(ValueError, match=r"all 48 diverged or had no sound inertia\. Widen") as refusal:
+    with pytest.raises(
+        ValueError, match=r"all 48 diverged or had no sound inertia\. Widen"
+    ) as refusal:
         quick(ranges=impossible)
     assert "\n" not in str(refusal.value)
     assert "The log says" not in str(refusal.value)
 
 
 def test_a_search_in_vain_says_which_sign_is_wrong():
-    down = Dynamics.from_chain(dataclasses.replace(puma560.dynamics().chain, gravity=(0.0, 0.0, 9.81)))
+    down = Dynamics.from_chain(
+        dataclasses.replace(puma560.dynamics().chain, gravity=(0.0, 0.0, 9.81))
+    )
     impossible = np.tile((-11.0, -10.0), (down.p, 1))
-    with pytest.raises(ValueError, match=r"had no sound inertia.* The log says: gravity acts the other way\. "):
+    with pytest.raises(
+        ValueError, match=r"had no sound inertia.* The log says: gravity acts the other way\. "
+    ):
         identify(down, measured(), ranges=impossible, settings=TINY, progress=False, method="paper")
 
 
@@ -214,14 +253,18 @@ def test_a_rig_that_no_arm_has_is_told_beside_a_search_in_vain():
     record = short()
     drive = dataclasses.replace(record.rig.drive, motor_inertia=(2.0, 2.0))
     heavy = dataclasses.replace(record, rig=dataclasses.replace(record.rig, drive=drive))
-    with pytest.raises(ValueError, match=r"The log says: the motor of joint .* motor_inertia is in kg m\^2"):
+    with pytest.raises(
+        ValueError, match=r"The log says: the motor of joint .* motor_inertia is in kg m\^2"
+    ):
         quick(heavy)
 
 
 @pytest.mark.parametrize(("method", "least"), [("paper", 2), ("seeded", 1)])
 def test_candidates_repeat_the_log_as_well_as_the_best_but_for_noise(method, least):
     """Best first, each once, all within five per cent."""
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.7)
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.7
+    )
     found = identify(puma560.dynamics(), record, method=method, progress=False)
     costs = Objective(puma560.dynamics(), record)(found.candidates)
     assert costs.max() <= 1.05 * costs[0]

@@ -1,4 +1,6 @@
-"""Tasks of campaigns that processes can import, and a script: python campaign_tasks.py FOLDER LOG COUNT KIND."""
+"""Tasks of campaigns that processes can import, and a script: python campaign_tasks.py FOLDER
+LOG COUNT KIND.
+"""
 
 import multiprocessing
 import os

@@ -57,7 +57,9 @@ class SampledP(StatelessLaw):
 
 @part
 class Filtered(Law):
-    """A sampled law that uses everything a law is given: state, reference, pulses, last torque, dt and numbers."""
+    """A sampled law that uses everything a law is given: state, reference, pulses, last torque,
+    dt and numbers.
+    """
 
     gain: np.ndarray = number(("n",))
     rate: float = number(())
@@ -71,20 +73,32 @@ class Filtered(Law):
         error, last = rig.cell_centre(setpoint.pulses) - rig.cell_centre(pulses), state[:n]
         low = ca.exp(-self.rate * dt)
         slope = low * state[n:] + (1 - low) * (error - last) / dt
-        asked = 900 * self.gain * error + 10 * slope + 0.1 * setpoint.qdd + ca.sin(setpoint.qd) - 0.02 * torque
+        asked = (
+            900 * self.gain * error
+            + 10 * slope
+            + 0.1 * setpoint.qdd
+            + ca.sin(setpoint.qd)
+            - 0.02 * torque
+        )
         return asked, ca.vertcat(error, slope)
 
 
 def joint(mass, radius, inertia):
-    """One link that lifts its mass: axis horizontal, x along the link, gravity torque m g r cos q; inertia about it."""
+    """One link that lifts its mass: axis horizontal, x along the link, gravity torque m g r cos
+    q; inertia about it.
+    """
     chain = Chain(links=(Link(name="1", alpha=np.pi / 2, a=0.0, d=0.0),))
     dynamics = Dynamics(chain=chain, lumping=Lumping.standard(chain))
     izz = inertia - mass * radius**2
-    return dynamics.arm(dynamics.f((Body(mass=mass, com=(radius, 0, 0), inertia=(0, 0, 0, 0, 0, izz)),)))
+    return dynamics.arm(
+        dynamics.f((Body(mass=mass, com=(radius, 0, 0), inertia=(0, 0, 0, 0, 0, izz)),))
+    )
 
 
 def direct_rig(coulomb, viscous, *, period=0.7e-3, smooth=True):
-    """Motors without gears, an unlimited amplifier, and an encoder of the paper's resolution on the joint side."""
+    """Motors without gears, an unlimited amplifier, and an encoder of the paper's resolution on
+    the joint side.
+    """
     n = len(coulomb)
     drive = Drive(
         gear=np.ones(n),
@@ -94,7 +108,11 @@ def direct_rig(coulomb, viscous, *, period=0.7e-3, smooth=True):
         motor_gain=np.ones(n),
         current_limit=np.full(n, np.inf),
     )
-    return Rig(drive=drive, encoder=Encoder(resolution=np.full(n, 2 * np.pi / PULSE), smooth=smooth), period=period)
+    return Rig(
+        drive=drive,
+        encoder=Encoder(resolution=np.full(n, 2 * np.pi / PULSE), smooth=smooth),
+        period=period,
+    )
 
 
 def stiff(rig, stiffness):
@@ -105,6 +123,10 @@ def stiff(rig, stiffness):
 def without_friction(rig, *, viscous=False, smooth=False, period=None):
     """The same rig with neither kind of friction, or with the viscous one only."""
     zero = np.zeros(rig.n)
-    drive = dataclasses.replace(rig.drive, coulomb=zero, viscous=rig.drive.viscous if viscous else zero)
+    drive = dataclasses.replace(
+        rig.drive, coulomb=zero, viscous=rig.drive.viscous if viscous else zero
+    )
     encoder = dataclasses.replace(rig.encoder, smooth=smooth)
-    return dataclasses.replace(rig, drive=drive, encoder=encoder, period=rig.period if period is None else period)
+    return dataclasses.replace(
+        rig, drive=drive, encoder=encoder, period=rig.period if period is None else period
+    )

@@ -1,4 +1,6 @@
-"""A planar arm of three joints with a coupled wrist: its drive, the arm whose rotors are those of a rig, a motion."""
+"""A planar arm of three joints with a coupled wrist: its drive, the arm whose rotors are those
+of a rig, a motion.
+"""
 
 import dataclasses
 
@@ -13,15 +15,22 @@ WRIST = Coupling(matrix=((1, 0, 0), (0.4, 1, 0), (0, -0.7, 1)))
 def rig_of(period=PERIOD, *, smooth=False, **drive):
     """The rig; `drive` adds to what the drive is made of."""
     made = Drive(
-        gear=(80.0, -60.0, 50.0), motor_inertia=(2e-4,) * 3, viscous=(1e-3, 2e-3, 1e-3), motor_gain=(0.2,) * 3,
-        coupling=WRIST, **drive,
-    )  # fmt: skip
+        gear=(80.0, -60.0, 50.0),
+        motor_inertia=(2e-4,) * 3,
+        viscous=(1e-3, 2e-3, 1e-3),
+        motor_gain=(0.2,) * 3,
+        coupling=WRIST,
+        **drive,
+    )
     return Rig(drive=made, encoder=Encoder(resolution=(1000,) * 3, smooth=smooth), period=period)
 
 
 def arm_of(rig):
     chain, rotors = planar(3).coupled(WRIST), rig.drive.reflected_inertia()
-    bodies = [dataclasses.replace(body, rotor=float(j)) for body, j in zip(chain.bodies, rotors, strict=True)]
+    bodies = [
+        dataclasses.replace(body, rotor=float(j))
+        for body, j in zip(chain.bodies, rotors, strict=True)
+    ]
     dynamics = Dynamics.from_chain(chain)
     return dynamics.arm(dynamics.f(bodies))
 

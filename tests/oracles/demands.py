@@ -1,4 +1,6 @@
-"""Torque of a motion point by point, and an arm of one joint, for the tests of what a motion demands."""
+"""Torque of a motion point by point, and an arm of one joint, for the tests of what a motion
+demands.
+"""
 
 import dataclasses
 
@@ -15,12 +17,18 @@ def joint_torque(arm, rig, motion):
 
 
 def one_joint(limit=10.0, viscous=0.0, coulomb=0.0):
-    """An arm of one joint without gravity, its inertia, and a rig whose amplifier gives so much joint torque."""
+    """An arm of one joint without gravity, its inertia, and a rig whose amplifier gives so much
+    joint torque.
+    """
     dynamics = Dynamics.from_chain(dataclasses.replace(planar(1), gravity=(0.0, 0.0, 0.0)))
     arm, rig = dynamics.arm(dynamics.f()), puma560.rig()
     drive = type(rig.drive)(
-        gear=(-50.0,), motor_inertia=(2e-5,), viscous=(viscous / 50**2,), coulomb=(coulomb / 50,), motor_gain=(0.2,),
+        gear=(-50.0,),
+        motor_inertia=(2e-5,),
+        viscous=(viscous / 50**2,),
+        coulomb=(coulomb / 50,),
+        motor_gain=(0.2,),
         current_limit=(limit / 50 / 0.2,),
-    )  # fmt: skip
+    )
     rig = dataclasses.replace(rig, drive=drive, encoder=type(rig.encoder)(resolution=(1000,)))
     return arm, arm.D([0.0])[0, 0], rig

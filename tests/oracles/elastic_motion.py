@@ -1,4 +1,6 @@
-"""A motion of links on elastic gears, worked out backwards: links first, then what winds up each gear, then motors."""
+"""A motion of links on elastic gears, worked out backwards: links first, then what winds up each
+gear, then motors.
+"""
 
 import dataclasses
 
@@ -14,8 +16,9 @@ STIFFNESS, DAMPING = np.array([8e3, 3e3, 600.0]), np.array([8.0, 3.0, 0.5])
 def experiment(seconds=8.0, fine=6, springs=None):
     """Dynamics, record (with what both sensors see, unrounded) and f of a coupled planar arm.
 
-    The links move along sums of harmonics. Derivatives of deflections are differences on a grid `fine` times finer than
-    the log. Torques are those amid two samples, as they are held. `springs` are a `JointSpring` without preload.
+    The links move along sums of harmonics. Derivatives of deflections are differences on a grid
+    `fine` times finer than the log. Torques are those amid two samples, as they are held. `springs`
+    are a `JointSpring` without preload.
     """
     gears = Elasticity(stiffness=STIFFNESS, damping=DAMPING)
     rig = rig_of(smooth=True, coulomb=(0,) * 3, current_limit=(50.0,) * 3, elasticity=gears)
@@ -45,7 +48,11 @@ def experiment(seconds=8.0, fine=6, springs=None):
     rows = slice(0, None, fine)
     counts = rig.position_in_pulses(motor_q[rows])
     record = Record(
-        t=t[rows], error_pulses=-counts, torque=total[fine // 2 :: fine], rig=rig, law=LoggedTorque(),
+        t=t[rows],
+        error_pulses=-counts,
+        torque=total[fine // 2 :: fine],
+        rig=rig,
+        law=LoggedTorque(),
         link_counts=rig.position_in_pulses(links.q[rows]),
-    )  # fmt: skip
+    )
     return dynamics, record, arm.f

@@ -1,7 +1,8 @@
-"""Equations (2) and (3) of the paper typed out in numpy: corrected as in ERRATA, and with `printed=True` as printed.
+"""Equations (2) and (3) of the paper typed out in numpy: corrected as in ERRATA, and with
+`printed=True` as printed.
 
-An oracle for tests only; the model's one home is `plant/`. Joints are 2 and 3 of the PUMA 560: axis 2 horizontal,
-y2 pointing down at q = 0, hence f5 and f9 pull the arm down with negative torque.
+An oracle for tests only; the model's one home is `plant/`. Joints are 2 and 3 of the PUMA 560: axis
+2 horizontal, y2 pointing down at q = 0, hence f5 and f9 pull the arm down with negative torque.
 """
 
 import numpy as np
@@ -24,11 +25,15 @@ def D(q, f, printed=False):
     f1, f2, f3, f4, _, _, f7, _, _ = f
     c3, s3 = np.cos(q[1]), np.sin(q[1])
     coupling = f2 + f3 * c3 - f4 * s3
-    return np.array([[(f1 if printed else f7) + 2 * f3 * c3 - 2 * f4 * s3, coupling], [coupling, f1]])
+    return np.array(
+        [[(f1 if printed else f7) + 2 * f3 * c3 - 2 * f4 * s3, coupling], [coupling, f1]]
+    )
 
 
 def C(q, qd, f, printed=False):
-    """Coriolis and centrifugal torques of (2), (2,) [N m]; the printed second row has f4 s3, the correct one f4 c3."""
+    """Coriolis and centrifugal torques of (2), (2,) [N m]; the printed second row has f4 s3, the
+    correct one f4 c3.
+    """
     _, _, f3, f4, *_ = f
     c3, s3 = np.cos(q[1]), np.sin(q[1])
     v2, v3 = qd

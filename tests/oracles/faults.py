@@ -1,6 +1,7 @@
 """Faults of a control loop, each injected into the paper's arm under a running controller.
 
-The arm is the simulator's own sub-step, called sample by sample, so that something can go wrong between them.
+The arm is the simulator's own sub-step, called sample by sample, so that something can go wrong
+between them.
 """
 
 import dataclasses
@@ -27,12 +28,19 @@ class SimulatedArm:
         loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=idle, steps_per_sample=steps)
         state, numbers = ca.SX.sym("state", len(loop.state_names)), loop.number_values(arm.f)
         time = np.append(np.zeros(len(loop.time_names) - 1), loop.h)
-        self._sample = ca.Function("step", [state], [loop.substep(state, time, numbers)[0]]).fold(steps)
-        self.rig, self.state = rig, loop.initial_state(q, qd, None if rig.drive.elasticity is None else numbers)
+        self._sample = ca.Function("step", [state], [loop.substep(state, time, numbers)[0]]).fold(
+            steps
+        )
+        self.rig, self.state = (
+            rig,
+            loop.initial_state(q, qd, None if rig.drive.elasticity is None else numbers),
+        )
 
     @property
     def q(self):
-        """Of the joints, or, on elastic gears, of their motors as joints on rigid gears would have them."""
+        """Of the joints, or, on elastic gears, of their motors as joints on rigid gears would
+        have them.
+        """
         return self.state[: self.rig.n]
 
     @property
@@ -56,7 +64,9 @@ class SimulatedArm:
 
 @dataclasses.dataclass
 class Call:
-    """One call of a controller, to be spoilt: the counts and the reference it gets, and samples it comes late by."""
+    """One call of a controller, to be spoilt: the counts and the reference it gets, and samples
+    it comes late by.
+    """
 
     pulses: np.ndarray
     q_r: np.ndarray
@@ -128,7 +138,9 @@ FAULTS = {
     "too late": Fault("one call 15 samples (10.5 ms) late", late(15)),
     "gap": Fault("NaN in the reference for two samples", no_reference(2)),
     "no reference": Fault("NaN in the reference from now on", no_reference(END)),
-    "no reference, gravity": Fault("the same, with `stop='gravity'`", no_reference(END), Guards(stop="gravity")),
+    "no reference, gravity": Fault(
+        "the same, with `stop='gravity'`", no_reference(END), Guards(stop="gravity")
+    ),
     "leap": Fault("reference of joint 2 off by 0.1 rad from now on", leap),
     "blocked": Fault("joint 2 runs against a stop", blocked),
     "blocked, zero": Fault("the same, with `stop='zero'`", blocked, Guards(stop="zero")),
@@ -137,7 +149,8 @@ FAULTS = {
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What a controller did: status at the end; torques (N, n) [N m]; errors (N, n) [pulses] of the joints themselves.
+    """What a controller did: status at the end; torques (N, n) [N m]; errors (N, n) [pulses] of the
+    joints themselves.
 
     The error is that from what the controller follows: the reference, and in a stop its own.
     """
@@ -160,7 +173,9 @@ class Outcome:
 
 
 def experiment(law, arm, fault, *, guards=True, end=END):
-    """Follow trajectory (6) with the fault from sample BEGIN on; without guards if they are turned down."""
+    """Follow trajectory (6) with the fault from sample BEGIN on; without guards if they are
+    turned down.
+    """
     motion = PATH(np.arange(end) * RIG.period)
     robot = SimulatedArm(arm, RIG, motion.q[0], motion.qd[0])
     running = law.start(RIG, robot.counts(), guards=fault.guards if guards else None)
@@ -172,7 +187,8 @@ def experiment(law, arm, fault, *, guards=True, end=END):
         for _ in range(call.late):
             robot.push(held)
             now += RIG.period
-        if call.late:  # the path is one of time: the call gets the counts and the reference of its own time
+        # the path is one of time: the call gets the counts and the reference of its own time
+        if call.late:
             motion = PATH(now + np.arange(-k, end - k) * RIG.period)
             call = Call(robot.counts(), *(x[k].copy() for x in motion))
         held = running.step(call.pulses, call.q_r, call.qd_r, call.qdd_r, now=now)

@@ -1,7 +1,9 @@
-"""Loops under a running controller, healthy and unstable: the laws of README and docs/guides/laws.md as they stand.
+"""Loops under a running controller, healthy and unstable: the laws of README and
+docs/guides/laws.md as they stand.
 
-A healthy loop is simulated, and its counts go through the running controller: as long as that gives the torques of the
-simulation, it is the loop. An unstable one is closed sample by sample, since a stop changes what follows.
+A healthy loop is simulated, and its counts go through the running controller: as long as that gives
+the torques of the simulation, it is the loop. An unstable one is closed sample by sample, since a
+stop changes what follows.
 """
 
 import dataclasses
@@ -24,43 +26,76 @@ LAWS = {
     "P of the README": (True, lambda arm, rig: puma560.p_law()),
     "P": (True, lambda arm, rig: P(gain=4 * GAIN)),
     "PD": (True, lambda arm, rig: pd(2.8, 0.5e-3, 1000)),
-    "PID": (True, lambda arm, rig: PID(
-        gain=4 * GAIN, derivative=4e-3 * GAIN, filter=1000, integral=160 * GAIN)),
-    "cascade": (True, lambda arm, rig: Cascade(
-        position=(800, 800), speed=0.0006 * GAIN, integral=0.006 * GAIN, filter=1000)),
+    "PID": (
+        True,
+        lambda arm, rig: PID(
+            gain=4 * GAIN, derivative=4e-3 * GAIN, filter=1000, integral=160 * GAIN
+        ),
+    ),
+    "cascade": (
+        True,
+        lambda arm, rig: Cascade(
+            position=(800, 800), speed=0.0006 * GAIN, integral=0.006 * GAIN, filter=1000
+        ),
+    ),
     "PD + gravity": (True, lambda arm, rig: PDGravity(arm, rig, feedback=pd(2.8, 0.5e-3, 1000))),
-    "feed-forward + PD": (True, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 8e-3, 1000))),
-    "the same, every 0.7 ms": (False, lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 4e-3, 3000, rig.period))),
+    "feed-forward + PD": (
+        True,
+        lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 8e-3, 1000)),
+    ),
+    "the same, every 0.7 ms": (
+        False,
+        lambda arm, rig: FeedForward(arm, rig, feedback=pd(0.5, 4e-3, 3000, rig.period)),
+    ),
     "adaptive": (False, lambda arm, rig: adaptive(arm, rig, 100, 80, 0.1, 800)),
-    "sliding mode": (False, lambda arm, rig: SlidingMode(arm, rig, bandwidth=60, reach=10, layer=0.1, filter=800)),
+    "sliding mode": (
+        False,
+        lambda arm, rig: SlidingMode(arm, rig, bandwidth=60, reach=10, layer=0.1, filter=800),
+    ),
     "computed torque": (False, lambda arm, rig: ComputedTorque(arm, rig)),
     "computed torque, 150 rad/s": (False, lambda arm, rig: ComputedTorque(arm, rig, bandwidth=150)),
-}  # fmt: skip
-"""Name -> whether it is fast hardware, and the law of an arm and a rig, as tuned in docs/guides/laws.md."""
+}
+"""Name -> whether it is fast hardware, and the law of an arm and a rig, as tuned in
+docs/guides/laws.md.
+"""
 
 COLD = {
-    "PD + gravity, other f": (True, lambda arm, rig: PDGravity(arm, rig, feedback=pd(2, 1e-3, 1000))),
-    "feed-forward + PD, other f": (True, lambda arm, rig: FeedForward(arm, rig, feedback=pd(2.8, 0.5e-3, 1000))),
-    "the same, every 0.7 ms, other f": (False, lambda arm, rig: FeedForward(
-        arm, rig, feedback=pd(1.4, 1e-3, 1000, rig.period))),
+    "PD + gravity, other f": (
+        True,
+        lambda arm, rig: PDGravity(arm, rig, feedback=pd(2, 1e-3, 1000)),
+    ),
+    "feed-forward + PD, other f": (
+        True,
+        lambda arm, rig: FeedForward(arm, rig, feedback=pd(2.8, 0.5e-3, 1000)),
+    ),
+    "the same, every 0.7 ms, other f": (
+        False,
+        lambda arm, rig: FeedForward(arm, rig, feedback=pd(1.4, 1e-3, 1000, rig.period)),
+    ),
     "adaptive, other f": (False, lambda arm, rig: adaptive(arm, rig, 150, 160, 100, 400)),
-    "sliding mode, other f": (False, lambda arm, rig: SlidingMode(
-        arm, rig, bandwidth=150, reach=75, layer=0.5, filter=400)),
+    "sliding mode, other f": (
+        False,
+        lambda arm, rig: SlidingMode(arm, rig, bandwidth=150, reach=75, layer=0.5, filter=400),
+    ),
     "computed torque, other f": LAWS["computed torque"],
     "computed torque, 150 rad/s, other f": LAWS["computed torque, 150 rad/s"],
-}  # fmt: skip
+}
 """The same, tuned there for the f of the paper's forty generations."""
 
 
 def elastic(arm, hz, damping_ratio=0.02, rig=RIG):
     """The rig, each link swinging at so many Hz against its locked motor; None for rigid gears."""
-    gears = None if hz is None else Elasticity.from_resonance(arm, hz, damping_ratio, drive=rig.drive)
+    gears = (
+        None if hz is None else Elasticity.from_resonance(arm, hz, damping_ratio, drive=rig.drive)
+    )
     return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=gears))
 
 
 @dataclasses.dataclass(frozen=True)
 class Margin:
-    """How near a loop came to its guards: the status, and the largest of each quantity relative to its limit."""
+    """How near a loop came to its guards: the status, and the largest of each quantity relative
+    to its limit.
+    """
 
     status: str
     saturation: float
@@ -78,11 +113,14 @@ def _replayed(step, memory, counts, q, qd, qdd, now, torque, places, largest):
     return len(counts)
 
 
-def margin(arm, rig, law, motion, *, duration=None, guards=Guards(), model=None):  # noqa: B008 - frozen
-    """Margin of a sampled law, or of one of `LAWS` by its name, which then holds the `model`, by default the arm.
+# frozen
+def margin(arm, rig, law, motion, *, duration=None, guards=Guards(), model=None):  # noqa: B008
+    """Margin of a sampled law, or of one of `LAWS` by its name, which then holds the `model`, by
+    default the arm.
 
-    The simulated counts go through the running controller, which must give the same torques. Fast hardware without a
-    state, as P, is simulated with its torque at every instant; with one, its torque is held from call to call.
+    The simulated counts go through the running controller, which must give the same torques. Fast
+    hardware without a state, as P, is simulated with its torque at every instant; with one, its
+    torque is held from call to call.
     """
     fast = False
     if isinstance(law, str):
@@ -97,8 +135,19 @@ def margin(arm, rig, law, motion, *, duration=None, guards=Guards(), model=None)
     n, torque, largest = rig.n, np.empty(counts.shape), np.zeros((2, rig.n))
     now = record.t if fast else np.full(len(counts), np.nan)
     places = np.array([safety.SCALARS + row * n for row in (safety.AT_LIMIT, safety.SWING)])
-    done = _replayed(running.core.step, running.core.memory, counts, *motion(record.t), now, torque, places, largest)
-    if done < len(counts) or not (running.stopped or np.abs(torque - record.torque).max() < 1e-6 * LIMIT[0]):
+    done = _replayed(
+        running.core.step,
+        running.core.memory,
+        counts,
+        *motion(record.t),
+        now,
+        torque,
+        places,
+        largest,
+    )
+    if done < len(counts) or not (
+        running.stopped or np.abs(torque - record.torque).max() < 1e-6 * LIMIT[0]
+    ):
         raise RuntimeError("the running controller is not the simulated one")
     return Margin(running.status, *(largest / guards.torque_limits(rig)).max(axis=1))
 
@@ -112,7 +161,9 @@ def _held(law, period):
 
 @dataclasses.dataclass(frozen=True)
 class Closed:
-    """A loop closed sample by sample: applied torques, speeds of motors and links (N, n), counts, the stop's sample."""
+    """A loop closed sample by sample: applied torques, speeds of motors and links (N, n),
+    counts, the stop's sample.
+    """
 
     torque: np.ndarray
     motor_speed: np.ndarray
@@ -122,14 +173,17 @@ class Closed:
     margin: Margin
 
     def first(self, window, period=RIG.period):
-        """Last sample of the first window [s] in which half of the samples of a joint are at the limit, or None."""
+        """Last sample of the first window [s] in which half of the samples of a joint are at the
+        limit, or None.
+        """
         at = np.abs(self.torque) >= LIMIT * (1 - 1e-12)
         total, length = np.vstack([np.zeros(2), at.cumsum(axis=0)]), round(window / period)
         full = np.flatnonzero(((total[length:] - total[:-length]) >= length / 2).any(axis=1))
         return int(full[0]) + length - 1 if len(full) else None
 
 
-def closed(arm, rig, law, motion, *, samples, guards=Guards(), steps=8, clock=False):  # noqa: B008 - frozen
+# frozen
+def closed(arm, rig, law, motion, *, samples, guards=Guards(), steps=8, clock=False):  # noqa: B008
     """The law, which knows nothing of gears, on an arm that may have elastic ones."""
     path = motion(np.arange(samples) * rig.period)
     robot = SimulatedArm(arm, rig, path.q[0], path.qd[0], steps)
@@ -144,4 +198,6 @@ def closed(arm, rig, law, motion, *, samples, guards=Guards(), steps=8, clock=Fa
         stop = k if stop is None and running.stopped else stop
         robot.push(torque[k])
     limits = (Guards() if guards is None else guards).torque_limits(rig)
-    return Closed(torque, motors, links, counts, stop, Margin(running.status, *(largest / limits).max(axis=1)))
+    return Closed(
+        torque, motors, links, counts, stop, Margin(running.status, *(largest / limits).max(axis=1))
+    )

@@ -1,9 +1,11 @@
-"""A heavy six-joint arm worked out backwards: links first, torques by pinocchio, then gears, motors, and both encoders.
+"""A heavy six-joint arm worked out backwards: links first, torques by pinocchio, then gears,
+motors, and both encoders.
 
-Links follow sums of harmonics; pinocchio's inverse dynamics gives what each gear passes on, k d + d' the deflection d
-from it, and the motors' torque holds rotors and friction. The first three gears have an encoder on either side: the one
-on the motor counts whole pulses, the one on the link has 2^20 of its own per turn and a zero of its own. The other
-gears wind up too, which no rig states. Torques are those amid two samples, as they are held.
+Links follow sums of harmonics; pinocchio's inverse dynamics gives what each gear passes on, k d +
+d' the deflection d from it, and the motors' torque holds rotors and friction. The first three gears
+have an encoder on either side: the one on the motor counts whole pulses, the one on the link has
+2^20 of its own per turn and a zero of its own. The other gears wind up too, which no rig states.
+Torques are those amid two samples, as they are held.
 """
 
 import dataclasses
@@ -32,9 +34,13 @@ _CENTRES = (
 _SIZES = (0.5, 0.8, 0.4, 0.5, 0.15, 0.25)  # [m]
 GEAR = np.array([180.0, 200.0, 180.0, 140.0, 120.0, 90.0])
 DRIVE = Drive(
-    gear=GEAR, motor_inertia=np.array([8, 8, 5, 1.5, 1.5, 1.5]) * 1e-3, viscous=np.full(6, 2e-3),
-    coulomb=np.array([0.6, 0.8, 0.5, 0.2, 0.2, 0.15]), motor_gain=np.full(6, 1.5), current_limit=np.full(6, 200.0),
-)  # fmt: skip
+    gear=GEAR,
+    motor_inertia=np.array([8, 8, 5, 1.5, 1.5, 1.5]) * 1e-3,
+    viscous=np.full(6, 2e-3),
+    coulomb=np.array([0.6, 0.8, 0.5, 0.2, 0.2, 0.15]),
+    motor_gain=np.full(6, 1.5),
+    current_limit=np.full(6, 200.0),
+)
 RIG = Rig(drive=DRIVE, encoder=Encoder(resolution=np.full(6, 4096)), period=PERIOD)
 
 
@@ -47,7 +53,10 @@ def bodies():
 
 def arm_of(some):
     """The arm of these bodies, with the drive's rotors."""
-    links = [Link(name=str(i + 1), alpha=turn * np.pi / 2, a=a, d=d) for i, (turn, a, d) in enumerate(_LINKS)]
+    links = [
+        Link(name=str(i + 1), alpha=turn * np.pi / 2, a=a, d=d)
+        for i, (turn, a, d) in enumerate(_LINKS)
+    ]
     dynamics = Dynamics.from_chain(Chain(links=tuple(links), bodies=tuple(some)).with_rotors(DRIVE))
     return dynamics.arm(dynamics.f())
 
@@ -58,16 +67,24 @@ def other(some, spread, random):
     for body in some:
         pi = body.standard_parameters
         change = prior_changes(prior_factor(pi)) @ random.normal(size=10)
-        made.append(Body.from_standard_parameters(pi + spread * np.append(change, np.zeros(len(pi) - 10))[: len(pi)]))
+        made.append(
+            Body.from_standard_parameters(
+                pi + spread * np.append(change, np.zeros(len(pi) - 10))[: len(pi)]
+            )
+        )
     return tuple(made)
 
 
 def run(some, stiffness, damping, random, noise=0.0, seconds=SECONDS):
-    """A record of the arm with these bodies and gears, on a path of its own; `noise` of the logged torque, relative."""
+    """A record of the arm with these bodies and gears, on a path of its own; `noise` of the
+    logged torque, relative.
+    """
     arm = arm_of(some)
     slow, fast = np.array([0.35, 0.25, 0.25, 0.5, 0.5, 0.5]), 1 / np.arange(1, 11)
     waves = random.normal(size=(2, 6, 10)) * slow[:, None] * fast
-    path = Harmonics(period=seconds, offset=(0, -0.9, 0.3, 0, 0.4, 0), cosine=waves[0], sine=waves[1])
+    path = Harmonics(
+        period=seconds, offset=(0, -0.9, 0.3, 0, 0.4, 0), cosine=waves[0], sine=waves[1]
+    )
     t = PERIOD * np.arange(round(seconds / PERIOD))
     links, model = path(t), pinocchio_model(arm.dynamics.chain, some)
     data = model.createData()
@@ -77,15 +94,23 @@ def run(some, stiffness, damping, random, noise=0.0, seconds=SECONDS):
         wound = (passed - damping * np.gradient(wound, PERIOD, axis=0)) / stiffness
     motors = links.q + wound
     rate = np.gradient(motors, PERIOD, axis=0)
-    torque = passed + DRIVE.reflected_inertia() * np.gradient(rate, PERIOD, axis=0) + DRIVE.friction(rate)
+    torque = (
+        passed
+        + DRIVE.reflected_inertia() * np.gradient(rate, PERIOD, axis=0)
+        + DRIVE.friction(rate)
+    )
     torque = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
     torque = torque + noise * np.std(torque, axis=0) * random.normal(size=torque.shape)
     pulse = 2 * np.pi / 2**20
     seen = pulse * np.round((links.q + random.uniform(-0.01, 0.01, 6)) / pulse)
     return Record(
-        t=t, error_pulses=-np.floor(RIG.position_in_pulses(motors) + random.uniform(0, 1, 6)), torque=torque, rig=RIG,
-        law=LoggedTorque(), link_counts=np.where(SEEN, RIG.position_in_pulses(seen), np.nan),
-    )  # fmt: skip
+        t=t,
+        error_pulses=-np.floor(RIG.position_in_pulses(motors) + random.uniform(0, 1, 6)),
+        torque=torque,
+        rig=RIG,
+        law=LoggedTorque(),
+        link_counts=np.where(SEEN, RIG.position_in_pulses(seen), np.nan),
+    )
 
 
 def shown_by(record, *, sensors):

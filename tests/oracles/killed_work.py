@@ -1,6 +1,8 @@
-"""Long work in processes that are killed, and called again until they end: the same bits as in one that is left alone.
+"""Long work in processes that are killed, and called again until they end: the same bits as in one
+that is left alone.
 
-A server imports the library once and forks for every call, so that a kill hits the work and not the imports.
+A server imports the library once and forks for every call, so that a kill hits the work and not the
+imports.
 """
 
 import hashlib
@@ -30,18 +32,30 @@ class Works:
 
     def run(self, kind, checkpoint):
         """Fingerprint of what it ends in."""
-        dynamics, same = puma560.dynamics(), {"progress": False, "checkpoint": checkpoint, "threads": 2}
+        dynamics, same = (
+            puma560.dynamics(),
+            {"progress": False, "checkpoint": checkpoint, "threads": 2},
+        )
         if kind == "identify":
             result = identify(dynamics, self.record, seed=3, settings=self.settings, **same)
         elif kind == "spread":
-            runs = spread(dynamics, self.record, seeds=range(2), settings=self.settings, **same).runs
+            runs = spread(
+                dynamics, self.record, seeds=range(2), settings=self.settings, **same
+            ).runs
             return hashlib.sha256("".join(map(fingerprint, runs)).encode()).hexdigest()
         else:
             covariance = np.diag((0.02 * puma560.PUBLISHED) ** 2)
             law = ComputedTorque(self.arm, self.rig)
             stated = Uncertainty(covariance=covariance)
             result = certify(
-                self.arm, self.rig, law, self.path, stated, samples=self.loops, duration=self.duration, **same
+                self.arm,
+                self.rig,
+                law,
+                self.path,
+                stated,
+                samples=self.loops,
+                duration=self.duration,
+                **same,
             )
         return fingerprint(result)
 

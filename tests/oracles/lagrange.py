@@ -1,23 +1,26 @@
-"""Inverse dynamics of a serial chain by Lagrange's equations, from nothing but the energies: the tests' second opinion.
+"""Inverse dynamics of a serial chain by Lagrange's equations, from nothing but the energies: the
+tests' second opinion.
 
-No Newton-Euler recursion, no angular velocity and no cross product occurs here. A link is the set of its mass
-elements: with A_i(q) the homogeneous transform from its frame to the base, an element at rho has the velocity
-Adot_i (rho, 1), hence
+No Newton-Euler recursion, no angular velocity and no cross product occurs here. A link is the set
+of its mass elements: with A_i(q) the homogeneous transform from its frame to the base, an element
+at rho has the velocity Adot_i (rho, 1), hence
 
     kinetic energy    T = sum_i  1/2 trace(Adot_i P_i Adot_i')  +  1/2 J_i qd_i^2
     potential energy  V = -sum_i  m_i g . A_i (c_i, 1)
     tau = d/dt dT/dqd - dT/dq + dV/dq
 
-P_i, the integral of (rho, 1)(rho, 1)' dm, follows from mass, centre of mass and the inertia matrix about it. Both
-derivatives lose no digits: T is quadratic in qd, so a central difference of any width is exact, and T and V are
-analytic in q, so the imaginary part of a step of 1e-30 i is the slope to rounding.
+P_i, the integral of (rho, 1)(rho, 1)' dm, follows from mass, centre of mass and the inertia matrix
+about it. Both derivatives lose no digits: T is quadratic in qd, so a central difference of any
+width is exact, and T and V are analytic in q, so the imaginary part of a step of 1e-30 i is the
+slope to rounding.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-_ENTRIES = tuple(zip(*np.triu_indices(3), strict=True))  # rows and columns of Ixx, Ixy, Ixz, Iyy, Iyz, Izz
+# rows and columns of Ixx, Ixy, Ixz, Iyy, Iyz, Izz
+_ENTRIES = tuple(zip(*np.triu_indices(3), strict=True))
 _STEP = 1e-30  # of the imaginary step; its square must vanish beside 1
 
 
@@ -50,8 +53,8 @@ class Mass(NamedTuple):
     com : tuple of 3 floats
         Centre of mass in the link's frame [m].
     inertia : tuple of 6 floats
-        Ixx, Ixy, Ixz, Iyy, Iyz, Izz: entries of the inertia matrix about the centre of mass, axes of the link's frame
-        [kg m^2].
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz: entries of the inertia matrix about the centre of mass, axes
+        of the link's frame [kg m^2].
     rotor : float
         Motor inertia reflected to the joint [kg m^2].
     """
@@ -63,7 +66,9 @@ class Mass(NamedTuple):
 
 
 def _moments(body):
-    """P (4, 4), the integral of (rho, 1)(rho, 1)' dm; about the centre of mass, rho rho' gives tr(I)/2 - I."""
+    """P (4, 4), the integral of (rho, 1)(rho, 1)' dm; about the centre of mass, rho rho' gives
+    tr(I)/2 - I.
+    """
     ixx, ixy, ixz, iyy, iyz, izz = body.inertia
     inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     com = np.append(body.com, 1.0)
@@ -94,24 +99,38 @@ class Lagrange(NamedTuple):
             c, s = np.cos(angle + row.theta), np.sin(angle + row.theta)
             ca, sa = np.cos(row.alpha), np.sin(row.alpha)
             step = np.array(  # Craig's (3.6)
-                [[c, -s, 0, row.a], [s * ca, c * ca, -sa, -sa * row.d], [s * sa, c * sa, ca, ca * row.d], [0, 0, 0, 1]]
+                [
+                    [c, -s, 0, row.a],
+                    [s * ca, c * ca, -sa, -sa * row.d],
+                    [s * sa, c * sa, ca, ca * row.d],
+                    [0, 0, 0, 1],
+                ]
             )
-            turn = speed * np.array([[-s, -c, 0, 0], [c * ca, -s * ca, 0, 0], [c * sa, -s * sa, 0, 0], [0, 0, 0, 0]])
+            turn = speed * np.array(
+                [[-s, -c, 0, 0], [c * ca, -s * ca, 0, 0], [c * sa, -s * sa, 0, 0], [0, 0, 0, 0]]
+            )
             frame, rate = frame @ step, rate @ step + frame @ turn
             yield frame, rate
 
     def kinetic(self, q, qd):
         """Kinetic energy T [J], motor inertias included."""
         links = zip(self.bodies, qd, self._frames(q, qd), strict=True)
-        return sum(np.trace(rate @ _moments(b) @ rate.T) / 2 + b.rotor * v**2 / 2 for b, v, (_, rate) in links)
+        return sum(
+            np.trace(rate @ _moments(b) @ rate.T) / 2 + b.rotor * v**2 / 2
+            for b, v, (_, rate) in links
+        )
 
     def potential(self, q):
         """Potential energy V [J] in the field of gravity."""
         links = zip(self.bodies, self._frames(q, np.zeros(len(q))), strict=True)
-        return -sum(b.mass * np.dot(self.gravity, (frame @ [*b.com, 1.0])[:3]) for b, (frame, _) in links)
+        return -sum(
+            b.mass * np.dot(self.gravity, (frame @ [*b.com, 1.0])[:3]) for b, (frame, _) in links
+        )
 
     def tau(self, q, qd, qdd):
-        """Joint torques, (n,) [N m], of the motion q [rad], qd [rad/s], qdd [rad/s^2], each (n,)."""
+        """Joint torques, (n,) [N m], of the motion q [rad], qd [rad/s], qdd [rad/s^2], each
+        (n,).
+        """
         q, qd, qdd = (np.asarray(x, float) for x in (q, qd, qdd))
         along = 1j * _STEP
 
@@ -132,13 +151,16 @@ class Lagrange(NamedTuple):
     def D(self, q):
         """Inertia matrix, (n, n) [kg m^2]: dT/dqd for unit velocities, T being quadratic."""
         units = np.eye(len(self.rows))
-        return np.array([[(self.kinetic(q, u + v) - self.kinetic(q, u - v)) / 2 for u in units] for v in units])
+        return np.array(
+            [[(self.kinetic(q, u + v) - self.kinetic(q, u - v)) / 2 for u in units] for v in units]
+        )
 
     def Y(self, q, qd, qdd):
-        """Regressor, (n, 11 n), of the standard parameters m, mx, my, mz, Ixx, .., Izz (about the frame's origin), J.
+        """Regressor, (n, 11 n), of the standard parameters m, mx, my, mz, Ixx, .., Izz (about the
+        frame's origin), J.
 
-        The energies are linear in them, so a column is the torque of a body whose only parameter is a 1: a point at
-        the origin for m, the difference of two bodies for the first moments.
+        The energies are linear in them, so a column is the torque of a body whose only parameter is
+        a 1: a point at the origin for m, the difference of two bodies for the first moments.
         """
         origin, none, columns = (0.0, 0.0, 0.0), (0.0,) * 6, []
         rest = Mass(0.0, origin, none)
@@ -150,8 +172,9 @@ class Lagrange(NamedTuple):
         for link in range(len(self.rows)):
             columns.append(torque(link, Mass(1.0, origin, none)))
             for axis in range(3):
-                # Unit mass at a unit distance; the negative inertia about its centre takes away what it has about
-                # the origin, and subtracting the mass column leaves the first moment.
+                # Unit mass at a unit distance; the negative inertia about its centre takes away
+                # what it has about the origin, and subtracting the mass column leaves the first
+                # moment.
                 com = tuple(float(axis == j) for j in range(3))
                 about_centre = tuple(com[j] * com[k] - (j == k) for j, k in _ENTRIES)
                 columns.append(torque(link, Mass(1.0, com, about_centre)) - columns[11 * link])
@@ -175,10 +198,13 @@ def lagrange(chain_rows, bodies, gravity):
     Returns
     -------
     Lagrange
-        With the functions D(q), h(q, qd), tau(q, qd, qdd), Y(q, qd, qdd), kinetic(q, qd) and potential(q).
+        With the functions D(q), h(q, qd), tau(q, qd, qdd), Y(q, qd, qdd), kinetic(q, qd) and
+        potential(q).
     """
     rows = tuple(Row(*row) for row in chain_rows)
     masses = tuple(Mass(*body) for body in bodies)
     if len(rows) != len(masses):
-        raise ValueError(f"{len(masses)} bodies given; the chain has {len(rows)} rows. Pass one body per row.")
+        raise ValueError(
+            f"{len(masses)} bodies given; the chain has {len(rows)} rows. Pass one body per row."
+        )
     return Lagrange(rows, masses, tuple(float(g) for g in gravity))

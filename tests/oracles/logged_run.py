@@ -25,7 +25,9 @@ def main():
     print("running", flush=True)
     for k in itertools.count():
         motion = path([k * rig.period % path.duration])
-        torque = controller.step(counts, motion.q[0], motion.qd[0], motion.qdd[0], now=k * rig.period)
+        torque = controller.step(
+            counts, motion.q[0], motion.qd[0], motion.qdd[0], now=k * rig.period
+        )
         counts = robot.step(torque)
 
 

@@ -17,22 +17,40 @@ def inertia_of(random):
 
 def urdf_inertial(random):
     matrix = inertia_of(random)
-    i = {f"i{a}{b}": float(matrix["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
-    place = f'<origin xyz="{numbers(random.uniform(-0.3, 0.3, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
+    i = {
+        f"i{a}{b}": float(matrix["xyz".index(a), "xyz".index(b)])
+        for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+    }
+    place = (
+        f'<origin xyz="{numbers(random.uniform(-0.3, 0.3, 3))}"'
+        f' rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
+    )
     inertia = " ".join(f'{key}="{value!r}"' for key, value in i.items())
-    return f'<inertial>{place}<mass value="{random.uniform(0.5, 3)!r}"/><inertia {inertia}/></inertial>'
+    return (
+        f'<inertial>{place}<mass value="{random.uniform(0.5, 3)!r}"/><inertia'
+        f" {inertia}/></inertial>"
+    )
 
 
 def urdf_joint(name, kind, parent, child, random):
-    place = f'<origin xyz="{numbers(random.uniform(-0.5, 0.5, 3))}" rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
+    place = (
+        f'<origin xyz="{numbers(random.uniform(-0.5, 0.5, 3))}"'
+        f' rpy="{numbers(random.uniform(-3, 3, 3))}"/>'
+    )
     axis = "" if kind == "fixed" else f'<axis xyz="{numbers(random.normal(size=3))}"/>'
-    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
+    limit = (
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        if kind in ("revolute", "prismatic")
+        else ""
+    )
     ends = f'<parent link="{parent}"/><child link="{child}"/>'
     return f'<joint name="{name}" type="{kind}">{place}{ends}{axis}{limit}</joint>'
 
 
 def urdf(seed, kinds=("revolute", "fixed", "prismatic", "continuous", "fixed", "revolute")):
-    """A chain of links, with a branch of two fixed bodies on one of them and a last link without mass."""
+    """A chain of links, with a branch of two fixed bodies on one of them and a last link without
+    mass.
+    """
     random = np.random.default_rng(seed)
     text = f'<link name="l0">{urdf_inertial(random)}</link>'
     for i, kind in enumerate(kinds):
@@ -42,8 +60,12 @@ def urdf(seed, kinds=("revolute", "fixed", "prismatic", "continuous", "fixed", "
     text += f'<link name="tool">{urdf_inertial(random)}</link>' + urdf_joint(
         "flange", "fixed", f"l{min(3, len(kinds))}", "tool", random
     )
-    text += f'<link name="tip">{urdf_inertial(random)}</link>' + urdf_joint("glue", "fixed", "tool", "tip", random)
-    text += '<link name="nothing"/>' + urdf_joint("end", "fixed", f"l{len(kinds)}", "nothing", random)
+    text += f'<link name="tip">{urdf_inertial(random)}</link>' + urdf_joint(
+        "glue", "fixed", "tool", "tip", random
+    )
+    text += '<link name="nothing"/>' + urdf_joint(
+        "end", "fixed", f"l{len(kinds)}", "nothing", random
+    )
     return f'<?xml version="1.0"?><robot name="r">{text}</robot>'
 
 
@@ -55,37 +77,53 @@ def mjcf_inertial(random, form):
         six = numbers([*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2]])
         return f'<inertial {place} {mass} fullinertia="{six}"/>'
     turned = {
-        "quat": f'quat="{numbers(random.normal(size=4))}"', "euler": f'euler="{numbers(random.uniform(-150, 150, 3))}"',
+        "quat": f'quat="{numbers(random.normal(size=4))}"',
+        "euler": f'euler="{numbers(random.uniform(-150, 150, 3))}"',
         "axisangle": f'axisangle="{numbers(random.normal(size=3))} 70"',
         "xyaxes": f'xyaxes="{numbers(random.normal(size=6))}"',
         "zaxis": f'zaxis="{numbers(random.normal(size=3))}"',
-    }[form]  # fmt: skip
-    return f'<inertial {place} {turned} {mass}\n diaginertia="{numbers(np.linalg.eigvalsh(matrix))}"/>'
+    }[form]
+    return (
+        f'<inertial {place} {turned} {mass}\n diaginertia="{numbers(np.linalg.eigvalsh(matrix))}"/>'
+    )
 
 
 FORMS = ("full", "quat", "euler", "axisangle", "xyaxes", "zaxis")
 
 
 def mjcf(seed, kinds=("hinge", "weld", "slide", "hinge", "hinge"), sequence="xyz"):
-    """A chain of bodies with comments, a default class, a weld, anchors beside the origin, references, armature."""
+    """A chain of bodies with comments, a default class, a weld, anchors beside the origin,
+    references, armature.
+    """
     random = np.random.default_rng(seed)
     text, ends = "", ""
     for i, kind in enumerate(kinds):
-        pose = f'pos="{numbers(random.uniform(-0.5, 0.5, 3))}" euler="{numbers(random.uniform(-150, 150, 3))}"'
+        pose = (
+            f'pos="{numbers(random.uniform(-0.5, 0.5, 3))}"'
+            f' euler="{numbers(random.uniform(-150, 150, 3))}"'
+        )
         text += (
-            f'\n  <!-- body {i} -->\n  <body name="b{i}" {pose}>\n  {mjcf_inertial(random, FORMS[i % len(FORMS)])}\n  '
+            f'\n  <!-- body {i} -->\n  <body name="b{i}" {pose}>\n '
+            f" {mjcf_inertial(random, FORMS[i % len(FORMS)])}\n  "
         )
         if kind != "weld":
-            text += f'<joint name="j{i}" class="arm" type="{kind}" axis="{numbers(random.normal(size=3))}" '
-            text += f'pos="{numbers(random.uniform(-0.2, 0.2, 3))}" ref="{numbers(random.uniform(-0.3, 0.3))}"/>'
+            text += (
+                f'<joint name="j{i}" class="arm" type="{kind}"'
+                f' axis="{numbers(random.normal(size=3))}" '
+            )
+            text += (
+                f'pos="{numbers(random.uniform(-0.2, 0.2, 3))}"'
+                f' ref="{numbers(random.uniform(-0.3, 0.3))}"/>'
+            )
         text += '<geom size="0.01" contype="0" conaffinity="0"/>'
         ends += "</body>"
     defaults = (
-        '<joint armature="0.1"/><default class="arm"><joint damping="0" range="-90 90" limited="false"/></default>'
+        '<joint armature="0.1"/><default class="arm"><joint damping="0" range="-90 90"'
+        ' limited="false"/></default>'
     )
     return (
-        f'<mujoco model="m"><compiler angle="degree" eulerseq="{sequence}"/><option gravity="1 2 -9"/>'
-        f"<default>{defaults}</default><worldbody>{text}{ends}</worldbody></mujoco>"
+        f'<mujoco model="m"><compiler angle="degree" eulerseq="{sequence}"/><option gravity="1 2'
+        f' -9"/><default>{defaults}</default><worldbody>{text}{ends}</worldbody></mujoco>'
     )
 
 
@@ -93,7 +131,9 @@ def mujoco_torques(path, names, states):
     """Torques (N, n) of states (N, 3, n), without contacts, limits, friction."""
     model = mujoco.MjModel.from_xml_path(str(path))
     flags = mujoco.mjtDisableBit
-    model.opt.disableflags |= flags.mjDSBL_CONTACT.value | flags.mjDSBL_LIMIT.value | flags.mjDSBL_FRICTIONLOSS.value
+    model.opt.disableflags |= (
+        flags.mjDSBL_CONTACT.value | flags.mjDSBL_LIMIT.value | flags.mjDSBL_FRICTIONLOSS.value
+    )
     model.dof_damping[:] = 0
     data, result = mujoco.MjData(model), []
     joints = [model.joint(name) for name in names]
@@ -113,7 +153,9 @@ def pinocchio_torques(path, names, states):
     for state in states:
         q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
         for joint, value, speed, rate in zip(joints, *state, strict=True):
-            q[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            q[joint.idx_q : joint.idx_q + joint.nq] = (
+                [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            )
             v[joint.idx_v], a[joint.idx_v] = speed, rate
         result.append(pin.rnea(model, data, q, v, a)[[joint.idx_v for joint in joints]])
     return np.array(result)

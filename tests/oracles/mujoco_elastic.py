@@ -1,7 +1,8 @@
 """The arm of the paper on elastic gears in MuJoCo: two masses and a spring per joint.
 
-MuJoCo integrates at a hundredth of the sample (7 us), unless said, with its own rigid bodies; every motor is a rotor of
-its own, joined to its joint by a tendon that is a spring and a damper. The law is stepped by `.step` with whole counts.
+MuJoCo integrates at a hundredth of the sample (7 us), unless said, with its own rigid bodies; every
+motor is a rotor of its own, joined to its joint by a tendon that is a spring and a damper. The law
+is stepped by `.step` with whole counts.
 """
 
 import math
@@ -19,7 +20,9 @@ RIG, PATH = puma560.rig(), puma560.reference()
 
 
 def planar_bodies(arm):
-    """Masses, centres of mass and inertias (planar) that have the arm's f: link 3 of 7 kg, link 2 of 17 kg."""
+    """Masses, centres of mass and inertias (planar) that have the arm's f: link 3 of 7 kg, link
+    2 of 17 kg.
+    """
     f = dict(zip(arm.dynamics.names, arm.f, strict=True))
     m3, m2, a3 = 7.0, 17.0, puma560.LINK_LENGTH
     x3, y3 = f["f5"] / m3, f["f6"] / m3
@@ -39,31 +42,36 @@ def model(arm, elasticity, steps=STEPS, friction=(1.0, 1.0)):
     (m2, (x2, y2), i2), (m3, (x3, y3), i3) = planar_bodies(arm)
     rotors = RIG.drive.reflected_inertia()
     viscous, coulomb = (
-        np.asarray(friction) * each for each in (RIG.drive.joint_viscous(), RIG.drive.joint_coulomb([0.0, 0.0]))
+        np.asarray(friction) * each
+        for each in (RIG.drive.joint_viscous(), RIG.drive.joint_coulomb([0.0, 0.0]))
     )
     hard = "solreffriction='0.0001 1' solimpfriction='0.9999 0.9999 0.001'"
     motors = "".join(
-        f"<body name='m{i}' pos='{i} 5 0'><joint name='motor{i}' axis='0 0 1' damping='{viscous[i]}' "
-        f"frictionloss='{coulomb[i]}' {hard}/><inertial pos='0 0 0' mass='1' diaginertia='5 5 {rotors[i]}'/></body>"
+        f"<body name='m{i}' pos='{i} 5 0'><joint name='motor{i}' axis='0 0 1'"
+        f" damping='{viscous[i]}' frictionloss='{coulomb[i]}' {hard}/><inertial pos='0 0 0'"
+        f" mass='1' diaginertia='5 5 {rotors[i]}'/></body>"
         for i in range(2)
     )
     tendons = "".join(
-        f"<fixed name='gear{i}' stiffness='{elasticity.stiffness[i]}' damping='{elasticity.damping[i]}' "
-        f"springlength='0'><joint joint='motor{i}' coef='1'/><joint joint='link{i}' coef='-1'/></fixed>"
+        f"<fixed name='gear{i}' stiffness='{elasticity.stiffness[i]}'"
+        f" damping='{elasticity.damping[i]}' springlength='0'><joint joint='motor{i}'"
+        f" coef='1'/><joint joint='link{i}' coef='-1'/></fixed>"
         for i in range(2)
     )
     return mujoco.MjModel.from_xml_string(
-        f"<mujoco><option timestep='{RIG.period / steps}' gravity='0 9.81 0' "
-        f"integrator='implicitfast' tolerance='1e-12'/><worldbody>{motors}"
-        f"<body><joint name='link0' axis='0 0 1'/><inertial pos='{x2} {y2} 0' mass='{m2}' diaginertia='5 5 {i2}'/>"
-        f"<body pos='{puma560.LINK_LENGTH} 0 0'><joint name='link1' axis='0 0 1'/>"
-        f"<inertial pos='{x3} {y3} 0' mass='{m3}' diaginertia='5 5 {i3}'/></body></body></worldbody>"
-        f"<tendon>{tendons}</tendon></mujoco>"
+        f"<mujoco><option timestep='{RIG.period / steps}' gravity='0 9.81 0'"
+        f" integrator='implicitfast' tolerance='1e-12'/><worldbody>{motors}<body><joint"
+        f" name='link0' axis='0 0 1'/><inertial pos='{x2} {y2} 0' mass='{m2}' diaginertia='5 5"
+        f" {i2}'/><body pos='{puma560.LINK_LENGTH} 0 0'><joint name='link1' axis='0 0 1'/><inertial"
+        f" pos='{x3} {y3} 0' mass='{m3}' diaginertia='5 5"
+        f" {i3}'/></body></body></worldbody><tendon>{tendons}</tendon></mujoco>"
     )
 
 
 def p_loop(arm, elasticity, gain, link, duration, steps):
-    """A record of the arm under P as fast hardware, which reads its counts at every step of the engine."""
+    """A record of the arm under P as fast hardware, which reads its counts at every step of the
+    engine.
+    """
     engine = model(arm, elasticity, steps)
     data = mujoco.MjData(engine)
     t = RIG.period / steps * np.arange(math.ceil(duration / RIG.period) * steps)
@@ -78,13 +86,19 @@ def p_loop(arm, elasticity, gain, link, duration, steps):
         mujoco.mj_step(engine, data)
     rows = slice(0, None, steps)
     return Record(
-        t=t[rows], reference_pulses=commanded[rows], error_pulses=errors[rows], rig=RIG, law=puma560.p_law(gain),
+        t=t[rows],
+        reference_pulses=commanded[rows],
+        error_pulses=errors[rows],
+        rig=RIG,
+        law=puma560.p_law(gain),
         reference=PATH,
-    )  # fmt: skip
+    )
 
 
 class MujocoArm:
-    """The arm as `faults.SimulatedArm` is one: torques are pushed, the encoders of its motors are read."""
+    """The arm as `faults.SimulatedArm` is one: torques are pushed, the encoders of its motors
+    are read.
+    """
 
     def __init__(self, arm, elasticity, q, qd, steps=STEPS):
         self.engine, self._steps = model(arm, elasticity, steps), steps
@@ -118,9 +132,18 @@ class MujocoArm:
 
 
 def run(
-    arm, elasticity, law, link, path=PATH, duration=DURATION, steps=STEPS, friction=(1.0, 1.0), shift=(0.0, 0.0)
-):  # fmt: skip
-    """Counted errors (N, 2) of the motors, angles (N, 2) of the links, which start at `link`, and torques (N, 2).
+    arm,
+    elasticity,
+    law,
+    link,
+    path=PATH,
+    duration=DURATION,
+    steps=STEPS,
+    friction=(1.0, 1.0),
+    shift=(0.0, 0.0),
+):
+    """Counted errors (N, 2) of the motors, angles (N, 2) of the links, which start at `link`, and
+    torques (N, 2).
 
     `shift` is where the encoders' zeros are between two pulses.
     """

@@ -1,6 +1,8 @@
-"""The arm of the paper on rigid gears in MuJoCo, with springs: joints that have one, and tendons between two points.
+"""The arm of the paper on rigid gears in MuJoCo, with springs: joints that have one, and tendons
+between two points.
 
-MuJoCo knows a joint's stiffness and the angle where it rests, and works out length and pull of a tendon by itself.
+MuJoCo knows a joint's stiffness and the angle where it rests, and works out length and pull of a
+tendon by itself.
 """
 
 import math
@@ -15,11 +17,15 @@ __all__ = ["BASE", "ON_LINK", "engine", "p_loop", "swing"]
 
 RIG, PATH = puma560.rig(), puma560.reference()
 BASE, ON_LINK = (0.4, -2.0), (0.25, 1.1)
-"""Directions from each axis, seen from the link before and from the link after, in which coils end [rad]."""
+"""Directions from each axis, seen from the link before and from the link after, in which coils
+end [rad].
+"""
 
 
 def _spring(spring, i):
-    return "" if spring is None else f"stiffness='{spring.stiffness[i]}' springref='{spring.angle[i]}'"
+    return (
+        "" if spring is None else f"stiffness='{spring.stiffness[i]}' springref='{spring.angle[i]}'"
+    )
 
 
 def _site(name, centre, arm, angle):
@@ -29,7 +35,8 @@ def _site(name, centre, arm, angle):
 def engine(arm, spring=None, coil=None, *, friction=False, step=1e-5, integrator="RK4"):
     """The arm; frame 2 is the world at q = 0, and positive q2 lowers the arm.
 
-    `spring` is a `JointSpring`; `coil` a `Counterbalance` whose angle is BASE - ON_LINK, without tension.
+    `spring` is a `JointSpring`; `coil` a `Counterbalance` whose angle is BASE - ON_LINK, without
+    tension.
     """
     (m2, (x2, y2), i2), (m3, (x3, y3), i3) = planar_bodies(arm)
     rotors, drive, length = RIG.drive.reflected_inertia(), RIG.drive, puma560.LINK_LENGTH
@@ -51,11 +58,12 @@ def engine(arm, spring=None, coil=None, *, friction=False, step=1e-5, integrator
                 f"<site site='base{i}'/><site site='link{i}'/></spatial>"
             )
     return mujoco.MjModel.from_xml_string(
-        f"<mujoco><compiler angle='radian'/><option timestep='{step}' gravity='0 9.81 0' integrator='{integrator}' "
-        f"tolerance='1e-12'/><worldbody>{sites[0]}"
-        f"<body>{joints[0]}<inertial pos='{x2} {y2} 0' mass='{m2}' diaginertia='5 5 {i2}'/>{sites[1]}"
-        f"<body pos='{length} 0 0'>{joints[1]}<inertial pos='{x3} {y3} 0' mass='{m3}' diaginertia='5 5 {i3}'/>"
-        f"{sites[2]}</body></body></worldbody><tendon>{tendons}</tendon></mujoco>"
+        f"<mujoco><compiler angle='radian'/><option timestep='{step}' gravity='0 9.81 0'"
+        f" integrator='{integrator}'"
+        f" tolerance='1e-12'/><worldbody>{sites[0]}<body>{joints[0]}<inertial pos='{x2} {y2} 0'"
+        f" mass='{m2}' diaginertia='5 5 {i2}'/>{sites[1]}<body pos='{length} 0"
+        f" 0'>{joints[1]}<inertial pos='{x3} {y3} 0' mass='{m3}' diaginertia='5 5"
+        f" {i3}'/>{sites[2]}</body></body></worldbody><tendon>{tendons}</tendon></mujoco>"
     )
 
 
@@ -71,7 +79,9 @@ def swing(model, start, period, samples):
 
 
 def p_loop(arm, law, spring=None, *, injected=None, path=PATH, duration=None, steps=40):
-    """A record of the arm under P as fast hardware, with dry friction; `injected` (N, 2) [N m] is held and logged."""
+    """A record of the arm under P as fast hardware, with dry friction; `injected` (N, 2) [N m]
+    is held and logged.
+    """
     model = engine(arm, spring, friction=True, step=RIG.period / steps, integrator="implicitfast")
     data, samples = mujoco.MjData(model), math.ceil((duration or path.duration) / RIG.period - 1e-9)
     t = RIG.period / steps * np.arange(samples * steps)
@@ -83,11 +93,19 @@ def p_loop(arm, law, spring=None, *, injected=None, path=PATH, duration=None, st
     errors, torque = np.empty_like(commanded), np.empty_like(commanded)
     for i, counts in enumerate(commanded):
         errors[i] = counts - np.trunc(data.qpos * per_radian)
-        torque[i] = np.clip(np.clip(k * gain * errors[i], -limit, limit) + added[i // steps], -limit, limit)
+        torque[i] = np.clip(
+            np.clip(k * gain * errors[i], -limit, limit) + added[i // steps], -limit, limit
+        )
         data.qfrc_applied[:] = torque[i]
         mujoco.mj_step(model, data)
     rows = slice(0, None, steps)
     return Record(
-        t=t[rows], reference_pulses=commanded[rows], error_pulses=errors[rows], torque=torque[rows], rig=RIG, law=law,
-        reference=path, injected=injected,
-    )  # fmt: skip
+        t=t[rows],
+        reference_pulses=commanded[rows],
+        error_pulses=errors[rows],
+        torque=torque[rows],
+        rig=RIG,
+        law=law,
+        reference=path,
+        injected=injected,
+    )

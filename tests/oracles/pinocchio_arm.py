@@ -10,9 +10,15 @@ def frame(placement):
 
 
 def placement(link):
-    """Craig's row: RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d); the last two commute with the joint's motion."""
+    """Craig's row: RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d); the last two commute with
+    the joint's motion.
+    """
     twist = pin.SE3(pin.utils.rotate("x", link.alpha), np.array([link.a, 0.0, 0.0]))
-    return frame(link.before) * twist * pin.SE3(pin.utils.rotate("z", link.theta), np.array([0.0, 0.0, link.d]))
+    return (
+        frame(link.before)
+        * twist
+        * pin.SE3(pin.utils.rotate("z", link.theta), np.array([0.0, 0.0, link.d]))
+    )
 
 
 def inertia_matrix(body):
@@ -28,7 +34,10 @@ def pinocchio_model(chain, bodies):
     model.gravity.linear = np.array(chain.gravity)
     for link, body in zip(chain.links, bodies, strict=True):
         parent = model.addJoint(
-            parent, pin.JointModelPZ() if link.prismatic else pin.JointModelRZ(), placement(link), link.name
+            parent,
+            pin.JointModelPZ() if link.prismatic else pin.JointModelRZ(),
+            placement(link),
+            link.name,
         )
         inertia = pin.Inertia(body.mass, np.array(body.com), inertia_matrix(body))
         model.appendBodyToJoint(parent, inertia, frame(link.frame))

@@ -34,7 +34,12 @@ class Controller:
         self.c = ctypes.CDLL(str(made))
         self.c.said.restype = self.c.reference_name.restype = ctypes.c_char_p
         self.c.state_value.restype, self.c.allocations.restype = ctypes.c_double, ctypes.c_long
-        self.c.update.argtypes = [ctypes.c_longlong, ctypes.c_longlong, ctypes.c_void_p, ctypes.c_void_p]
+        self.c.update.argtypes = [
+            ctypes.c_longlong,
+            ctypes.c_longlong,
+            ctypes.c_void_p,
+            ctypes.c_void_p,
+        ]
         for name in ("activate", "give_reference"):
             getattr(self.c, name).argtypes = [ctypes.c_void_p]
 

@@ -1,6 +1,8 @@
-"""Arms whose controller is lied to: every fault at rest, in motion and during a hold, on rigid and elastic gears.
+"""Arms whose controller is lied to: every fault at rest, in motion and during a hold, on rigid and
+elastic gears.
 
-Beside each, the same arm without torque from the instant of the stop: what it does is not the controller's doing.
+Beside each, the same arm without torque from the instant of the stop: what it does is not the
+controller's doing.
 """
 
 import dataclasses
@@ -27,7 +29,9 @@ BRAKED = 70
 
 @dataclasses.dataclass
 class Spoilt:
-    """One call: counts, the sample whose reference it gets, its clock [s], whether it takes place, and how often."""
+    """One call: counts, the sample whose reference it gets, its clock [s], whether it takes
+    place, and how often.
+    """
 
     counts: np.ndarray
     sample: float
@@ -94,7 +98,9 @@ def _weak(call, k, seen):
 
 @dataclasses.dataclass(frozen=True)
 class Lie:
-    """What is wrong from sample BEGIN on or, save in a hold, always; gears of an elastic arm [Hz], bandwidth, load."""
+    """What is wrong from sample BEGIN on or, save in a hold, always; gears of an elastic arm
+    [Hz], bandwidth, load.
+    """
 
     says: str
     spoil: Callable | None = None
@@ -128,10 +134,11 @@ WHEN = ("rest", "motion", "hold")
 
 @dataclasses.dataclass(frozen=True)
 class Told:
-    """What came of it: status, brake, sample of the stop or None, speeds (N, 2) of the joints, torques (N, 2).
+    """What came of it: status, brake, sample of the stop or None, speeds (N, 2) of the joints,
+    torques (N, 2).
 
-    The fault began at sample `begun`. `alone` are speeds and torques of the same arm without torque from the stop on,
-    None without a stop.
+    The fault began at sample `begun`. `alone` are speeds and torques of the same arm without torque
+    from the stop on, None without a stop.
     """
 
     status: str
@@ -149,7 +156,9 @@ class Told:
         """Longest time [s] of a joint at its limit, in all, from the stop on."""
         if self.stop is None:
             return 0.0
-        return float((np.abs(self.torque[self.stop :]) >= LIMIT * (1 - 1e-9)).sum(axis=0).max() * DT)
+        return float(
+            (np.abs(self.torque[self.stop :]) >= LIMIT * (1 - 1e-9)).sum(axis=0).max() * DT
+        )
 
 
 STIFF = 400.0
@@ -161,7 +170,9 @@ def told(lie, when, gears="rigid", *, end=END, make=None, mujoco=False):
     model = puma560.literature_arm(1.5)
     arm = puma560.literature_arm(lie.load)
     rig = elastic(arm, None if gears == "rigid" else lie.hz)
-    law = ComputedTorque(model, RIG, bandwidth=lie.bandwidth or (145.0 if gears == "rigid" else 60.0))
+    law = ComputedTorque(
+        model, RIG, bandwidth=lie.bandwidth or (145.0 if gears == "rigid" else 60.0)
+    )
     law = law if make is None else make(model)
     start = np.array([0.3, -0.4]) if when == "rest" else PATH(np.zeros(1)).q[0]
     speed = np.zeros(2) if when == "rest" else PATH(np.zeros(1)).qd[0]
@@ -192,7 +203,11 @@ def told(lie, when, gears="rigid", *, end=END, make=None, mujoco=False):
         stopped = running.stopped if when != "hold" else running.core.memory[layout.RELEASED] > 0
         if stopped and stop is None:
             stop, kept = k, robot.state.copy()
-        speed[k], energy[k], torque[k] = robot.qd, _kinetic(arm, robot), np.clip(held, -call.limit, call.limit)
+        speed[k], energy[k], torque[k] = (
+            robot.qd,
+            _kinetic(arm, robot),
+            np.clip(held, -call.limit, call.limit),
+        )
         robot.push(torque[k])
     alone = energy_alone = None
     if kept is not None:
@@ -218,12 +233,16 @@ def _kinetic(arm, robot):
 
 
 def healthy(seed, samples=1500):
-    """Status after a random smooth path of 1 s, with a load of 0 to 5 kg, on rigid or elastic gears, seldom at rest."""
+    """Status after a random smooth path of 1 s, with a load of 0 to 5 kg, on rigid or elastic
+    gears, seldom at rest.
+    """
     draw = np.random.default_rng(seed)
     load, hz = draw.uniform(0, 5), draw.choice([0, 40, 60, 100])
     arm, model = puma560.literature_arm(load), puma560.literature_arm(load * draw.uniform(0.7, 1.3))
     rig = elastic(arm, hz or None)
-    law = ComputedTorque(model, RIG, bandwidth=(250.0 if draw.random() < 0.5 else 100.0) if not hz else 0.12 * hz * 2)
+    law = ComputedTorque(
+        model, RIG, bandwidth=(250.0 if draw.random() < 0.5 else 100.0) if not hz else 0.12 * hz * 2
+    )
     start, goal = draw.uniform(-1, 1, (2, 2))
     goal = np.where(draw.random(2) < 0.25, start, goal)
     path = PointToPoint(start=start, goal=goal, duration=draw.uniform(0.5, 1.0))

@@ -1,7 +1,9 @@
-"""One small log in every format, files made from it by spoiling its bytes, and a reader that starts quickly.
+"""One small log in every format, files made from it by spoiling its bytes, and a reader that starts
+quickly.
 
-A child process spends nearly all of its time importing h5py, pyarrow and scipy. `WarmChildren` imports them once and
-forks for every file: each is still read by the library's own code in a process of its own, under its limits.
+A child process spends nearly all of its time importing h5py, pyarrow and scipy. `WarmChildren`
+imports them once and forks for every file: each is still read by the library's own code in a
+process of its own, under its limits.
 """
 
 import json
@@ -42,7 +44,9 @@ def write(kind, path, columns, compress=True):
         rows = np.column_stack([np.asarray(column, float) for column in columns.values()])
         with open(path, "w") as file:
             file.write(",".join(columns) + "\n")
-            file.writelines(",".join("" if np.isnan(x) else repr(float(x)) for x in row) + "\n" for row in rows)
+            file.writelines(
+                ",".join("" if np.isnan(x) else repr(float(x)) for x in row) + "\n" for row in rows
+            )
     elif kind == "npz":
         with open(path, "wb") as file:
             (np.savez_compressed if compress else np.savez)(file, **columns)
@@ -63,7 +67,9 @@ def read(kind, path):
 
 
 def spoil(data, rng):
-    """Bytes with some bits flipped, cut off, a block of zeros, a block twice, or something behind them."""
+    """Bytes with some bits flipped, cut off, a block of zeros, a block twice, or something
+    behind them.
+    """
     data, at = bytearray(data), int(rng.integers(len(data)))
     end = at + int(rng.integers(1, 65))
     match int(rng.integers(5)):
@@ -113,7 +119,9 @@ for line in sys.stdin:
 
 
 class WarmChildren:
-    """In place of `run` in `plant.logs.isolation`; `.peak` is the largest memory of a child so far [kB]."""
+    """In place of `run` in `plant.logs.isolation`; `.peak` is the largest memory of a child so
+    far [kB].
+    """
 
     def __init__(self):
         self.server = subprocess.Popen(  # noqa: S603 - this interpreter and the code above
@@ -124,7 +132,11 @@ class WarmChildren:
 
     def __call__(self, command, *, timeout, **options):
         with tempfile.NamedTemporaryFile() as out:
-            print(json.dumps([json.loads(command[-1]), out.name, timeout]), file=self.server.stdin, flush=True)
+            print(
+                json.dumps([json.loads(command[-1]), out.name, timeout]),
+                file=self.server.stdin,
+                flush=True,
+            )
             status, peak = json.loads(self.server.stdout.readline())
             self.peak = max(self.peak, peak)
             if status is None:

@@ -1,12 +1,15 @@
-"""Event-accurate motion of an arm with set-valued Coulomb friction: the reference for the plant's time stepping.
+"""Event-accurate motion of an arm with set-valued Coulomb friction: the reference for the plant's
+time stepping.
 
-    D(q) qdd + h(q, qd) + B qd + s = torque(t, q, qd),    s_i = C_i sign(qd_i) if qd_i != 0, else |s_i| <= C_i
+    D(q) qdd + h(q, qd) + B qd + s = torque(t, q, qd),    s_i = C_i sign(qd_i) if qd_i != 0, else
+    |s_i| <= C_i
 
-Each joint is stuck (mode 0: qd = 0, and s is whatever holds it) or slides (mode +1 or -1). Between two changes of mode
-the motion is smooth and DOP853 integrates it nearly to rounding; a change is an event, located by root finding: a
-sliding joint comes to rest, or a stuck one needs more than C. At rest the next modes are those that agree with the
-motion they cause; their accelerations are unique, since they minimise a strictly convex function
-(1/2 qdd' D qdd - drive' qdd + the sum of C_i |qdd_i| over the joints at rest).
+Each joint is stuck (mode 0: qd = 0, and s is whatever holds it) or slides (mode +1 or -1). Between
+two changes of mode the motion is smooth and DOP853 integrates it nearly to rounding; a change is an
+event, located by root finding: a sliding joint comes to rest, or a stuck one needs more than C. At
+rest the next modes are those that agree with the motion they cause; their accelerations are unique,
+since they minimise a strictly convex function (1/2 qdd' D qdd - drive' qdd + the sum of C_i |qdd_i|
+over the joints at rest).
 """
 
 from itertools import product
@@ -15,10 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-# Friction a stuck joint may need, in units of C. The excess over 1 lets a joint break away with an acceleration that
-# is surely in its direction (rounding is 1e-16 of the torques); it delays the break-away by 1e-10 C / (dtau/dt).
+# Friction a stuck joint may need, in units of C. The excess over 1 lets a joint break away with an
+# acceleration that is surely in its direction (rounding is 1e-16 of the torques); it delays the
+# break-away by 1e-10 C / (dtau/dt).
 _HOLDS = 1 + 1e-10
-_AT_ONCE = 1e-13  # margins this small, relative to the piece's largest, are events at the same instant as the one found
+# margins this small, relative to the piece's largest, are events at the same instant as the one
+# found
+_AT_ONCE = 1e-13
 
 
 class Event(NamedTuple):
@@ -31,8 +37,8 @@ class Event(NamedTuple):
     joint : int
         Index of the joint, from 0.
     kind : str
-        "stick", or the direction of the motion that begins: "slip+" (qd > 0), "slip-". A joint that turns round
-        without a pause has a slip event only.
+        "stick", or the direction of the motion that begins: "slip+" (qd > 0), "slip-". A joint that
+        turns round without a pause has a slip event only.
     """
 
     t: float
@@ -64,8 +70,8 @@ def simulate_events(D, h, C, B, torque, t_end, q0, qd0, t_eval, *, tolerance=1e-
     tolerance : float
         Relative tolerance per step; the absolute one is a hundredth of it.
     max_step : float, optional
-        Longest step [s], t_end / 1000 if not given. Events are seen at the ends of steps, so a torque that exceeds C
-        and falls back within one step is missed.
+        Longest step [s], t_end / 1000 if not given. Events are seen at the ends of steps, so a
+        torque that exceeds C and falls back within one step is missed.
 
     Returns
     -------
@@ -77,7 +83,8 @@ def simulate_events(D, h, C, B, torque, t_end, q0, qd0, t_eval, *, tolerance=1e-
     Raises
     ------
     RuntimeError
-        If a step ended in a state that contradicts its modes (an event was missed), or events pile up at one instant.
+        If a step ended in a state that contradicts its modes (an event was missed), or events pile
+        up at one instant.
     """
     C, B, t_eval = np.asarray(C, float), np.asarray(B, float), np.asarray(t_eval, float)
     n, joints = len(C), range(len(C))
@@ -91,14 +98,18 @@ def simulate_events(D, h, C, B, torque, t_end, q0, qd0, t_eval, *, tolerance=1e-
         return qdd, np.where(slides, friction, drive - inertia @ qdd)
 
     def consistent(t, q, qd, choices):
-        """Of the choices of modes, one that agrees with the motion it causes; where several do, the most stuck one."""
+        """Of the choices of modes, one that agrees with the motion it causes; where several do,
+        the most stuck one.
+        """
         for choice in sorted(product(*choices), key=np.count_nonzero):
             modes = np.array(choice)
             qdd, friction = motion(t, q, qd, modes)
             starts = (qd == 0) & (modes != 0)
             if (abs(friction) <= C * _HOLDS).all() and (modes * qdd > 0)[starts].all():
                 return modes
-        raise RuntimeError(f"no modes agree with q = {q}, qd = {qd} at t = {t}. Is D positive definite there?")
+        raise RuntimeError(
+            f"no modes agree with q = {q}, qd = {qd} at t = {t}. Is D positive definite there?"
+        )
 
     def rate(t, state, modes):
         return np.concatenate([state[n:], motion(t, state[:n], state[n:], modes)[0]])
@@ -135,11 +146,17 @@ def simulate_events(D, h, C, B, torque, t_end, q0, qd0, t_eval, *, tolerance=1e-
         if piece.status < 0:
             raise RuntimeError(f"integration stopped at t = {piece.t[-1]}: {piece.message}")
         margins = np.array(
-            [[margin(*point, modes, j) for j in joints] for point in zip(piece.t, piece.y.T, strict=True)]
+            [
+                [margin(*point, modes, j) for j in joints]
+                for point in zip(piece.t, piece.y.T, strict=True)
+            ]
         )
         scale = np.where(modes == 0, C, abs(margins).max(axis=0))
         if (margins[1:-1] < -1e-7 * scale).any():
-            raise RuntimeError(f"modes {modes} contradicted between t = {t} and {piece.t[-1]}. Use a shorter max_step.")
+            raise RuntimeError(
+                f"modes {modes} contradicted between t = {t} and {piece.t[-1]}. Use a shorter"
+                " max_step."
+            )
         inside = (t_eval > t) & (t_eval <= piece.t[-1])
         if inside.any():
             positions[inside] = piece.sol(t_eval[inside])[:n].T
@@ -150,7 +167,9 @@ def simulate_events(D, h, C, B, torque, t_end, q0, qd0, t_eval, *, tolerance=1e-
         if piece.status == 0:
             return positions, events
 
-        found = np.array([len(times) > 0 for times in piece.t_events]) | (margins[-1] <= _AT_ONCE * scale)
+        found = np.array([len(times) > 0 for times in piece.t_events]) | (
+            margins[-1] <= _AT_ONCE * scale
+        )
         rests, breaks = found & (modes != 0), found & (modes == 0)
         needed = motion(t, q, qd, modes)[1]
         qd[rests] = 0.0
@@ -159,14 +178,20 @@ def simulate_events(D, h, C, B, torque, t_end, q0, qd0, t_eval, *, tolerance=1e-
             choices[joint] = (int(np.sign(needed[joint])),)
         previous, modes = modes, consistent(t, q, qd, choices)
         for joint in np.flatnonzero(modes != previous):
-            events.append(Event(float(t), int(joint), {0: "stick", 1: "slip+", -1: "slip-"}[int(modes[joint])]))
+            events.append(
+                Event(
+                    float(t), int(joint), {0: "stick", 1: "slip+", -1: "slip-"}[int(modes[joint])]
+                )
+            )
 
 
 class GearedJoint(NamedTuple):
-    """One horizontal geared joint that lifts a link under P control and sticks at every reversal of a slow reference.
+    """One horizontal geared joint that lifts a link under P control and sticks at every reversal of
+    a slow reference.
 
-    tau = stiffness (q_r - q), q_r(t) = amplitude (1 - cos(2 pi t / period)); the encoder is not quantised. The link's
-    z axis is horizontal and x points along it, level at q = 0 and upwards for q > 0: gravity torque m g r cos q.
+    tau = stiffness (q_r - q), q_r(t) = amplitude (1 - cos(2 pi t / period)); the encoder is not
+    quantised. The link's z axis is horizontal and x points along it, level at q = 0 and upwards for
+    q > 0: gravity torque m g r cos q.
 
     Attributes
     ----------
@@ -175,7 +200,8 @@ class GearedJoint(NamedTuple):
     radius : float
         Distance of the centre of mass from the axis [m].
     inertia : float
-        All inertia about the axis: link about the joint, and motor times gear ratio squared [kg m^2].
+        All inertia about the axis: link about the joint, and motor times gear ratio squared [kg
+        m^2].
     coulomb, viscous : float
         Friction, joint side [N m] and [N m s/rad].
     stiffness : float

@@ -1,4 +1,6 @@
-"""Motions and laws of docs/guides/laws.md: what its tables are made of, and what else is asked of these laws."""
+"""Motions and laws of docs/guides/laws.md: what its tables are made of, and what else is asked
+of these laws.
+"""
 
 import numpy as np
 

@@ -1,4 +1,6 @@
-"""Options of `certify` and `tune` in one dictionary: what belongs to an `Uncertainty` becomes one."""
+"""Options of `certify` and `tune` in one dictionary: what belongs to an `Uncertainty` becomes
+one.
+"""
 
 import dataclasses
 

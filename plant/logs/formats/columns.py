@@ -10,7 +10,9 @@ class RefusalError(ValueError):
 
 
 def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], bool]:
-    """Whether a column is wanted: one of these names, or, without names, all that start with the prefix."""
+    """Whether a column is wanted: one of these names, or, without names, all that start with the
+    prefix.
+    """
     return (lambda name: name.startswith(prefix)) if names is None else set(names).__contains__
 
 
@@ -18,13 +20,17 @@ def require_size(size: int, most: int) -> None:
     """Refuse columns of more than `most` bytes."""
     if size > most:
         declared = f"it declares {size >> 20}"
-        raise RefusalError(f"must hold at most {most >> 20} MiB; {declared}. Cut the log into several files.")
+        raise RefusalError(
+            f"must hold at most {most >> 20} MiB; {declared}. Cut the log into several files."
+        )
 
 
 def require_real(name: str, kind: Any, sound: bool) -> None:
     """Refuse a column whose kind is no sound one: no real numbers."""
     if not sound:
-        raise RefusalError(f"must hold real numbers; got {kind} in column {name!r}. Leave it out with names=.")
+        raise RefusalError(
+            f"must hold real numbers; got {kind} in column {name!r}. Leave it out with names=."
+        )
 
 
 class Block(NamedTuple):
@@ -37,13 +43,18 @@ class Block(NamedTuple):
         """Names of the block's columns, of a block that is called `name`."""
         if self.values.ndim == 2:
             yield from (f"{name}.{label}" for label in self.labels)
-            yield from (f"{name}[{i}]" for i in range(self.values.shape[1] if not self.labels else 0))
+            yield from (
+                f"{name}[{i}]" for i in range(self.values.shape[1] if not self.labels else 0)
+            )
 
 
 def home_of(wanted: str, known: Iterable[str]) -> str | None:
     """The longest of the known names of which `wanted` is the whole, or an element."""
-    return max((name for name in known if wanted == name or wanted.startswith((f"{name}.", f"{name}["))),
-               key=len, default=None)  # fmt: skip
+    return max(
+        (name for name in known if wanted == name or wanted.startswith((f"{name}.", f"{name}["))),
+        key=len,
+        default=None,
+    )
 
 
 def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
@@ -51,7 +62,8 @@ def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
     name = home_of(wanted, blocks)
     if name is None:
         return None
-    block, rest = blocks[name], wanted[len(name) :]
+    block = blocks[name]
+    rest = wanted[len(name) :]
     if not rest:
         return block.values
     if block.values.ndim != 2:
@@ -59,4 +71,6 @@ def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
     if rest[1:] in block.labels and rest[0] == ".":
         return block.values[:, block.labels.index(rest[1:])]
     place = re.fullmatch(r"\[(\d{1,9})\]", rest)
-    return block.values[:, int(place[1])] if place and int(place[1]) < block.values.shape[1] else None
+    return (
+        block.values[:, int(place[1])] if place and int(place[1]) < block.values.shape[1] else None
+    )

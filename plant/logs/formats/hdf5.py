@@ -7,7 +7,9 @@ from typing import Any
 from .columns import RefusalError, choice_of, require_real, require_size
 
 
-def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
+def read(
+    path: str, names: Collection[str] | None, prefix: str, most: int
+) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of an HDF5 file, or of a MAT file of version 7.3."""
     import h5py
 
@@ -19,15 +21,24 @@ def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tu
         for link in _links(file, items):
             if chosen(link) or any(name.startswith(f"{link}/") for name in names or ()):
                 where = f"{link!r} is a link to another file"
-                raise RefusalError(f"must hold its own data; {where}. Copy it in, or choose others.")
+                raise RefusalError(
+                    f"must hold its own data; {where}. Copy it in, or choose others."
+                )
         wanted = {name: item for name, item in known.items() if chosen(name)}
         for name, item in wanted.items():
             if item.is_virtual or item.external:
-                raise RefusalError(f"must hold its own data; column {name!r} points into another file. Copy it in.")
+                raise RefusalError(
+                    f"must hold its own data; column {name!r} points into another file. Copy it in."
+                )
             require_real(name, item.dtype, item.dtype.kind in "biuf")
-        require_size(sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()), most)
+        require_size(
+            sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()), most
+        )
         # MATLAB writes its arrays with the axes in reverse.
-        return list(known), {n: item[()].T if "MATLAB_class" in item.attrs else item[()] for n, item in wanted.items()}
+        return list(known), {
+            n: item[()].T if "MATLAB_class" in item.attrs else item[()]
+            for n, item in wanted.items()
+        }
 
 
 def _links(file: Any, items: dict[str, Any]) -> Iterator[str]:

@@ -1,4 +1,6 @@
-"""LeRobot data sets: a folder with ``meta/info.json`` and the episodes as Parquet, of version 2 or 3."""
+"""LeRobot data sets: a folder with ``meta/info.json`` and the episodes as Parquet, of version 2
+or 3.
+"""
 
 import json
 from collections.abc import Collection
@@ -15,18 +17,28 @@ _EPISODE = "episode_index"
 def read(
     path: str, names: Collection[str] | None, prefix: str, most: int, episode: int = 0
 ) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of one episode; ``action.elbow`` or ``action[1]`` is one of a list."""
+    """Names and wanted columns of one episode; ``action.elbow`` or ``action[1]`` is one of a
+    list.
+    """
     info = _info(path)
     features: Any = info.get("features")
     features = features if isinstance(features, dict) else {}
-    numeric = [name for name, feature in features.items() if name.startswith(prefix) and _is_numeric(feature)]
+    numeric = [
+        name
+        for name, feature in features.items()
+        if name.startswith(prefix) and _is_numeric(feature)
+    ]
     wanted = [*(numeric if names is None else names), _EPISODE]
     known, blocks = read_blocks(_file_of(path, info, episode, most), wanted, "", most)
     if _EPISODE not in blocks:
-        raise RefusalError("must name the episode of each row; its data has no column 'episode_index'. Convert it.")
+        raise RefusalError(
+            "must name the episode of each row; its data has no column 'episode_index'. Convert it."
+        )
     rows = blocks[_EPISODE].values == episode
     if not rows.any():
-        raise RefusalError(f"must hold the rows of episode {episode}; its data file has none. Download it again.")
+        raise RefusalError(
+            f"must hold the rows of episode {episode}; its data file has none. Download it again."
+        )
     found = {}
     for name, block in blocks.items():
         labels = _labels(features.get(name))
@@ -34,7 +46,10 @@ def read(
         found[name] = Block(block.values[rows], labels if fits else ())
     if names is None:
         return known, {name: found[name].values for name in numeric if name in found}
-    known = [*known, *(element for name, block in found.items() for element in block.elements(name))]
+    known = [
+        *known,
+        *(element for name, block in found.items() for element in block.elements(name)),
+    ]
     columns = {name: picked(name, found) for name in names}
     return known, {name: values for name, values in columns.items() if values is not None}
 
@@ -43,23 +58,34 @@ def episodes_of(path: str) -> int:
     """Number of episodes of a data set."""
     count = _info(path).get("total_episodes")
     if not isinstance(count, int) or count < 1:
-        raise RefusalError(f"must state total_episodes in meta/info.json; got {count!r:.20}. Download it again.")
+        raise RefusalError(
+            f"must state total_episodes in meta/info.json; got {count!r:.20}. Download it again."
+        )
     return count
 
 
 def _info(path: str) -> dict[str, Any]:
     place = Path(path, "meta", "info.json")
     if not place.is_file():
-        raise RefusalError("must be a LeRobot data set; it has no meta/info.json. Give the folder that holds meta/.")
+        raise RefusalError(
+            "must be a LeRobot data set; it has no meta/info.json. Give the folder that holds"
+            " meta/."
+        )
     if place.stat().st_size > _INFO:
-        raise RefusalError(f"must have a meta/info.json below {_INFO >> 20} MiB; it is larger. Write it again.")
+        raise RefusalError(
+            f"must have a meta/info.json below {_INFO >> 20} MiB; it is larger. Write it again."
+        )
     try:
         info = json.loads(place.read_bytes())
     except (ValueError, RecursionError):
-        raise RefusalError("must have a meta/info.json that is JSON; it is not. Download it again.") from None
+        raise RefusalError(
+            "must have a meta/info.json that is JSON; it is not. Download it again."
+        ) from None
     version = str(info.get("codebase_version", "")) if isinstance(info, dict) else ""
     if not version.startswith(("v2.", "v3.")):
-        raise RefusalError(f"must be of version 2 or 3; got {version!r:.20} in meta/info.json. Convert it.")
+        raise RefusalError(
+            f"must be of version 2 or 3; got {version!r:.20} in meta/info.json. Convert it."
+        )
     return dict(info)
 
 
@@ -67,26 +93,39 @@ def _file_of(path: str, info: dict[str, Any], episode: int, most: int) -> str:
     """The Parquet file with an episode, inside of the folder."""
     count = episodes_of(path)
     if not 0 <= episode < count:
-        raise RefusalError(f"must hold episode {episode}; it has 0 to {count - 1}. Choose one of those.")
-    pattern, version = str(info.get("data_path", "")), str(info["codebase_version"])
+        raise RefusalError(
+            f"must hold episode {episode}; it has 0 to {count - 1}. Choose one of those."
+        )
+    pattern = str(info.get("data_path", ""))
+    version = str(info["codebase_version"])
     if version.startswith("v2."):
         size = info.get("chunks_size")
         if not isinstance(size, int) or size < 1:
-            raise RefusalError(f"must state chunks_size in meta/info.json; got {size!r:.20}. Download it again.")
+            raise RefusalError(
+                f"must state chunks_size in meta/info.json; got {size!r:.20}. Download it again."
+            )
         places = {"episode_chunk": episode // size, "episode_index": episode}
     else:
         places = _place_of(path, episode, most)
     if len(pattern) > 200:
-        raise RefusalError("must have a data_path below 200 characters in meta/info.json. Download it again.")
+        raise RefusalError(
+            "must have a data_path below 200 characters in meta/info.json. Download it again."
+        )
     try:
         name = pattern.format(**places)
     except (LookupError, ValueError, AttributeError, TypeError):
         got = f"got {pattern!r:.80}"
-        raise RefusalError(f"must have a data_path that names files by episode; {got}. Correct it.") from None
+        raise RefusalError(
+            f"must have a data_path that names files by episode; {got}. Correct it."
+        ) from None
     if not name or Path(name).is_absolute() or ".." in Path(name).parts:
-        raise RefusalError(f"must have its data inside of its folder; data_path gives {name!r:.80}. Correct it.")
+        raise RefusalError(
+            f"must have its data inside of its folder; data_path gives {name!r:.80}. Correct it."
+        )
     if not Path(path, name).is_file():
-        raise RefusalError(f"must hold {name!r:.80}, the data of episode {episode}; it does not. Download it.")
+        raise RefusalError(
+            f"must hold {name!r:.80}, the data of episode {episode}; it does not. Download it."
+        )
     return str(Path(path, name))
 
 
@@ -100,11 +139,15 @@ def _place_of(path: str, episode: int, most: int) -> dict[str, int]:
         rows = blocks[_EPISODE].values == episode
         if rows.any():
             return {short: int(blocks[name].values[rows][0]) for name, short in columns.items()}
-    raise RefusalError(f"must list episode {episode} in meta/episodes; it does not. Download it again.")
+    raise RefusalError(
+        f"must list episode {episode} in meta/episodes; it does not. Download it again."
+    )
 
 
 def _is_numeric(feature: Any) -> bool:
-    return isinstance(feature, dict) and str(feature.get("dtype")).startswith(("float", "int", "uint", "bool"))
+    return isinstance(feature, dict) and str(feature.get("dtype")).startswith(
+        ("float", "int", "uint", "bool")
+    )
 
 
 def _labels(feature: Any) -> tuple[str, ...]:
@@ -113,5 +156,9 @@ def _labels(feature: Any) -> tuple[str, ...]:
     if isinstance(names, dict):
         lists = [value for value in names.values() if isinstance(value, list)]
         names = lists[0] if len(lists) == 1 else None
-    sound = isinstance(names, list) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)
+    sound = (
+        isinstance(names, list)
+        and all(isinstance(name, str) for name in names)
+        and len(set(names)) == len(names)
+    )
     return tuple(names) if sound and names else ()

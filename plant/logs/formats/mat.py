@@ -9,12 +9,17 @@ from typing import Any
 from .columns import RefusalError, choice_of, require_size
 
 
-def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of a MAT file; a field of the k-th structure of an array is ``structure[k].field``."""
+def read(
+    path: str, names: Collection[str] | None, prefix: str, most: int
+) -> tuple[list[str], dict[str, Any]]:
+    """Names and wanted columns of a MAT file; a field of the k-th structure of an array is
+    ``structure[k].field``.
+    """
     _require_bounded(path, most)
     from scipy.io import loadmat
 
-    chosen, kinds = choice_of(names, prefix), _kinds(path)
+    chosen = choice_of(names, prefix)
+    kinds = _kinds(path)
 
     def load(variables: list[str]) -> dict[str, Any]:
         found = loadmat(path, squeeze_me=True, struct_as_record=True, variable_names=variables)
@@ -28,7 +33,9 @@ def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tu
 
 
 def _kinds(path: str) -> dict[str, str]:
-    """Name of each variable -> its class; of files with objects of MATLAB, which have no shape, after reading all."""
+    """Name of each variable -> its class; of files with objects of MATLAB, which have no shape,
+    after reading all.
+    """
     from scipy.io import loadmat, whosmat
 
     try:
@@ -60,11 +67,15 @@ def _flat(values: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
             yield from _flat({field: value[field].item() for field in fields}, f"{prefix}{name}.")
         else:
             for k, element in enumerate(value.ravel(order="F")):
-                yield from _flat({field: element[field] for field in fields}, f"{prefix}{name}[{k}].")
+                yield from _flat(
+                    {field: element[field] for field in fields}, f"{prefix}{name}[{k}]."
+                )
 
 
 def _is_empty_structure(value: Any) -> bool:
-    """Whether it is what scipy makes of a structure without fields, or of one that was never assigned."""
+    """Whether it is what scipy makes of a structure without fields, or of one that was never
+    assigned.
+    """
     if value is None:
         return True
     of_objects = getattr(getattr(value, "dtype", None), "kind", "") == "O"
@@ -72,14 +83,22 @@ def _is_empty_structure(value: Any) -> bool:
 
 
 def _require_bounded(path: str, most: int) -> None:
-    """Refuse what is no MAT v5, and what expands beyond `most` bytes, by what is declared and then by what comes."""
+    """Refuse what is no MAT v5, and what expands beyond `most` bytes, by what is declared and
+    then by what comes.
+    """
     with open(path, "rb") as file:
         head = file.read(128)
         if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
-            raise RefusalError("must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5.")
+            raise RefusalError(
+                "must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5."
+            )
         if head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
-            raise RefusalError("must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6.")
-        order, total, size = "<" if head[126:] == b"IM" else ">", 0, os.path.getsize(path)
+            raise RefusalError(
+                "must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6."
+            )
+        order = "<" if head[126:] == b"IM" else ">"
+        total = 0
+        size = os.path.getsize(path)
         while len(tag := file.read(8)) == 8:
             kind, length = struct.unpack(f"{order}II", tag)
             start = file.tell()
@@ -101,7 +120,8 @@ def _require_bounded(path: str, most: int) -> None:
 
 def _expanded(file: Any, length: int, declared: int) -> int:
     """Number of bytes that a compressed element expands to; refused above what it declares."""
-    stream, total = zlib.decompressobj(), 0
+    stream = zlib.decompressobj()
+    total = 0
     while length > 0 and not stream.eof:
         piece = file.read(min(length, 1 << 16))
         if not piece:
@@ -111,5 +131,8 @@ def _expanded(file: Any, length: int, declared: int) -> int:
             total += len(stream.decompress(piece, 1 << 20))
             piece = stream.unconsumed_tail
             if total > declared + 8:  # padding
-                raise RefusalError(f"declares an element of {declared} bytes; it expands beyond them. Write it again.")
+                raise RefusalError(
+                    f"declares an element of {declared} bytes; it expands beyond them. Write it"
+                    " again."
+                )
     return total

@@ -20,25 +20,36 @@ def read(
             raise RefusalError("must be an MCAP file; its first bytes are not. Check its name.")
         file.seek(-8, 2)
         if file.read(8) != b"\x89MCAP0\r\n":
-            raise RefusalError("must be complete; its last bytes are not those of MCAP. Run mcap recover on it.")
+            raise RefusalError(
+                "must be complete; its last bytes are not those of MCAP. Run mcap recover on it."
+            )
         file.seek(0)
         reader, decoders = make_reader(file, validate_crcs=True), DecoderFactory()
         summary = reader.get_summary()
         if summary is None or not summary.channels:
-            raise RefusalError("must hold a summary with its topics; it does not. Run mcap recover on it.")
+            raise RefusalError(
+                "must hold a summary with its topics; it does not. Run mcap recover on it."
+            )
 
         def messages(wanted: list[str]) -> Iterator[tuple[str, int, Any]]:
             decode = dict[int, Any]()
             for schema, channel, message in reader.iter_messages(topics=wanted) if wanted else ():
                 if channel.id not in decode:
                     kind = channel.message_encoding
-                    decode[channel.id] = json.loads if kind == "json" else decoders.decoder_for(kind, schema)
+                    decode[channel.id] = (
+                        json.loads if kind == "json" else decoders.decoder_for(kind, schema)
+                    )
                 if decode[channel.id] is not None:
                     yield channel.topic, message.log_time, decode[channel.id](message.data)
                 elif names is not None:
-                    encoding = f"{channel.message_encoding} with {schema.encoding if schema else 'no schema'}"
-                    raise RefusalError(f"must hold ROS 2 messages (cdr with ros2msg) or JSON; {channel.topic!r:.60} is "
-                                       f"{encoding:.60}. Convert it.")  # fmt: skip
+                    encoding = (
+                        f"{channel.message_encoding} with"
+                        f" {schema.encoding if schema else 'no schema'}"
+                    )
+                    raise RefusalError(
+                        "must hold ROS 2 messages (cdr with ros2msg) or JSON;"
+                        f" {channel.topic!r:.60} is {encoding:.60}. Convert it."
+                    )
 
         every = (channel.topic for channel in summary.channels.values())
         return columns_of(every, messages, names, prefix, most, clock)

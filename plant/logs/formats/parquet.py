@@ -9,7 +9,9 @@ import numpy as np
 from .columns import Block, RefusalError, choice_of, home_of, picked, require_real, require_size
 
 
-def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Any]]:
+def read(
+    path: str, names: Collection[str] | None, prefix: str, most: int
+) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of a Parquet file; ``name[i]`` is one column of a list."""
     known, blocks = read_blocks(path, names, prefix, most)
     if names is None:
@@ -19,36 +21,55 @@ def read(path: str, names: Collection[str] | None, prefix: str, most: int) -> tu
     return known, {name: values for name, values in found.items() if values is not None}
 
 
-def read_blocks(path: str, names: Collection[str] | None, prefix: str, most: int) -> tuple[list[str], dict[str, Block]]:
+def read_blocks(
+    path: str, names: Collection[str] | None, prefix: str, most: int
+) -> tuple[list[str], dict[str, Block]]:
     """Names of all columns, and those of which something is wanted."""
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more than they need
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
-        schema, chosen = file.schema_arrow, choice_of(None, prefix)
+        schema = file.schema_arrow
+        chosen = choice_of(None, prefix)
         homes = {home_of(name, schema.names) for name in names or ()}
-        wanted = [name for name in schema.names if (chosen(name) if names is None else name in homes)]
+        wanted = [
+            name for name in schema.names if (chosen(name) if names is None else name in homes)
+        ]
         for name in wanted:
             given = schema.field(name).type
-            kind, known = given.value_type if _is_list(pa, given) else given, pa.types
-            require_real(name, given, known.is_integer(kind) or known.is_floating(kind) or known.is_boolean(kind))
+            kind = given.value_type if _is_list(pa, given) else given
+            known = pa.types
+            require_real(
+                name,
+                given,
+                known.is_integer(kind) or known.is_floating(kind) or known.is_boolean(kind),
+            )
         require_size(max(_size(file.metadata, wanted), 0), most)
         table = file.read(columns=wanted, use_threads=False)
-        return schema.names, {name: Block(_numbers(pa, name, table.column(name))) for name in wanted}
+        return schema.names, {
+            name: Block(_numbers(pa, name, table.column(name))) for name in wanted
+        }
 
 
 def _is_list(pa: Any, kind: Any) -> bool:
-    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+    return bool(
+        pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
+    )
 
 
 def _size(metadata: Any, wanted: Collection[str]) -> int:
     """Bytes of the wanted columns as they are declared, or of the largest group once expanded."""
-    groups, total = [metadata.row_group(i) for i in range(metadata.num_row_groups)], 0
+    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+    total = 0
     for group in groups:
         chunks = (group.column(i) for i in range(group.num_columns))
-        total += 8 * sum(c.num_values for c in chunks if home_of(c.path_in_schema, wanted) is not None)
-    return max(total, 8 * metadata.num_rows * len(wanted), *(group.total_byte_size for group in groups), 0)
+        total += 8 * sum(
+            c.num_values for c in chunks if home_of(c.path_in_schema, wanted) is not None
+        )
+    return max(
+        total, 8 * metadata.num_rows * len(wanted), *(group.total_byte_size for group in groups), 0
+    )
 
 
 def _numbers(pa: Any, name: str, column: Any) -> Any:
@@ -62,7 +83,9 @@ def _numbers(pa: Any, name: str, column: Any) -> Any:
     sizes = np.unique(lengths.drop_null().to_numpy())
     if len(sizes) != 1 or not sizes[0]:
         got = "no value" if not len(sizes) else f"{sizes.min()} to {sizes.max()} values"
-        raise RefusalError(f"must hold lists of one length; got {got} per row in column {name!r}. Leave it out.")
+        raise RefusalError(
+            f"must hold lists of one length; got {got} per row in column {name!r}. Leave it out."
+        )
     flat = pc.list_flatten(column).to_numpy().reshape(-1, int(sizes[0]))
     if given.all():
         return flat

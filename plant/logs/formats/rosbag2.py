@@ -1,4 +1,6 @@
-"""Bags of ROS 2: the folder with ``metadata.yaml``, or one of its files; SQLite (``.db3``) or MCAP inside."""
+"""Bags of ROS 2: the folder with ``metadata.yaml``, or one of its files; SQLite (``.db3``) or
+MCAP inside.
+"""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -7,7 +9,8 @@ from typing import Any
 from .columns import RefusalError
 from .messages import columns_of
 
-_STORE = "ROS2_HUMBLE"  # definitions of the standard messages, for bags that do not hold those of their own
+# definitions of the standard messages, for bags that do not hold those of their own
+_STORE = "ROS2_HUMBLE"
 
 
 def read(
@@ -18,18 +21,28 @@ def read(
     from rosbags.typesys import Stores, get_typestore
 
     if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
-        raise RefusalError("must be a bag of ROS 2; the folder has no metadata.yaml. Run ros2 bag reindex on it.")
-    with AnyReader([Path(path)], default_typestore=get_typestore(getattr(Stores, _STORE))) as reader:
+        raise RefusalError(
+            "must be a bag of ROS 2; the folder has no metadata.yaml. Run ros2 bag reindex on it."
+        )
+    with AnyReader(
+        [Path(path)], default_typestore=get_typestore(getattr(Stores, _STORE))
+    ) as reader:
 
         def messages(wanted: list[str]) -> Iterator[tuple[str, int, Any]]:
             chosen = [connection for connection in reader.connections if connection.topic in wanted]
-            defined = [connection for connection in chosen if connection.msgtype in reader.typestore.types]
+            defined = [
+                connection for connection in chosen if connection.msgtype in reader.typestore.types
+            ]
             for connection in chosen:
                 if names is not None and connection not in defined:
                     got = f"{connection.topic!r:.60} is of {connection.msgtype:.60}"
                     advice = "Record it again as MCAP, or convert it."
-                    raise RefusalError(f"must hold messages whose types are defined; {got}. {advice}")
-            for connection, log_time, data in reader.messages(connections=defined) if defined else ():
+                    raise RefusalError(
+                        f"must hold messages whose types are defined; {got}. {advice}"
+                    )
+            for connection, log_time, data in (
+                reader.messages(connections=defined) if defined else ()
+            ):
                 yield connection.topic, log_time, reader.deserialize(data, connection.msgtype)
 
         every = (connection.topic for connection in reader.connections)

@@ -1,4 +1,6 @@
-"""Campaigns: results by name, failures named, nothing lost when killed, and folders that refuse what is not theirs."""
+"""Campaigns: results by name, failures named, nothing lost when killed, and folders that refuse
+what is not theirs.
+"""
 
 import functools
 import os
@@ -24,7 +26,13 @@ def run(tasks, **options):
 
 
 def test_results_and_errors_by_name():
-    done = run({"a": (work.square, (3,), {}), "b": (work.failing, (), {"x": 1}), "c": (work.square, (), {"x": 4})})
+    done = run(
+        {
+            "a": (work.square, (3,), {}),
+            "b": (work.failing, (), {"x": 1}),
+            "c": (work.square, (), {"x": 4}),
+        }
+    )
     assert dict(done.results) == {"a": 9, "c": 16}
     assert dict(done.errors) == {"b": "RuntimeError: no 1 at all"}
     assert "2 tasks done, 1 failed" in str(done)
@@ -50,7 +58,9 @@ def test_a_million_are_not_listed():
         return i
 
     came = []
-    run(given(), executor=lambda: ThreadPoolExecutor(2), each=lambda name, result: came.append(name))
+    run(
+        given(), executor=lambda: ThreadPoolExecutor(2), each=lambda name, result: came.append(name)
+    )
     assert sorted(came, key=int) == [str(i) for i in range(500)]
     assert ahead <= 8
 
@@ -59,7 +69,10 @@ def test_memory_does_not_grow_with_the_tasks_of_a_folder(tmp_path):
     peaks = []
     for count in (300, 1500):
         tracemalloc.start()
-        run(((str(i), (bytes.decode, (b"x" * 2000,), {})) for i in range(count)), folder=tmp_path / str(count))
+        run(
+            ((str(i), (bytes.decode, (b"x" * 2000,), {})) for i in range(count)),
+            folder=tmp_path / str(count),
+        )
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < peaks[0] + 300_000  # the results alone are 2.4 MB more
@@ -79,14 +92,22 @@ def test_a_task_that_fails_is_tried_again_so_often_and_no_more(tmp_path):
 
 def test_results_in_a_folder_come_back_as_they_were(tmp_path):
     law = ComputedTorque(puma560.arm(), puma560.rig(), bandwidth=150)
-    values = {"law/a": law, "x": np.arange(3.0), "nan": float("nan"), "mixed": {"a": [1, (2.5, None)]}, "text": "ä\n"}
+    values = {
+        "law/a": law,
+        "x": np.arange(3.0),
+        "nan": float("nan"),
+        "mixed": {"a": [1, (2.5, None)]},
+        "text": "ä\n",
+    }
     done = run({name: (_same, (value,), {}) for name, value in values.items()}, folder=tmp_path)
     assert not done.errors
     assert list(done.results) == list(values)
     assert done.results["law/a"] == law
     assert np.array_equal(done.results["x"], values["x"])
     assert np.isnan(done.results["nan"])
-    assert done.results["mixed"] == {"a": [1, [2.5, None]]} or done.results["mixed"] == {"a": [1, (2.5, None)]}
+    assert done.results["mixed"] == {"a": [1, [2.5, None]]} or done.results["mixed"] == {
+        "a": [1, (2.5, None)]
+    }
     (file,) = (tmp_path / "results").rglob("*.json")
     assert ComputedTorque.load(file) == law
     with pytest.raises(KeyError):
@@ -94,7 +115,9 @@ def test_results_in_a_folder_come_back_as_they_were(tmp_path):
 
 
 def test_what_no_file_can_hold_is_named(tmp_path):
-    done = run({"a": (_same, (threading.Lock(),), {}), "b": (work.square, (2,), {})}, folder=tmp_path)
+    done = run(
+        {"a": (_same, (threading.Lock(),), {}), "b": (work.square, (2,), {})}, folder=tmp_path
+    )
     assert done.results["b"] == 4
     assert "must be kept in a file" in done.errors["a"]
 
@@ -104,10 +127,15 @@ def _same(value):
 
 
 def start(folder, log, count, kind):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((os.getcwd(), str(Path(work.__file__).parent)))}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join((os.getcwd(), str(Path(work.__file__).parent))),
+    }
     return subprocess.Popen(  # noqa: S603 - the script beside this one
-        [sys.executable, work.__file__, folder, log, str(count), kind], env=environment, stdout=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, work.__file__, folder, log, str(count), kind],
+        env=environment,
+        stdout=subprocess.PIPE,
+    )
 
 
 def test_a_killed_campaign_goes_on_and_does_nothing_twice_but_what_was_open(tmp_path):
@@ -130,7 +158,9 @@ def test_a_killed_campaign_goes_on_and_does_nothing_twice_but_what_was_open(tmp_
     ran = log.read_text().split()
     assert set(map(int, ran)) == set(range(count))
     assert len(ran) <= count + opened
-    assert run(work.tasks(log, count, 0.01), folder=tmp_path / "folder").results["task 7"] is not None
+    assert (
+        run(work.tasks(log, count, 0.01), folder=tmp_path / "folder").results["task 7"] is not None
+    )
     assert log.read_text().split() == ran
 
 
@@ -138,14 +168,23 @@ def _states(folder):
     if not (folder / "ledger.sqlite").exists():
         return []
     try:
-        return [row[0] for row in sqlite3.connect(folder / "ledger.sqlite").execute("select state from tasks")]
+        return [
+            row[0]
+            for row in sqlite3.connect(folder / "ledger.sqlite").execute("select state from tasks")
+        ]
     except sqlite3.OperationalError:  # killed before the table was made
         return []
 
 
 def test_two_campaigns_in_one_folder_refuse_each_other(tmp_path):
-    with pytest.raises(ValueError, match=r"folder .* must be of no other campaign that runs; one holds it"):
-        run({"a": (_nested, (tmp_path,), {})}, folder=tmp_path, each=lambda name, result: run({}, folder=tmp_path))
+    with pytest.raises(
+        ValueError, match=r"folder .* must be of no other campaign that runs; one holds it"
+    ):
+        run(
+            {"a": (_nested, (tmp_path,), {})},
+            folder=tmp_path,
+            each=lambda name, result: run({}, folder=tmp_path),
+        )
     assert run({"a": (_nested, (tmp_path,), {})}, folder=tmp_path).results["a"] == 1
 
 
@@ -227,7 +266,9 @@ def test_a_folder_that_fills_loses_nothing(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(type(law), "save", save)
-        with pytest.raises(ValueError, match=r"folder .* can be written; No space left on device.*kept"):
+        with pytest.raises(
+            ValueError, match=r"folder .* can be written; No space left on device.*kept"
+        ):
             run(tasks, folder=tmp_path, executor=lambda: ThreadPoolExecutor(1))
     done = run(tasks, folder=tmp_path)
     assert list(done.results) == ["a", "b", "c"]

@@ -26,13 +26,17 @@ FIT = fit_torque(ARM.dynamics, LONG, band=20.0, unknown=NAMES)
 
 def found(values):
     """What a fit that gives these values looks like."""
-    return dataclasses.replace(FIT, values=np.array(values), covariance=STD**2 * np.eye(len(values)))
+    return dataclasses.replace(
+        FIT, values=np.array(values), covariance=STD**2 * np.eye(len(values))
+    )
 
 
 def log(i, robot="cell_7", week=0, **more):
     """The i-th log, unlike all others."""
     day = str(np.datetime64("2026-03-02") + 7 * week)
-    return dataclasses.replace(LOG, t=LOG.t * (1 + 1e-6 * i), notes={"robot": robot, "time": day, **more})
+    return dataclasses.replace(
+        LOG, t=LOG.t * (1 + 1e-6 * i), notes={"robot": robot, "time": day, **more}
+    )
 
 
 def filled(path, weeks=8, robots=6, growing=None, slope=0.0, seed=0):
@@ -50,7 +54,7 @@ def filled(path, weeks=8, robots=6, growing=None, slope=0.0, seed=0):
     return fleet, own
 
 
-# -- notes of a record -------------------------------------------------------------------------------------------------
+# -- notes of a record ---------------------------------------------------------------------------
 def test_notes_are_kept_by_files_and_processes(tmp_path):
     record = dataclasses.replace(LOG, notes=NOTES)
     record.to_csv(tmp_path / "log.csv")
@@ -72,18 +76,22 @@ def test_notes_come_from_names_of_files_and_from_columns(tmp_path):
     with pytest.raises(ValueError, match="in braces"):
         read_records(pattern, notes="robot")
     table = {"q": np.zeros((4, 2)), "warm": [np.nan, 20, 22, 24], "clock": [5e8, 6e8, 7e8, 8e8]}
-    record = Record.from_table(table, rig=RIG, columns={"counts": "q", "temperature": "warm", "time": "clock"})
+    record = Record.from_table(
+        table, rig=RIG, columns={"counts": "q", "temperature": "warm", "time": "clock"}
+    )
     assert record.notes == {"temperature": 22.0, "time": 5e8}
     assert (record.valid == 1).all()
 
 
-@pytest.mark.parametrize("wrong", [{"temperature": "warm"}, {"robot": ""}, {3: "x"}, {"load": np.nan}, ["robot"]])
+@pytest.mark.parametrize(
+    "wrong", [{"temperature": "warm"}, {"robot": ""}, {3: "x"}, {"load": np.nan}, ["robot"]]
+)
 def test_notes_that_are_none_are_refused(wrong):
     with pytest.raises(ValueError, match="note"):
         dataclasses.replace(LOG, notes=wrong)
 
 
-# -- the statistics ----------------------------------------------------------------------------------------------------
+# -- the statistics ------------------------------------------------------------------------------
 def test_effects_are_those_that_made_the_values():
     random, J, R = np.random.default_rng(1), 300, 12
     robot = np.tile(np.arange(J), R)
@@ -91,27 +99,36 @@ def test_effects_are_those_that_made_the_values():
     value = 2 + 0.2 * random.standard_normal(J)[robot] + 0.03 * random.standard_normal(J * R)
     value += std * random.standard_normal(J * R) - 0.004 * warm
     names = tuple(map(str, range(J)))
-    effect = effect_of(Values("f1", "f1", "", names, robot, np.repeat(np.arange(R), J) * 1.0, warm, value, std))
-    assert effect.robots == pytest.approx(0.2, rel=3 / np.sqrt(2 * J))  # three standard deviations of a deviation's
-    assert effect.weeks == pytest.approx(0.03, rel=6 / np.sqrt(2 * J * R))  # noise of the logs is twice that of weeks
+    effect = effect_of(
+        Values("f1", "f1", "", names, robot, np.repeat(np.arange(R), J) * 1.0, warm, value, std)
+    )
+    # three standard deviations of a deviation's
+    assert effect.robots == pytest.approx(0.2, rel=3 / np.sqrt(2 * J))
+    # noise of the logs is twice that of weeks
+    assert effect.weeks == pytest.approx(0.03, rel=6 / np.sqrt(2 * J * R))
     assert abs(effect.slope + 0.004) < 4 * effect.slope_std < 0.002
     assert effect.mean == pytest.approx(2, abs=4 * 0.2 / np.sqrt(J))
     assert effect.freedom == J * (R - 1)
 
 
 def test_false_alarms_are_as_rare_as_said(tmp_path):
-    """Of robots that do not change: differences in their standard deviations are Student's, and so is what is told."""
+    """Of robots that do not change: differences in their standard deviations are Student's, and
+    so is what is told.
+    """
     chances, z = [], []
     for seed in range(5):
-        fleet, own = filled(tmp_path / f"{seed}.sqlite", weeks=2, robots=20, seed=seed)  # too few for a line
+        # too few for a line
+        fleet, own = filled(tmp_path / f"{seed}.sqlite", weeks=2, robots=20, seed=seed)
         random = np.random.default_rng(100 + seed)
         for robot in range(20):
             y = own[robot] + np.hypot(0.03, STD) * random.standard_normal(len(NAMES))
             looked = fleet.judge(log(999, f"cell_{robot}", 3, temperature=20.0), found(y)).looked
             chances.append(looked[0].false_alarm)
             z += [(each.after - each.before) / each.std for each in looked]
-    assert np.std(z) == pytest.approx(np.sqrt(20 / 18), rel=0.08)  # 1,100 of them, of 55 variances of 20 degrees
-    assert (np.array(chances) < 0.2).mean() == pytest.approx(0.18, abs=0.12)  # three standard deviations of 100
+    # 1,100 of them, of 55 variances of 20 degrees
+    assert np.std(z) == pytest.approx(np.sqrt(20 / 18), rel=0.08)
+    # three standard deviations of 100
+    assert (np.array(chances) < 0.2).mean() == pytest.approx(0.18, abs=0.12)
 
 
 def test_a_change_is_named(tmp_path):
@@ -138,7 +155,10 @@ def test_temperature_is_taken_out_before_a_log_is_judged(tmp_path):
     assert effect.slope == pytest.approx(-0.02, abs=4 * effect.slope_std)
     y = own[4] + np.array([*np.zeros(len(NAMES) - 2), -0.02 * 15, 0])
     assert fleet.judge(log(999, "cell_4", 9, temperature=35.0), found(y)).verdict == "same arm"
-    assert fleet.judge(log(999, "cell_4", 9, temperature=20.0), found(y)).changes[0].name == "drive.viscous[1]"
+    assert (
+        fleet.judge(log(999, "cell_4", 9, temperature=20.0), found(y)).changes[0].name
+        == "drive.viscous[1]"
+    )
 
 
 def test_a_robot_unlike_the_others_is_set_apart(tmp_path):
@@ -147,12 +167,14 @@ def test_a_robot_unlike_the_others_is_set_apart(tmp_path):
     for week in range(3):
         fleet.add(log(500 + week, "odd", week), found(odd))
     effect = fleet.effects()[0]
-    apart = [robot for robot, chance in zip(effect.of.robots, effect.apart, strict=True) if chance < 0.01]
+    apart = [
+        robot for robot, chance in zip(effect.of.robots, effect.apart, strict=True) if chance < 0.01
+    ]
     assert apart == ["odd"]
     assert effect.robots < 0.35  # as without it
 
 
-# -- the file ----------------------------------------------------------------------------------------------------------
+# -- the file ------------------------------------------------------------------------------------
 def test_the_file_is_as_documented_and_adding_again_replaces(tmp_path):
     fleet, own = filled(tmp_path / "fleet.sqlite", weeks=2)
     fleet.add(log(0, "cell_0", 0), found(own[0]))
@@ -166,7 +188,16 @@ def test_the_file_is_as_documented_and_adding_again_replaces(tmp_path):
         assert base.execute("select count(*) from parameters").fetchone() == (12 * len(NAMES),)
     rows = Fleet(tmp_path / "fleet.sqlite").parameters()
     assert rows == fleet.parameters()
-    assert rows[0]._fields == ("robot", "time", "temperature", "name", "label", "value", "std", "unit")
+    assert rows[0]._fields == (
+        "robot",
+        "time",
+        "temperature",
+        "name",
+        "label",
+        "value",
+        "std",
+        "unit",
+    )
 
 
 def test_csv_and_parquet_have_the_same_rows(tmp_path):
@@ -177,7 +208,9 @@ def test_csv_and_parquet_have_the_same_rows(tmp_path):
     rows = [row._asdict() for row in fleet.parameters()]
     assert parquet.read_table(tmp_path / "fleet.parquet").to_pylist() == rows
     with open(tmp_path / "fleet.csv", encoding="utf-8", newline="") as file:
-        assert list(csv.DictReader(file)) == [{name: str(value) for name, value in row.items()} for row in rows]
+        assert list(csv.DictReader(file)) == [
+            {name: str(value) for name, value in row.items()} for row in rows
+        ]
     with pytest.raises(ValueError, match="target must be a new file"):
         fleet.to_csv(tmp_path / "fleet.csv")
 

@@ -13,7 +13,9 @@ def run(tasks, **options):
 
 def test_a_poisoned_task_is_named_and_the_others_are_done(tmp_path):
     tasks = {str(i): (work.square, (i,), {}) for i in range(12)}
-    tasks |= {"poison": (work.killer, (), {})} | {str(i): (work.square, (i,), {}) for i in range(12, 20)}
+    tasks |= {"poison": (work.killer, (), {})} | {
+        str(i): (work.square, (i,), {}) for i in range(12, 20)
+    }
     done = run(tasks, executor=work.pool, folder=tmp_path)
     assert dict(done.results) == {str(i): i * i for i in range(20)}
     assert list(done.errors) == ["poison"]
@@ -21,7 +23,10 @@ def test_a_poisoned_task_is_named_and_the_others_are_done(tmp_path):
 
 
 def test_a_pool_without_a_factory_says_so():
-    with work.pool() as pool, pytest.raises(ValueError, match=r"one was killed while .*poison.* Give a function"):
+    with (
+        work.pool() as pool,
+        pytest.raises(ValueError, match=r"one was killed while .*poison.* Give a function"),
+    ):
         run({"poison": (work.killer, (), {})}, executor=pool)
 
 
@@ -36,8 +41,11 @@ def client():
     distributed = pytest.importorskip("distributed")
     dask = pytest.importorskip("dask")
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # by default it kills four workers
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        # by default it kills four workers
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
         distributed.Client(cluster) as client,
     ):
         yield client
@@ -55,7 +63,11 @@ def test_dask_gives_the_same_bits(client, tmp_path):
 
 @pytest.mark.filterwarnings("ignore")
 def test_dask_names_what_kills_and_what_fails(client):
-    tasks = {"poison": (work.killer, (), {}), "bad": (work.failing, (2,), {}), "good": (work.square, (3,), {})}
+    tasks = {
+        "poison": (work.killer, (), {}),
+        "bad": (work.failing, (2,), {}),
+        "good": (work.square, (3,), {}),
+    }
     done = run(tasks, executor=client, retries=0)
     assert done.results == {"good": 9}
     assert done.errors["bad"] == "RuntimeError: no 2 at all"

@@ -1,4 +1,6 @@
-"""A set of motions: its rows are the single calls, its samples one set, its sums what the rows add up to."""
+"""A set of motions: its rows are the single calls, its samples one set, its sums what the rows
+add up to.
+"""
 
 import dataclasses
 
@@ -26,7 +28,9 @@ from plant import PD, PointToPoint, puma560, simulate
 from plant.simulation.population import Runs
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
-LAW = ComputedTorquePID(ARM, RIG, bandwidth=150.0, ratio=1.5, integral=40.0, roll_off=1000.0, roll_off_damping=0.8)
+LAW = ComputedTorquePID(
+    ARM, RIG, bandwidth=150.0, ratio=1.5, integral=40.0, roll_off=1000.0, roll_off_damping=0.8
+)
 START = PATH([0.0]).q[0]
 PATHS = {
     "still": PointToPoint(start=START, goal=START, duration=0.05),
@@ -34,7 +38,14 @@ PATHS = {
     "mine": PATH,
 }
 COVARIANCE = np.diag((0.02 * puma560.PUBLISHED) ** 2)
-USUAL = {"covariance": COVARIANCE, "samples": 70, "steps_per_sample": 4, "friction": 0.3, "duration": 0.05, "seed": 3}
+USUAL = {
+    "covariance": COVARIANCE,
+    "samples": 70,
+    "steps_per_sample": 4,
+    "friction": 0.3,
+    "duration": 0.05,
+    "seed": 3,
+}
 
 
 def certified(path=PATHS, **options):
@@ -71,9 +82,15 @@ def test_a_sample_fails_that_fails_in_any_motion(several):
     assert several.probability == several.failures / 70
     samples = np.array([each.runs.samples for each in several.values()])
     chatter = np.array([each.runs.chatter for each in several.values()])
-    np.testing.assert_allclose(several.runs.chatter, np.tensordot(samples / samples.sum(), chatter, 1))
-    np.testing.assert_array_equal(several.runs.peak, np.max([each.runs.peak for each in several.values()], axis=0))
-    assert several.worst == max(PATHS, key=lambda name: several[name].runs.outside.astype(bool).sum())
+    np.testing.assert_allclose(
+        several.runs.chatter, np.tensordot(samples / samples.sum(), chatter, 1)
+    )
+    np.testing.assert_array_equal(
+        several.runs.peak, np.max([each.runs.peak for each in several.values()], axis=0)
+    )
+    assert several.worst == max(
+        PATHS, key=lambda name: several[name].runs.outside.astype(bool).sum()
+    )
     assert several.holds == (several.failures == 0)
 
 
@@ -85,7 +102,9 @@ def test_joined_runs_are_one_long_run():
     np.testing.assert_array_equal(twice.outside, 2 * runs.outside)
     np.testing.assert_array_equal(twice.first, runs.first)
     np.testing.assert_allclose(twice.chatter, runs.chatter, rtol=1e-15)
-    wild = dataclasses.replace(runs, chatter=np.full_like(runs.chatter, np.inf), first=np.full(70, 0.01))
+    wild = dataclasses.replace(
+        runs, chatter=np.full_like(runs.chatter, np.inf), first=np.full(70, 0.01)
+    )
     assert np.isinf(Runs.joined([runs, wild]).chatter).all()
     np.testing.assert_array_equal(Runs.joined([runs, wild]).first, np.fmin(runs.first, 0.01))
 
@@ -133,7 +152,9 @@ def test_what_is_printed(several):
     assert f"{several.failures} of 70" in repr(several)
     quiet = certified({"still": PATHS["still"]}, within=9)
     assert quiet.holds
-    assert quiet.verdict.startswith("None of 70 Monte Carlo samples exceeds ±9 pulses in any of 1 motions; with 95 %")
+    assert quiet.verdict.startswith(
+        "None of 70 Monte Carlo samples exceeds ±9 pulses in any of 1 motions; with 95 %"
+    )
 
 
 def test_saved_and_read_back(several, tmp_path):
@@ -171,7 +192,10 @@ def test_evaluations_are_the_single_calls():
     lines = str(found).splitlines()
     assert lines[0].endswith("motions within ±1 pulse at every sample; the worst is mine, 10")
     compared = compare(ARM, RIG, {"mine": law}, PATH, **options)
-    own, other = (next(x for x in str(each).splitlines() if x.startswith("mine")) for each in (found, compared))
+    own, other = (
+        next(x for x in str(each).splitlines() if x.startswith("mine"))
+        for each in (found, compared)
+    )
     assert own.split() == other.split()
 
 
@@ -186,15 +210,22 @@ def test_a_controller_is_tuned_for_all_motions(monkeypatch):
     assert list(tuning.certificate) == list(paths)
     assert tuning.certificate.law is tuning.law
     trial = tuning.trials[0]
-    rows = certify(ARM, RIG, tuning.law, paths, **options | {"samples": 20, "seed": 1, "after": 0.02,
-                                                             "steps_per_sample": 8})  # fmt: skip
+    rows = certify(
+        ARM,
+        RIG,
+        tuning.law,
+        paths,
+        **options | {"samples": 20, "seed": 1, "after": 0.02, "steps_per_sample": 8},
+    )
     assert trial.left == rows.failures  # the same samples: seed + 1
     np.testing.assert_allclose(trial.chatter, rows.runs.chatter.mean(axis=0), rtol=1e-9)
 
 
 def test_a_set_from_a_hold_is_each_from_a_hold():
     law, paths = ComputedTorque(ARM, RIG), {name: PATHS[name] for name in ("still", "move")}
-    both = certify(ARM, RIG, law, paths, Uncertainty(covariance=COVARIANCE), samples=32, progress=False)
+    both = certify(
+        ARM, RIG, law, paths, Uncertainty(covariance=COVARIANCE), samples=32, progress=False
+    )
     held = both.from_hold(samples=16)
     assert held["move"] == both["move"].from_hold(samples=16)
     assert len(held.plants) == 16
@@ -202,15 +233,20 @@ def test_a_set_from_a_hold_is_each_from_a_hold():
     assert "from a hold" not in both.verdict
 
 
-# -- bad input ------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 FAST = PATHS | {"quick": PointToPoint(start=START, goal=np.add(START, (1, -1)), duration=0.2)}
 CALLS = {
     "certify": lambda motions: certified(motions),
     "evaluate": lambda motions: evaluate(ARM, RIG, LAW, motions),
-    "tune": lambda motions: tune(ARM, RIG, motions, **with_uncertainty(covariance=COVARIANCE, samples=8)),
+    "tune": lambda motions: tune(
+        ARM, RIG, motions, **with_uncertainty(covariance=COVARIANCE, samples=8)
+    ),
 }
 WRONG = {
-    "too fast": (FAST, r"motion 'quick' must be one that .* too fast by a factor of \d\.\d+\. Slow it down by"),
+    "too fast": (
+        FAST,
+        r"motion 'quick' must be one that .* too fast by a factor of \d\.\d+\. Slow it down by",
+    ),
     "nothing": ({}, "motions must have texts as names; got none"),
     "a number as name": ({3: PATH}, "motions must have texts as names; got 3"),
     "no reference": ({"a": RIG}, "motion 'a' must be of type Reference; got a value of type Rig"),
@@ -233,5 +269,7 @@ def test_a_misspelled_motion_knows_the_others(several):
 
 
 def test_a_motion_shorter_than_what_is_left_out_is_named():
-    with pytest.raises(ValueError, match=r"motion 'still': after must be from 0 to below the duration 0\.05 s"):
+    with pytest.raises(
+        ValueError, match=r"motion 'still': after must be from 0 to below the duration 0\.05 s"
+    ):
         certified(after=0.06, duration=None)

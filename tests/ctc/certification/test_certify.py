@@ -1,7 +1,8 @@
-"""Probability of exceeding a pulse limit: what is sampled, how its loops run, and what is said about them.
+"""Probability of exceeding a pulse limit: what is sampled, how its loops run, and what is said
+about them.
 
-Short runs of (6), of 0.05 s, with f uncertain by 2 %: computed torque of 62 rad/s, slower than any default, exceeds ±1
-pulse in about 10 of 100 loops, which makes them a case for counting.
+Short runs of (6), of 0.05 s, with f uncertain by 2 %: computed torque of 62 rad/s, slower than any
+default, exceeds ±1 pulse in about 10 of 100 loops, which makes them a case for counting.
 """
 
 import contextlib
@@ -24,7 +25,18 @@ from ctc.certification.samples import draw
 from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from identification import identify
-from plant import PD, Body, Elasticity, Harmonics, P, Phase, PointToPoint, Transport, puma560, simulate
+from plant import (
+    PD,
+    Body,
+    Elasticity,
+    Harmonics,
+    P,
+    Phase,
+    PointToPoint,
+    Transport,
+    puma560,
+    simulate,
+)
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.simulation import population
 from plant.simulation.loop_kernel import LANES
@@ -50,7 +62,7 @@ def found():
     return identify(DYNAMICS, record, seed=1, progress=False)
 
 
-# -- each loop is the one that simulate runs ------------------------------------------------------------------------
+# -- each loop is the one that simulate runs -----------------------------------------------------
 @pytest.mark.parametrize("options", [{}, EVERYTHING], ids=["default", "everything"])
 def test_each_lane_is_a_simulation(options):
     certificate = certified(samples=90, duration=0.2, **options)
@@ -62,13 +74,19 @@ def test_each_lane_is_a_simulation(options):
         np.testing.assert_array_equal(runs.peak[i], error.max(axis=0))
         assert runs.outside[i] == (error > 1).any(axis=1).sum()
         np.testing.assert_array_equal(runs.current[i], np.abs(record.current).max(axis=0))
-        np.testing.assert_allclose(runs.chatter[i], np.abs(np.diff(record.torque, axis=0)).mean(axis=0), rtol=1e-9)
+        np.testing.assert_allclose(
+            runs.chatter[i], np.abs(np.diff(record.torque, axis=0)).mean(axis=0), rtol=1e-9
+        )
         assert (runs.current[i] <= limit * (1 + 1e-12)).all()
         shift = plant.rig.encoder.phase.shift
-        unrounded = RIG.position_in_pulses(PATH(record.t).q) - RIG.position_in_pulses(record.true_q) - shift
+        unrounded = (
+            RIG.position_in_pulses(PATH(record.t).q) - RIG.position_in_pulses(record.true_q) - shift
+        )
         np.testing.assert_allclose(runs.unrounded[i], np.abs(unrounded).max(axis=0), atol=1e-8)
         left = np.flatnonzero((error > 1).any(axis=1))
-        np.testing.assert_allclose(runs.first[i], record.t[left[0]] if len(left) else np.nan, atol=1e-12)
+        np.testing.assert_allclose(
+            runs.first[i], record.t[left[0]] if len(left) else np.nan, atol=1e-12
+        )
         if options:
             assert runs.lost[i] == len(plant.rig.transport.lost)
     assert certificate.runs.samples == len(record)
@@ -84,13 +102,19 @@ def test_the_worst_runs_again():
     assert again.max_error_pulses.max() == worst.peak == certificate.runs.peak.max() == 2
     peak, unrounded = certificate.runs.peak.max(axis=1), certificate.runs.unrounded.max(axis=1)
     assert unrounded[worst.index] == unrounded[peak == 2].max()
-    runs = dataclasses.replace(certificate.runs, unrounded=np.where(peak < 2, 9, unrounded)[:, None])
-    assert dataclasses.replace(certificate, runs=runs).worst.index == worst.index  # what is counted comes first
+    runs = dataclasses.replace(
+        certificate.runs, unrounded=np.where(peak < 2, 9, unrounded)[:, None]
+    )
+    # what is counted comes first
+    assert dataclasses.replace(certificate, runs=runs).worst.index == worst.index
 
 
 def test_what_rounding_adds_is_the_error_of_samples_that_do_not_differ():
-    same = certified(covariance=1e-24 * COVARIANCE, friction=0.0, phase=False, samples=2, duration=0.3)
-    assert same.by_counts == pytest.approx(same.runs.unrounded[0], rel=0.01)  # between the samples, too
+    same = certified(
+        covariance=1e-24 * COVARIANCE, friction=0.0, phase=False, samples=2, duration=0.3
+    )
+    # between the samples, too
+    assert same.by_counts == pytest.approx(same.runs.unrounded[0], rel=0.01)
     assert 0.1 < same.by_counts.max() < 1.0
     assert "by rounding alone, f exact, peak [pulses]" in str(same)
     wrong = certified(covariance=COVARIANCE, friction=0.0, samples=2, duration=0.3)
@@ -107,7 +131,9 @@ def test_one_bound_is_said_and_no_part_larger_than_its_whole():
 def test_a_loop_that_diverges_leaves_and_is_the_worst():
     law = PD(gain=(5, 5), derivative=(0.05, 0.05), filter=3000.0, period=RIG.period)
     drive = dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
-    certificate = certified(law=law, rig=dataclasses.replace(RIG, drive=drive), samples=50, duration=0.4)
+    certificate = certified(
+        law=law, rig=dataclasses.replace(RIG, drive=drive), samples=50, duration=0.4
+    )
     assert certificate.probability == 1 == certificate.share_outside
     assert np.isinf(certificate.worst.peak)
     assert "diverges" in str(certificate)
@@ -124,29 +150,52 @@ def test_samples_before_do_not_count():
     outside, looked_at = [], np.union1d(np.arange(40), np.flatnonzero(later.runs.before))
     for i in looked_at:
         worst = every.plant(i)
-        record = evaluate(worst.arm, worst.rig, law, PATH, duration=0.05, steps_per_sample=4, backend="numba").record
+        record = evaluate(
+            worst.arm, worst.rig, law, PATH, duration=0.05, steps_per_sample=4, backend="numba"
+        ).record
         outside.append((np.abs(record.error_pulses[record.t < 0.03 - 1e-9]) > 1).any(axis=1).sum())
     np.testing.assert_array_equal(later.runs.before[looked_at], outside)
     assert later.failures_before == every.failures
     assert later.failures_with_start == every.failures
     share = percent(every.failures / 200)
-    assert f"In the first 0.03 s, which do not count, {share} exceed it; then or later, {share}." in later.verdict
-    assert f"samples that exceed it at any time {every.failures} of 200" in " ".join(str(later).split())
+    assert (
+        f"In the first 0.03 s, which do not count, {share} exceed it; then or later, {share}."
+        in later.verdict
+    )
+    assert f"samples that exceed it at any time {every.failures} of 200" in " ".join(
+        str(later).split()
+    )
 
 
-# -- what is counted ------------------------------------------------------------------------------------------------
+# -- what is counted -----------------------------------------------------------------------------
 def test_a_probability_known_beforehand():
-    """A limp arm without weight, 0.7 pulses up: it counts one pulse where its encoder's zero lies 0.3 or more down."""
+    """A limp arm without weight, 0.7 pulses up: it counts one pulse where its encoder's zero
+    lies 0.3 or more down.
+    """
     still = DYNAMICS.arm([1.6, 1.4, 0, 0, 0, 0, 6.6, 0, 0])
-    rest = Harmonics(period=1.0, offset=RIG.to_angle(np.array([0.7, 0.7])), cosine=((0,), (0,)), sine=((0,), (0,)))
+    rest = Harmonics(
+        period=1.0,
+        offset=RIG.to_angle(np.array([0.7, 0.7])),
+        cosine=((0,), (0,)),
+        sine=((0,), (0,)),
+    )
     certificate = certify(
-        still, RIG, P(gain=(0, 0)), rest, Uncertainty(covariance=np.zeros((9, 9))), duration=0.01, samples=4000,
-        within=0, steps_per_sample=4,
-    )  # fmt: skip
+        still,
+        RIG,
+        P(gain=(0, 0)),
+        rest,
+        Uncertainty(covariance=np.zeros((9, 9))),
+        duration=0.01,
+        samples=4000,
+        within=0,
+        steps_per_sample=4,
+    )
     known = 1 - 0.8**2  # of two joints
     low, high = clopper_pearson(certificate.failures, 4000, 0.9999)
     assert low < known < high
-    shifts = certificate.plants.values[:, [n.startswith("encoder") for n in certificate.plants.names]]
+    shifts = certificate.plants.values[
+        :, [n.startswith("encoder") for n in certificate.plants.names]
+    ]
     assert certificate.failures == (shifts >= 0.3).any(axis=1).sum()
 
 
@@ -179,10 +228,11 @@ def test_lost_counts_of_loops_side_by_side_are_independent():
     assert plants.plant(41, LANES, 2000)[1].transport.lost == tuple(np.flatnonzero(lost[:, 41]))
 
 
-# -- seeds and threads ----------------------------------------------------------------------------------------------
+# -- seeds and threads ---------------------------------------------------------------------------
 def test_the_same_bits_for_any_number_of_threads_and_the_same_seed():
     one, two, other = (
-        certified(threads=threads, seed=seed, **EVERYTHING) for threads, seed in ((1, 3), (3, 3), (1, 4))
+        certified(threads=threads, seed=seed, **EVERYTHING)
+        for threads, seed in ((1, 3), (3, 3), (1, 4))
     )
     for name in ("peak", "unrounded", "outside", "current", "first", "lost"):
         np.testing.assert_array_equal(getattr(one.runs, name), getattr(two.runs, name))
@@ -190,7 +240,7 @@ def test_the_same_bits_for_any_number_of_threads_and_the_same_seed():
     assert not np.array_equal(one.runs.unrounded, other.runs.unrounded)
 
 
-# -- what is drawn --------------------------------------------------------------------------------------------------
+# -- what is drawn -------------------------------------------------------------------------------
 @pytest.mark.parametrize("wanted", [True, False])
 def test_a_bar_counts_the_loops_where_it_is_wanted(monkeypatch, wanted):
     asked, counted = [], []
@@ -209,13 +259,18 @@ def test_a_bar_counts_the_loops_where_it_is_wanted(monkeypatch, wanted):
 def test_draws_have_the_covariance_that_was_given():
     mixed = np.random.default_rng(0).normal(size=(9, 9)) * 0.01
     mixed[:, 8] = 0  # one direction in which nothing is uncertain
-    plants = draw(Uncertainty(covariance=mixed @ mixed.T, phase=False, friction=0.0), ARM, RIG, 20_000, 0)
+    plants = draw(
+        Uncertainty(covariance=mixed @ mixed.T, phase=False, friction=0.0), ARM, RIG, 20_000, 0
+    )
     assert plants.names == DYNAMICS.names
     assert plants.redrawn == 0
     np.testing.assert_allclose(plants.f.mean(axis=0), ARM.f, atol=6 * 0.03 / np.sqrt(20_000))
     scale = np.abs(mixed @ mixed.T).max()
-    np.testing.assert_allclose(np.cov(plants.f.T), mixed @ mixed.T, atol=6 * scale * np.sqrt(2 / 20_000))
-    np.testing.assert_allclose((plants.f - ARM.f) @ np.linalg.svd(mixed)[0][:, 8], 0, atol=1e-8)  # roots of 0
+    np.testing.assert_allclose(
+        np.cov(plants.f.T), mixed @ mixed.T, atol=6 * scale * np.sqrt(2 / 20_000)
+    )
+    # roots of 0
+    np.testing.assert_allclose((plants.f - ARM.f) @ np.linalg.svd(mixed)[0][:, 8], 0, atol=1e-8)
 
 
 def test_what_was_identified_is_drawn_from_its_own_covariance(found):
@@ -274,21 +329,29 @@ def test_draws_of_which_hardly_one_is_an_arm_are_moved_until_they_are():
     assert (least_inertia_margin(DYNAMICS, RIG, plants.f) >= 0).all()
     assert len(np.unique(plants.f, axis=0)) == 20
     said = " ".join(str(certificate).split())
-    assert f"{plants.projected / 20:.0%} of the samples were moved towards the identified arm" in said
+    assert (
+        f"{plants.projected / 20:.0%} of the samples were moved towards the identified arm" in said
+    )
 
 
 def test_a_load_is_a_body_in_the_hand():
     position = (0.1, -0.5, 0.0)
-    plants = draw(Uncertainty(covariance=COVARIANCE, load=(0.2, 0.4), load_position=position), ARM, RIG, 50, 0)
+    plants = draw(
+        Uncertainty(covariance=COVARIANCE, load=(0.2, 0.4), load_position=position), ARM, RIG, 50, 0
+    )
     nothing = Body(mass=0.0, com=(0, 0, 0))
     for f, values in zip(plants.f, plants.values, strict=True):
         mass = values[plants.names.index("load")]
         assert 0.2 <= mass <= 0.4
         added = DYNAMICS.f([nothing, Body(mass=mass, com=position)])
         np.testing.assert_allclose(f, values[:9] + added, atol=1e-12)
-    fixed = draw(Uncertainty(covariance=COVARIANCE, load=0.3, load_position=position), ARM, RIG, 50, 0)
+    fixed = draw(
+        Uncertainty(covariance=COVARIANCE, load=0.3, load_position=position), ARM, RIG, 50, 0
+    )
     assert "load" not in fixed.names
-    np.testing.assert_allclose(fixed.f - fixed.values[:, :9], np.tile(added / mass * 0.3, (50, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        fixed.f - fixed.values[:, :9], np.tile(added / mass * 0.3, (50, 1)), atol=1e-12
+    )
 
 
 def test_given_arms_are_taken_in_turn():
@@ -304,9 +367,11 @@ def test_other_imperfections_are_left_as_the_rig_has_them():
     assert plants.plant(3, LANES, 10)[1].transport == rig.transport
 
 
-# -- what is said about it ------------------------------------------------------------------------------------------
+# -- what is said about it -----------------------------------------------------------------------
 def test_known_intervals():
-    """Of ten trials: none and all by the closed form, five as tabulated; one-sided, none of n: 1 - 0.05^(1/n)."""
+    """Of ten trials: none and all by the closed form, five as tabulated; one-sided, none of n: 1
+    - 0.05^(1/n).
+    """
     np.testing.assert_allclose(clopper_pearson(0, 10), (0, 1 - 0.025**0.1), rtol=1e-12)
     np.testing.assert_allclose(clopper_pearson(10, 10), (0.025**0.1, 1), rtol=1e-12)
     np.testing.assert_allclose(clopper_pearson(5, 10), (0.1871, 0.8129), atol=5e-5)
@@ -319,22 +384,33 @@ def test_known_intervals():
 @given(st.integers(1, 60), st.data())
 @settings(max_examples=50, deadline=None)
 def test_intervals_end_where_the_tails_are_half_of_what_is_left(samples, data):
-    failures, confidence = data.draw(st.integers(0, samples)), data.draw(st.sampled_from((0.8, 0.95, 0.99)))
+    failures, confidence = (
+        data.draw(st.integers(0, samples)),
+        data.draw(st.sampled_from((0.8, 0.95, 0.99))),
+    )
     low, high = clopper_pearson(failures, samples, confidence)
     if failures:
-        np.testing.assert_allclose(binom.sf(failures - 1, samples, low), (1 - confidence) / 2, rtol=1e-6)
+        np.testing.assert_allclose(
+            binom.sf(failures - 1, samples, low), (1 - confidence) / 2, rtol=1e-6
+        )
     if failures < samples:
-        np.testing.assert_allclose(binom.cdf(failures, samples, high), (1 - confidence) / 2, rtol=1e-6)
+        np.testing.assert_allclose(
+            binom.cdf(failures, samples, high), (1 - confidence) / 2, rtol=1e-6
+        )
 
 
 def test_the_certificate_adds_up():
     certificate = certified(samples=400)
     runs = certificate.runs
-    assert certificate.failures == (runs.peak.max(axis=1) > 1).sum() == np.isfinite(runs.first).sum()
+    assert (
+        certificate.failures == (runs.peak.max(axis=1) > 1).sum() == np.isfinite(runs.first).sum()
+    )
     assert certificate.probability == certificate.failures / 400
     low, high = certificate.interval
     assert low < certificate.probability < certificate.upper < high
-    np.testing.assert_allclose(certificate.upper, beta.ppf(0.95, certificate.failures + 1, 400 - certificate.failures))
+    np.testing.assert_allclose(
+        certificate.upper, beta.ppf(0.95, certificate.failures + 1, 400 - certificate.failures)
+    )
     assert certificate.share_outside == pytest.approx(runs.outside.sum() / (400 * 72), rel=1e-12)
     text = str(certificate)
     assert certificate.verdict in " ".join(text.split())
@@ -349,7 +425,10 @@ def test_a_sensitivity_is_found_whatever_its_shape():
     random = np.random.default_rng(0)
     values = random.normal(size=(3000, 4))
     noise = 0.1 * random.normal(size=3000)
-    rows = {each.name: each for each in influences("abcd", values, np.abs(values[:, 1]) + 0.5 * values[:, 2] + noise)}
+    rows = {
+        each.name: each
+        for each in influences("abcd", values, np.abs(values[:, 1]) + 0.5 * values[:, 2] + noise)
+    }
     either, more, none = rows["b"], rows["c"], rows["d"]
     assert list(rows)[:2] in (["b", "c"], ["c", "b"])
     assert either.share > 0.3
@@ -372,9 +451,14 @@ def test_reserves(monkeypatch):
     certificate = certified(law=law, samples=40, after=0.05, duration=0.3)
     found = certificate.reserves(samples=40)
     left = {
-        share: certified(
-            law=dataclasses.replace(law, bandwidth=law.bandwidth * share), samples=40, after=0.05, duration=0.3
-        ).failures
+        share: (
+            certified(
+                law=dataclasses.replace(law, bandwidth=law.bandwidth * share),
+                samples=40,
+                after=0.05,
+                duration=0.3,
+            ).failures
+        )
         for share in (1.0, 0.5, 0.1)
     }
     assert left[1.0] == 0 < left[0.1]
@@ -385,7 +469,11 @@ def test_reserves(monkeypatch):
     assert found.bandwidth == bandwidths[-2][0]
     slow = dataclasses.replace(RIG, period=8 * RIG.period)
     late = certified(
-        law=ComputedTorque(ARM, slow, bandwidth=law.bandwidth), rig=slow, samples=40, after=0.05, duration=0.3
+        law=ComputedTorque(ARM, slow, bandwidth=law.bandwidth),
+        rig=slow,
+        samples=40,
+        after=0.05,
+        duration=0.3,
     ).failures
     assert found.tried[-1] == ("period", slow.period, late)
     assert found.period == (RIG.period if late else slow.period)
@@ -409,7 +497,7 @@ def test_figure():
     plt.close(figure)
 
 
-# -- bad input ------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 SWAPPED = np.diag([1.0] * 8 + [-1.0])
 WRONG = {
     "swapped law and arm": (lambda: certify(ARM, LAW, RIG, PATH), "rig must be of type Rig"),
@@ -417,11 +505,19 @@ WRONG = {
     "neither": (lambda: certify(DYNAMICS, RIG, LAW, PATH), "found must be of type Arm"),
     "both": (lambda: certified(plants=[puma560.PUBLISHED]), "got both"),
     "misspelt": (lambda: Uncertainty(frictoin=0.1), "Did you mean 'friction'"),
-    "a covariance too small": (lambda: certified(covariance=np.eye(3)), r"must have shape \(9, 9\)"),
-    "a factor of one": (lambda: certified(covariance=np.tril(np.ones((9, 9)))), "must be symmetric"),
+    "a covariance too small": (
+        lambda: certified(covariance=np.eye(3)),
+        r"must have shape \(9, 9\)",
+    ),
+    "a factor of one": (
+        lambda: certified(covariance=np.tril(np.ones((9, 9)))),
+        "must be symmetric",
+    ),
     "no covariance": (lambda: certified(covariance=SWAPPED), "positive semidefinite"),
     "hardly an arm": (
-        lambda: certify(DYNAMICS.arm(-puma560.PUBLISHED), RIG, LAW, PATH, Uncertainty(covariance=COVARIANCE)),
+        lambda: certify(
+            DYNAMICS.arm(-puma560.PUBLISHED), RIG, LAW, PATH, Uncertainty(covariance=COVARIANCE)
+        ),
         "Give a smaller covariance",
     ),
     "no arm": (lambda: certified(covariance=None, plants=-puma560.PUBLISHED[None]), "row 0 has D"),
@@ -436,8 +532,14 @@ WRONG = {
     "all lost": (lambda: certified(dropped=1.0), "from 0 to below 1"),
     "fast and lost": (lambda: certified(law=puma560.p_law(), dropped=0.1), "Use a sampled law"),
     "nothing left": (lambda: certified(after=0.05), "below the duration"),
-    "text for a flag": (lambda: certified(phase="yes"), "phase of Uncertainty must be of type bool"),
-    "more reserves than plants": (lambda: certified(samples=20).reserves(samples=21), "from 1 to 20"),
+    "text for a flag": (
+        lambda: certified(phase="yes"),
+        "phase of Uncertainty must be of type bool",
+    ),
+    "more reserves than plants": (
+        lambda: certified(samples=20).reserves(samples=21),
+        "from 1 to 20",
+    ),
     "no such plant": (lambda: certified(samples=20).plant(20), "from 0 to 19"),
 }
 
@@ -451,24 +553,32 @@ def test_wrong_calls_are_refused_in_one_line(call, message):
 
 def test_a_gear_cannot_be_drawn(found):
     gear = dataclasses.replace(
-        found.fit, unknown=(*found.fit.unknown, "drive.gear[0]"), values=np.append(found.fit.values, 107.8),
-        covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]), noise_covariance=None,
-    )  # fmt: skip
+        found.fit,
+        unknown=(*found.fit.unknown, "drive.gear[0]"),
+        values=np.append(found.fit.values, 107.8),
+        covariance=np.pad(found.covariance, (0, 1)) + np.diag([0.0] * 9 + [1.0]),
+        noise_covariance=None,
+    )
     with_gear = dataclasses.replace(found, fit=gear)
     with pytest.raises(ValueError, match="controllers read their counts by it"):
         certify(with_gear, RIG, LAW, PATH)
     curve = dataclasses.replace(
-        found.fit, unknown=(*found.fit.unknown, "drive.curve.offset[0]"), values=np.append(found.fit.values, 0.01),
-        covariance=np.pad(found.covariance, (0, 1)), noise_covariance=None,
-    )  # fmt: skip
+        found.fit,
+        unknown=(*found.fit.unknown, "drive.curve.offset[0]"),
+        values=np.append(found.fit.values, 0.01),
+        covariance=np.pad(found.covariance, (0, 1)),
+        noise_covariance=None,
+    )
     with_curve = dataclasses.replace(found, fit=curve)
     with pytest.raises(ValueError, match=r"Pass found\.rig"):
         certify(with_curve, RIG, LAW, PATH)
 
 
-# -- starts ----------------------------------------------------------------------------------------------------------
+# -- starts --------------------------------------------------------------------------------------
 def rested(rig, spread, duration):
-    """A certificate of a gentle move from rest, by a controller that is too weak for weights that are off."""
+    """A certificate of a gentle move from rest, by a controller that is too weak for weights
+    that are off.
+    """
     move = PointToPoint(start=(0.2, -0.3), goal=(0.25, -0.25), duration=duration)
     law = ComputedTorque(ARM, rig, bandwidth=60, start_boost=1.0)
     stated = Uncertainty(covariance=np.diag((spread * puma560.PUBLISHED) ** 2), friction=0.0)
@@ -476,7 +586,9 @@ def rested(rig, spread, duration):
 
 
 def test_a_hold_knows_the_weight():
-    """Without friction the disturbance torque is all that the model lacks at rest: the start shows nothing of it."""
+    """Without friction the disturbance torque is all that the model lacks at rest: the start
+    shows nothing of it.
+    """
     smooth = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0.0, 0.0)))
     let_go = rested(smooth, 0.05, 2.0)
     held = let_go.from_hold(samples=32)
@@ -495,7 +607,10 @@ def test_a_hold_may_hide_as_much_as_static_friction_carries():
     share = np.random.default_rng((0, 3)).uniform(-1, 1, (8, 2))[3]
     arm, rig = held.plants.plant(3, 1, 0)
     begun = np.array([0.2, -0.3])
-    robot, running = SteppedArm(arm, rig, begun, np.zeros(2)), held.law.start(RIG, rig.counts(begun))
+    robot, running = (
+        SteppedArm(arm, rig, begun, np.zeros(2)),
+        held.law.start(RIG, rig.counts(begun)),
+    )
     known, peak = np.zeros(len(running.state)), np.zeros(2)
     known[4:6] = arm.h(begun, (0, 0)) - ARM.h(begun, (0, 0)) + share * RIG.drive.joint_coulomb()
     running.begin(running.state + known)
@@ -519,25 +634,44 @@ SWING = Harmonics(period=2.0, offset=(0, 0), cosine=((0,), (0,)), sine=((0.1,), 
 )  # fmt: skip
 def test_other_holds_are_refused(law, path, samples, says):
     certificate = certify(
-        ARM, RIG, law, path, Uncertainty(covariance=COVARIANCE), samples=32, duration=0.05, progress=False
+        ARM,
+        RIG,
+        law,
+        path,
+        Uncertainty(covariance=COVARIANCE),
+        samples=32,
+        duration=0.05,
+        progress=False,
     )
     with pytest.raises(ValueError, match=says):
         certificate.from_hold(samples=samples)
 
 
-# -- what else to do -------------------------------------------------------------------------------------------------
+# -- what else to do -----------------------------------------------------------------------------
 def test_a_path_beyond_the_motors_is_named():
     fast = PATH.slowed(0.2)
-    certificate = certify(ARM, RIG, LAW, fast, Uncertainty(covariance=COVARIANCE), samples=32, progress=False)
+    certificate = certify(
+        ARM, RIG, LAW, fast, Uncertainty(covariance=COVARIANCE), samples=32, progress=False
+    )
     assert certificate.failures == 32
     factor = float(re.search(r"Slow it down by \.slowed\(([\d.]+)\)", str(certificate))[1])
     assert 1 < factor < 5
-    slower = certify(ARM, RIG, LAW, fast.slowed(factor), Uncertainty(covariance=COVARIANCE), samples=8, progress=False)
+    slower = certify(
+        ARM,
+        RIG,
+        LAW,
+        fast.slowed(factor),
+        Uncertainty(covariance=COVARIANCE),
+        samples=8,
+        progress=False,
+    )
     assert "no controller can hold it" not in str(slower)
 
 
 def test_options_of_a_part_are_told_from_others():
-    with pytest.raises(ValueError, match=r"certify takes resonance by .* Give uncertainty=Uncertainty\(resonance="):
+    with pytest.raises(
+        ValueError, match=r"certify takes resonance by .* Give uncertainty=Uncertainty\(resonance="
+    ):
         certify(ARM, RIG, LAW, PATH, resonance=(20, 40))
     with pytest.raises(ValueError, match="Did you mean 'samples'"):
         certify(ARM, RIG, LAW, PATH, sample=3)

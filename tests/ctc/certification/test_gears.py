@@ -1,4 +1,6 @@
-"""Certificates of elastic gears: what is drawn is what is simulated, and what is said holds for the worst of it."""
+"""Certificates of elastic gears: what is drawn is what is simulated, and what is said holds for
+the worst of it.
+"""
 
 import dataclasses
 
@@ -15,12 +17,25 @@ from plant.analysis.sampled_loops import SampledLoops
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 START = PATH([0.0]).q[0]
-LAW = ComputedTorque(ARM, RIG, bandwidth=150, start_boost=1.0)  # what is unstable is so from one resonance on
-SHORT = {"duration": 0.2, "steps_per_sample": 8, "samples": 60, "covariance": np.diag((0.01 * ARM.f) ** 2)}
+# what is unstable is so from one resonance on
+LAW = ComputedTorque(ARM, RIG, bandwidth=150, start_boost=1.0)
+SHORT = {
+    "duration": 0.2,
+    "steps_per_sample": 8,
+    "samples": 60,
+    "covariance": np.diag((0.01 * ARM.f) ** 2),
+}
 
 
 def lowest(*loop, **options):
-    usual = {"damping_ratio": 0.01, "within": 1, "after": 0.02, "steps_per_sample": 16, "duration": 0.1, "threads": 2}
+    usual = {
+        "damping_ratio": 0.01,
+        "within": 1,
+        "after": 0.02,
+        "steps_per_sample": 16,
+        "duration": 0.1,
+        "threads": 2,
+    }
     return lowest_resonance(*loop, **usual | options, initial=None)
 
 
@@ -41,7 +56,14 @@ def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
         plant, runs = found.plant(i), found.runs
         drive, values = plant.rig.drive, plant.values
         # The stated resonance is that of this arm: the plain formula, by its own D.
-        hz = np.sqrt(drive.elasticity.stiffness / (np.diag(plant.arm.D(START)) - drive.reflected_inertia())) / 2 / np.pi
+        hz = (
+            np.sqrt(
+                drive.elasticity.stiffness
+                / (np.diag(plant.arm.D(START)) - drive.reflected_inertia())
+            )
+            / 2
+            / np.pi
+        )
         stated = [values[name] for name in values if name.startswith("resonance")]
         np.testing.assert_allclose(hz, np.broadcast_to(stated, 2), rtol=1e-9)
         low, high = np.atleast_2d(options["resonance"]).T
@@ -65,10 +87,16 @@ def test_each_lane_is_a_simulation_of_gears_with_their_resonance(options):
 
 
 def test_the_bound_is_that_of_the_worst_part_of_the_range():
-    """From 60 Hz, where the law is unstable, to 400 Hz, where it holds: 'most of them hold' would be no verdict."""
+    """From 60 Hz, where the law is unstable, to 400 Hz, where it holds: 'most of them hold'
+    would be no verdict.
+    """
     law = dataclasses.replace(LAW, bandwidth=250.0)
     found = certify(
-        ARM, RIG, law, PATH, **with_uncertainty(**SHORT | {"samples": 400, "duration": 0.4}, resonance=(60, 400))
+        ARM,
+        RIG,
+        law,
+        PATH,
+        **with_uncertainty(**SHORT | {"samples": 400, "duration": 0.4}, resonance=(60, 400)),
     )
     left, hz = found.runs.outside > 0, found.plants.values[:, found.plants.names.index("resonance")]
     assert left[hz < 100].all()
@@ -77,7 +105,9 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     assert found.upper > 0.95
     assert sum(cell.count for cell in found.cells) == 400
     assert sum(cell.failures for cell in found.cells) == left.sum()
-    assert found.upper == max(clopper_pearson(c.failures, c.count, 0.9)[1] for c in found.cells if c.count)
+    assert found.upper == max(
+        clopper_pearson(c.failures, c.count, 0.9)[1] for c in found.cells if c.count
+    )
     assert found.worst_cell.hz[1] < 200
     assert str(found.worst_cell) in found.verdict
 
@@ -87,7 +117,9 @@ def test_the_bound_is_that_of_the_worst_part_of_the_range():
     worst = 100 * max(cell.failures / cell.count for cell in found.cells if cell.count)
     np.testing.assert_allclose(lines["share outside the limit"].get_xdata()[0], 60)
     np.testing.assert_allclose(lines["share outside the limit"].get_ydata(), worst)
-    np.testing.assert_allclose(axis.lines[-1].get_ydata(), 100 * max(cell.upper(0.95) for cell in found.cells[-3:]))
+    np.testing.assert_allclose(
+        axis.lines[-1].get_ydata(), 100 * max(cell.upper(0.95) for cell in found.cells[-3:])
+    )
 
 
 def test_no_bound_is_not_called_one():
@@ -95,17 +127,26 @@ def test_no_bound_is_not_called_one():
     assert left.upper == 1
     cell = left.worst_cell
     assert cell.failures == cell.count > 0
-    assert f"at some sampling instant; at the worst resonance ({cell}) {cell.count} of {cell.count} do." in left.verdict
+    assert (
+        f"at some sampling instant; at the worst resonance ({cell}) {cell.count} of"
+        f" {cell.count} do." in left.verdict
+    )
     assert "at most" not in left.verdict
-    few = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"samples": 2}, resonance=(300, 400)))
-    assert few.verdict.startswith("None of 2 Monte Carlo samples exceeds ±1 pulse; at the worst resonance (")
+    few = certify(
+        ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"samples": 2}, resonance=(300, 400))
+    )
+    assert few.verdict.startswith(
+        "None of 2 Monte Carlo samples exceeds ±1 pulse; at the worst resonance ("
+    )
     assert few.verdict.endswith("there is no sample, so nothing is said of it.")
 
 
 def test_cells_are_narrow_and_hold_what_is_in_them():
     ranges = Uncertainty(resonance=(50, 100), damping_ratio=(0.01, 0.04))
     values = np.array([[50.0, 0.01], [99.9, 0.039], [100.0, 0.04], [70.0, 0.02]])
-    found = cells(ranges, ("resonance", "damping_ratio"), values, np.array([True, False, True, False]))
+    found = cells(
+        ranges, ("resonance", "damping_ratio"), values, np.array([True, False, True, False])
+    )
     assert all(cell.hz[1] / cell.hz[0] <= 1.1 + 1e-9 for cell in found)
     assert found[0].hz[0] == pytest.approx(50)
     assert found[-1].hz[1] == pytest.approx(100)
@@ -123,7 +164,11 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     assert "the nominal arm, with current lag 0.0001 s, stays" in late.verdict
     lagging = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_lag=1e-4))
     options = {"duration": SHORT["duration"], "steps_per_sample": SHORT.get("steps_per_sample", 16)}
-    assert late.lowest_resonance == lowest(ARM, lagging, LAW, PATH, **options).hz > found.lowest_resonance
+    assert (
+        late.lowest_resonance
+        == lowest(ARM, lagging, LAW, PATH, **options).hz
+        > found.lowest_resonance
+    )
     slow = certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, lag=(0, 5e-3)))
     assert slow.probability > 0.5
     assert slow.verdict.endswith("Rigid gears assumed.")
@@ -131,7 +176,9 @@ def test_no_verdict_on_rigid_gears_stands_without_the_gears_on_which_it_holds():
     assert stated.lowest_resonance < found.lowest_resonance
     assert "not sampled: elasticity, " in str(found)
     assert "backlash" in str(found).split("not sampled:")[1]
-    assert "resonance 60 to 90 Hz" in str(certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, resonance=(60, 90))))
+    assert "resonance 60 to 90 Hz" in str(
+        certify(ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT, resonance=(60, 90)))
+    )
 
 
 @pytest.mark.parametrize("ratio", [0.01, 0.02])
@@ -144,7 +191,11 @@ def test_above_the_lowest_resonance_the_arm_stays_and_just_below_it_leaves(ratio
     report = evaluate(ARM, RIG, LAW, PATH, backend="numba", duration=0.5)
     if ratio == 0.01:
         certificate = certify(
-            ARM, RIG, LAW, PATH, **with_uncertainty(**SHORT | {"steps_per_sample": 16, "duration": 0.5})
+            ARM,
+            RIG,
+            LAW,
+            PATH,
+            **with_uncertainty(**SHORT | {"steps_per_sample": 16, "duration": 0.5}),
         )
         assert certificate.on_gears is report.on_gears  # of the same loop, simulated once
         assert report.lowest_resonance == found.hz
@@ -163,27 +214,40 @@ def test_ends_of_the_scale(monkeypatch):
     unknown = lowest(ARM, heavy, LAW, PATH, **options)
     assert np.isnan(float(unknown))
     assert "cannot tell" in str(unknown)
-    assert evaluate(ARM, on_gears(60, 0.02), LAW, PATH, backend="numba", duration=0.1).lowest_resonance is None
+    assert (
+        evaluate(ARM, on_gears(60, 0.02), LAW, PATH, backend="numba", duration=0.1).lowest_resonance
+        is None
+    )
 
 
 @pytest.mark.parametrize("bandwidth", [60, 150, 250])
 @pytest.mark.parametrize("ratio", [0.01, 0.02, 0.03])
 def test_the_linear_loop_is_unstable_just_below_its_lowest_resonance(bandwidth, ratio):
-    """And near what two masses on a spring predict: bandwidth [rad/s] below 1.3, 1.7, 2.0 times the resonance [Hz]."""
+    """And near what two masses on a spring predict: bandwidth [rad/s] below 1.3, 1.7, 2.0 times
+    the resonance [Hz].
+    """
     law = ComputedTorque(ARM, RIG, bandwidth=bandwidth)
     lowest = margins(ARM, RIG, law, pose=START, damping_ratio=ratio).lowest_resonance
     radius = [
         np.abs(np.linalg.eigvals(A + B @ C)).max()
-        for A, B, C in (SampledLoops(ARM, on_gears(hz, ratio), law, START).matrices() for hz in (lowest, lowest / 1.05))
+        for A, B, C in (
+            SampledLoops(ARM, on_gears(hz, ratio), law, START).matrices()
+            for hz in (lowest, lowest / 1.05)
+        )
     ]
     assert radius[0] < 1 < radius[1]
     if bandwidth > 60:  # below 100 Hz viscous friction of the motors damps too
-        assert bandwidth / lowest == pytest.approx({0.01: 1.33, 0.02: 1.7, 0.03: 2.0}[ratio], rel=0.05)
+        assert bandwidth / lowest == pytest.approx(
+            {0.01: 1.33, 0.02: 1.7, 0.03: 2.0}[ratio], rel=0.05
+        )
 
 
 def test_margins_of_elastic_gears_are_those_of_the_stiff_limit():
     law = ComputedTorque(ARM, RIG)
-    rigid, stiff = margins(ARM, RIG, law, pose=START), margins(ARM, on_gears(5e3, 0.02), law, pose=START)
+    rigid, stiff = (
+        margins(ARM, RIG, law, pose=START),
+        margins(ARM, on_gears(5e3, 0.02), law, pose=START),
+    )
     np.testing.assert_allclose(stiff.gain_up, rigid.gain_up, rtol=0.02)
     np.testing.assert_allclose(stiff.phase, rigid.phase, rtol=0.02)
     assert stiff.lowest_resonance is None

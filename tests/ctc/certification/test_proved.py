@@ -1,4 +1,6 @@
-"""A bound without sampling: exact where the loop is linear; no rounding and no arm of the box exceeds it."""
+"""A bound without sampling: exact where the loop is linear; no rounding and no arm of the box
+exceeds it.
+"""
 
 import dataclasses
 
@@ -13,24 +15,34 @@ from plant.analysis.sampled_loops import SampledLoops
 
 ARM, PATH = puma560.arm(), puma560.reference()
 RIG = dataclasses.replace(puma560.rig(), encoder=Encoder(resolution=(800, 1000)))
-LAW = ComputedTorque(ARM, RIG, bandwidth=120, observer_ratio=0.9, dead_zone=0.4, start_boost=3, start_time=0.25)
+LAW = ComputedTorque(
+    ARM, RIG, bandwidth=120, observer_ratio=0.9, dead_zone=0.4, start_boost=3, start_time=0.25
+)
 
 
 def certified(relative, law=LAW, rig=RIG, duration=0.2, samples=256, **stated):
     exact = np.diag((relative * np.abs(ARM.f)) ** 2) + 1e-30 * np.eye(9)
     uncertainty = Uncertainty(covariance=exact, friction=relative, **stated)
-    return certify(ARM, rig, law, PATH, uncertainty, samples=samples, duration=duration, progress=False)
+    return certify(
+        ARM, rig, law, PATH, uncertainty, samples=samples, duration=duration, progress=False
+    )
 
 
 def test_a_linear_loop_has_its_peak_gain():
-    """Of one joint without gravity: half a pulse times the sum of the absolute pulse response, by other code.
+    """Of one joint without gravity: half a pulse times the sum of the absolute pulse response, by
+    other code.
 
     The first counts are taken as they are; that is left out.
     """
     drive = Drive(gear=[50], motor_inertia=[1e-4], viscous=[1e-3], coulomb=[0.0], motor_gain=[0.2],
                   current_limit=[np.inf])  # fmt: skip
     rig = Rig(drive=drive, encoder=Encoder(resolution=1000), period=1e-3)
-    body = Body(mass=1.0, com=(0, 0, 0), inertia=(0, 0, 0, 0, 0, 0.2), rotor=float(drive.reflected_inertia()[0]))
+    body = Body(
+        mass=1.0,
+        com=(0, 0, 0),
+        inertia=(0, 0, 0, 0, 0, 0.2),
+        rotor=float(drive.reflected_inertia()[0]),
+    )
     dynamics = Dynamics.from_chain(Chain(links=(Link(name="a"),), bodies=(body,)))
     arm = dynamics.arm(dynamics.f())
     still = Harmonics(period=0.5, offset=(0.3,), cosine=np.zeros((1, 1)), sine=np.zeros((1, 1)))
@@ -64,7 +76,9 @@ def test_no_sample_exceeds_it(narrow):
 
 
 def test_no_rounding_exceeds_it_and_the_worst_comes_near():
-    """The loop of the same steps in numbers, under the rounding that its response to single pulses calls the worst."""
+    """The loop of the same steps in numbers, under the rounding that its response to single
+    pulses calls the worst.
+    """
     law = dataclasses.replace(LAW, dead_zone=0.0)
     narrow = certified(1e-9, law, duration=0.15, samples=8)
     task = _Task(narrow.plants, law, PATH, narrow.settings)
@@ -88,7 +102,9 @@ def test_no_rounding_exceeds_it_and_the_worst_comes_near():
 
     count, random = period.samples, np.random.default_rng(0)
     for _ in range(5):
-        assert (np.abs(errors(random.choice((-1.0, 1.0), (n, count)))) < narrow.proved.rounding).all()
+        assert (
+            np.abs(errors(random.choice((-1.0, 1.0), (n, count)))) < narrow.proved.rounding
+        ).all()
     quiet, worst = errors(np.zeros((n, count))), np.zeros((n, count))
     for i in range(n):
         for k in range(count - 2):
@@ -100,7 +116,9 @@ def test_no_rounding_exceeds_it_and_the_worst_comes_near():
 
 
 def test_no_arm_of_the_box_exceeds_it_and_a_corner_comes_near():
-    """Runs of the corner that single numbers call the worst; counts are so fine that numbers decide."""
+    """Runs of the corner that single numbers call the worst; counts are so fine that numbers
+    decide.
+    """
     fine = dataclasses.replace(RIG, encoder=Encoder(resolution=(80_000, 100_000)))
     law = ComputedTorque(ARM, fine, bandwidth=120, observer_ratio=0.9, start_boost=1)
     certificate = certified(6e-4, law, fine, duration=0.15, phase=False)
@@ -110,7 +128,9 @@ def test_no_arm_of_the_box_exceeds_it_and_a_corner_comes_near():
         run = task._period.nominal(numbers, np.zeros(2))
         return (task._period.given[:, 0] - run[:-1, 0]) * task._period.pulses[0, 0]
 
-    alone = np.array([error(task._centre + column) - error(task._centre) for column in task._basis.T])
+    alone = np.array(
+        [error(task._centre + column) - error(task._centre) for column in task._basis.T]
+    )
     worst = np.abs(alone).sum(axis=0).argmax()
     corner = np.abs(error(task._centre + task._basis @ np.sign(alone[:, worst]))).max()
     assert proved.share == 1
@@ -132,7 +152,11 @@ def test_the_certificate_prints_both_columns():
     stated = Uncertainty(plants=[ARM.f], friction=0.0)
     options = {"samples": 8, "duration": 0.05, "progress": False}
     said = str(certify(ARM, RIG, LAW, PATH, stated, proved=True, **options))
-    head = next(line for line in said.splitlines() if line.startswith("largest error before rounding [pulses]"))
+    head = next(
+        line
+        for line in said.splitlines()
+        if line.startswith("largest error before rounding [pulses]")
+    )
     assert head.split()[-2:] == ["proved", "sampled"]
     assert "assuming that joints slide the way the reference goes" in said
     assert "boosts are those of the reference" in said
@@ -155,7 +179,9 @@ def test_where_there_is_none_it_says_why():
 
 
 def test_another_law():
-    law = ComputedTorquePID(ARM, RIG, bandwidth=120, ratio=1.5, integral=10, roll_off=1500, roll_off_damping=0.9)
+    law = ComputedTorquePID(
+        ARM, RIG, bandwidth=120, ratio=1.5, integral=10, roll_off=1500, roll_off_damping=0.9
+    )
     certificate = certified(1e-4, law=law, duration=0.1)
     assert certificate.proved.share == 1
     assert certificate.proved.assumed == ()

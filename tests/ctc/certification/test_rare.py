@@ -1,4 +1,6 @@
-"""Subset simulation: exact probabilities within the stated spread, and samples of the distribution of certify."""
+"""Subset simulation: exact probabilities within the stated spread, and samples of the
+distribution of certify.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ from ctc.certification.samples import draw
 from plant import puma560
 
 LIMIT = 4.753424308822899  # ndtr(-LIMIT) = 1e-6
-STATED = Uncertainty(covariance=np.diag((0.02 * np.abs(puma560.arm().f)) ** 2), friction=0.1, delay=(0, 1e-4))
+STATED = Uncertainty(
+    covariance=np.diag((0.02 * np.abs(puma560.arm().f)) ** 2), friction=0.1, delay=(0, 1e-4)
+)
 
 
 def linear(u):
@@ -21,10 +25,15 @@ def linear(u):
 
 @pytest.mark.parametrize("numbers", [2, 30])
 def test_one_in_a_million_within_the_stated_spread(numbers):
-    """Over 20 seeds the ratio of variances is within the 99.8 % range of chi-squared with 19 degrees of freedom."""
+    """Over 20 seeds the ratio of variances is within the 99.8 % range of chi-squared with 19
+    degrees of freedom.
+    """
     assert ndtr(-LIMIT) == pytest.approx(1e-6)
     found = [subset_simulation(linear, LIMIT, numbers, 1e-9, seed) for seed in range(20)]
-    probability, stated = np.array([each.probability for each in found]), np.mean([each.variation for each in found])
+    probability, stated = (
+        np.array([each.probability for each in found]),
+        np.mean([each.variation for each in found]),
+    )
     assert 0.25 < stated < 0.32
     assert abs(probability.mean() - 1e-6) < 3.1 * stated * 1e-6 / np.sqrt(20)
     assert 0.28 < np.log(probability).var(ddof=1) / np.log1p(stated**2) < 2.3
@@ -53,7 +62,9 @@ def test_what_cannot_be_is_left_out():
 
 
 def test_chance_that_no_number_decides_is_said():
-    """A response that a change of any size draws anew: chains cannot climb, and the bound is that of the last level."""
+    """A response that a change of any size draws anew: chains cannot climb, and the bound is
+    that of the last level.
+    """
     chance = np.random.default_rng(1)
     found = subset_simulation(lambda u: chance.standard_normal(len(u)), 9.0, 2, 1e-6, 0)
     assert found.stuck
@@ -74,17 +85,29 @@ def test_samples_of_normals_have_the_distribution_of_certify():
 
 
 def test_a_certificate_has_it_for_one_motion_or_several():
-    """With a controller that is too slow, f decides; to 1e-4, against 40,000 samples: tests/benchmarks/campaign.py."""
+    """With a controller that is too slow, f decides; to 1e-4, against 40,000 samples:
+    tests/benchmarks/campaign.py.
+    """
     arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
     law = ComputedTorque(arm, rig, bandwidth=62)
-    options = {"samples": 2000, "duration": 0.05, "steps_per_sample": 4, "progress": False, "rare": 1e-4}
+    options = {
+        "samples": 2000,
+        "duration": 0.05,
+        "steps_per_sample": 4,
+        "progress": False,
+        "rare": 1e-4,
+    }
     certificate = certify(arm, rig, law, path, STATED, within=1.3, **options)
     share, rare = (certificate.runs.unrounded.max(axis=1) > 1.3).mean(), certificate.rare
     assert 0.001 < share < 0.1
-    assert abs(share - rare.probability) < 4 * np.hypot(np.sqrt(share / 2000), rare.variation * rare.probability)
+    assert abs(share - rare.probability) < 4 * np.hypot(
+        np.sqrt(share / 2000), rare.variation * rare.probability
+    )
     assert " ".join(str(rare).split()) in " ".join(str(certificate).split())
     assert certificate.holds is False
-    both = certify(arm, rig, law, {"a": path, "b": path}, STATED, within=1.0, **options | {"samples": 10})
+    both = certify(
+        arm, rig, law, {"a": path, "b": path}, STATED, within=1.0, **options | {"samples": 10}
+    )
     assert both["a"].rare is None
     assert both.rare.evaluations <= 3000
     assert both.rare.probability > rare.probability
@@ -92,9 +115,16 @@ def test_a_certificate_has_it_for_one_motion_or_several():
 
 def test_what_is_drawn_at_every_instant_is_refused():
     arm, rig = puma560.arm(), puma560.rig()
-    law, options = ComputedTorque(arm, rig, bandwidth=150), {"samples": 10, "duration": 0.05, "progress": False}
+    law, options = (
+        ComputedTorque(arm, rig, bandwidth=150),
+        {"samples": 10, "duration": 0.05, "progress": False},
+    )
     for rare, uncertainty, said in (
-        (1e-3, Uncertainty(covariance=STATED.covariance, dropped=0.01), "rare needs what is one number of each sample"),
+        (
+            1e-3,
+            Uncertainty(covariance=STATED.covariance, dropped=0.01),
+            "rare needs what is one number of each sample",
+        ),
         (1e-3, Uncertainty(plants=[arm.f]), "Leave out plants or rare"),
         (2.0, STATED, "rare must be between 0 and 1"),
     ):

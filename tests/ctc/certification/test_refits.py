@@ -36,7 +36,9 @@ def again(found):
 
 def test_the_fit_at_the_resonance_of_the_robot_is_nearest_to_it(found, again):
     deviation = np.sqrt(np.diag(again.covariances[again.nearest(np.array([0.5]))[0]]))
-    rigid, true = (np.abs(f - ARM.f) / deviation for f in (found.arm.f, again.centres(np.array([0.5]))[0]))
+    rigid, true = (
+        np.abs(f - ARM.f) / deviation for f in (found.arm.f, again.centres(np.array([0.5]))[0])
+    )
     assert rigid.max() > 8
     assert true.max() < 4
 
@@ -58,10 +60,18 @@ def test_plants_have_the_f_of_their_resonance_and_laws_that_of_the_middle(found,
 
 
 def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
-    stated = {"resonance": (0.9 * HZ, 1.1 * HZ), "damping_ratio": RATIO, "samples": 400, "duration": 0.3}
+    stated = {
+        "resonance": (0.9 * HZ, 1.1 * HZ),
+        "damping_ratio": RATIO,
+        "samples": 400,
+        "duration": 0.3,
+    }
     law = ComputedTorque(found, bandwidth=150)
     certificate = certify(found, RIG, law, PATH, **with_uncertainty(**stated, friction=0.0))
-    plants, shares = certificate.plants, {each.name: each.share for each in certificate.sensitivities}
+    plants, shares = (
+        certificate.plants,
+        {each.name: each.share for each in certificate.sensitivities},
+    )
     hz = plants.values[:, plants.names.index("resonance")]
     own = [plants.names.index(name) for name in ARM.dynamics.names]
 
@@ -77,26 +87,44 @@ def test_what_follows_from_the_resonance_is_no_sensitivity_to_f(found, again):
 
 def test_loops_on_gears_take_an_identification_for_its_arm(found):
     law, options = ComputedTorque(found, bandwidth=60), {"duration": 0.1, "damping_ratio": RATIO}
-    one, other = (sweep_resonance(arm, RIG, {"a": law}, PATH, hz=[40, 80], **options) for arm in (found, found.arm))
+    one, other = (
+        sweep_resonance(arm, RIG, {"a": law}, PATH, hz=[40, 80], **options)
+        for arm in (found, found.arm)
+    )
     assert one == other
 
 
 @pytest.mark.slow
 def test_where_no_resonance_can_be_fitted_there_are_none(found):
     assert refits(found, ((0.3, 0.3),), (RATIO, RATIO), START) is None
-    with pytest.raises(ValueError, match=r"what the records allow; .* fitted on gears of 2 to 2 Hz"):
-        certify(found, RIG, ComputedTorque(found), PATH, Uncertainty(resonance=(2.0, 2.0)), samples=8, progress=False)
+    with pytest.raises(
+        ValueError, match=r"what the records allow; .* fitted on gears of 2 to 2 Hz"
+    ):
+        certify(
+            found,
+            RIG,
+            ComputedTorque(found),
+            PATH,
+            Uncertainty(resonance=(2.0, 2.0)),
+            samples=8,
+            progress=False,
+        )
 
 
 def results(certificate):
     """Bits of all that was drawn and simulated."""
     plants, runs = certificate.plants, certificate.runs
-    return [each.tobytes() for each in (plants.f, plants.values, plants.derived, runs.peak, runs.unrounded)]
+    return [
+        each.tobytes()
+        for each in (plants.f, plants.values, plants.derived, runs.peak, runs.unrounded)
+    ]
 
 
 def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, capsys):
     made, fit = [], fits_on_gears._on_gears
-    monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: made.append(given) or fit(*given))
+    monkeypatch.setattr(
+        fits_on_gears, "_on_gears", lambda *given: made.append(given) or fit(*given)
+    )
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     stated = {"resonance": (HZ, HZ), "damping_ratio": RATIO, "samples": 24, "duration": 0.1}
     slow, fast = (ComputedTorque(found, bandwidth=bandwidth) for bandwidth in (40, 60))
@@ -109,7 +137,9 @@ def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, ca
     assert "fits on gears" not in capsys.readouterr().err
 
     monkeypatch.setattr(fits_on_gears, "_KEPT", {})
-    assert results(certify(found, RIG, fast, PATH, **with_uncertainty(**stated, progress=False))) == results(kept)
+    assert results(
+        certify(found, RIG, fast, PATH, **with_uncertainty(**stated, progress=False))
+    ) == results(kept)
     assert len(made) == 4
     assert capsys.readouterr().err == ""
 

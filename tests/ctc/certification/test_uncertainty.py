@@ -12,13 +12,20 @@ from ctc.commandline.main import _parser
 from plant import Part, read_robot, write_robot
 
 STATED = Uncertainty(
-    friction=0.02, resonance=((40, 80), (30, 50)), lag=1e-3, load=(0, 0.5), load_position=(0, -0.4, 0), phase=False,
+    friction=0.02,
+    resonance=((40, 80), (30, 50)),
+    lag=1e-3,
+    load=(0, 0.5),
+    load_position=(0, -0.4, 0),
+    phase=False,
     friction_drift=(-0.1, 0.1),
-)  # fmt: skip
+)
 
 
 def test_a_robot_file_and_a_file_of_its_own_give_it_back(tmp_path):
-    write_robot(dataclasses.replace(read_robot("paper_puma560"), uncertainty=STATED), tmp_path / "arm.toml")
+    write_robot(
+        dataclasses.replace(read_robot("paper_puma560"), uncertainty=STATED), tmp_path / "arm.toml"
+    )
     text = (tmp_path / "arm.toml").read_text(encoding="utf-8")
     assert "[uncertainty]" in text
     assert "ripple" not in text  # what is not stated
@@ -28,10 +35,16 @@ def test_a_robot_file_and_a_file_of_its_own_give_it_back(tmp_path):
 
 
 def test_a_misspelt_key_of_a_robot_file_is_refused_with_the_nearest(tmp_path):
-    write_robot(dataclasses.replace(read_robot("paper_puma560"), uncertainty=STATED), tmp_path / "arm.toml")
+    write_robot(
+        dataclasses.replace(read_robot("paper_puma560"), uncertainty=STATED), tmp_path / "arm.toml"
+    )
     text = (tmp_path / "arm.toml").read_text(encoding="utf-8")
-    (tmp_path / "wrong.toml").write_text(text.replace("\nfriction =", "\nfrictoin ="), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"\[uncertainty\] must have keys of Uncertainty; got 'frictoin'"):
+    (tmp_path / "wrong.toml").write_text(
+        text.replace("\nfriction =", "\nfrictoin ="), encoding="utf-8"
+    )
+    with pytest.raises(
+        ValueError, match=r"\[uncertainty\] must have keys of Uncertainty; got 'frictoin'"
+    ):
         read_robot(tmp_path / "wrong.toml")
 
 
@@ -59,8 +72,14 @@ def test_three_ends_of_a_range_are_refused(capsys):
 def test_print_names_what_is_stated_and_nothing_else():
     rows = {line.split()[0]: line for line in str(STATED).splitlines()[1:]}
     assert set(rows) == {
-        "friction", "resonance[0]", "resonance[1]", "damping_ratio", "load", "lag", "friction_drift",
-    }  # fmt: skip
+        "friction",
+        "resonance[0]",
+        "resonance[1]",
+        "damping_ratio",
+        "load",
+        "lag",
+        "friction_drift",
+    }
     assert rows["resonance[1]"].split()[1:] == ["30", "to", "50", "Hz"]
     assert rows["friction_drift"].split()[1:] == ["-0.1", "to", "0.1", "of", "it"]
 

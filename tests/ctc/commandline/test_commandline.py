@@ -59,15 +59,24 @@ def folder(tmp_path_factory):
     """A robot file, its log as another program writes it, and that of the library."""
     place = tmp_path_factory.mktemp("job")
     robot = read_robot("paper_puma560")
-    record = simulate(robot.arm, robot.rig, robot.law, puma560.reference(), duration=1.5, steps_per_sample=8)
+    record = simulate(
+        robot.arm, robot.rig, robot.law, puma560.reference(), duration=1.5, steps_per_sample=8
+    )
     record.to_csv(place / "own.csv")
     asked = puma560.reference()(record.t).q
     with open(place / "log.csv", "w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["time", "c1", "c2", "r1", "r2"])
-        rows.writerows(zip(*(column.tolist() for column in (record.t, *record.counts.T, *asked.T)), strict=True))
+        rows.writerows(
+            zip(
+                *(column.tolist() for column in (record.t, *record.counts.T, *asked.T)), strict=True
+            )
+        )
     (place / "arm.toml").write_text((FOLDER / "paper_puma560.toml").read_text() + MAPPED)
-    rows = [[t, 0.3 * math.sin(math.pi * t) ** 4, -0.2 * math.sin(math.pi * t) ** 4] for t in np.linspace(0, 1, 41)]
+    rows = [
+        [t, 0.3 * math.sin(math.pi * t) ** 4, -0.2 * math.sin(math.pi * t) ** 4]
+        for t in np.linspace(0, 1, 41)
+    ]
     (place / "path.csv").write_text("\n".join(",".join(f"{x:.9f}" for x in row) for row in rows))
     return place
 
@@ -83,34 +92,91 @@ def test_from_a_log_to_a_page(folder, capsys, monkeypatch):
     code, out, err = run(capsys, "check", "log.csv", "--robot", "arm.toml", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["logs"]["log.csv"][0]["verdict"] == "fine"
-    code, out, err = run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "found.json", "--json", "--quiet")
+    code, out, err = run(
+        capsys,
+        "identify",
+        "log.csv",
+        "--robot",
+        "arm.toml",
+        "-o",
+        "found.json",
+        "--json",
+        "--quiet",
+    )
     told = json.loads(out)
     assert (code, err, told["doubts"]) == (0, "", [])
     found = Identification.load("found.json")
-    assert [told["values"][name]["value"] for name in found.fit.unknown] == found.fit.values.tolist()
-    code, out, err = run(capsys, "certify", "found.json", "--path", "path.csv", "--samples", "40", "--within", "2",
-                         "-o", "proof.json")  # fmt: skip
+    assert [
+        told["values"][name]["value"] for name in found.fit.unknown
+    ] == found.fit.values.tolist()
+    code, out, err = run(
+        capsys,
+        "certify",
+        "found.json",
+        "--path",
+        "path.csv",
+        "--samples",
+        "40",
+        "--within",
+        "2",
+        "-o",
+        "proof.json",
+    )
     assert (code, err) == (0, "")
     assert "of 40 Monte Carlo samples" in out
     assert out.endswith("wrote proof.json\n")
-    code, out, err = run(capsys, "report", "found.json", "--certificate", "proof.json", "-o", "page.html")
+    code, out, err = run(
+        capsys, "report", "found.json", "--certificate", "proof.json", "-o", "page.html"
+    )
     assert (code, out, err) == (0, "wrote page.html\n", "")
     assert (folder / "page.html").read_text(encoding="utf-8").count("<section>") == 8
 
 
 def test_the_shell_speaks_no_python(folder, capsys, monkeypatch):
-    """Calls and keyword arguments in answers and on the page; code that is to be run in Python stays."""
+    """Calls and keyword arguments in answers and on the page; code that is to be run in Python
+    stays.
+    """
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("identification.results.summary._MANY", 3)  # as of arms with many parameters
-    code, out, _ = run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "said.json", "--quiet", "--force")
-    given = ("certify", "said.json", "--samples", "200", "--friction", "0.3", "-o", "said_proof.json", "--force")
+    # as of arms with many parameters
+    monkeypatch.setattr("identification.results.summary._MANY", 3)
+    code, out, _ = run(
+        capsys,
+        "identify",
+        "log.csv",
+        "--robot",
+        "arm.toml",
+        "-o",
+        "said.json",
+        "--quiet",
+        "--force",
+    )
+    given = (
+        "certify",
+        "said.json",
+        "--samples",
+        "200",
+        "--friction",
+        "0.3",
+        "-o",
+        "said_proof.json",
+        "--force",
+    )
     code, proof, _ = run(capsys, *given)
     assert code == 1
     text = " ".join(f"{out} {proof}".split())
     assert "what the names of parameters mean: onepulse report" in text
     assert "Call identify with --unknown friction" in text
     assert re.search(r"certify with --resonance [\d.]+ [\d.]+\.", text)
-    run(capsys, "report", "said.json", "--certificate", "said_proof.json", "-o", "said.html", "--force")
+    run(
+        capsys,
+        "report",
+        "said.json",
+        "--certificate",
+        "said_proof.json",
+        "-o",
+        "said.html",
+        "--force",
+    )
     page = (folder / "said.html").read_text(encoding="utf-8")
     assert "again = identify(found.arm.dynamics" in page
     shown = html.unescape(re.sub(r"(?s)<(svg|pre|style)\b.*?</\1>|<[^>]*>", "", page))
@@ -120,13 +186,20 @@ def test_the_shell_speaks_no_python(folder, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(folder, capsys, monkeypatch):
+def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
+    folder, capsys, monkeypatch
+):
     monkeypatch.chdir(folder)
     words = ("--unknown", "friction", "--quiet")
-    assert run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "rubbed.json", *words)[0] == 0
+    assert (
+        run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "rubbed.json", *words)[0]
+        == 0
+    )
     names = Identification.load("rubbed.json").fit.unknown
     assert len(names) == 13
-    assert set(names[9:]) == {f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)}
+    assert set(names[9:]) == {
+        f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)
+    }
     given = ("--path", "path.csv", "--samples", "40", "--bandwidth", "150", "--load", "0", "0.1")
     code, out, err = run(capsys, "certify", "rubbed.json", *given, "-o", "rubbed_proof.json")
     assert code == 2
@@ -134,7 +207,10 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
     for wrong, said in (
         (("--samples", "0"), "--samples must be a whole number of at least 1"),
         (("--after", "9"), "--after must be from 0 to below the duration 1 s"),
-        (("--resonance", "90", "40"), "--resonance must be (lowest, highest), above 0 Hz; got (90, 40)"),
+        (
+            ("--resonance", "90", "40"),
+            "--resonance must be (lowest, highest), above 0 Hz; got (90, 40)",
+        ),
     ):
         code, out, err = run(capsys, "certify", "rubbed.json", "--path", "path.csv", *wrong)
         assert (code, out) == (2, "")
@@ -146,9 +222,14 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
     assert "friction ±" not in out  # it was identified
     assert "resonance=" not in out
     assert "friction=" not in out
-    assert run(capsys, "report", "rubbed.json", "--certificate", "proof2.json", "-o", "rubbed.html")[0] == 0
+    assert (
+        run(capsys, "report", "rubbed.json", "--certificate", "proof2.json", "-o", "rubbed.html")[0]
+        == 0
+    )
     run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "alone.json", "--quiet")
-    code, _, err = run(capsys, "report", "alone.json", "--certificate", "proof2.json", "-o", "mixed.html")
+    code, _, err = run(
+        capsys, "report", "alone.json", "--certificate", "proof2.json", "-o", "mixed.html"
+    )
     assert code == 2
     assert "must be of laws with this identification's f" in err
     assert not (folder / "mixed.html").exists()
@@ -156,31 +237,53 @@ def test_friction_is_named_by_a_word_beside_f_and_the_page_is_of_one_controller(
 
 @pytest.mark.filterwarnings("default::UserWarning")  # which the command prints
 def test_a_prior_of_the_model_s_bodies_is_given_by_its_spread(tmp_path, capsys, monkeypatch):
-    """The second joint stands still: with --prior its spread, without it that of the default, which is said."""
+    """The second joint stands still: with --prior its spread, without it that of the default,
+    which is said.
+    """
     monkeypatch.chdir(tmp_path)
-    bodies = (Body(mass=5.0, com=(0.2, 0.02, 0.0), inertia=(0.01, 0, 0, 0.1, 0, 0.1)),
-              Body(mass=2.0, com=(0.15, 0.01, 0.0), inertia=(0.004, 0, 0, 0.03, 0, 0.03)))  # fmt: skip
-    drive = Drive(gear=(100, 100), motor_inertia=(8e-5, 3e-5), viscous=(1e-3, 5e-4), coulomb=(0.03, 0.1),
-                  motor_gain=(1, 1), current_limit=(5, 5))  # fmt: skip
+    bodies = (
+        Body(mass=5.0, com=(0.2, 0.02, 0.0), inertia=(0.01, 0, 0, 0.1, 0, 0.1)),
+        Body(mass=2.0, com=(0.15, 0.01, 0.0), inertia=(0.004, 0, 0, 0.03, 0, 0.03)),
+    )
+    drive = Drive(
+        gear=(100, 100),
+        motor_inertia=(8e-5, 3e-5),
+        viscous=(1e-3, 5e-4),
+        coulomb=(0.03, 0.1),
+        motor_gain=(1, 1),
+        current_limit=(5, 5),
+    )
     rig = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
     links = (Link(name="shoulder", alpha=-math.pi / 2), Link(name="elbow", a=0.4))
     dynamics = Dynamics.from_chain(Chain(links=links, bodies=bodies).with_rotors(drive))
     robot = Robot(name="arm", rig=rig, arm=dynamics.arm(dynamics.f()), law=P(gain=(0.02, 0.01)))
     write_robot(robot, "arm.toml")
-    path = Harmonics(period=2.0, offset=(0.0, 0.5), cosine=((0.5, 0.2), (1e-4, 0)), sine=((0.2, -0.3), (0, 1e-4)))
+    path = Harmonics(
+        period=2.0, offset=(0.0, 0.5), cosine=((0.5, 0.2), (1e-4, 0)), sine=((0.2, -0.3), (0, 1e-4))
+    )
     simulate(robot.arm, rig, robot.law, path, duration=2.0, steps_per_sample=8).to_csv("log.csv")
     asked = ("identify", "log.csv", "--robot", "arm.toml", "-o", "found.json", "--force", "--quiet")
     for given, spread in ((("--prior", "0.1"), 0.1), ((), 0.3)):
         code, out, err = run(capsys, *asked, *given)
         assert code == 0
-        assert re.search(rf"joint elbow \(q\[1\]\) moves by \d+ pulses. From the prior \({100 * spread:g} %\) are", err)
+        assert re.search(
+            rf"joint elbow \(q\[1\]\) moves by \d+ pulses. From the prior \({100 * spread:g}"
+            r" %\) are",
+            err,
+        )
         found = Identification.load("found.json")
         assert found.fit.prior.spread == spread
         assert found.fit.prior.mean == pytest.approx(dynamics.f())
         assert f"from the prior ({100 * spread:g} %)" in " ".join(out.split())
-    code, _, err = run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "no.json", "--prior", "-0.1")
+    code, _, err = run(
+        capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "no.json", "--prior", "-0.1"
+    )
     assert code == 2
-    assert err == "onepulse: --prior must be a positive number; got -0.1. Give a relative spread such as 0.3.\n"
+    assert (
+        err
+        == "onepulse: --prior must be a positive number; got -0.1. Give a relative spread such as"
+        " 0.3.\n"
+    )
 
 
 def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
@@ -188,7 +291,9 @@ def test_a_path_that_begins_in_motion_is_no(folder, capsys, monkeypatch):
     run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "moved.json", "--quiet")
     path = np.loadtxt("path.csv", delimiter=",", skiprows=1)
     cut = path[np.flatnonzero(path[:, 0] >= 0.4)]
-    np.savetxt("moving.csv", cut - [cut[0, 0], 0, 0], delimiter=",", header="t,q_1,q_2", comments="")
+    np.savetxt(
+        "moving.csv", cut - [cut[0, 0], 0, 0], delimiter=",", header="t,q_1,q_2", comments=""
+    )
     options = ("--samples", "8", "--within", "5", "--json", "--quiet")
     code, out, _ = run(capsys, "certify", "moved.json", "--path", "moving.csv", *options)
     told = json.loads(out)
@@ -226,21 +331,40 @@ def test_a_law_is_tuned_and_handed_on(folder, capsys, monkeypatch):
     assert "friction ±2 %" in str(certificate)
     assert certificate.settings["after"] == told["after"] == 0.03
     assert told["failures_before"] == certificate.failures_before
-    assert run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0] == 0
+    assert (
+        run(capsys, "report", "untuned.json", "--certificate", "tuned.json", "-o", "tuned.html")[0]
+        == 0
+    )
 
 
-@pytest.mark.slow  # one path: test_from_a_log_to_a_page; sets of motions: certification/test_certificates
+# one path: test_from_a_log_to_a_page; sets of motions: certification/test_certificates
+@pytest.mark.slow
 def test_everyday_motions_and_a_path_are_a_row_each(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", "daily.json", "--quiet")
-    given = ("certify", "daily.json", "--everyday", "--path", "path.csv", "--samples", "8", "--after", "0.3", "--quiet")
+    given = (
+        "certify",
+        "daily.json",
+        "--everyday",
+        "--path",
+        "path.csv",
+        "--samples",
+        "8",
+        "--after",
+        "0.3",
+        "--quiet",
+    )
     creeping = ("certify", "daily.json", "--everyday", "--samples", "8", "--hold", "--quiet")
     assert "from a hold, static friction" in " ".join(run(capsys, *creeping)[1].split())
     code, out, err = run(capsys, *given, "-o", "day.json", "--json")
     told, certificates = json.loads(out), Certificate.load("day.json")
     found = Identification.load("daily.json")
     assert code in (0, 1), err
-    assert list(told["motions"]) == list(certificates) == [*everyday_motions(found.arm, found.rig), "path"]
+    assert (
+        list(told["motions"])
+        == list(certificates)
+        == [*everyday_motions(found.arm, found.rig), "path"]
+    )
     assert certificates["creep"].reference == everyday_motions(found.arm, found.rig)["creep"]
     assert told["worst"] == certificates.worst
     assert told["verdict"] == certificates.verdict
@@ -250,16 +374,24 @@ def test_everyday_motions_and_a_path_are_a_row_each(folder, capsys, monkeypatch)
     assert told["failures"] >= max(each["failures"] for each in told["motions"].values())
     code, out, _ = run(capsys, *given)
     assert certificates.verdict.replace("±", "+-") in " ".join(out.split()).replace("±", "+-")
-    assert run(capsys, "report", "daily.json", "--certificate", "day.json", "-o", "day.html")[0] == 0
+    assert (
+        run(capsys, "report", "daily.json", "--certificate", "day.json", "-o", "day.html")[0] == 0
+    )
     assert (folder / "day.html").stat().st_size > 10_000
 
 
 @pytest.mark.slow
 def test_what_is_in_doubt_is_certified_with_that_doubt(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
-    text = (folder / "arm.toml").read_text().replace("coulomb = [0.124, 0.146]  # N m", "coulomb = [0.0, 0.0]")
+    text = (
+        (folder / "arm.toml")
+        .read_text()
+        .replace("coulomb = [0.124, 0.146]  # N m", "coulomb = [0.0, 0.0]")
+    )
     (folder / "rubbing.toml").write_text(text)
-    told = run(capsys, "identify", "log.csv", "--robot", "rubbing.toml", "-o", "rubbing.json", "--quiet")
+    told = run(
+        capsys, "identify", "log.csv", "--robot", "rubbing.toml", "-o", "rubbing.json", "--quiet"
+    )
     assert told[0] == 1, told[2]
     given = ("certify", "rubbing.json", "--path", "path.csv", "--samples", "8", "--within", "50")
     code, out, _ = run(capsys, *given)
@@ -270,17 +402,24 @@ def test_what_is_in_doubt_is_certified_with_that_doubt(folder, capsys, monkeypat
     assert told["doubts"] == doubts(Identification.load("rubbing.json"))
 
 
-@pytest.mark.parametrize("command", [("certify", "kept.json"), ("report", "kept.json"), ("tune", "kept.json")])
+@pytest.mark.parametrize(
+    "command", [("certify", "kept.json"), ("report", "kept.json"), ("tune", "kept.json")]
+)
 def test_what_is_read_is_never_overwritten(folder, capsys, monkeypatch, command):
     monkeypatch.chdir(folder)
     (folder / "kept.json").write_text("kept")
     (folder / "kept.html").unlink(missing_ok=True)
     (folder / "kept.html").symlink_to("kept.json")
-    code, _, err = run(capsys, *command, "-o", "kept.html" if command[0] == "report" else "kept.json", "--force")
+    code, _, err = run(
+        capsys, *command, "-o", "kept.html" if command[0] == "report" else "kept.json", "--force"
+    )
     assert code == 2
     assert "is what is read. Name another file to write." in err
     for place in ("log.csv", "arm.toml"):
-        assert run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", place, "--force")[0] == 2
+        assert (
+            run(capsys, "identify", "log.csv", "--robot", "arm.toml", "-o", place, "--force")[0]
+            == 2
+        )
     assert (folder / "kept.json").read_text() == "kept"
     (folder / "kept.html").unlink()
 
@@ -293,7 +432,10 @@ def test_what_is_read_is_never_overwritten(folder, capsys, monkeypatch, command)
             (1, 180 / math.pi),
             "has angles of up to 17.2 rad, many times those of the log: are they in degrees?",
         ),
-        ((1, 1), "has rows 0.1 s apart; a spline goes through them. Give one every 0.02 s or less."),
+        (
+            (1, 1),
+            "has rows 0.1 s apart; a spline goes through them. Give one every 0.02 s or less.",
+        ),
         ((1000, 1), "lasts 1000 s, the log 1.5 s: is its t in ms?"),
     ],
 )
@@ -312,7 +454,12 @@ def test_a_path_in_other_units_or_coarse_is_named(folder, monkeypatch, scale, sa
 
 @pytest.mark.slow
 def test_an_output_that_is_full_closed_or_narrow(folder):
-    command = [sys.executable, "-c", "import sys; from ctc.commandline.main import main; sys.exit(main())", "robots"]
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from ctc.commandline.main import main; sys.exit(main())",
+        "robots",
+    ]
     given = {"cwd": folder, "capture_output": True, "text": True, "check": False}
     there = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     full = subprocess.run(["/bin/sh", "-c", '"$@" > /dev/full', "sh", *command], **given, env=there)  # noqa: S603
@@ -321,7 +468,9 @@ def test_an_output_that_is_full_closed_or_narrow(folder):
     assert full.stderr.count("\n") == 1
     closed = subprocess.run(["/bin/sh", "-c", '"$@" | true', "sh", *command], **given, env=there)  # noqa: S603
     assert "Traceback" not in closed.stderr
-    enough = subprocess.run(["/bin/sh", "-c", '{ "$@"; echo $? >&2; } | true', "sh", *command], **given, env=there)  # noqa: S603
+    enough = subprocess.run(  # noqa: S603
+        ["/bin/sh", "-c", '{ "$@"; echo $? >&2; } | true', "sh", *command], **given, env=there
+    )
     assert enough.stderr == "0\n"  # whoever read it has seen enough; what was to be done is done
     narrow = {**there, "PYTHONIOENCODING": "ascii"}
     said = subprocess.run([*command[:-1], "check", "own.csv"], **given, env=narrow)  # noqa: S603
@@ -331,7 +480,9 @@ def test_an_output_that_is_full_closed_or_narrow(folder):
 def test_a_finding_is_no_success(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     text = (folder / "arm.toml").read_text()
-    (folder / "turned.toml").write_text(text.replace("gear = [107.8, -53.7]", "gear = [107.8, 53.7]"))
+    (folder / "turned.toml").write_text(
+        text.replace("gear = [107.8, -53.7]", "gear = [107.8, 53.7]")
+    )
     code, out, err = run(capsys, "check", "log.csv", "--robot", "turned.toml")
     assert (code, err) == (1, "")
     assert "wrong" in out
@@ -340,36 +491,69 @@ def test_a_finding_is_no_success(folder, capsys, monkeypatch):
 WRONG = {
     "no command": ((), "the following arguments are required: COMMAND"),
     "another command": (("identfy",), "invalid choice: 'identfy'"),
-    "no log": (("check", "nix.csv", "--robot", "arm.toml"), "nix.csv must be a file; there is none"),
-    "no robot": (("check", "log.csv", "--robot", "nix.toml"), "nix.toml must be a robot file; there is none"),
+    "no log": (
+        ("check", "nix.csv", "--robot", "arm.toml"),
+        "nix.csv must be a file; there is none",
+    ),
+    "no robot": (
+        ("check", "log.csv", "--robot", "nix.toml"),
+        "nix.toml must be a robot file; there is none",
+    ),
     "a robot that is none": (("robots", "puma650"), "a robot of the package is one of"),
     "an unknown key": (("check", "log.csv", "--robot", "key.toml"), "Did you mean 'viscous'"),
     "an unknown unit": (("check", "log.csv", "--robot", "unit.toml"), "'rads'"),
     "another column": (("check", "own.csv", "--robot", "arm.toml"), "own.csv"),
     "an unreadable log": (("check", "arm.toml"), "give a log: rows of numbers."),
-    "no number": (("check", "nan.csv"), "line 43 must have finite numbers; got nan in column 'error_1"),
+    "no number": (
+        ("check", "nan.csv"),
+        "line 43 must have finite numbers; got nan in column 'error_1",
+    ),
     "a log as a path": (
         ("certify", "found.json", "--path", "own.csv"),
-        "own.csv must have the columns t [s], q_1, q_2 [rad]; it has 12 columns beside t. Give those alone",
+        (
+            "own.csv must have the columns t [s], q_1, q_2 [rad]; it has 12 columns beside t. Give"
+            " those alone"
+        ),
     ),
     "one result for another": (
         ("report", "found.json", "--certificate", "found.json", "-o", "a.html"),
-        "found.json must be a file of onepulse certify or tune; it is one of onepulse identify. Give that to",
+        (
+            "found.json must be a file of onepulse certify or tune; it is one of onepulse identify."
+            " Give that to"
+        ),
     ),
     "no option": (
         ("tune", "found.json", "--limit", "-1"),
         "--limit -1; --within is: limit [pulses] (default 1). See: onepulse tune --help",
     ),
-    "an output that is there": (("identify", "log.csv", "--robot", "arm.toml", "-o", "own.csv"), "own.csv is there"),
-    "an output nowhere": (("identify", "log.csv", "--robot", "arm.toml", "-o", "no/a.json"), "Make the folder first"),
+    "an output that is there": (
+        ("identify", "log.csv", "--robot", "arm.toml", "-o", "own.csv"),
+        "own.csv is there",
+    ),
+    "an output nowhere": (
+        ("identify", "log.csv", "--robot", "arm.toml", "-o", "no/a.json"),
+        "Make the folder first",
+    ),
     "no result": (("certify", "log.csv"), "a log is to be identified first"),
     "an older version": (("certify", "old.json"), "format"),
-    "another method": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--method", "magic"), "magic"),
-    "a word": (("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--unknown", "frction"), "'friction'?"),
+    "another method": (
+        ("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--method", "magic"),
+        "magic",
+    ),
+    "a word": (
+        ("identify", "log.csv", "--robot", "arm.toml", "-o", "a.json", "--unknown", "frction"),
+        "'friction'?",
+    ),
     "a seed": (("demo", "--seed", "-1"), "argument --seed: "),
     "no limit": (("certify", "found.json", "--within", "much"), "invalid float value: 'much'"),
-    "a page that is none": (("report", "found.json", "-o", "log.csv", "--force"), "the page must be an .html file"),
-    "figures in a file": (("demo", "--figures", "arm.toml"), "arm.toml must be a folder for figures"),
+    "a page that is none": (
+        ("report", "found.json", "-o", "log.csv", "--force"),
+        "the page must be an .html file",
+    ),
+    "figures in a file": (
+        ("demo", "--figures", "arm.toml"),
+        "arm.toml must be a folder for figures",
+    ),
     "a number": (("certify", "found.json", "--samples", "many"), "invalid int value: 'many'"),
 }
 
@@ -379,8 +563,12 @@ def test_whatever_is_wrong_is_one_line_and_writes_nothing(folder, capsys, monkey
     monkeypatch.chdir(folder)
     text = (folder / "arm.toml").read_text()
     (folder / "key.toml").write_text(text.replace("viscous =", "viscos ="))
-    (folder / "unit.toml").write_text(text.replace('reference_position = "rad"', 'reference_position = "rads"'))
-    (folder / "old.json").write_text('{"onepulse": "Identification", "format": 0, "provenance": {}, "content": {}}')
+    (folder / "unit.toml").write_text(
+        text.replace('reference_position = "rad"', 'reference_position = "rads"')
+    )
+    (folder / "old.json").write_text(
+        '{"onepulse": "Identification", "format": 0, "provenance": {}, "content": {}}'
+    )
     lines = (folder / "own.csv").read_text().splitlines()
     lines[42] = re.sub(r"^([^,]*,[^,]*,[^,]*),[^,]*", r"\1,nan", lines[42])
     (folder / "nan.csv").write_text("\n".join([*lines, ""]))
@@ -413,8 +601,15 @@ def test_robots_of_the_package_are_written_with_their_models(tmp_path, capsys):
     assert "# [columns]" in out
 
 
-UNFINISHED = {"period": "1e-3", "gear": "100", "motor_inertia": "1e-4", "motor_gain": "[0.1, 0.2]", "coulomb": "0.03",
-              "resolution": "4096", "gain": "0.02"}  # fmt: skip
+UNFINISHED = {
+    "period": "1e-3",
+    "gear": "100",
+    "motor_inertia": "1e-4",
+    "motor_gain": "[0.1, 0.2]",
+    "coulomb": "0.03",
+    "resolution": "4096",
+    "gain": "0.02",
+}
 
 
 def test_a_new_robot_file_is_completed_to_the_same_chain(tmp_path, capsys, monkeypatch):
@@ -430,15 +625,17 @@ def test_a_new_robot_file_is_completed_to_the_same_chain(tmp_path, capsys, monke
     code, out, err = run(capsys, "check", "log.csv", "--robot", "files/arm.toml")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert (
-        "missing: rig.period, drive.gear, drive.motor_inertia, drive.motor_gain, drive.coulomb, encoder.resolution, "
-        "law.gain. Replace each '?'" in err
+        "missing: rig.period, drive.gear, drive.motor_inertia, drive.motor_gain, drive.coulomb,"
+        " encoder.resolution, law.gain. Replace each '?'" in err
     )
     filled = (tmp_path / "files" / "arm.toml").read_text()
     for key, value in UNFINISHED.items():
         filled = filled.replace(f'{key} = "?"', f"{key} = {value}")
     (tmp_path / "files" / "arm.toml").write_text(filled)
     robot = read_robot(tmp_path / "files" / "arm.toml")
-    assert robot.dynamics.chain == Chain.from_urdf("robot.urdf", tip="l2").with_rotors(robot.rig.drive)
+    assert robot.dynamics.chain == Chain.from_urdf("robot.urdf", tip="l2").with_rotors(
+        robot.rig.drive
+    )
     np.testing.assert_allclose(robot.rig.drive.torque_limit(), 1.0)  # of the file, as its damping
     np.testing.assert_allclose(robot.rig.drive.joint_viscous(), 0.5)
     assert robot.law.gain.tolist() == [0.02, 0.02]
@@ -452,7 +649,10 @@ def test_a_new_robot_file_is_completed_to_the_same_chain(tmp_path, capsys, monke
         (("new", "none.urdf"), "none.urdf"),
         (("ur5e", "--tip", "x"), "go with new"),
         (("new", FOLDER / "ur5e.urdf", "--tip", "elbo"), "tip must be one of .*'forearm'"),
-        (("new", FOLDER / "ur5e.urdf", "-o", FOLDER / "ur5e.urdf", "--force"), "ur5e.urdf is what is read"),
+        (
+            ("new", FOLDER / "ur5e.urdf", "-o", FOLDER / "ur5e.urdf", "--force"),
+            "ur5e.urdf is what is read",
+        ),
     ],
 )
 def test_what_no_robot_file_can_be_made_of(capsys, arguments, said):
@@ -463,20 +663,35 @@ def test_what_no_robot_file_can_be_made_of(capsys, arguments, said):
 
 def test_options_have_their_names_in_messages():
     assert in_the_shell("Pass tip='name of a link'.", ["tip"]) == "Pass --tip 'name of a link'."
-    assert in_the_shell("or identify with prior=, such as 0.3.") == "or identify with --prior, such as 0.3."
-    assert in_the_shell("certify with resonance=(56.3,\n    131).") == "certify with --resonance 56.3 131."
+    assert (
+        in_the_shell("or identify with prior=, such as 0.3.")
+        == "or identify with --prior, such as 0.3."
+    )
+    assert (
+        in_the_shell("certify with resonance=(56.3,\n    131).")
+        == "certify with --resonance 56.3 131."
+    )
 
 
 def test_an_interruption_and_a_defect_have_codes_of_their_own(capsys, monkeypatch):
-    for error, code, said in ((KeyboardInterrupt(), 130, "interrupted"), (TypeError("oh"), 3, "defect")):
-        monkeypatch.setitem(commands.COMMANDS, "robots", lambda given, error=error: (_ for _ in ()).throw(error))
+    for error, code, said in (
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (TypeError("oh"), 3, "defect"),
+    ):
+        monkeypatch.setitem(
+            commands.COMMANDS, "robots", lambda given, error=error: (_ for _ in ()).throw(error)
+        )
         assert (got := run(capsys, "robots"))[0] == code
         assert said in got[2].splitlines()[-1]
 
 
 def test_a_process_of_its_own(folder):
     """Nothing but the answer on standard output; no bars in a pipe."""
-    command = [sys.executable, "-c", "import sys; from ctc.commandline.main import main; sys.exit(main())"]
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from ctc.commandline.main import main; sys.exit(main())",
+    ]
     done = subprocess.run(  # noqa: S603
         [*command, "check", "own.csv"], cwd=folder, capture_output=True, text=True, check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},

@@ -62,16 +62,26 @@ logs = "left_*.csv"
 """)
     code, out, err = run(capsys, place / "fleet.toml")
     assert (code, err) == (1, "")
-    assert "left/left_1: not in the fleet: the record must have notes of robot and time; time is missing" in out
-    text = (place / "fleet.toml").read_text().replace("left_{week}", "{robot}_{time}").replace("_*.csv", "_2026*.csv")
+    assert (
+        "left/left_1: not in the fleet: the record must have notes of robot and time; time is"
+        " missing" in out
+    )
+    text = (
+        (place / "fleet.toml")
+        .read_text()
+        .replace("left_{week}", "{robot}_{time}")
+        .replace("_*.csv", "_2026*.csv")
+    )
     for day in ("2026-05-04", "2026-05-11"):
         shutil.copyfile(place / "left_1.csv", place / f"left_{day}.csv")
     (place / "fleet.toml").write_text(text.replace("weeks", "dated"))
     code, out, err = run(capsys, place / "fleet.toml", "--json")
     assert (code, err, json.loads(out)["fleet"]) == (0, "", {})
-    assert [row.time for row in Fleet(place / "cell.sqlite").parameters()][::9] == [1778457600.0]  # one log, put twice
+    # one log, put twice
+    assert [row.time for row in Fleet(place / "cell.sqlite").parameters()][::9] == [1778457600.0]
     assert (
-        "0 of 1 robots: the last log shows the same arm; 1 cannot be judged yet." in (place / "cell.html").read_text()
+        "0 of 1 robots: the last log shows the same arm; 1 cannot be judged yet."
+        in (place / "cell.html").read_text()
     )
     (place / "fleet.toml").write_text(text.replace('"cell.sqlite"', "3"))
     code, out, err = run(capsys, place / "fleet.toml")
@@ -102,7 +112,8 @@ def test_a_plan_from_end_to_end(place, capsys):
     assert code == 1
     assert "right/right: failed" in out
     assert (place / "study" / "left" / "left_1" / "found.json").stat().st_mtime_ns == before
-    shutil.copyfile(place / "left_1.csv", place / "left_0.csv")  # one more log, first in the alphabet
+    # one more log, first in the alphabet
+    shutil.copyfile(place / "left_1.csv", place / "left_0.csv")
     (place / "left_1.csv").touch()
     code, out, err = run(capsys, place / "plan.toml", "--resume")
     (place / "left_0.csv").unlink()

@@ -1,4 +1,6 @@
-"""The computed-torque law: torque against inverse dynamics, poles against loops by hand, friction, the law at work."""
+"""The computed-torque law: torque against inverse dynamics, poles against loops by hand,
+friction, the law at work.
+"""
 
 import dataclasses
 from functools import cache
@@ -51,20 +53,24 @@ def block_of(controller, rig):
 
 
 def asked(controller, pulses, *motion, state=None, applied=None, rig=RIG):
-    """Commanded torque of a law and its next state, by casadi: its symbolic step, before the amplifier."""
+    """Commanded torque of a law and its next state, by casadi: its symbolic step, before the
+    amplifier.
+    """
     block = block_of(controller, rig)
     state = block.initial if state is None else state
     applied = np.zeros(rig.n) if applied is None else applied
-    torque, following = block.step(state, *motion, rig.counts(motion[0]), pulses, applied, block.period, block.values)
+    torque, following = block.step(
+        state, *motion, rig.counts(motion[0]), pulses, applied, block.period, block.values
+    )
     return torque.full().ravel(), following.full().ravel()
 
 
-# -- torque ---------------------------------------------------------------------------------------------------------
+# -- torque --------------------------------------------------------------------------------------
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None, derandomize=True)
 def test_the_first_torque_is_inverse_dynamics_and_friction(seed):
-    """On the reference (in the middle of the encoder's cell) nothing is fed back: tau = Y f + friction(qd_r), with
-    Coulomb's in proportion below some pulses/s.
+    """On the reference (in the middle of the encoder's cell) nothing is fed back: tau = Y f +
+    friction(qd_r), with Coulomb's in proportion below some pulses/s.
 
     Tolerance: some hundred roundings of the largest term.
     """
@@ -76,7 +82,9 @@ def test_the_first_torque_is_inverse_dynamics_and_friction(seed):
     share = np.clip(np.abs(k) * qd * RIG.encoder.resolution / (2 * np.pi) / _SLIDES, -1, 1)
     expected = arm().inverse(q, qd, qdd) + b * k**2 * qd + c * abs(k) * share
     expected = np.clip(expected, -LIMIT, LIMIT)
-    np.testing.assert_allclose(law().start(RIG, pulses).step(pulses, q, qd, qdd), expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        law().start(RIG, pulses).step(pulses, q, qd, qdd), expected, rtol=0, atol=1e-10
+    )
     unaided, _ = asked(law(friction=False), pulses, q, qd, qdd)
     np.testing.assert_allclose(unaided, arm().inverse(q, qd, qdd), rtol=0, atol=1e-10)
 
@@ -86,16 +94,19 @@ def test_the_amplifier_limits_what_is_given():
     qdd = np.linalg.solve(arm().D((0.0, 0.0)), asked)
     torque = law().start(RIG, (0, 0)).step((0, 0), (0.0, 0.0), (0.0, 0.0), qdd)
     np.testing.assert_array_equal(torque, LIMIT * (1, -1))
-    np.testing.assert_allclose(RIG.drive.current(torque), (12, 12), rtol=1e-12)  # k3 < 0: both currents are positive
+    # k3 < 0: both currents are positive
+    np.testing.assert_allclose(RIG.drive.current(torque), (12, 12), rtol=1e-12)
 
 
 def test_with_a_smooth_encoder_and_the_true_f_the_error_is_next_to_nothing():
-    """What is left is the hold: the torque of t_k acts until t_k + dt, an error of acceleration dt/2 times the jerk.
+    """What is left is the hold: the torque of t_k acts until t_k + dt, an error of acceleration
+    dt/2 times the jerk.
 
-    The jerk of (6) is at most 32 rad/s^3 (joint 3: pi/4 (4 pi / 3.65)^3), with gravity and Coriolis terms of the same
-    size: 0.02 rad/s^2, against a stiffness of bandwidth^2 times the least eigenvalue of D^-1 J, with J the inertia
-    that each joint feels: 5e-7 rad = 0.007 pulse, and less where the observer has had time to see it. Coulomb friction
-    is off, since the sign of the reference velocity is not that of the joint.
+    The jerk of (6) is at most 32 rad/s^3 (joint 3: pi/4 (4 pi / 3.65)^3), with gravity and Coriolis
+    terms of the same size: 0.02 rad/s^2, against a stiffness of bandwidth^2 times the least
+    eigenvalue of D^-1 J, with J the inertia that each joint feels: 5e-7 rad = 0.007 pulse, and less
+    where the observer has had time to see it. Coulomb friction is off, since the sign of the
+    reference velocity is not that of the joint.
     """
     rig = smooth(drive(coulomb=(0.0, 0.0)))
     verdict = evaluate(arm(), rig, law(rig), puma560.reference(), steps_per_sample=4)
@@ -106,42 +117,63 @@ def test_with_a_smooth_encoder_and_the_true_f_the_error_is_next_to_nothing():
     assert peak < bound
     # The model earns it: with f 5 % off, the error is larger by far more than 5 %.
     verdict = evaluate(
-        arm(), rig, law(rig, puma560.dynamics().arm(1.05 * arm().f)), puma560.reference(), steps_per_sample=4
+        arm(),
+        rig,
+        law(rig, puma560.dynamics().arm(1.05 * arm().f)),
+        puma560.reference(),
+        steps_per_sample=4,
     )
     assert verdict.max_true_error_pulses.max() > 5 * peak
 
 
-# -- poles ----------------------------------------------------------------------------------------------------------
+# -- poles ---------------------------------------------------------------------------------------
 POSE = np.array([0.3, -0.4])
 
 
 def linearised(robot, period, **options):
     """Spectrum of the simulator's own law step and sub-step about a pose, without friction."""
-    rig = smooth(drive(Rig(drive=RIG.drive, encoder=RIG.encoder, period=period), coulomb=(0, 0), viscous=(0, 0)))
-    loop = ClosedLoop(dynamics=robot.dynamics, rig=rig, law=law(rig, robot, **options), steps_per_sample=1, smooth=True)
+    rig = smooth(
+        drive(
+            Rig(drive=RIG.drive, encoder=RIG.encoder, period=period), coulomb=(0, 0), viscous=(0, 0)
+        )
+    )
+    loop = ClosedLoop(
+        dynamics=robot.dynamics,
+        rig=rig,
+        law=law(rig, robot, **options),
+        steps_per_sample=1,
+        smooth=True,
+    )
     names = (loop.state_names, loop.time_names, loop.number_names)
     state, time, numbers = (ca.SX.sym("x", len(each)) for each in names)
     following = loop.substep(loop.law_step(state, time, numbers), time, numbers)[0]
     slope = ca.Function("slope", [state, time, numbers], [ca.jacobian(following, state)])
     at_rest = loop.initial_state(POSE, np.zeros(2))
-    at_rest[max(i for i, name in enumerate(loop.state_names) if name.startswith("law["))] = 1.0  # it has begun
+    # it has begun
+    at_rest[max(i for i, name in enumerate(loop.state_names) if name.startswith("law["))] = 1.0
     row = np.concatenate([POSE, np.zeros(4), rig.position_in_pulses(POSE), [period]])
     return np.linalg.eigvals(slope(at_rest, row, loop.number_values(robot.f)).full())
 
 
 def weightless():
     """The published arm without gravity, which would add a stiffness of its own."""
-    return puma560.dynamics().arm(np.where(np.isin(np.arange(9), (4, 5, 7, 8)), 0.0, puma560.PUBLISHED))
+    return puma560.dynamics().arm(
+        np.where(np.isin(np.arange(9), (4, 5, 7, 8)), 0.0, puma560.PUBLISHED)
+    )
 
 
 @pytest.mark.parametrize("period", [0.7e-3, 2e-5])
-@pytest.mark.parametrize(("bandwidth", "ratio", "delay"), [(250.0, 1.5, 0), (120.0, 4.0, 0), (100.0, 1.5, 1)])
+@pytest.mark.parametrize(
+    ("bandwidth", "ratio", "delay"), [(250.0, 1.5, 0), (120.0, 4.0, 0), (100.0, 1.5, 1)]
+)
 def test_the_closed_loop_is_the_one_written_down_by_hand(period, bandwidth, ratio, delay):
-    """All poles: coupled joints, what is held (score, flag), what is known of swings, and memory that does not last.
+    """All poles: coupled joints, what is held (score, flag), what is known of swings, and memory
+    that does not last.
 
-    Compared by the coefficients of the characteristic polynomial, which are well conditioned where multiple poles are
-    not. The jacobian has entries up to 3e5, so that what cancels in it leaves 3e5 roundings, of which a processor makes
-    others than the next: a share of 6e-11 of the largest coefficient.
+    Compared by the coefficients of the characteristic polynomial, which are well conditioned where
+    multiple poles are not. The jacobian has entries up to 3e5, so that what cancels in it leaves
+    3e5 roundings, of which a processor makes others than the next: a share of 6e-11 of the largest
+    coefficient.
     """
     robot = weightless()
     A, B, C = error_loops(np.linalg.inv(robot.D(POSE)), bandwidth, ratio * bandwidth, period, delay)
@@ -150,38 +182,47 @@ def test_the_closed_loop_is_the_one_written_down_by_hand(period, bandwidth, rati
     known = np.concatenate([np.linalg.eigvals(A + B @ C), np.ones(2), swings])
     expected = np.concatenate([known, np.zeros(len(got) - len(known))])
     coefficients = np.poly(expected)
-    np.testing.assert_allclose(np.poly(got), coefficients, rtol=0, atol=6e-11 * np.abs(coefficients).max())
+    np.testing.assert_allclose(
+        np.poly(got), coefficients, rtol=0, atol=6e-11 * np.abs(coefficients).max()
+    )
 
 
 def test_the_poles_are_as_designed_for_a_short_period():
-    """At 20 us, joints that do not feel each other: those of regulator and filter. The hold is a delay of dt / 2, worth
-    bandwidth dt = 0.4 % of a pole, and the delay of a sample in what the observer is told as much.
+    """At 20 us, joints that do not feel each other: those of regulator and filter. The hold is a
+    delay of dt / 2, worth bandwidth dt = 0.4 % of a pole, and the delay of a sample in what the
+    observer is told as much.
     """
     lone = puma560.dynamics().arm(np.where(np.isin(np.arange(9), (0, 6)), puma560.PUBLISHED, 0.0))
     np.testing.assert_array_equal(lone.D(POSE), np.diag(puma560.PUBLISHED[[6, 0]]))
     spectrum = linearised(lone, 2e-5, bandwidth=200.0, observer_ratio=2.0)
     poles = np.log(np.array([z for z in spectrum if abs(z) < 1 - 1e-6 and abs(z) > 0.9])) / 2e-5
     zeros = np.roots([1, 0, 0, 0, 400.0**4, 0, -((DRIFT * 400.0) ** 6)])
-    expected = np.concatenate([200 * np.array([-1 + 1j, -1 - 1j]) / np.sqrt(2), zeros[zeros.real < 0]])
+    expected = np.concatenate(
+        [200 * np.array([-1 + 1j, -1 - 1j]) / np.sqrt(2), zeros[zeros.real < 0]]
+    )
     assert len(poles) == 10 + 4  # and what is known of swings
     for pole in expected:
         np.testing.assert_allclose(np.sort(np.abs(poles - pole))[:2], 0, atol=0.02 * abs(pole))
 
 
-# -- dry friction -----------------------------------------------------------------------------------------------------
+# -- dry friction --------------------------------------------------------------------------------
 STILL = np.zeros(2)
 LEVEL = RIG.drive.coulomb * np.abs(RIG.drive.gear)
 
 
 def begun(controller, e=STILL, rate=STILL, torque_needed=STILL, impulse=STILL):
     """State of a law in the middle of its run, its disturbance torque zero and its boost spent."""
-    state = np.concatenate([e, rate, STILL, torque_needed, impulse, np.zeros(2 * controller.delay + 6), [1.0]])
+    state = np.concatenate(
+        [e, rate, STILL, torque_needed, impulse, np.zeros(2 * controller.delay + 6), [1.0]]
+    )
     assert state.shape == controller.initial_state(2).shape
     return state
 
 
 def predicted(controller, push, at=(300, -700), qd=STILL, **state):
-    """Error and rate (2,) that the observer predicts under a torque beyond what is needed; its counts agree."""
+    """Error and rate (2,) that the observer predicts under a torque beyond what is needed; its
+    counts agree.
+    """
     q = RIG.cell_centre(np.array(at))
     needed = arm().inverse(q, qd, STILL) + RIG.drive.joint_viscous() * qd
     before = begun(controller, torque_needed=needed, **state)
@@ -191,8 +232,10 @@ def predicted(controller, push, at=(300, -700), qd=STILL, **state):
 
 @pytest.mark.parametrize("push", [(0.9, 0.9), (-0.9, 0.9), (0.9, -0.9), (0.0, -0.9)])
 def test_a_joint_that_sticks_is_predicted_to_stick(push):
-    """Torques within Coulomb's level move nothing, to rounding: it is the joints' own friction that holds them. Four
-    sweeps of impulses from zero leave some thousandth of the speed of a frictionless sample, 0.6 mm/s here."""
+    """Torques within Coulomb's level move nothing, to rounding: it is the joints' own friction that
+    holds them. Four sweeps of impulses from zero leave some thousandth of the speed of a
+    frictionless sample, 0.6 mm/s here.
+    """
     controller = law(dead_zone=1.0)
     _, free, _ = predicted(law(friction=False, dead_zone=1.0), LEVEL * push)
     impulse = STILL
@@ -207,10 +250,14 @@ def test_a_joint_that_sticks_is_predicted_to_stick(push):
 
 @pytest.mark.parametrize("joint", [0, 1])
 def test_viscous_friction_faster_than_the_period_ends_a_rate(joint):
-    """Twenty times what stops the joint within a period: it all but stops, and does not turn back."""
+    """Twenty times what stops the joint within a period: it all but stops, and does not turn
+    back.
+    """
     viscous = np.array(RIG.drive.viscous)
     viscous[joint] = 20 * arm().D(STILL)[joint, joint] / RIG.period / RIG.drive.gear[joint] ** 2
-    stiff = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, viscous=viscous, coulomb=(0, 0)))
+    stiff = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, viscous=viscous, coulomb=(0, 0))
+    )
     rate = 1e-3 * np.eye(2)[joint]
     _, after, _ = predicted(law(rig=stiff, dead_zone=1.0), STILL, rate=rate)
     assert 0 < after[joint] < 0.1 * rate[joint]
@@ -219,12 +266,15 @@ def test_viscous_friction_faster_than_the_period_ends_a_rate(joint):
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("joint", [0, 1])
 def test_beyond_its_friction_a_joint_moves_by_what_is_beyond(joint, sign):
-    """Twice its level on one joint, the other held by its own friction: q moves with +C / D_jj, the error with less.
+    """Twice its level on one joint, the other held by its own friction: q moves with +C / D_jj, the
+    error with less.
 
-    Viscous friction at the end takes T V of it."""
+    Viscous friction at the end takes T V of it.
+    """
     push, D = (
         np.zeros(2),
-        arm().D(RIG.cell_centre(np.array([300, -700]))) + RIG.period * np.diag(RIG.drive.joint_viscous()),
+        arm().D(RIG.cell_centre(np.array([300, -700])))
+        + RIG.period * np.diag(RIG.drive.joint_viscous()),
     )
     push[joint] = 2 * sign * LEVEL[joint]
     impulse = STILL
@@ -238,18 +288,26 @@ def test_beyond_its_friction_a_joint_moves_by_what_is_beyond(joint, sign):
 
 
 def test_the_torque_does_not_jump_where_the_motion_turns_back():
-    """Across zero speed it changes in proportion: slope C over so many pulses/s, and the viscous and Coriolis terms."""
+    """Across zero speed it changes in proportion: slope C over so many pulses/s, and the viscous
+    and Coriolis terms.
+    """
     pulses = np.array([300, -700])
     q, pulse = RIG.cell_centre(pulses), RIG.to_angle(np.ones(2))
     speeds = np.linspace(-2, 2, 41)
-    torque = np.array([asked(law(), pulses, q, share * _SLIDES * np.abs(pulse), STILL)[0] for share in speeds])
+    torque = np.array(
+        [asked(law(), pulses, q, share * _SLIDES * np.abs(pulse), STILL)[0] for share in speeds]
+    )
     rest = np.array([arm().inverse(q, s * _SLIDES * np.abs(pulse), STILL) for s in speeds])
     rest += speeds[:, None] * _SLIDES * np.abs(pulse) * RIG.drive.joint_viscous()
-    np.testing.assert_allclose(torque - rest, np.clip(speeds, -1, 1)[:, None] * LEVEL, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        torque - rest, np.clip(speeds, -1, 1)[:, None] * LEVEL, rtol=0, atol=1e-10
+    )
 
 
 def test_the_feed_forward_of_friction_follows_the_speed_that_is_desired():
-    """On a standing reference an error pulls: C sat(bandwidth e / 2), the rest in proportion to it."""
+    """On a standing reference an error pulls: C sat(bandwidth e / 2), the rest in proportion to
+    it.
+    """
     controller, pulses = law(dead_zone=1.0, bandwidth=100.0), np.array([300, -700])
     slippery = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0, 0)))
     q, pulse = RIG.cell_centre(pulses), np.abs(RIG.to_angle(np.ones(2)))
@@ -257,17 +315,27 @@ def test_the_feed_forward_of_friction_follows_the_speed_that_is_desired():
         e = share * pulse * _SLIDES / 50
         # The counts agree with the error; the joint sticks, so that the prediction keeps it.
         base = [
-            asked(each, pulses, q + e, STILL, STILL, state=begun(each, e=e, torque_needed=arm().h(q + e, STILL)),
-                  applied=arm().h(q + e, STILL))[0]
+            asked(
+                each,
+                pulses,
+                q + e,
+                STILL,
+                STILL,
+                state=begun(each, e=e, torque_needed=arm().h(q + e, STILL)),
+                applied=arm().h(q + e, STILL),
+            )[0]
             for each in (controller, law(rig=slippery, dead_zone=1.0, bandwidth=100.0))
-        ]  # fmt: skip
-        np.testing.assert_allclose(base[0] - base[1], np.clip(share, -1, 1) * LEVEL, rtol=0, atol=1e-9)
+        ]
+        np.testing.assert_allclose(
+            base[0] - base[1], np.clip(share, -1, 1) * LEVEL, rtol=0, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("coupled", [False, True], ids=["one motor per joint", "wrist"])
 def test_the_prediction_alone_follows_an_arm_with_friction(coupled):
-    """The observer left to itself (gains of nearly zero) beside an arm that is pushed by another law: it must know when
-    joints slide, turn back and stick. Within two pulses over 0.3 s, where without friction it is hundreds off.
+    """The observer left to itself (gains of nearly zero) beside an arm that is pushed by another
+    law: it must know when joints slide, turn back and stick. Within two pulses over 0.3 s, where
+    without friction it is hundreds off.
     """
     if coupled:
         rig = rig_of(coulomb=(0.03, 0.04, 0.02), current_limit=(50.0,) * 3)
@@ -276,12 +344,16 @@ def test_the_prediction_alone_follows_an_arm_with_friction(coupled):
     else:
         rig, robot, gain, goal, stands = RIG, arm(), (0.2, 0.15), (0.05, 0.0), (1, 0)
     n = rig.n
-    path = Harmonics(period=0.3, offset=goal, cosine=0.01 * np.transpose([stands]), sine=np.zeros((n, 1)))
+    path = Harmonics(
+        period=0.3, offset=goal, cosine=0.01 * np.transpose([stands]), sine=np.zeros((n, 1))
+    )
     push = PD(gain=gain, derivative=np.multiply(gain, 2e-3), filter=2000.0, period=rig.period)
     record = simulate(robot, rig, push, path, duration=0.3, steps_per_sample=16)
     off = {}
     for friction in (True, False):
-        controller = law(rig, robot, bandwidth=100, observer_ratio=1e-6, measured=True, friction=friction)
+        controller = law(
+            rig, robot, bandwidth=100, observer_ratio=1e-6, measured=True, friction=friction
+        )
         state, pulses = None, record.reference_pulses - record.error_pulses
         estimate, before = [], np.zeros(n)
         for k, motion in enumerate(zip(*path(record.t), strict=True)):
@@ -299,9 +371,11 @@ def test_the_prediction_alone_follows_an_arm_with_friction(coupled):
     assert off[False].max() > 100
 
 
-# -- quantisation cells -----------------------------------------------------------------------------------------------
+# -- quantisation cells --------------------------------------------------------------------------
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.8, 1.0])
-@pytest.mark.parametrize("at", [(300, -700), (0, 0)], ids=["cells of a pulse", "the cell around zero, of two"])
+@pytest.mark.parametrize(
+    "at", [(300, -700), (0, 0)], ids=["cells of a pulse", "the cell around zero, of two"]
+)
 def test_only_what_lies_beyond_a_share_of_the_cell_corrects(share, at):
     """Inside it the prediction stays as it is; beyond, the excess alone is multiplied by the gain.
 
@@ -313,44 +387,71 @@ def test_only_what_lies_beyond_a_share_of_the_cell_corrects(share, at):
     gain = observer_gains(controller.bandwidth * controller.observer_ratio, RIG.period)[0]
     share = min(2.5 * share, 1)
     for beyond in (-0.3, -1e-6, 0.2):
-        # The arm is predicted so far from the middle of the cell, on a reference on which nothing else acts.
+        # The arm is predicted so far from the middle of the cell, on a reference on which nothing
+        # else acts.
         distance = np.array([1, -1]) * (share * half + beyond)
         e = distance * pulse
         needed = arm().h(centre, STILL)
-        _, after = asked(controller, at, centre, STILL, STILL, state=begun(controller, e=e, torque_needed=needed),
-                         applied=needed)  # fmt: skip
+        _, after = asked(
+            controller,
+            at,
+            centre,
+            STILL,
+            STILL,
+            state=begun(controller, e=e, torque_needed=needed),
+            applied=needed,
+        )
         excess = np.sign(distance) * np.maximum(np.abs(distance) - share * half, 0)
         np.testing.assert_allclose(after[:2], e - gain * excess * pulse, rtol=0, atol=1e-12)
         if beyond < 0 and share > 0.3:
             np.testing.assert_array_equal(after[:6], np.concatenate([e, np.zeros(4)]))
 
 
-# -- the law in a control script ------------------------------------------------------------------------------------
+# -- the law in a control script -----------------------------------------------------------------
 def replay(controller, record, start=0, running=None):
     """Feed a record's pulses to a running controller; torques (N, n)."""
     motion, pulses = record.reference(record.t), record.reference_pulses - record.error_pulses
     running = running or controller.start(record.rig, pulses[start])
-    return np.array([running.step(pulses[k], *(x[k] for x in motion)) for k in range(start, len(record))]), running
+    return (
+        np.array(
+            [running.step(pulses[k], *(x[k] for x in motion)) for k in range(start, len(record))]
+        ),
+        running,
+    )
 
 
 @pytest.mark.parametrize("options", [{}, {"delay": 1}], ids=["law", "delayed"])
 def test_the_running_controller_gives_the_torque_of_the_simulation(options):
-    """At every sample, to rounding (1e-12 of the largest torque); the same after describe and restore."""
-    controller = law(bandwidth=100.0, start_boost=2.0, **options)  # q's own rounding times the stiffness is less
-    backend = "casadi" if options else "numba"  # the delayed loop is not compiled for this test alone
-    record = evaluate(arm(), RIG, controller, puma560.reference(), duration=1.0, backend=backend).record
+    """At every sample, to rounding (1e-12 of the largest torque); the same after describe and
+    restore.
+    """
+    # q's own rounding times the stiffness is less
+    controller = law(bandwidth=100.0, start_boost=2.0, **options)
+    # the delayed loop is not compiled for this test alone
+    backend = "casadi" if options else "numba"
+    record = evaluate(
+        arm(), RIG, controller, puma560.reference(), duration=1.0, backend=backend
+    ).record
     assert np.abs(np.diff(record.torque, axis=0)).max() > 10
     for each in (controller, from_plain(controller.describe())):
         torque, running = replay(each, record)
-        np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max())
+        np.testing.assert_allclose(
+            torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max()
+        )
         np.testing.assert_array_equal(running.torque, torque[-1])
 
 
 def test_a_running_p_controller_is_gear_times_gain_times_error():
-    record = simulate(arm(), RIG, puma560.p_law(), puma560.reference(), duration=0.5, steps_per_sample=16)
+    record = simulate(
+        arm(), RIG, puma560.p_law(), puma560.reference(), duration=0.5, steps_per_sample=16
+    )
     torque, _ = replay(puma560.p_law(), record)
-    np.testing.assert_allclose(torque, RIG.drive.gear * (0.20, 0.15) * record.error_pulses, rtol=1e-14)
-    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max())
+    np.testing.assert_allclose(
+        torque, RIG.drive.gear * (0.20, 0.15) * record.error_pulses, rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max()
+    )
 
 
 def test_a_refused_call_changes_nothing():
@@ -390,20 +491,28 @@ def test_two_running_controllers_do_not_share_state():
     np.testing.assert_array_equal(other.step((3, -2), (0, 0), (0, 0), (0, 0)), first)
 
 
-# -- options --------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("options", [{"delay": 1}, {"measured": True}, {"delay": 1, "measured": True}], ids=str)
+# -- options -------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "options", [{"delay": 1}, {"measured": True}, {"delay": 1, "measured": True}], ids=str
+)
 def test_options_run_and_track(options):
-    """Within 3 pulses ("a few"): the delayed loop has less phase margin, the measured model some noise."""
+    """Within 3 pulses ("a few"): the delayed loop has less phase margin, the measured model some
+    noise.
+    """
     verdict = evaluate(arm(), RIG, law(**options), puma560.reference(), steps_per_sample=4)
     assert verdict.within(3)
     assert verdict.fraction_within(1) > 0.98
 
 
 def test_a_delayed_torque_acts_one_sample_later():
-    """The first torque of a delayed law is nothing, held back at the start; the second what it commanded first: what
-    the model needs, and the feedback of what one sample without torque will have done to the error.
+    """The first torque of a delayed law is nothing, held back at the start; the second what it
+    commanded first: what the model needs, and the feedback of what one sample without torque will
+    have done to the error.
     """
-    pulses, options = np.array([100, -200]), {"friction": False, "start_boost": 1.0, "bandwidth": 100.0}
+    pulses, options = (
+        np.array([100, -200]),
+        {"friction": False, "start_boost": 1.0, "bandwidth": 100.0},
+    )
     q = RIG.cell_centre(pulses)
     at_once, _ = asked(law(**options), pulses, q, (0.3, -0.2), (1.0, 2.0))
     first, state = asked(law(delay=1, **options), pulses, q, (0.3, -0.2), (1.0, 2.0))
@@ -413,27 +522,46 @@ def test_a_delayed_torque_acts_one_sample_later():
     gained = T * np.linalg.solve(D, at_once)
     k = regulator_gains(100.0, T)
     root = np.linalg.cholesky(D)
-    feedback = root / np.diag(root) @ ((k[0] * gained / 2 + k[1] * gained) / T / np.diag(np.linalg.inv(D)))
+    feedback = (
+        root / np.diag(root) @ ((k[0] * gained / 2 + k[1] * gained) / T / np.diag(np.linalg.inv(D)))
+    )
     np.testing.assert_allclose(second, at_once + feedback, rtol=0, atol=1e-9)
 
 
 def test_a_shoulder_does_not_shake_the_wrist():
-    """Its links are 200 times lighter: of 4,500 samples 79 were beyond a pulse where torques carried no joint along."""
-    drive = Drive(gear=(100, 100), motor_inertia=(5e-5, 3e-7), viscous=(2e-4, 2e-6), coulomb=(8e-3, 1e-4),
-                  motor_gain=(1, 1), current_limit=(10, 0.5))  # fmt: skip
-    rig, rotors = Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3), drive.reflected_inertia()
-    bodies = [Body(mass=8.0, com=(0.25, 0, 0), inertia=(0, 0, 0, 0.1, 0, 1.2), rotor=rotors[0]),
-              Body(mass=0.6, com=(0.12, 0, 0), inertia=(0, 0, 0, 0.002, 0, 5e-4), rotor=rotors[1])]  # fmt: skip
-    dynamics = Dynamics.from_chain(Chain(links=(Link(name="shoulder"), Link(name="wrist", a=0.6)), bodies=bodies))
+    """Its links are 200 times lighter: of 4,500 samples 79 were beyond a pulse where torques
+    carried no joint along.
+    """
+    drive = Drive(
+        gear=(100, 100),
+        motor_inertia=(5e-5, 3e-7),
+        viscous=(2e-4, 2e-6),
+        coulomb=(8e-3, 1e-4),
+        motor_gain=(1, 1),
+        current_limit=(10, 0.5),
+    )
+    rig, rotors = (
+        Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3),
+        drive.reflected_inertia(),
+    )
+    bodies = [
+        Body(mass=8.0, com=(0.25, 0, 0), inertia=(0, 0, 0, 0.1, 0, 1.2), rotor=rotors[0]),
+        Body(mass=0.6, com=(0.12, 0, 0), inertia=(0, 0, 0, 0.002, 0, 5e-4), rotor=rotors[1]),
+    ]
+    dynamics = Dynamics.from_chain(
+        Chain(links=(Link(name="shoulder"), Link(name="wrist", a=0.6)), bodies=bodies)
+    )
     arm = dynamics.arm(dynamics.f())
     slowly = everyday_motions(arm, rig)["all slowly"]
     record = simulate(arm, rig, ComputedTorque(arm, rig, bandwidth=145, dead_zone=0.2), slowly)
     assert (np.abs(record.error_pulses) > 1).sum() < 20
 
 
-# -- the start -------------------------------------------------------------------------------------------------------
+# -- the start -----------------------------------------------------------------------------------
 def test_a_joint_starts_faster_where_its_own_reference_begins_to_move():
-    """One that stands keeps all of its boost, and has the torque of a law without; the other spends it."""
+    """One that stands keeps all of its boost, and has the torque of a law without; the other
+    spends it.
+    """
     pulses = np.array([300, -700])
     q, pulse = RIG.cell_centre(pulses), np.abs(RIG.to_angle(np.ones(2)))
     motion = q, pulse * (0.0, 2 * _BEGINS), STILL
@@ -452,7 +580,9 @@ def test_a_joint_starts_faster_where_its_own_reference_begins_to_move():
 
 
 def test_the_boost_settles_while_a_joint_moves_and_is_whole_again_where_it_turns_back():
-    """exp(-t / start_time) is left after t, wherever the joint goes one way; at rest, and where it turns back, all."""
+    """exp(-t / start_time) is left after t, wherever the joint goes one way; at rest, and where
+    it turns back, all.
+    """
     controller, state, left, T = law(start_time=0.05), None, [], RIG.period
     for k in range(60):
         qd, qdd = (0.0 if 20 <= k < 40 else 0.1), (-0.1 / T if k == 50 else 0.0)
@@ -473,20 +603,25 @@ def test_measured_and_reference_agree_on_the_reference():
 
 def test_friction_feed_forward_is_worth_its_place():
     """FINDINGS 10: without it the loop leaves ±1 pulse where the motion turns back."""
-    without = evaluate(arm(), RIG, law(friction=False, bandwidth=200), puma560.reference(), steps_per_sample=4)
+    without = evaluate(
+        arm(), RIG, law(friction=False, bandwidth=200), puma560.reference(), steps_per_sample=4
+    )
     assert not without.within(1)
     assert without.fraction_within(1) > 0.95
 
 
 def test_the_observer_knows_what_the_amplifier_cut_off():
-    """Started 0.02 rad (270 pulses) off, the loop saturates; the error must come back without wind-up.
+    """Started 0.02 rad (270 pulses) off, the loop saturates; the error must come back without
+    wind-up.
 
-    At 295 N m on some 7 kg m^2 it takes 30-40 ms to turn round and come back, and five time constants of the bandwidth
-    (14 ms) to settle: within a pulse from 0.056 s on, and no overshoot beyond a pulse or two, since it comes back no
-    faster than the amplifier can brake.
+    At 295 N m on some 7 kg m^2 it takes 30-40 ms to turn round and come back, and five time
+    constants of the bandwidth (14 ms) to settle: within a pulse from 0.056 s on, and no overshoot
+    beyond a pulse or two, since it comes back no faster than the amplifier can brake.
     """
     start = [[0.02, -0.02], [0.0, 0.0]]
-    verdict = evaluate(arm(), RIG, law(), puma560.reference(), duration=0.3, initial=start, backend="numba")
+    verdict = evaluate(
+        arm(), RIG, law(), puma560.reference(), duration=0.3, initial=start, backend="numba"
+    )
     assert (np.abs(verdict.record.torque[:20]) >= LIMIT * (1 - 1e-12)).all(axis=1).any()
     error = verdict.record.error_pulses * np.sign(verdict.record.error_pulses[0])
     assert (error[0] > 150).all()
@@ -494,9 +629,11 @@ def test_the_observer_knows_what_the_amplifier_cut_off():
     assert np.abs(error[80:]).max() <= 1
 
 
-# -- what cannot be ------------------------------------------------------------------------------------------------
+# -- what cannot be ------------------------------------------------------------------------------
 def test_an_arm_that_no_feedback_stabilises_is_refused():
-    """D(q) positive, but not above the motors' own inertia at every q: f1 just below Jm_min k3^2 = 0.288."""
+    """D(q) positive, but not above the motors' own inertia at every q: f1 just below Jm_min k3^2
+    = 0.288.
+    """
     f = puma560.PUBLISHED.copy()
     f[1:4] = 0.0
     f[0] = 1e-4 * 53.7**2 - 1e-6
@@ -523,8 +660,12 @@ def one_joint_rig():
 
 def one_joint_arm():
     chain = Chain(links=(Link(name="1", alpha=0.0, a=0.0, d=0.0),))
-    lumping = Lumping.from_equation(lambda link: {"J": link.J + link.Izz + link.m * link.x**2 + link.m * link.y**2},
-                                    links=1, inertial=("J",), gravitational=())  # fmt: skip
+    lumping = Lumping.from_equation(
+        lambda link: {"J": link.J + link.Izz + link.m * link.x**2 + link.m * link.y**2},
+        links=1,
+        inertial=("J",),
+        gravitational=(),
+    )
     return Dynamics(chain=chain, lumping=lumping).arm([2.0])
 
 
@@ -568,10 +709,16 @@ Q, QD, QDD = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
         ),
         (lambda: running().step((0, 0), Q, (np.inf, 0), QDD), "qd_r.*0"),
         (lambda: running().step((0, 0), Q, QD, (None, 0)), "qdd_r"),
-        (lambda: running().step((0, 0), np.zeros((2, 1)), QD, QDD), r"q_r must have shape \(2,\); got shape \(2, 1\)"),
+        (
+            lambda: running().step((0, 0), np.zeros((2, 1)), QD, QDD),
+            r"q_r must have shape \(2,\); got shape \(2, 1\)",
+        ),
         (lambda: running().step((0, 0), 0.0, QD, QDD), "q_r must have shape"),
         (lambda: law().start(one_joint_rig(), (0,)), "rig must have 2 joints"),
-        (lambda: evaluate(one_joint_arm(), one_joint_rig(), law(), still()), "rig must have 2 joints"),
+        (
+            lambda: evaluate(one_joint_arm(), one_joint_rig(), law(), still()),
+            "rig must have 2 joints",
+        ),
         (lambda: evaluate(arm(), one_joint_rig(), law(), still()), "rig must have 2 joints"),
         (lambda: evaluate(arm(), RIG, law(), still()), "reference must have 2 joints"),
     ],

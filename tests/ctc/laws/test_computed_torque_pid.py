@@ -1,4 +1,6 @@
-"""The PID law against scipy's bilinear transform of its transfer function, and at work on gears that give."""
+"""The PID law against scipy's bilinear transform of its transfer function, and at work on gears
+that give.
+"""
 
 import dataclasses
 from functools import cache
@@ -43,7 +45,9 @@ def transfer(w, r, i, f, z):
 
 
 def accelerations(controller, errors):
-    """Feedback accelerations (N, 2) of joint errors (N, 2) [rad], at a reference at rest, without the amplifier."""
+    """Feedback accelerations (N, 2) of joint errors (N, 2) [rad], at a reference at rest,
+    without the amplifier.
+    """
     block, state, torque = controller.block(SMOOTH), None, np.zeros(2)
     pose, state, found = np.array([0.3, -0.4]), block.initial, []
     for e in errors:
@@ -54,19 +58,25 @@ def accelerations(controller, errors):
     return np.array(found)
 
 
-# -- the transfer function ------------------------------------------------------------------------------------------
+# -- the transfer function -----------------------------------------------------------------------
 @EVERY
 def test_it_is_the_bilinear_transform_of_its_transfer_function(tuning):
-    """Noise into both joints, after one sample of nothing: to 1e-9 of the largest answer, as scipy filters it."""
+    """Noise into both joints, after one sample of nothing: to 1e-9 of the largest answer, as
+    scipy filters it.
+    """
     errors = np.random.default_rng(1).normal(0, 1e-3, (300, 2))
     errors[0] = 0.0
     b, a, _ = signal.cont2discrete(transfer(*tuning), RIG.period, method="bilinear")
     expected = signal.lfilter(b.ravel(), a, errors, axis=0)
-    np.testing.assert_allclose(accelerations(law(tuning), errors), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        accelerations(law(tuning), errors), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_python_control_gives_the_same_frequency_response():
-    """The law as a python-control system, linearised, from pulses to torque, against a(exp(s T)) of scipy."""
+    """The law as a python-control system, linearised, from pulses to torque, against a(exp(s T))
+    of scipy.
+    """
     system = to_control(law(rig=SMOOTH), SMOOTH)
     block = law(rig=SMOOTH).block(SMOOTH)
     still, state = np.zeros(8), np.concatenate([block.initial, np.zeros(2)])
@@ -80,31 +90,46 @@ def test_python_control_gives_the_same_frequency_response():
     pulses, D = SMOOTH.position_in_pulses(np.eye(2)), ARM.D((0, 0))
     for k in range(len(z)):
         found = linear(z[k])[:, -2:]  # torque per pulse
-        np.testing.assert_allclose(-np.linalg.solve(D, found) @ pulses.T, expected[k] * np.eye(2), rtol=0,
-                                   atol=1e-4 * abs(expected[k]))  # fmt: skip
+        np.testing.assert_allclose(
+            -np.linalg.solve(D, found) @ pulses.T,
+            expected[k] * np.eye(2),
+            rtol=0,
+            atol=1e-4 * abs(expected[k]),
+        )
 
 
 def test_the_loop_of_a_joint_is_pid_times_a_double_integrator():
-    """Without weight and friction the arm is a held double integrator, T^2/2 (z + 1) / (z - 1)^2."""
-    weightless = puma560.dynamics().arm(np.where(np.isin(np.arange(9), (4, 5, 7, 8)), 0.0, puma560.PUBLISHED))
+    """Without weight and friction the arm is a held double integrator, T^2/2 (z + 1) / (z -
+    1)^2.
+    """
+    weightless = puma560.dynamics().arm(
+        np.where(np.isin(np.arange(9), (4, 5, 7, 8)), 0.0, puma560.PUBLISHED)
+    )
     rig = without_friction(RIG)
     z = np.exp(1j * np.geomspace(10, 4000, 25) * RIG.period)
     b, a, _ = signal.cont2discrete(transfer(*SLOW), RIG.period, method="bilinear")
-    expected = np.polyval(b.ravel(), z) / np.polyval(a, z) * RIG.period**2 / 2 * (z + 1) / (z - 1) ** 2
+    expected = (
+        np.polyval(b.ravel(), z) / np.polyval(a, z) * RIG.period**2 / 2 * (z + 1) / (z - 1) ** 2
+    )
     for joint in range(2):
-        system = error_loop(None, rig, law(rig=rig, robot=weightless), joint=joint, pose=(0.3, -0.4))
-        np.testing.assert_allclose(system(z), expected, rtol=1e-6)  # multiple poles at 1: three digits are lost
+        system = error_loop(
+            None, rig, law(rig=rig, robot=weightless), joint=joint, pose=(0.3, -0.4)
+        )
+        # multiple poles at 1: three digits are lost
+        np.testing.assert_allclose(system(z), expected, rtol=1e-6)
     plant = RIG.period**2 / 2 * np.array([1, 1]), np.poly([1, 1])
     closed = np.polyadd(np.polymul(b.ravel(), plant[0]), np.polymul(a, plant[1]))
     assert np.abs(np.roots(closed)).max() < 1
     assert margins(None, rig, law(rig=rig, robot=weightless)).stable
 
 
-# -- its start, its end, and a late call ----------------------------------------------------------------------------
+# -- its start, its end, and a late call ---------------------------------------------------------
 def test_the_first_error_makes_no_kick():
-    """A constant error of five pulses from the first sample on: proportional at once, then the integral's ramp alone.
+    """A constant error of five pulses from the first sample on: proportional at once, then the
+    integral's ramp alone.
 
-    a = e (w (w/r + i) - 2 z / f slow + slow T (k + 1/2 + 1/2)), slow = w i w/r: the first sample integrates one period.
+    a = e (w (w/r + i) - 2 z / f slow + slow T (k + 1/2 + 1/2)), slow = w i w/r: the first sample
+    integrates one period.
     """
     w, r, i, f, z = SLOW
     error, slow = np.array([5e-4, -3e-4]), w * w / r * i
@@ -114,7 +139,9 @@ def test_the_first_error_makes_no_kick():
 
 
 def test_a_late_call_is_a_longer_step():
-    """A steady error, read once three periods late, gives what the integral gained in that time, and nothing else."""
+    """A steady error, read once three periods late, gives what the integral gained in that time,
+    and nothing else.
+    """
     controller = law()
     block, pose, state, torque = controller.block(SMOOTH), np.zeros(2), None, np.zeros(2)
     state, counts, found = block.initial, SMOOTH.counts(np.array([5e-4, -3e-4])), []
@@ -136,19 +163,28 @@ class Deaf(ComputedTorquePID):
 
 
 def test_what_the_amplifier_cuts_off_does_not_wind_up():
-    """0.05 rad (680 pulses) to come back, at the limit first: it goes no further too far than without a limit.
+    """0.05 rad (680 pulses) to come back, at the limit first: it goes no further too far than
+    without a limit.
 
-    Measured: 21 % too far, 70 % without a limit (two zeros near the crossover), 340 % if it is not told of it.
+    Measured: 21 % too far, 70 % without a limit (two zeros near the crossover), 340 % if it is not
+    told of it.
     """
-    still, rig = PointToPoint(start=(0.0, 0.5), goal=(0.0, 0.5), duration=0.5), without_friction(RIG)
+    still, rig = (
+        PointToPoint(start=(0.0, 0.5), goal=(0.0, 0.5), duration=0.5),
+        without_friction(RIG),
+    )
     numbers, overshoot = dict(zip(NAMES, SLOW, strict=True)), {}
-    strong = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_limit=(np.inf, np.inf)))
+    strong = dataclasses.replace(
+        rig, drive=dataclasses.replace(rig.drive, current_limit=(np.inf, np.inf))
+    )
     for name, kind, each in (
         ("told", ComputedTorquePID, rig),
         ("deaf", Deaf, rig),
         ("strong", ComputedTorquePID, strong),
     ):
-        record = simulate(ARM, each, kind(ARM, each, **numbers), still, initial=[[0.05, 0.5], [0.0, 0.0]])
+        record = simulate(
+            ARM, each, kind(ARM, each, **numbers), still, initial=[[0.05, 0.5], [0.0, 0.0]]
+        )
         at_limit = np.abs(record.torque[:8]) >= 0.999 * RIG.drive.torque_limit()
         assert at_limit.any()
         overshoot[name] = -(record.error_pulses[:, 0] / record.error_pulses[0, 0]).min()
@@ -157,12 +193,16 @@ def test_what_the_amplifier_cuts_off_does_not_wind_up():
     assert 2 * overshoot["told"] < overshoot["strong"] < overshoot["deaf"] / 2
 
 
-# -- its numbers are lanes --------------------------------------------------------------------------------------------
+# -- its numbers are lanes -----------------------------------------------------------------------
 def test_tunings_are_lanes_of_one_kernel():
     """Forty tunings side by side end where each ends alone."""
     random, samples = np.random.default_rng(5), 60
     tunings = np.array(SLOW) * random.uniform(0.7, 1.3, (LANES, len(SLOW)))
-    score = ca.Function("none", [ca.SX.sym("log", 8), ca.SX.sym("data", 1), ca.SX.sym("memory", 0)], [0, ca.SX(0, 1)])
+    score = ca.Function(
+        "none",
+        [ca.SX.sym("log", 8), ca.SX.sym("data", 1), ca.SX.sym("memory", 0)],
+        [0, ca.SX(0, 1)],
+    )
     loop = ClosedLoop(dynamics=ARM.dynamics, rig=RIG, law=law(), steps_per_sample=4, score=score)
     lanes = [loop.number_names.index(f"law.{name}") for name in NAMES]
     clock = Clock.regular(samples, RIG.period)
@@ -176,10 +216,12 @@ def test_tunings_are_lanes_of_one_kernel():
     assert np.ptp(final[torque]) > 1
     for lane in (0, 17, LANES - 1):
         alone = simulate(ARM, RIG, law(tunings[lane]), PATH, duration=samples * RIG.period)
-        np.testing.assert_allclose(final[torque : torque + 2, lane], alone.torque[-1], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            final[torque : torque + 2, lane], alone.torque[-1], rtol=0, atol=1e-9
+        )
 
 
-# -- at work ----------------------------------------------------------------------------------------------------------
+# -- at work -------------------------------------------------------------------------------------
 def on_gears(arm, hz):
     elasticity = Elasticity.from_resonance(arm, hz, 0.02, drive=RIG.drive)
     return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
@@ -191,7 +233,9 @@ def test_it_keeps_one_pulse_where_it_was_tuned_for(name, hz, chatter):
     """Throw-away prototypes reached 25, 31, 1.7 and 7.2 N m of chatter on joint 2."""
     arm = puma560.literature_arm(1.5)
     rig = RIG if hz is None else on_gears(arm, hz)
-    report = evaluate(arm, rig, law(TUNINGS[name], robot=arm), PATH, backend="numba", steps_per_sample=4)
+    report = evaluate(
+        arm, rig, law(TUNINGS[name], robot=arm), PATH, backend="numba", steps_per_sample=4
+    )
     assert report.within(1)
     assert report.chatter[0] < chatter
 
@@ -213,7 +257,9 @@ def test_it_can_be_certified():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_bad_numbers_are_refused_in_one_line(name):
-    with pytest.raises(ValueError, match=f"^{name} must (be positive|not be negative); got -1") as refusal:
+    with pytest.raises(
+        ValueError, match=f"^{name} must (be positive|not be negative); got -1"
+    ) as refusal:
         law(**{name: -1.0})
     assert "\n" not in str(refusal.value)
     if name != "integral":

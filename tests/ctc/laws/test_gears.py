@@ -1,4 +1,6 @@
-"""Computed torque on elastic gears: its links by scipy, its gains by scipy, and the paper's arm along its links."""
+"""Computed torque on elastic gears: its links by scipy, its gains by scipy, and the paper's arm
+along its links.
+"""
 
 import dataclasses
 
@@ -11,7 +13,18 @@ from scipy.linalg import solve_discrete_are
 
 from ctc import ComputedTorque, ComputedTorquePID, FeedForward, evaluate
 from ctc.laws.gear_gains import _joint_gains, _one_joint
-from plant import PD, Drive, Elasticity, Encoder, Harmonics, LinkReference, Rig, everyday_motions, puma560, simulate
+from plant import (
+    PD,
+    Drive,
+    Elasticity,
+    Encoder,
+    Harmonics,
+    LinkReference,
+    Rig,
+    everyday_motions,
+    puma560,
+    simulate,
+)
 from plant.analysis.sampled_loops import SampledLoops
 from plant.parts.plain import from_plain
 
@@ -30,7 +43,7 @@ def known(rig, bandwidth=80.0):
     return ComputedTorque(ARM, rig, bandwidth=bandwidth, dead_zone=0.4)
 
 
-# -- a pendulum on a spring, by hand and by scipy ---------------------------------------------------------------------
+# -- a pendulum on a spring, by hand and by scipy ------------------------------------------------
 MOTOR, LINK, MASS, RADIUS, K, DAMPING = 1.2, 0.8, 4.0, 0.3, 2e4, 4.0
 WAVE = Harmonics(period=0.4, offset=(0.3,), cosine=((0.0,),), sine=((0.15,),))
 
@@ -38,13 +51,22 @@ WAVE = Harmonics(period=0.4, offset=(0.3,), cosine=((0.0,),), sine=((0.15,),))
 def pendulum(period=7e-4):
     arm = joint(MASS, RADIUS, MOTOR + LINK)
     springs = Elasticity(stiffness=(K,), damping=(DAMPING,))
-    drive = Drive(gear=(50.0,), motor_inertia=(MOTOR / 2500,), motor_gain=(0.2,), current_limit=(np.inf,),
-                  viscous=(0.0,), coulomb=(0.0,), elasticity=springs)  # fmt: skip
+    drive = Drive(
+        gear=(50.0,),
+        motor_inertia=(MOTOR / 2500,),
+        motor_gain=(0.2,),
+        current_limit=(np.inf,),
+        viscous=(0.0,),
+        coulomb=(0.0,),
+        elasticity=springs,
+    )
     return arm, Rig(drive=drive, encoder=Encoder(resolution=(4000,)), period=period)
 
 
 def test_links_of_a_motor_on_its_reference_move_as_scipy_has_them():
-    """The link, and the torque of the feed-forward, of a law whose motor is where it should be: second order in dt."""
+    """The link, and the torque of the feed-forward, of a law whose motor is where it should be:
+    second order in dt.
+    """
     errors = []
     for period in (1.4e-3, 7e-4):
         arm, rig = pendulum(period)
@@ -53,8 +75,17 @@ def test_links_of_a_motor_on_its_reference_move_as_scipy_has_them():
         motion, block = WAVE(t), law.block(rig)
         state, links, torques = block.initial, [], []
         for q, qd, qdd in zip(*motion, strict=True):
-            torque, state = block.step(state, q, qd, qdd, 0, rig.counts(q), torques[-1] if torques else 0.0,
-                                       period, block.values)  # fmt: skip
+            torque, state = block.step(
+                state,
+                q,
+                qd,
+                qdd,
+                0,
+                rig.counts(q),
+                torques[-1] if torques else 0.0,
+                period,
+                block.values,
+            )
             state = np.asarray(state).ravel()
             links.append(state[7])
             torques.append(state[3])
@@ -66,9 +97,16 @@ def test_links_of_a_motor_on_its_reference_move_as_scipy_has_them():
 
         weight = MASS * 9.81 * RADIUS * np.cos(motion.q[0, 0])
         begin = motion.q[0, 0] - weight / K, motion.qd[0, 0]
-        true = solve_ivp(rate, (0, t[-1]), begin, method="DOP853", rtol=1e-10, atol=1e-12, t_eval=t).y
+        true = solve_ivp(
+            rate, (0, t[-1]), begin, method="DOP853", rtol=1e-10, atol=1e-12, t_eval=t
+        ).y
         spring = K * (motion.q[:, 0] - true[0]) + DAMPING * (motion.qd[:, 0] - true[1])
-        errors.append((np.abs(links - true[0]).max(), np.abs(torques - MOTOR * motion.qdd[:, 0] - spring).max()))
+        errors.append(
+            (
+                np.abs(links - true[0]).max(),
+                np.abs(torques - MOTOR * motion.qdd[:, 0] - spring).max(),
+            )
+        )
     assert errors[1][0] < 2e-3 * np.ptp(true[0] - motion.q[:, 0])
     assert errors[1][1] < 5e-3 * np.ptp(spring)
     np.testing.assert_array_less(3, np.divide(*errors))
@@ -91,16 +129,22 @@ def test_gains_of_a_joint_solve_riccati_s_equations():
 
 
 def test_links_are_predicted_as_they_swing():
-    """Of an arm that is known exactly, on an encoder that does not round, nothing is left for the disturbance torque.
+    """Of an arm that is known exactly, on an encoder that does not round, nothing is left for the
+    disturbance torque.
 
-    It begins off its reference: motors and links return as predicted. A rigid model sees torques of some N m.
+    It begins off its reference: motors and links return as predicted. A rigid model sees torques of
+    some N m.
     """
     found = {}
     for name, rig in (("gears", gears(25)), ("rigid", RIG)):
         real = dataclasses.replace(gears(25), encoder=dataclasses.replace(RIG.encoder, smooth=True))
         drive = dataclasses.replace(real.drive, coulomb=(0.0, 0.0), viscous=(0.0, 0.0))
-        real, own = (dataclasses.replace(each, drive=dataclasses.replace(drive, elasticity=each.drive.elasticity))
-                     for each in (real, rig))  # fmt: skip
+        real, own = (
+            dataclasses.replace(
+                each, drive=dataclasses.replace(drive, elasticity=each.drive.elasticity)
+            )
+            for each in (real, rig)
+        )
         law = ComputedTorque(ARM, own, bandwidth=40.0, friction=False)
         record = simulate(ARM, real, law, PATH, duration=0.5, steps_per_sample=16)
         found[name] = np.abs(record.error_pulses[100:]).max()
@@ -110,9 +154,13 @@ def test_links_are_predicted_as_they_swing():
 
 @pytest.mark.parametrize("hz", [15, 25, 40])
 def test_everyday_motions_are_held_on_soft_gears(hz):
-    """Every sample of every motion within a pulse, quietly; the rigid model loses what is this soft."""
+    """Every sample of every motion within a pulse, quietly; the rigid model loses what is this
+    soft.
+    """
     law = ComputedTorque(ARM, gears(hz), bandwidth=80.0, dead_zone=0.4)
-    held = evaluate(ARM, gears(hz), law, everyday_motions(ARM, RIG), backend="numba", steps_per_sample=8)
+    held = evaluate(
+        ARM, gears(hz), law, everyday_motions(ARM, RIG), backend="numba", steps_per_sample=8
+    )
     for name, each in held.items():
         assert each.within(1), name
         assert np.abs(np.diff(each.record.torque, axis=0)).mean(axis=0).max() < 0.3, name
@@ -132,13 +180,16 @@ def test_stiffness_may_be_off_by_15_percent():
 
 
 def test_gears_are_predicted_where_they_can_be():
-    """Not too stiff for the period, without backlash, seen from the motor; the gains follow the other numbers."""
+    """Not too stiff for the period, without backlash, seen from the motor; the gains follow the
+    other numbers.
+    """
     assert known(RIG).gear_gains is None
     assert known(gears(300)).gear_gains is None
     assert known(gears(25, backlash=(1e-4, 0.0))).gear_gains is None
     link = dataclasses.replace(gears(25), encoder=dataclasses.replace(RIG.encoder, side="link"))
     assert known(link).gear_gains is None
-    heavy = dataclasses.replace(gears(25).drive, motor_inertia=1.9 * RIG.drive.motor_inertia)  # than D at most poses
+    # than D at most poses
+    heavy = dataclasses.replace(gears(25).drive, motor_inertia=1.9 * RIG.drive.motor_inertia)
     assert known(dataclasses.replace(RIG, drive=heavy)).gear_gains is None
     law = known(gears(25, backlash=(0.0, 0.0)))
     assert len(law.gear_gains) == 2 * (2 + 36)
@@ -149,8 +200,11 @@ def test_gears_are_predicted_where_they_can_be():
 
 
 def test_coupled_motors_on_elastic_gears():
-    rig = rig_of(coulomb=(0.2, 0.1, 0.05), current_limit=(50.0,) * 3,
-                 elasticity=Elasticity(stiffness=(2e4, 8e3, 900.0), damping=(16.0, 6.0, 0.7)))  # fmt: skip
+    rig = rig_of(
+        coulomb=(0.2, 0.1, 0.05),
+        current_limit=(50.0,) * 3,
+        elasticity=Elasticity(stiffness=(2e4, 8e3, 900.0), damping=(16.0, 6.0, 0.7)),
+    )
     arm = arm_of(rig)
     law = ComputedTorque(arm, rig, bandwidth=100.0, dead_zone=0.4)
     assert law.gear_gains is not None
@@ -159,7 +213,7 @@ def test_coupled_motors_on_elastic_gears():
     assert held.within(2)
 
 
-# -- on the paper's arm -----------------------------------------------------------------------------------------------
+# -- on the paper's arm --------------------------------------------------------------------------
 def measured(report, after=0.02):
     """RMS of the links [mrad], and the motors' largest counted error after 20 ms [pulses]."""
     rms = 1e3 * np.sqrt((report.link_error**2).mean(axis=0))
@@ -178,12 +232,15 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize("share", [1.0, 0.8, 1.25])
 def test_links_at_25_hz_follow(law, share):
-    """RMS at most 0.04 mrad plus 0.9 mrad times what the stiffness is off by, every joint; the motors within a pulse.
+    """RMS at most 0.04 mrad plus 0.9 mrad times what the stiffness is off by, every joint; the
+    motors within a pulse.
 
     A pulse of joint 3 is 0.117 mrad. Without it the links are off by 0.8 mrad, see below.
     """
     own = gears(25, share)
-    report = evaluate(ARM, gears(25), law(own), LinkReference(ARM, own, PATH), backend="numba", steps_per_sample=8)
+    report = evaluate(
+        ARM, gears(25), law(own), LinkReference(ARM, own, PATH), backend="numba", steps_per_sample=8
+    )
     rms, motors = measured(report)
     assert (rms < 0.04 + 0.9 * abs(1 / share - 1)).all()
     assert motors <= 1
@@ -192,19 +249,32 @@ def test_links_at_25_hz_follow(law, share):
 
 
 def test_links_are_off_without_it():
-    report = evaluate(ARM, gears(25), LAWS["feed-forward"](gears(25)), PATH, backend="numba", steps_per_sample=8)
+    report = evaluate(
+        ARM, gears(25), LAWS["feed-forward"](gears(25)), PATH, backend="numba", steps_per_sample=8
+    )
     rms, motors = measured(report)
     assert rms.max() == pytest.approx(0.79, abs=0.02)
     assert motors <= 1
 
 
 def test_on_a_fast_motion_the_rigid_model_is_not_enough():
-    """6.7 Hz on gears of 25 Hz, once it has settled: two fifths of the links' error, and a pulse in place of two."""
-    path = Harmonics(period=0.15, offset=(0.0, 0.5), cosine=((0.005,), (0.006,)), sine=((0.0,), (0.0,)))
+    """6.7 Hz on gears of 25 Hz, once it has settled: two fifths of the links' error, and a pulse
+    in place of two.
+    """
+    path = Harmonics(
+        period=0.15, offset=(0.0, 0.5), cosine=((0.005,), (0.006,)), sine=((0.0,), (0.0,))
+    )
     found = {}
     for name in ("computed torque", "feed-forward"):
-        report = evaluate(ARM, gears(25), LAWS[name](gears(25)), LinkReference(ARM, gears(25), path), backend="numba",
-                          duration=3.0, steps_per_sample=8)  # fmt: skip
+        report = evaluate(
+            ARM,
+            gears(25),
+            LAWS[name](gears(25)),
+            LinkReference(ARM, gears(25), path),
+            backend="numba",
+            duration=3.0,
+            steps_per_sample=8,
+        )
         settled = report.record.t > 1.5
         links = 1e3 * np.sqrt((report.link_error[settled] ** 2).mean(axis=0)).max()
         found[name] = links, np.abs(report.true_error_pulses[-1000:]).max()

@@ -1,4 +1,5 @@
-"""Guards of the torque in closed loop: which loops they stop and which not, how soon, and what the arm does then.
+"""Guards of the torque in closed loop: which loops they stop and which not, how soon, and what the
+arm does then.
 
 `tests/benchmarks/guards.py` measures the margins over many more loops.
 """
@@ -27,9 +28,11 @@ def arm(load=None):
     return puma560.arm() if load is None else puma560.literature_arm(load)
 
 
-# -- healthy loops: none is stopped ----------------------------------------------------------------------------------
+# -- healthy loops: none is stopped --------------------------------------------------------------
 def test_the_controller_of_the_readme_runs_to_the_end():
-    """Identified from the log, on the true arm; the first table of docs/guides/laws.md is this too."""
+    """Identified from the log, on the true arm; the first table of docs/guides/laws.md is this
+    too.
+    """
     measured = simulate(arm(), RIG, puma560.p_law(), PATH)
     found = identify(puma560.dynamics(), measured, seed=1, progress=False)
     found_margin = margin(arm(), RIG, ComputedTorque(found), PATH)
@@ -51,7 +54,9 @@ def test_the_laws_of_the_docs_run_to_the_end_of_every_motion(name, motion):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 def test_fast_hardware_runs_too(name):
-    """Monitored by the clock. The fastest motion: from rest, and through the peaks of its torque."""
+    """Monitored by the clock. The fastest motion: from rest, and through the peaks of its
+    torque.
+    """
     found = margin(arm(), RIG, name, MOTIONS["(6), 2.0 s"], duration=0.5)
     assert found.status == "running"
     assert max(found.saturation, found.chatter) < 0.8
@@ -78,7 +83,13 @@ def test_laws_that_are_stable_on_elastic_gears_run(name, load, hz):
 @pytest.mark.parametrize("bandwidth", [150, 250])
 def test_a_time_optimal_path_near_the_limits_runs(bandwidth):
     """The spline of examples/7_fastest_path.py at 90 % of the amplifiers' limits."""
-    path = fastest(arm(), RIG, PointToPoint(start=(0, 0), goal=(-1, 1), duration=1), share=0.9, torque_rate=(5e3, 5e3))
+    path = fastest(
+        arm(),
+        RIG,
+        PointToPoint(start=(0, 0), goal=(-1, 1), duration=1),
+        share=0.9,
+        torque_rate=(5e3, 5e3),
+    )
     found = margin(arm(), RIG, ComputedTorque(arm(), RIG, bandwidth=bandwidth), path)
     assert found.status == "running"
     assert max(found.saturation, found.chatter) < 0.9
@@ -88,7 +99,10 @@ def test_a_time_optimal_path_near_the_limits_runs(bandwidth):
 def test_a_start_off_the_path_runs(bandwidth):
     """0.02 rad, 274 pulses: some 20 ms at the limits."""
     law, motion = ComputedTorque(arm(), RIG, bandwidth=bandwidth), PATH(np.arange(300) * RIG.period)
-    robot, torque = SimulatedArm(arm(), RIG, motion.q[0] + (0.02, -0.02), motion.qd[0]), np.empty((300, 2))
+    robot, torque = (
+        SimulatedArm(arm(), RIG, motion.q[0] + (0.02, -0.02), motion.qd[0]),
+        np.empty((300, 2)),
+    )
     running = law.start(RIG, robot.counts())
     for k in range(300):
         torque[k] = running.step(robot.counts(), motion.q[k], motion.qd[k], motion.qdd[k])
@@ -97,7 +111,7 @@ def test_a_start_off_the_path_runs(bandwidth):
     assert (np.abs(torque) >= LIMIT * (1 - 1e-12)).sum(axis=0).max() * RIG.period > 0.012
 
 
-# -- unstable loops: all are stopped ---------------------------------------------------------------------------------
+# -- unstable loops: all are stopped -------------------------------------------------------------
 UNSTABLE = [(hz, bandwidth) for hz in (100, 60) for bandwidth in (250, 300)]
 ALONE = {"both": Guards(), "saturation": Guards(chatter=None), "chatter": Guards(saturation=None)}
 
@@ -106,13 +120,19 @@ ALONE = {"both": Guards(), "saturation": Guards(chatter=None), "chatter": Guards
 def loop(hz, bandwidth, guards):
     """On gears of so many Hz at 2 % damping, with 1.5 kg; 0.7 s."""
     law = ComputedTorque(arm(1.5), RIG, bandwidth=bandwidth)
-    return closed(arm(1.5), elastic(arm(1.5), hz), law, PATH, samples=1000, guards=ALONE.get(guards))
+    return closed(
+        arm(1.5), elastic(arm(1.5), hz), law, PATH, samples=1000, guards=ALONE.get(guards)
+    )
 
 
 @pytest.mark.parametrize("guards", ALONE)
 @pytest.mark.parametrize(("hz", "bandwidth"), UNSTABLE)
-def test_an_unstable_loop_is_stopped_within_100_ms_of_half_of_the_samples_at_the_limit(hz, bandwidth, guards):
-    """In a window of 20 ms: from there on the loop without guards has 48 % and more of all samples at the limit."""
+def test_an_unstable_loop_is_stopped_within_100_ms_of_half_of_the_samples_at_the_limit(
+    hz, bandwidth, guards
+):
+    """In a window of 20 ms: from there on the loop without guards has 48 % and more of all
+    samples at the limit.
+    """
     free, stopped = loop(hz, bandwidth, None), loop(hz, bandwidth, guards)
     first = free.first(0.02)
     at = (np.abs(free.torque[first:]) >= LIMIT * (1 - 1e-12)).mean(axis=0).max()
@@ -122,7 +142,10 @@ def test_an_unstable_loop_is_stopped_within_100_ms_of_half_of_the_samples_at_the
     assert (stopped.stop - first) * RIG.period < 0.1
     cause = {"saturation": "was at its limit for 50 of 100 ms", "chatter": "swings by"}
     assert cause.get(guards, "the torque of joint") in stopped.margin.status
-    ended = ("ramp to gravity compensation: the torque of joint ", "no torque since joint 3 (q[1]) ran away: ")
+    ended = (
+        "ramp to gravity compensation: the torque of joint ",
+        "no torque since joint 3 (q[1]) ran away: ",
+    )
     assert stopped.margin.status.startswith(tuple(f"safe stop, {each}" for each in ended))
     assert stopped.margin.status.brake
 
@@ -130,9 +153,11 @@ def test_an_unstable_loop_is_stopped_within_100_ms_of_half_of_the_samples_at_the
 @pytest.mark.parametrize("guards", ALONE)
 @pytest.mark.parametrize(("hz", "bandwidth"), UNSTABLE)
 def test_what_was_unstable_does_not_hold_the_arm(hz, bandwidth, guards):
-    """No torque is above half of its limit then; in 200 ms motors rest, and links but for their gears' ringing.
+    """No torque is above half of its limit then; in 200 ms motors rest, and links but for their
+    gears' ringing.
 
-    Where a joint ran away from what held it, nothing does, and it falls: brakes were asked for, and are none here.
+    Where a joint ran away from what held it, nothing does, and it falls: brakes were asked for, and
+    are none here.
     """
     run = loop(hz, bandwidth, guards)
     after, rest = slice(run.stop, None), slice(run.stop + round(0.2 / RIG.period), None)
@@ -156,7 +181,8 @@ def test_a_hold_on_an_unstable_loop_becomes_a_ramp():
     holding, ramp = runs
     assert holding.stop == ramp.stop
     why = holding.margin.status.split(": ", 1)[1]
-    assert holding.margin.status.startswith("safe stop, no torque since joint ")  # without them it drives the arm
+    # without them it drives the arm
+    assert holding.margin.status.startswith("safe stop, no torque since joint ")
     assert ramp.margin.status == f"safe stop, ramp to gravity compensation: {why}"
     assert np.abs(ramp.motor_speed[-100:]).max() < 0.01
 

@@ -1,4 +1,6 @@
-"""Friction that computed torque learns while it runs: how soon, what it does not take for it, and its next start."""
+"""Friction that computed torque learns while it runs: how soon, what it does not take for it,
+and its next start.
+"""
 
 import dataclasses
 
@@ -9,13 +11,17 @@ from ctc import ComputedTorque
 from plant import Harmonics, SteppedArm, puma560
 
 ARM, RIG = puma560.arm(), puma560.rig()
-BACK = Harmonics(period=3.0, offset=(-0.65, 1.05), cosine=np.full((2, 1), -0.15), sine=np.zeros((2, 1)))
+BACK = Harmonics(
+    period=3.0, offset=(-0.65, 1.05), cosine=np.full((2, 1), -0.15), sine=np.zeros((2, 1))
+)
 STATED = np.array([RIG.drive.coulomb, RIG.drive.viscous])
 
 
 def stated(factor):
     """The rig with friction so many times as high as the robot's."""
-    drive = dataclasses.replace(RIG.drive, coulomb=RIG.drive.coulomb * factor, viscous=RIG.drive.viscous * factor)
+    drive = dataclasses.replace(
+        RIG.drive, coulomb=RIG.drive.coulomb * factor, viscous=RIG.drive.viscous * factor
+    )
     return dataclasses.replace(RIG, drive=drive)
 
 
@@ -24,7 +30,9 @@ def law(factor=1.0, **options):
 
 
 def worked(controller, path, seconds, arm=ARM):
-    """Errors (N, n) [pulses] of the robot under a running controller, and how its Coulomb friction went (N, n)."""
+    """Errors (N, n) [pulses] of the robot under a running controller, and how its Coulomb
+    friction went (N, n).
+    """
     motion = path(np.arange(round(seconds / RIG.period)) * RIG.period)
     robot = SteppedArm(arm, RIG, motion.q[0], motion.qd[0])
     pulses, errors, coulomb = robot.pulses, [], []
@@ -43,10 +51,13 @@ CASES = [(BACK, 0.7), (BACK, 1.3), (puma560.reference(), 0.7)]
 SLOW = [(BACK, 0.9), (BACK, 1.1), *((puma560.reference(), factor) for factor in (0.9, 1.1, 1.3))]
 
 
-@pytest.mark.parametrize(("path", "factor"), [*CASES, *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)])
+@pytest.mark.parametrize(
+    ("path", "factor"), [*CASES, *(pytest.param(*each, marks=pytest.mark.slow) for each in SLOW)]
+)
 def test_friction_that_is_off_is_learnt_within_two_periods(path, factor):
-    """Each joint has turned back then. Coulomb friction within 8 % of the robot's, the errors within a pulse; without
-    learning they exceed it wherever 30 % are missing."""
+    """Each joint has turned back then. Coulomb friction within 8 % of the robot's, the errors
+    within a pulse; without learning they exceed it wherever 30 % are missing.
+    """
     running = started(law(factor), path)
     errors, coulomb = worked(running, path, 3 * path.duration)
     last = round(2 * path.duration / RIG.period)
@@ -58,7 +69,9 @@ def test_friction_that_is_off_is_learnt_within_two_periods(path, factor):
 
 
 def test_the_torque_does_not_jump_where_friction_is_learnt():
-    """What goes to friction comes from the disturbance torque: from sample to sample it moves as without learning."""
+    """What goes to friction comes from the disturbance torque: from sample to sample it moves as
+    without learning.
+    """
     chatter = []
     for learns in (True, False):
         running, torque = started(law(0.7, learn_friction=learns), BACK), []
@@ -86,7 +99,9 @@ def test_what_was_learnt_is_begun_with_and_bounded():
     again.reset(running.pulses)
     np.testing.assert_allclose(again.friction, running.friction, rtol=1e-12)
     errors, _ = worked(started(law(0.8), BACK), BACK, 0.5)
-    begun, _ = worked(law(0.8).start(RIG, RIG.counts(BACK([0.0]).q[0]), friction=running.friction), BACK, 0.5)
+    begun, _ = worked(
+        law(0.8).start(RIG, RIG.counts(BACK([0.0]).q[0]), friction=running.friction), BACK, 0.5
+    )
     assert np.abs(begun).mean() < np.abs(errors).mean()
     narrow = started(law(0.7, learnable=0.1), BACK)
     worked(narrow, BACK, 6.0)
@@ -94,7 +109,9 @@ def test_what_was_learnt_is_begun_with_and_bounded():
 
 
 def test_a_torque_that_holds_is_begun_with():
-    """Gravity 50 % off, far beyond what static friction holds: told the torque that holds the arm it hardly moves."""
+    """Gravity 50 % off, far beyond what static friction holds: told the torque that holds the
+    arm it hardly moves.
+    """
     q = np.zeros(2)
     heavier, peak = ARM.dynamics.arm(1.5 * ARM.f), []
     holds = heavier.h(q, q)

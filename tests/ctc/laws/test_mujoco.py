@@ -1,7 +1,8 @@
-"""Computed torque and P on an arm that another engine simulates: the same verdict, through `.step` and whole counts.
+"""Computed torque and P on an arm that another engine simulates: the same verdict, through `.step`
+and whole counts.
 
-MuJoCo integrates the physical arm at a fourteenth of the sample (50 us), with its own rigid bodies, its own rotors
-(armature) and its own dry friction, a constraint that it solves anew at every step.
+MuJoCo integrates the physical arm at a fourteenth of the sample (50 us), with its own rigid bodies,
+its own rotors (armature) and its own dry friction, a constraint that it solves anew at every step.
 """
 
 import dataclasses
@@ -13,7 +14,9 @@ from ctc import ComputedTorque, evaluate
 from plant import Body, puma560
 from plant.motion.reference import Motion
 
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo, an optional engine for this test alone, is not installed")
+mujoco = pytest.importorskip(
+    "mujoco", reason="MuJoCo, an optional engine for this test alone, is not installed"
+)
 
 RIG, PATH, STEPS = puma560.rig(), puma560.reference(), 14
 SAMPLES = round(3.65 / RIG.period)
@@ -26,10 +29,15 @@ BODIES = (
 
 
 def model():
-    """The arm as a MuJoCo model: one body per row of the modified DH table, RotX(alpha) TransX(a), joint about z."""
+    """The arm as a MuJoCo model: one body per row of the modified DH table, RotX(alpha)
+    TransX(a), joint about z.
+    """
     chain = puma560.dynamics().chain
     text = "<body name='{name}' pos='{a} 0 0' quat='{w} {x} 0 0'>"
-    text += "<joint axis='0 0 1' armature='{rotor}' damping='{viscous}' frictionloss='{coulomb}' {stiff}/>"
+    text += (
+        "<joint axis='0 0 1' armature='{rotor}' damping='{viscous}' frictionloss='{coulomb}'"
+        " {stiff}/>"
+    )
     text += "<inertial pos='{com}' mass='{mass}' fullinertia='{inertia}'/>"
     bodies = ""
     for i, (link, body) in enumerate(zip(chain.links, BODIES, strict=True)):
@@ -42,21 +50,27 @@ def model():
             rotor=body.rotor,
             viscous=RIG.drive.joint_viscous()[i],
             coulomb=RIG.drive.joint_coulomb()[i],
-            stiff="solreffriction='0.0002 1' solimpfriction='0.9999 0.9999 0.001'",  # as hard as the step allows
+            # as hard as the step allows
+            stiff="solreffriction='0.0002 1' solimpfriction='0.9999 0.9999 0.001'",
             com=" ".join(map(str, body.com)),
             mass=body.mass,
             inertia=f"{Ixx} {Iyy} {Izz} {Ixy} {Ixz} {Iyz}",
         )
     gravity = " ".join(map(str, chain.gravity))
     option = (
-        f"<option timestep='{RIG.period / STEPS}' gravity='{gravity}' integrator='implicitfast' tolerance='1e-12'/>"
+        f"<option timestep='{RIG.period / STEPS}' gravity='{gravity}' integrator='implicitfast'"
+        " tolerance='1e-12'/>"
     )
     closed = "</body>" * len(BODIES)
-    return mujoco.MjModel.from_xml_string(f"<mujoco>{option}<worldbody>{bodies}{closed}</worldbody></mujoco>")
+    return mujoco.MjModel.from_xml_string(
+        f"<mujoco>{option}<worldbody>{bodies}{closed}</worldbody></mujoco>"
+    )
 
 
 def errors(law, rig, every):
-    """Errors (N, 2) in whole pulses at the samples, under a law that is asked at so many steps' distance."""
+    """Errors (N, 2) in whole pulses at the samples, under a law that is asked at so many steps'
+    distance.
+    """
     arm = model()
     data, h = mujoco.MjData(arm), RIG.period / STEPS
     motion = Motion(*(x for x in PATH(np.arange(SAMPLES * STEPS) * h)))
@@ -100,7 +114,9 @@ def test_computed_torque_stays_within_one_pulse_on_the_other_engine_too():
     assert verdict.within(1)
     assert (np.abs(found) <= 1).all()
     # The share of samples on which the two agree is no accident: the errors are of one kind.
-    assert np.abs(found).mean() == pytest.approx(np.abs(verdict.record.error_pulses).mean(), rel=0.25)
+    assert np.abs(found).mean() == pytest.approx(
+        np.abs(verdict.record.error_pulses).mean(), rel=0.25
+    )
 
 
 def test_p_does_not_on_either():

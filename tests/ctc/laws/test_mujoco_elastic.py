@@ -1,4 +1,6 @@
-"""Gears that give, on an arm that another engine simulates: two masses and a spring per joint in MuJoCo."""
+"""Gears that give, on an arm that another engine simulates: two masses and a spring per joint in
+MuJoCo.
+"""
 
 import dataclasses
 
@@ -15,7 +17,9 @@ from mujoco_elastic import DURATION, PATH, RIG, p_loop, run
 
 @pytest.mark.parametrize("hz", [25, 60, 150])
 def test_links_and_motors_move_as_in_another_engine(hz):
-    """Friction is another's constraint here: motors agree to a pulse, links to 0.15 mrad of some mrad of deflection."""
+    """Friction is another's constraint here: motors agree to a pulse, links to 0.15 mrad of some
+    mrad of deflection.
+    """
     arm = puma560.literature_arm(1.5)
     elasticity = Elasticity.from_resonance(arm, hz, 0.02, drive=RIG.drive)
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
@@ -30,7 +34,9 @@ def test_links_and_motors_move_as_in_another_engine(hz):
 
 
 def test_a_verdict_that_is_true_on_a_rigid_arm_fails_in_both_engines():
-    """Computed torque with its observer at bandwidth 250 on a resonance of 100 Hz: negative damping, full torque."""
+    """Computed torque with its observer at bandwidth 250 on a resonance of 100 Hz: negative
+    damping, full torque.
+    """
     arm = puma560.literature_arm(1.5)
     elasticity = Elasticity.from_resonance(arm, 100, 0.02, drive=RIG.drive)
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
@@ -55,14 +61,19 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize("share", [1.0, 0.8])
 def test_links_of_another_engine_follow(law, share):
-    """All of (6) at 25 Hz, every joint: within 0.04 mrad plus 0.9 mrad times what the known stiffness is off by.
+    """All of (6) at 25 Hz, every joint: within 0.04 mrad plus 0.9 mrad times what the known
+    stiffness is off by.
 
-    Without `LinkReference` 0.8 mrad. MuJoCo at a twentieth of a sample gives the same as at a hundredth, to 5 %.
+    Without `LinkReference` 0.8 mrad. MuJoCo at a twentieth of a sample gives the same as at a
+    hundredth, to 5 %.
     """
     arm = puma560.literature_arm(1.5)
     true = Elasticity.from_resonance(arm, 25, 0.02, drive=RIG.drive)
     known = dataclasses.replace(true, stiffness=share * true.stiffness)
-    rig, real = (dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=e)) for e in (known, true))
+    rig, real = (
+        dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=e))
+        for e in (known, true)
+    )
     motors, controller = LinkReference(arm, rig, PATH), law(arm, rig)
     hanging = simulate(arm, real, controller, motors, duration=2 * RIG.period).true_q[0]
     errors, links, _ = run(arm, true, controller, hanging, motors, PATH.duration, 20)
@@ -79,7 +90,8 @@ def test_the_resonance_of_another_engine_is_identified_from_counts_alone():
     arm, gain = puma560.literature_arm(1.5), np.array([0.1, 0.08])
     elasticity = Elasticity.from_resonance(arm, (60, 45), 0.02, drive=RIG.drive)
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity))
-    link = simulate(arm, rig, puma560.p_law(gain), PATH, duration=0.01).true_q[0]  # where links hang
+    # where links hang
+    link = simulate(arm, rig, puma560.p_law(gain), PATH, duration=0.01).true_q[0]
     record = p_loop(arm, elasticity, gain, link, 2.0, 16)
     resonance = identify(arm.dynamics, record, elasticity=True, progress=False).fit.resonance
     np.testing.assert_allclose(resonance.hz, [60, 45], rtol=0.1)
@@ -87,7 +99,9 @@ def test_the_resonance_of_another_engine_is_identified_from_counts_alone():
 
 
 @pytest.mark.parametrize(
-    "path", [PATH, PointToPoint(start=(0.0, 0.0), goal=(0.6, -0.5), duration=0.8)], ids=["(6)", "move"]
+    "path",
+    [PATH, PointToPoint(start=(0.0, 0.0), goal=(0.6, -0.5), duration=0.8)],
+    ids=["(6)", "move"],
 )
 def test_softer_gears_than_the_boost_bears_end_it(path):
     """60 Hz, taken for rigid: without swings that are noticed, errors are of 80 pulses and of 3."""

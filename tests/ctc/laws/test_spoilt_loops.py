@@ -1,4 +1,6 @@
-"""A stop that does not drive: lies of encoders, clocks and scripts, beside the arm without torque from the stop on."""
+"""A stop that does not drive: lies of encoders, clocks and scripts, beside the arm without
+torque from the stop on.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,8 @@ CASES = {
     ("sign", "motion"): "no torque since joint 2 (q[0]) ran away: joint 2 (q[0]) moved by",
     ("swap", "motion"): "no torque since joint 2 (q[0]) ran away: joint 2 (q[0]) moved by",
     ("swap", "hold"): "no torque since",
-    ("saturation", "motion"): "ramp to gravity compensation: the torque of joint 2",  # no encoder's doing
+    # no encoder's doing
+    ("saturation", "motion"): "ramp to gravity compensation: the torque of joint 2",
     ("nan", "motion"): "no whole numbers",
     ("double", "motion"): "holding: calls lost or doubled",
     ("lost", "motion"): "calls lost or doubled",
@@ -36,7 +39,9 @@ def test_a_joint_that_moves_against_its_torque_stops_the_arm_within_20_ms(name, 
 
 @pytest.mark.parametrize("name", ["frozen", "sign", "swap"])
 def test_at_rest_a_lie_moves_nothing(name):
-    """Static friction holds the arm, no count moves, and none of these encoders says a thing: there is no stop."""
+    """Static friction holds the arm, no count moves, and none of these encoders says a thing:
+    there is no stop.
+    """
     run = told(LIES[name], "rest")
     assert run.status == "running"
     assert np.abs(run.speed).max() < 1e-9
@@ -46,7 +51,9 @@ def test_at_rest_a_lie_moves_nothing(name):
     ("name", "when"), [("dead", "rest"), ("frozen", "motion"), ("sign", "motion"), ("swap", "hold")]
 )
 def test_in_another_engine_too(name, when):
-    """The first drove a joint at 2.4 rad/s here, where friction is soft: a hold by a counter that stood at zero."""
+    """The first drove a joint at 2.4 rad/s here, where friction is soft: a hold by a counter
+    that stood at zero.
+    """
     run = told(LIES[name], when, mujoco=True)
     assert run.stop is not None
     assert np.abs(run.speed[run.stop :]).max() <= 1.05 * np.abs(run.alone).max()
@@ -56,5 +63,7 @@ def test_in_another_engine_too(name, when):
 
 @pytest.mark.parametrize("seed", [144, 174])
 def test_a_joint_that_friction_holds_while_another_moves_is_no_dead_encoder(seed):
-    """A slow law on an unknown load; and a path that is barely feasible made slower. 1,000 of them: faults.py."""
+    """A slow law on an unknown load; and a path that is barely feasible made slower. 1,000 of
+    them: faults.py.
+    """
     assert healthy(seed) == "running"

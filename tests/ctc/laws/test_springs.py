@@ -1,4 +1,6 @@
-"""Laws that know the springs of their rig carry them, as they carry friction; certificates and stops do too."""
+"""Laws that know the springs of their rig carry them, as they carry friction; certificates and
+stops do too.
+"""
 
 import dataclasses
 
@@ -34,7 +36,9 @@ LAWS = {
     ),
     "feed-forward": lambda rig: FeedForward(ARM, rig, feedback=FEEDBACK),
     "gravity": lambda rig: PDGravity(ARM, rig, feedback=FEEDBACK),
-    "sliding mode": lambda rig: SlidingMode(ARM, rig, bandwidth=60.0, reach=5.0, layer=0.05, filter=600.0),
+    "sliding mode": lambda rig: SlidingMode(
+        ARM, rig, bandwidth=60.0, reach=5.0, layer=0.05, filter=600.0
+    ),
     "adaptive": lambda rig: Adaptive(
         ARM, rig, bandwidth=60.0, gain=(300.0, 80.0), adaptation=np.full(9, 0.01), filter=600.0
     ),
@@ -45,7 +49,11 @@ def asked(law, pulses, motion):
     """Commanded torque of a first step, by casadi."""
     block = law.block(RIG)
     return (
-        block.step(block.initial, *motion, RIG.counts(motion[0]), pulses, 0, law.period, block.values)[0].full().ravel()
+        block.step(
+            block.initial, *motion, RIG.counts(motion[0]), pulses, 0, law.period, block.values
+        )[0]
+        .full()
+        .ravel()
     )
 
 
@@ -62,14 +70,23 @@ def test_on_the_reference_the_torque_is_less_by_that_of_the_springs(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_an_arm_with_springs_is_tracked_as_well_as_one_without(name):
     """Loops differ by single counts, whose rounding is chaos."""
-    plain = evaluate(ARM, RIG, LAWS[name](RIG), PATH, duration=1.0, backend="numba", steps_per_sample=4)
-    sprung = evaluate(ARM, SPRUNG, LAWS[name](SPRUNG), PATH, duration=1.0, backend="numba", steps_per_sample=4)
-    unknown = evaluate(ARM, SPRUNG, LAWS[name](RIG), PATH, duration=1.0, backend="numba", steps_per_sample=4)
+    plain = evaluate(
+        ARM, RIG, LAWS[name](RIG), PATH, duration=1.0, backend="numba", steps_per_sample=4
+    )
+    sprung = evaluate(
+        ARM, SPRUNG, LAWS[name](SPRUNG), PATH, duration=1.0, backend="numba", steps_per_sample=4
+    )
+    unknown = evaluate(
+        ARM, SPRUNG, LAWS[name](RIG), PATH, duration=1.0, backend="numba", steps_per_sample=4
+    )
     after = plain.record.t > 0.1
-    rms = [np.sqrt((each.record.error_pulses[after] ** 2).mean()) for each in (plain, sprung, unknown)]
+    rms = [
+        np.sqrt((each.record.error_pulses[after] ** 2).mean()) for each in (plain, sprung, unknown)
+    ]
     assert rms[1] < 1.2 * rms[0] + 0.1
     if name in ("feed-forward", "gravity", "sliding mode", "adaptive"):
-        assert rms[2] > 1.5 * rms[1]  # the others have an observer or an integral that is fast enough to hide it
+        # the others have an observer or an integral that is fast enough to hide it
+        assert rms[2] > 1.5 * rms[1]
 
 
 def test_a_law_that_knows_no_rig_does_not_know_them():
@@ -88,9 +105,14 @@ def test_links_behind_elastic_gears_follow_with_springs_on_them():
         own = dataclasses.replace(rig, springs=known)
         law = ComputedTorque(ARM, own, bandwidth=80, dead_zone=0.4)
         report = evaluate(
-            ARM, dataclasses.replace(rig, springs=SPRINGS), law, LinkReference(ARM, own, PATH), duration=1.0,
-            backend="numba", steps_per_sample=4,
-        )  # fmt: skip
+            ARM,
+            dataclasses.replace(rig, springs=SPRINGS),
+            law,
+            LinkReference(ARM, own, PATH),
+            duration=1.0,
+            backend="numba",
+            steps_per_sample=4,
+        )
         rms.append(np.sqrt((report.link_error[200:] ** 2).mean()))
     assert rms[0] < 1e-4  # [rad]
     assert rms[1] > 10 * rms[0]
@@ -99,7 +121,9 @@ def test_links_behind_elastic_gears_follow_with_springs_on_them():
 def test_a_ramp_to_gravity_ends_where_the_arm_is_held():
     q, still = np.array([0.3, -0.4]), np.zeros(2)
     robot = SteppedArm(ARM, SPRUNG, q)
-    running = LAWS["computed torque"](SPRUNG).start(SPRUNG, robot.pulses, guards=Guards(stop="gravity", patience=0))
+    running = LAWS["computed torque"](SPRUNG).start(
+        SPRUNG, robot.pulses, guards=Guards(stop="gravity", patience=0)
+    )
     robot.step(running.step(robot.pulses, q, still, still))
     for _ in range(100):
         counts = robot.pulses
@@ -114,16 +138,33 @@ def test_a_certificate_has_the_springs_and_draws_those_that_were_identified():
     law = LAWS["feed-forward"](SPRUNG)
     stiffer = dataclasses.replace(SPRUNG, springs=dataclasses.replace(SPRINGS, stiffness=3 * K))
     options = {"duration": 0.5, "backend": "numba"}
-    peaks = [evaluate(ARM, rig, law, PATH, **options).max_error_pulses.max() for rig in (SPRUNG, stiffer)]
+    peaks = [
+        evaluate(ARM, rig, law, PATH, **options).max_error_pulses.max() for rig in (SPRUNG, stiffer)
+    ]
     assert peaks[1] > peaks[0] + 1
-    options = {"samples": 40, "friction": 0.0, "phase": False, "duration": 0.5, "within": peaks[0], "progress": False}
+    options = {
+        "samples": 40,
+        "friction": 0.0,
+        "phase": False,
+        "duration": 0.5,
+        "within": peaks[0],
+        "progress": False,
+    }
     tight = 1e-12 * np.diag(ARM.f**2)
-    assert certify(ARM, SPRUNG, law, PATH, **with_uncertainty(covariance=tight, **options)).failures == 0
-    assert certify(ARM, stiffer, law, PATH, **with_uncertainty(covariance=tight, **options)).failures == 40
+    assert (
+        certify(ARM, SPRUNG, law, PATH, **with_uncertainty(covariance=tight, **options)).failures
+        == 0
+    )
+    assert (
+        certify(ARM, stiffer, law, PATH, **with_uncertainty(covariance=tight, **options)).failures
+        == 40
+    )
 
     record = simulate(ARM, SPRUNG, puma560.p_law(), PATH)
     unknown = (*ARM.dynamics.names, "springs.stiffness[0]")
-    found = identify(ARM.dynamics, record, unknown=unknown, method="prediction_error", progress=False)
+    found = identify(
+        ARM.dynamics, record, unknown=unknown, method="prediction_error", progress=False
+    )
     certificate = certify(found, found.rig, law, PATH, **with_uncertainty(**options))
     drawn = certificate.plants.values[:, certificate.plants.names.index("springs.stiffness[0]")]
     np.testing.assert_allclose(drawn.mean(), found.rig.springs.stiffness[0], rtol=0.02)
@@ -131,14 +172,27 @@ def test_a_certificate_has_the_springs_and_draws_those_that_were_identified():
 
 
 def test_the_torque_of_a_law_with_springs_is_one_expression():
-    """The law's springs are numbers of the law: they can be unknown, and C has them as constants."""
+    """The law's springs are numbers of the law: they can be unknown, and C has them as
+    constants.
+    """
     law = LAWS["computed torque"](SPRUNG)
     block = law.block(RIG)
     assert "law.rig.springs.stiffness[0]" in block.names
-    place, numbers = block.names.index("law.rig.springs.stiffness[0]"), ca.SX.sym("numbers", len(block.names))
+    place, numbers = (
+        block.names.index("law.rig.springs.stiffness[0]"),
+        ca.SX.sym("numbers", len(block.names)),
+    )
     motion, still = np.array([0.1, 0.2]), np.zeros(2)
     out = block.step(
-        block.initial, motion, still, still, RIG.counts(motion), RIG.counts(motion), 0, law.period, numbers
+        block.initial,
+        motion,
+        still,
+        still,
+        RIG.counts(motion),
+        RIG.counts(motion),
+        0,
+        law.period,
+        numbers,
     )
     slope = ca.Function("slope", [numbers], [ca.jacobian(out[0], numbers[place])])(block.values)
     np.testing.assert_allclose(slope.full().ravel(), [0.1 - 0.3, 0.0], atol=1e-12)

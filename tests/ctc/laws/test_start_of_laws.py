@@ -1,4 +1,6 @@
-"""What a law is started with: a bandwidth by what is known, and no loop that is unstable on stated gears."""
+"""What a law is started with: a bandwidth by what is known, and no loop that is unstable on
+stated gears.
+"""
 
 import dataclasses
 import functools
@@ -55,15 +57,23 @@ def test_the_bandwidth_follows_what_is_known():
 @pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
 def test_an_identification_in_doubt_is_not_believed():
     """A log of gears of 60 Hz that are taken for rigid: a faster controller swings up."""
-    fine = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=4 * RIG.encoder.resolution))
+    fine = dataclasses.replace(
+        RIG, encoder=dataclasses.replace(RIG.encoder, resolution=4 * RIG.encoder.resolution)
+    )
     soft = dataclasses.replace(fine, drive=on_gears(60).drive)
-    log = simulate(ARM, soft, dataclasses.replace(puma560.p_law(), gain=puma560.p_law().gain / 4), PATH)
-    doubtful = identify(ARM.dynamics, dataclasses.replace(log, rig=fine), unknown="friction", seed=1, progress=False)
+    log = simulate(
+        ARM, soft, dataclasses.replace(puma560.p_law(), gain=puma560.p_law().gain / 4), PATH
+    )
+    doubtful = identify(
+        ARM.dynamics, dataclasses.replace(log, rig=fine), unknown="friction", seed=1, progress=False
+    )
     assert doubtful.warnings
     law = ComputedTorque(doubtful)
     assert (law.bandwidth, law.dead_zone) == (120, 0.45)
     assert evaluate(ARM, soft, law, PATH, duration=1).within(3)
-    assert not evaluate(ARM, soft, dataclasses.replace(law, bandwidth=250), PATH, duration=1).within(3)
+    assert not evaluate(
+        ARM, soft, dataclasses.replace(law, bandwidth=250), PATH, duration=1
+    ).within(3)
 
 
 @pytest.mark.parametrize(("hz", "bandwidth"), [(15, 74), (40, 145)])
@@ -73,7 +83,9 @@ def test_on_gears_that_it_predicts_it_is_stable_with_something_to_spare(hz, band
     for share, stable in ((0.9, True), (1.15, True), (0.5, False)):
         gears = law.rig.drive.elasticity
         real = dataclasses.replace(gears, stiffness=share * gears.stiffness)
-        rig = dataclasses.replace(law.rig, drive=dataclasses.replace(law.rig.drive, elasticity=real))
+        rig = dataclasses.replace(
+            law.rig, drive=dataclasses.replace(law.rig.drive, elasticity=real)
+        )
         assert margins(found(), rig, law, pose=START).stable == stable
 
 
@@ -91,7 +103,9 @@ def test_on_elastic_gears_it_is_stable_with_something_to_spare():
      RIG, None),
 ], ids=["observer", "stated by the law's rig"])  # fmt: skip
 def test_a_loop_that_swings_up_is_not_started(law, rig, hz):
-    with pytest.raises(ValueError, match=f"{type(law).__name__} must be stable on this rig; linearised") as refusal:
+    with pytest.raises(
+        ValueError, match=f"{type(law).__name__} must be stable on this rig; linearised"
+    ) as refusal:
         law.start(rig, COUNTS)
     assert "\n" not in str(refusal.value)
     assert hz is None or f"swings up at {hz} Hz" in str(refusal.value)
@@ -110,22 +124,32 @@ def test_what_is_stable_starts(law, rig):
 
 
 def test_a_reference_in_degrees_at_the_first_call_leaves_the_arm_held_where_it_is():
-    """Its speed, too large by 57, is not taken for the arm's; the status says what a reference has to be."""
+    """Its speed, too large by 57, is not taken for the arm's; the status says what a reference
+    has to be.
+    """
     controller = ComputedTorque(ARM, RIG).start(RIG, COUNTS)
     q, qd, qdd = (np.degrees(each[0]) for each in PATH([0.3]))
     for _ in range(5):
         torque = controller.step(COUNTS, q, qd, qdd)
         np.testing.assert_allclose(torque, ARM.h(START, np.zeros(2)), atol=1)
     assert "holding" in controller.status
-    assert controller.status.endswith("at call 1; a reference is in rad, and begins where the arm is")
+    assert controller.status.endswith(
+        "at call 1; a reference is in rad, and begins where the arm is"
+    )
 
 
 def test_a_load_that_is_picked_up_boosts_the_controller():
-    """1.5 kg at 0.4 m while both joints move, f and friction known: without the boost a peak of 9 and 137 ms."""
+    """1.5 kg at 0.4 m while both joints move, f and friction known: without the boost a peak of
+    9 and 137 ms.
+    """
     law, first, at = ComputedTorque(ARM, RIG, bandwidth=100.0, dead_zone=0.4), 1.3, 400
     motion = PATH(first + RIG.period * np.arange(at + 300))
     stepped = SteppedArm(ARM, RIG, motion.q[0], motion.qd[0])
-    controller, pulses, errors = law.start(RIG, stepped.pulses), stepped.pulses, np.zeros(motion.q.shape)
+    controller, pulses, errors = (
+        law.start(RIG, stepped.pulses),
+        stepped.pulses,
+        np.zeros(motion.q.shape),
+    )
     for k, sample in enumerate(zip(*motion, strict=True)):
         if k == at:
             stepped.carry(Body(mass=1.5, com=(0.0, -0.4, 0.0)))

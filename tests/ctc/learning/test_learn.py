@@ -17,7 +17,9 @@ ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 def off(rig, factor):
     """A rig whose friction is off."""
     drive = rig.drive
-    drive = dataclasses.replace(drive, coulomb=factor * drive.coulomb, viscous=factor * drive.viscous)
+    drive = dataclasses.replace(
+        drive, coulomb=factor * drive.coulomb, viscous=factor * drive.viscous
+    )
     return dataclasses.replace(rig, drive=drive)
 
 
@@ -39,13 +41,22 @@ def learnt(log):
 def missing():
     """Torque (N, 2) that the model lacks along the path, from the arms themselves."""
     motion = PATH(RIG.period * np.arange(5215))
-    return np.array([
-        ARM.dynamics.Y(q, qd, qdd).full() @ (ARM.f - MODEL.f) for q, qd, qdd in zip(*motion, strict=True)
-    ]) + RIG.drive.friction(motion.qd) - BELIEVED.drive.friction(motion.qd)  # fmt: skip
+    return (
+        np.array(
+            [
+                ARM.dynamics.Y(q, qd, qdd).full() @ (ARM.f - MODEL.f)
+                for q, qd, qdd in zip(*motion, strict=True)
+            ]
+        )
+        + RIG.drive.friction(motion.qd)
+        - BELIEVED.drive.friction(motion.qd)
+    )
 
 
 def test_what_the_model_lacks_is_found(learnt):
-    """Of the torque itself, known from both arms, 0.7 is added; the rest is steps of friction that 40 Hz round off."""
+    """Of the torque itself, known from both arms, 0.7 is added; the rest is steps of friction
+    that 40 Hz round off.
+    """
     expected = missing()
     added = learnt.law.torque(RIG.period * np.arange(5215)) / 0.7
     moving = np.abs(PATH(RIG.period * np.arange(5215)).qd) > 0.05  # [rad/s]
@@ -70,7 +81,9 @@ def test_f_and_friction_are_mended(learnt):
 
     def wrong(arm, rig):
         lacking = [
-            ARM.dynamics.Y(q, qd, qdd).full() @ (ARM.f - arm.f) + RIG.drive.friction(qd) - rig.drive.friction(qd)
+            ARM.dynamics.Y(q, qd, qdd).full() @ (ARM.f - arm.f)
+            + RIG.drive.friction(qd)
+            - rig.drive.friction(qd)
             for q, qd, qdd in zip(*motion, strict=True)
         ]
         return np.sqrt(np.mean(np.square(lacking)))
@@ -80,7 +93,14 @@ def test_f_and_friction_are_mended(learnt):
 
 def test_certify_takes_what_was_learnt(learnt):
     certificate = certify(
-        learnt.arm, learnt.rig, learnt.law, PATH, learnt.uncertainty, samples=8, duration=0.2, progress=False
+        learnt.arm,
+        learnt.rig,
+        learnt.law,
+        PATH,
+        learnt.uncertainty,
+        samples=8,
+        duration=0.2,
+        progress=False,
     )
     assert len(certificate.runs.peak) == 8
 
@@ -90,7 +110,9 @@ def test_the_running_law_adds_the_torque(learnt):
     record = simulate(ARM, RIG, learnt.law, PATH, duration=0.05)
     controller = learnt.law.start(RIG, record.counts[0], guards=None)
     motion = PATH(record.t)
-    torque = [controller.step(counts, *row) for counts, *row in zip(record.counts, *motion, strict=True)]
+    torque = [
+        controller.step(counts, *row) for counts, *row in zip(record.counts, *motion, strict=True)
+    ]
     assert np.allclose(torque, record.torque, atol=1e-9)
 
 
@@ -108,7 +130,8 @@ def test_a_disturbed_repetition_is_left_out(learnt):
 
 
 def test_a_correction_that_does_not_help_is_taken_back(learnt, log):
-    again = dataclasses.replace(log, law=None)  # as if nothing had become better: 0.7 more is missing
+    # as if nothing had become better: 0.7 more is missing
+    again = dataclasses.replace(log, law=None)
     result = learn(learnt, BELIEVED, PATH, again)
     assert not result.diverged  # without the torque that was added, less is missing
     worse = dataclasses.replace(again, torque=log.torque + 2 * learnt.law.torque(log.t))
@@ -121,8 +144,13 @@ def test_a_correction_that_does_not_help_is_taken_back(learnt, log):
 
 def test_where_all_is_left_out_nothing_is_mended(learnt, log):
     rough = np.array(log.error_pulses) + 5 * np.sign(np.sin(np.arange(len(log))))[:, None]
-    result = learn(P(gain=(0.2, 0.15)), BELIEVED, PATH, dataclasses.replace(log, error_pulses=rough, law=None),
-                   found=MODEL)  # fmt: skip
+    result = learn(
+        P(gain=(0.2, 0.15)),
+        BELIEVED,
+        PATH,
+        dataclasses.replace(log, error_pulses=rough, law=None),
+        found=MODEL,
+    )
     assert not result.missing
     assert "fast hardware" in result.left_out[0]
     assert "mended" not in str(result)
@@ -133,16 +161,26 @@ def test_it_is_saved_and_read_back(learnt, log, tmp_path):
     learnt.save(tmp_path / "learnt.json")
     again = Learning.load(tmp_path / "learnt.json")
     assert str(again) == str(learnt)
-    assert np.array_equal(learn(again, BELIEVED, PATH, dataclasses.replace(log, law=None)).law.terms,
-                          learn(learnt, BELIEVED, PATH, dataclasses.replace(log, law=None)).law.terms)  # fmt: skip
+    assert np.array_equal(
+        learn(again, BELIEVED, PATH, dataclasses.replace(log, law=None)).law.terms,
+        learn(learnt, BELIEVED, PATH, dataclasses.replace(log, law=None)).law.terms,
+    )
 
 
 def test_any_law_is_learnt_from(learnt):
     """A PID knows no arm; what is missing is the same."""
-    pid = PID(gain=(0.1, 0.08), integral=(1.0, 1.0), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period)
+    pid = PID(
+        gain=(0.1, 0.08),
+        integral=(1.0, 1.0),
+        derivative=(4e-4, 3e-4),
+        filter=2000.0,
+        period=RIG.period,
+    )
     record = simulate(ARM, RIG, pid, PATH)
     found = learn(pid, BELIEVED, PATH, record, found=MODEL)
-    lacking = found.law.torque(RIG.period * np.arange(5215)) - learnt.law.torque(RIG.period * np.arange(5215))
+    lacking = found.law.torque(RIG.period * np.arange(5215)) - learnt.law.torque(
+        RIG.period * np.arange(5215)
+    )
     assert np.sqrt(np.mean(lacking**2)) < 0.3
 
 
@@ -153,9 +191,14 @@ def geared(hz):
 
 
 def test_gears_wind_up_as_they_are_stiff():
-    """The torque that elastic gears need beside rigid ones falls as 1 / k; those too stiff for the period are rigid."""
+    """The torque that elastic gears need beside rigid ones falls as 1 / k; those too stiff for
+    the period are rigid.
+    """
     rigid = path_plant(ARM, RIG, PATH, 1000)
-    apart = [np.std((path_plant(ARM, geared(hz), PATH, 1000).torque - rigid.torque)[200:]) for hz in (100, 200)]
+    apart = [
+        np.std((path_plant(ARM, geared(hz), PATH, 1000).torque - rigid.torque)[200:])
+        for hz in (100, 200)
+    ]
     assert apart[1] < 0.5 * apart[0] < 0.05 * np.std(rigid.torque)
     stiffest = path_plant(ARM, geared(2000), PATH, 1000)
     assert np.array_equal(stiffest.torque, rigid.torque)
@@ -165,7 +208,9 @@ def test_it_learns_on_elastic_gears():
     """With links that swing at 40 Hz, under a slow law: the squared error falls to a quarter."""
     law = ComputedTorque(MODEL, BELIEVED, bandwidth=30)
     rig, gears = geared(40), geared(40).drive.elasticity
-    model = dataclasses.replace(BELIEVED, drive=dataclasses.replace(BELIEVED.drive, elasticity=gears))
+    model = dataclasses.replace(
+        BELIEVED, drive=dataclasses.replace(BELIEVED.drive, elasticity=gears)
+    )
     records, result = [simulate(ARM, rig, law, PATH)], law
     for _ in range(2):
         result = learn(result, model, PATH, dataclasses.replace(records[-1], law=None))
@@ -194,14 +239,22 @@ def test_bad_input(learnt, log):
     refused("must be the path; got another", LAW, BELIEVED, PATH.slowed(1.2), log)
     refused("reference must be the path", learnt, BELIEVED, PATH.slowed(1.2), log)
     refused("must be made by", learnt, BELIEVED, PATH, log)
-    refused("torque or current", LAW, BELIEVED, PATH, dataclasses.replace(log, torque=None, current=None))
+    refused(
+        "torque or current",
+        LAW,
+        BELIEVED,
+        PATH,
+        dataclasses.replace(log, torque=None, current=None),
+    )
     refused("5215 samples", LAW, BELIEVED, PATH, log.cut(0, 1.0))
     refused("amplifier's", LAW, BELIEVED, PATH, dataclasses.replace(log, torque=10 * log.torque))
     refused("holds no arm", puma560.p_law(), BELIEVED, PATH, log)
     refused("got none", LAW, BELIEVED, PATH, [])
     refused("The order is law, rig", LAW, PATH, BELIEVED, log)
     refused("reference must be", LAW, BELIEVED, 3, log)
-    other = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(500, 500)))
+    other = dataclasses.replace(
+        RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(500, 500))
+    )
     refused("rig must be that on which", learnt, other, PATH, log)
     with pytest.raises(ValueError, match="got another"):
         evaluate(ARM, RIG, learnt.law, PATH.slowed(1.2), duration=0.1)

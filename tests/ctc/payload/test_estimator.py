@@ -1,4 +1,6 @@
-"""A load found at work: pick, carry, drop; windows that say too little; loads and changes that were not foreseen."""
+"""A load found at work: pick, carry, drop; windows that say too little; loads and changes that
+were not foreseen.
+"""
 
 import dataclasses
 import re
@@ -20,7 +22,9 @@ def load(mass):
 
 
 def worked(estimator, changes, samples, path=PATH, rig=RIG, **options):
-    """A controller after so many samples with changes of the load {sample: mass}, and its errors (samples, n)."""
+    """A controller after so many samples with changes of the load {sample: mass}, and its errors
+    (samples, n).
+    """
     motion = path(np.arange(samples) * RIG.period)
     stepped = SteppedArm(ARM, rig, motion.q[0], motion.qd[0])
     controller, pulses, errors = estimator.start(rig, stepped.pulses, **options), stepped.pulses, []
@@ -33,7 +37,9 @@ def worked(estimator, changes, samples, path=PATH, rig=RIG, **options):
 
 
 def test_pick_carry_drop():
-    controller, errors = worked(PayloadEstimator(LAW, position=PLACE, beside=False), {TAKE: 2.5, DROP: 0.0}, 4200)
+    controller, errors = worked(
+        PayloadEstimator(LAW, position=PLACE, beside=False), {TAKE: 2.5, DROP: 0.0}, 4200
+    )
     assert [event.kind for event in controller.events] == ["start", "taken", "dropped"]
     start, taken, dropped = controller.events
     assert start.before == 2.5  # half the heaviest
@@ -43,7 +49,8 @@ def test_pick_carry_drop():
         late = event.time - change * RIG.period
         assert 0 <= late <= 0.06
         assert event.swapped - change * RIG.period <= 0.28
-        after = slice(round((event.swapped + 0.05) / RIG.period), change + 1900)  # what is left of the error goes
+        # what is left of the error goes
+        after = slice(round((event.swapped + 0.05) / RIG.period), change + 1900)
         assert np.abs(errors[after]).max() <= 1
     assert controller.load.sufficient
     assert controller.load.interval[0] <= 0.03
@@ -58,9 +65,12 @@ def test_the_place_may_be_unknown():
 
 
 def test_beside_the_controller_the_same_is_found():
-    """In a process of its own; a loop that runs ahead of the clock waits, and gets the same answer a little later."""
+    """In a process of its own; a loop that runs ahead of the clock waits, and gets the same
+    answer a little later.
+    """
     here, there = (
-        worked(PayloadEstimator(LAW, position=PLACE, beside=beside), {TAKE: 2.5}, 1900)[0] for beside in (False, True)
+        worked(PayloadEstimator(LAW, position=PLACE, beside=beside), {TAKE: 2.5}, 1900)[0]
+        for beside in (False, True)
     )
     assert [event.kind for event in there.events] == ["start", "taken"]
     assert there.events[0].after == here.events[0].after
@@ -84,8 +94,12 @@ def test_a_loop_paced_by_the_clock_does_not_wait():
 
 
 def test_an_arm_at_rest_keeps_the_prior():
-    still = Harmonics(period=1.0, offset=(-0.5, 0.8), cosine=np.zeros((2, 1)), sine=np.zeros((2, 1)))
-    controller, _ = worked(PayloadEstimator(LAW, position=PLACE, prior=1.0, beside=False), {0: 3.0}, 1000, still)
+    still = Harmonics(
+        period=1.0, offset=(-0.5, 0.8), cosine=np.zeros((2, 1)), sine=np.zeros((2, 1))
+    )
+    controller, _ = worked(
+        PayloadEstimator(LAW, position=PLACE, prior=1.0, beside=False), {0: 3.0}, 1000, still
+    )
     (event,) = controller.events
     assert np.isnan(event.after)
     assert "rests" in event.message
@@ -95,8 +109,13 @@ def test_an_arm_at_rest_keeps_the_prior():
 
 
 def test_a_load_outside_its_range_says_so():
-    controller, _ = worked(PayloadEstimator(LAW, mass=(0, 2), position=PLACE, beside=False), {TAKE: 4.0}, 2000)
-    assert "outside its range: 4.0" in controller.events[1].message or "3.9" in controller.events[1].message
+    controller, _ = worked(
+        PayloadEstimator(LAW, mass=(0, 2), position=PLACE, beside=False), {TAKE: 4.0}, 2000
+    )
+    assert (
+        "outside its range: 4.0" in controller.events[1].message
+        or "3.9" in controller.events[1].message
+    )
     assert controller.events[1].after == pytest.approx(2.0, abs=0.02)
     assert all(event.after <= 2.0 for event in controller.events[1:] if np.isfinite(event.after))
 
@@ -114,11 +133,14 @@ def test_two_changes_within_one_window(change):
 
 
 def test_saturation_does_no_harm():
-    """The applied torque is what counts. The limit is that of the amplifier, which the law keeps to."""
+    """The applied torque is what counts. The limit is that of the amplifier, which the law keeps
+    to.
+    """
     limit = np.array([155.0, 36.0])
     estimator = PayloadEstimator(LAW, position=PLACE, beside=False)
     controller, _ = worked(estimator, {TAKE: 2.5}, 1900, torque_limit=limit, guards=None)
-    assert (np.abs(controller._torque) >= limit - 1e-9).any(axis=1).mean() > 0.3  # of the last 200 ms
+    # of the last 200 ms
+    assert (np.abs(controller._torque) >= limit - 1e-9).any(axis=1).mean() > 0.3
     assert controller.events[1].after == pytest.approx(2.5, abs=0.1)
 
 
@@ -185,13 +207,17 @@ def test_laws_that_cannot():
 
 @pytest.mark.slow
 def test_the_whole_arm():
-    """All six joints of the PUMA 560, with 2.5 kg in front of the flange, on a motion of all of them."""
+    """All six joints of the PUMA 560, with 2.5 kg in front of the flange, on a motion of all of
+    them.
+    """
     robot = read_robot("puma560")
     arm, rig = robot.arm, robot.rig
     waves = np.array([0.5, 0.4, 0.5, 0.6, 0.5, 0.8])[:, None] * [[0.7, 0.3]]
     path = Harmonics(period=4.0, offset=(0, -0.4, 2.4, 0, 0.3, 0), cosine=-waves, sine=0.4 * waves)
     body = Body(mass=2.5, com=(0.0, 0.0, 0.2))
-    estimator = PayloadEstimator(ComputedTorque(arm, rig, bandwidth=100), position=body.com, beside=False)
+    estimator = PayloadEstimator(
+        ComputedTorque(arm, rig, bandwidth=100), position=body.com, beside=False
+    )
     motion = path(np.arange(1800) * rig.period)
     stepped = SteppedArm(arm, rig, motion.q[0], motion.qd[0])
     controller, pulses = estimator.start(rig, stepped.pulses), stepped.pulses

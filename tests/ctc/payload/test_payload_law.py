@@ -1,4 +1,6 @@
-"""The stage in the loop: the law itself without a swap, swaps without a bump, the watch, and its C."""
+"""The stage in the loop: the law itself without a swap, swaps without a bump, the watch, and its
+C.
+"""
 
 import ctypes
 import dataclasses
@@ -18,7 +20,9 @@ ONE = Body(mass=1.0, com=(0.0, -0.4, 0.0)).standard_parameters
 LAWS = {
     "observer": ComputedTorque(ARM, RIG, bandwidth=150),
     "delayed": ComputedTorque(ARM, RIG, bandwidth=150, delay=1),
-    "PID": ComputedTorquePID(ARM, RIG, bandwidth=179, ratio=1.44, integral=66.4, roll_off=1085, roll_off_damping=0.99),
+    "PID": ComputedTorquePID(
+        ARM, RIG, bandwidth=179, ratio=1.44, integral=66.4, roll_off=1085, roll_off_damping=0.99
+    ),
 }
 
 
@@ -35,14 +39,17 @@ def state_of(running, law):
 def test_without_a_swap_it_is_the_law():
     """To the last bit by casadi; compiled kernels fuse other products with sums."""
     plain, same = (
-        run(ARM, RIG, law, PATH, 0.5, 4, None, "casadi").record for law in (LAWS["observer"], watched(LAWS["observer"]))
+        run(ARM, RIG, law, PATH, 0.5, 4, None, "casadi").record
+        for law in (LAWS["observer"], watched(LAWS["observer"]))
     )
     np.testing.assert_array_equal(plain.error_pulses, same.error_pulses)
     np.testing.assert_array_equal(plain.torque, same.torque)
 
 
 def test_springs_that_the_rig_has_are_no_disturbance():
-    """The watch's disturbance is as small on an arm with springs as without; of unknown ones it is theirs."""
+    """The watch's disturbance is as small on an arm with springs as without; of unknown ones it
+    is theirs.
+    """
     springs = JointSpring(stiffness=(80.0, 30.0), angle=(0.3, -0.5))
     sprung, largest = dataclasses.replace(RIG, springs=springs), []
     motion = PATH(np.arange(700) * RIG.period)
@@ -60,10 +67,12 @@ def test_springs_that_the_rig_has_are_no_disturbance():
 
 
 @pytest.mark.parametrize(
-    ("name", "stiffened"), [(name, kept) for name in LAWS for kept in (True, False) if kept or name != "delayed"]
+    ("name", "stiffened"),
+    [(name, kept) for name in LAWS for kept in (True, False) if kept or name != "delayed"],
 )
 def test_a_swap_has_no_bump(name, stiffened):
-    """5 kg come, the law holds them by its feedback, then the model is told: the torque does not jump by their weight.
+    """5 kg come, the law holds them by its feedback, then the model is told: the torque does not
+    jump by their weight.
 
     Without the re-basing it would, which the last line makes sure of.
     """
@@ -116,7 +125,11 @@ def test_the_watch_sees_which_way():
             state_of(running, law)[where.start : where.stop] = 2.0 * ONE
         pulses = stepped.step(running.step(pulses, motion.q[k], motion.qd[k], motion.qdd[k]))
         seen.append(running.state[-1])
-    quiet, taken, dropped = np.array(seen[150:1000]), np.array(seen[1000:1086]), np.array(seen[1900:1986])
+    quiet, taken, dropped = (
+        np.array(seen[150:1000]),
+        np.array(seen[1000:1086]),
+        np.array(seen[1900:1986]),
+    )
     assert np.abs(quiet).max() < 1.5
     assert taken.max() > 5
     assert dropped.min() < -5
@@ -136,13 +149,28 @@ def test_its_c_swaps_likewise(tmp_path):
     """The exported stage, step by step beside the running controller, with a swap on the way."""
     law = watched(LAWS["observer"])
     law.to_c(tmp_path, name="stage", guards=None)
-    command = ["cc", "-std=c99", "-O1", "-shared", "-fPIC", "-o", tmp_path / "stage.so", tmp_path / "stage.c", "-lm"]
-    subprocess.run([str(part) for part in command], check=True)  # noqa: S603 - the compiler of this machine
+    command = [
+        "cc",
+        "-std=c99",
+        "-O1",
+        "-shared",
+        "-fPIC",
+        "-o",
+        tmp_path / "stage.so",
+        tmp_path / "stage.c",
+        "-lm",
+    ]
+    # the compiler of this machine
+    subprocess.run([str(part) for part in command], check=True)  # noqa: S603
     library = ctypes.CDLL(str(tmp_path / "stage.so"))
     states, where = len(law.initial_state(2)), law.places(2)
     memory = (ctypes.c_double * (2 + states + 64))()
     library.stage_init(memory)
-    offset = next(i for i in range(64) if list(memory[i : i + states]) == law.initial_state(2).tolist() and i >= 2)
+    offset = next(
+        i
+        for i in range(64)
+        if list(memory[i : i + states]) == law.initial_state(2).tolist() and i >= 2
+    )
     motion = PATH(np.arange(600) * RIG.period)
     stepped = SteppedArm(ARM, RIG, motion.q[0], motion.qd[0])
     running, pulses = law.start(RIG, stepped.pulses, guards=None), stepped.pulses
@@ -154,6 +182,9 @@ def test_its_c_swaps_likewise(tmp_path):
                 state_of(running, law)[i] = value
         state = [x[k] for x in motion]
         torque = running.step(pulses, *state)
-        assert library.stage_step(memory, counts(*map(int, pulses)), *(vector(*x) for x in state), out) == 0
+        assert (
+            library.stage_step(memory, counts(*map(int, pulses)), *(vector(*x) for x in state), out)
+            == 0
+        )
         np.testing.assert_allclose(list(out), torque, rtol=1e-9, atol=1e-7)
         pulses = stepped.step(torque)

@@ -26,7 +26,12 @@ ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
 @pytest.fixture(scope="module")
 def found():
-    return identify(ARM.dynamics, simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5), seed=1, progress=False)
+    return identify(
+        ARM.dynamics,
+        simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5),
+        seed=1,
+        progress=False,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,11 +82,19 @@ def test_it_says_what_was_found(page, found):
     text = page.read_text(encoding="utf-8")
     headings = re.findall(r"<h2>(.*?)</h2>", text)
     assert headings == [
-        "Verdict", "Parameters", "Fit", "Logs", "Assumptions", "Controller", "Certificate", "Where it comes from",
-    ]  # fmt: skip
+        "Verdict",
+        "Parameters",
+        "Fit",
+        "Logs",
+        "Assumptions",
+        "Controller",
+        "Certificate",
+        "Where it comes from",
+    ]
     for name, value, std in zip(found.short_names, found.fit.values, found.fit.std, strict=True):
         row = re.search(rf"<tr><td>{name}</td>(.*?)</tr>", text)
-        cells = re.findall(r"<td[^>]*>([^<]*)</td>", row[1])  # value, half-width, unit, std, from, to
+        # value, half-width, unit, std, from, to
+        cells = re.findall(r"<td[^>]*>([^<]*)</td>", row[1])
         assert abs(float(cells[0]) - value) <= 0.06 * std  # rounded to two digits of the deviation
         assert float(cells[1].removesuffix(" %")) == pytest.approx(196 * std / abs(value), rel=0.06)
         assert float(cells[3]) == pytest.approx(std, rel=0.06)
@@ -97,26 +110,45 @@ def test_warnings_come_first(found, tmp_path):
     doubtful = simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.0)
     with pytest.warns(UserWarning, match="identified with"):
         wrong = identify(puma560.arm().dynamics, _with_gain(doubtful, 1.5), seed=1, progress=False)
-    held = evaluate(wrong.arm, wrong.rig, ComputedTorque(wrong), PATH, backend="numba", duration=0.5)
+    held = evaluate(
+        wrong.arm, wrong.rig, ComputedTorque(wrong), PATH, backend="numba", duration=0.5
+    )
     write_report(wrong, held, path=tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert text.index("The identification is unreliable") < text.index("<h3>Warnings</h3>") < text.index("Parameters")
+    assert (
+        text.index("The identification is unreliable")
+        < text.index("<h3>Warnings</h3>")
+        < text.index("Parameters")
+    )
     assert "Nothing in the log contradicts" not in text
     assert "on the nominal arm, which is unreliable" in text
     assert "✓" not in text[: text.index("<h3>Warnings</h3>")]
 
 
 def test_a_card_with_a_cross_says_why_on_the_card(found, tmp_path):
-    """Of a path that begins in motion, and of a probability that is not shown to be as low as was asked."""
+    """Of a path that begins in motion, and of a probability that is not shown to be as low as
+    was asked.
+    """
     law, under_way = ComputedTorque(found), PATH.later(0.5)
     rare = Rare(
-        asked=1e-6, probability=1e-3, variation=0.1, upper=1e-2, below=False, stuck=False, levels=np.ones(1),
+        asked=1e-6,
+        probability=1e-3,
+        variation=0.1,
+        upper=1e-2,
+        below=False,
+        stuck=False,
+        levels=np.ones(1),
         evaluations=9,
-    )  # fmt: skip
+    )
     proof = certify(found, found.rig, law, PATH, samples=8, duration=0.3, progress=False)
     proof = dataclasses.replace(proof, rare=rare)
     assert not proof.failures
-    write_report(found, proof, evaluate(found.arm, found.rig, law, under_way, duration=0.5), tmp_path / "page.html")
+    write_report(
+        found,
+        proof,
+        evaluate(found.arm, found.rig, law, under_way, duration=0.5),
+        tmp_path / "page.html",
+    )
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     nominal, sampled = re.findall(r'<li class="bad"><b>✗ (.*?)</li>', text)
     assert "samples within ±1 pulse" in nominal
@@ -133,7 +165,11 @@ def _with_gain(record, factor):
 def test_texts_are_escaped():
     raw = ["<b>", "&amp", "<i>", "<u>", "<a>", "<q>", "</pre>"]
     title, subtitle, heading, item, head, cell, code = raw
-    made = page_of(title, subtitle, [section(heading, items([item]), table((head,), [(cell,)]), preformatted(code))])
+    made = page_of(
+        title,
+        subtitle,
+        [section(heading, items([item]), table((head,), [(cell,)]), preformatted(code))],
+    )
     for each in raw:
         assert html.escape(each) in made
     made = re.sub(r"<style>.*</style>", "", made, flags=re.DOTALL)
@@ -142,7 +178,11 @@ def test_texts_are_escaped():
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
-    [((), "path must be"), ((None, "a.html"), "results must be"), ((RIG, "a.html"), "results must be")],
+    [
+        ((), "path must be"),
+        ((None, "a.html"), "results must be"),
+        ((RIG, "a.html"), "results must be"),
+    ],
     ids=["no path", "nothing", "a rig"],
 )
 def test_other_arguments_are_refused(found, arguments, says):
@@ -157,7 +197,7 @@ def test_a_page_that_is_there_stays(found, page):
     assert page.read_bytes() == before
 
 
-# -- in a browser ----------------------------------------------------------------------------------------------------
+# -- in a browser --------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def browser():
     browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
@@ -167,14 +207,21 @@ def browser():
         pytest.skip("no chromium here; `apt-get install chromium` to run this test")
 
     def run(*arguments, home):
-        base = [browser, "--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={home}"]
+        base = [
+            browser,
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            f"--user-data-dir={home}",
+        ]
         offline = [
             "--host-resolver-rules=MAP * ~NOTFOUND",
             "--disable-background-networking",
             "--enable-logging=stderr",
         ]
         command = [*base, *offline, *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)  # noqa: S603 - our own
+        # our own
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)  # noqa: S603
 
     return run
 
@@ -183,29 +230,43 @@ def test_a_browser_shows_it_on_a_phone_and_prints_it(browser, page, tmp_path):
     """A frame as wide as a phone measures the page, since a headless window is wider."""
     text = page.read_text(encoding="utf-8")
     probe = (
-        "<script>onload = () => { const e = document.documentElement;"
-        "document.title = [e.scrollWidth, e.clientWidth, document.querySelectorAll('svg').length].join(' ');"
-        "parent.postMessage(document.title, '*'); }</script></body>"
+        "<script>onload = () => { const e = document.documentElement;document.title ="
+        " [e.scrollWidth, e.clientWidth, document.querySelectorAll('svg').length].join('"
+        " ');parent.postMessage(document.title, '*'); }</script></body>"
     )
     (tmp_path / "inner.html").write_text(text.replace("</body>", probe), encoding="utf-8")
     (tmp_path / "phone.html").write_text(
         "<iframe src='inner.html' width='390' height='800'></iframe><p id='told'></p><script>"
         "onmessage = e => { document.getElementById('told').textContent = e.data; }</script>"
     )
-    done = browser("--virtual-time-budget=8000", "--dump-dom", f"file://{tmp_path}/phone.html", home=tmp_path / "a")
-    wide, there, figures = map(int, re.search(r'id="told">(\d+) (\d+) (\d+)<', done.stdout).groups())
+    done = browser(
+        "--virtual-time-budget=8000",
+        "--dump-dom",
+        f"file://{tmp_path}/phone.html",
+        home=tmp_path / "a",
+    )
+    wide, there, figures = map(
+        int, re.search(r'id="told">(\d+) (\d+) (\d+)<', done.stdout).groups()
+    )
     assert wide <= there
     assert 300 < there < 391
     assert figures == 3
     assert "CONSOLE" not in done.stderr
-    browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path}/page.pdf", f"file://{page}", home=tmp_path / "b")
+    browser(
+        "--no-pdf-header-footer",
+        f"--print-to-pdf={tmp_path}/page.pdf",
+        f"file://{page}",
+        home=tmp_path / "b",
+    )
     sheet = (tmp_path / "page.pdf").read_bytes()
     assert sheet[:5] == b"%PDF-"
     assert 2 <= len(re.findall(rb"/Type\s*/Page\b", sheet)) <= 12
 
 
 def test_a_long_curve_is_drawn_by_its_extremes():
-    """Two samples per place of the axis: the least and the largest of all are there, in their order."""
+    """Two samples per place of the axis: the least and the largest of all are there, in their
+    order.
+    """
     t, y = np.linspace(0, 4, 5000), np.random.default_rng(1).normal(size=5000)
     axis = plt.subplots(figsize=(4, 2))[1]
     (long,) = axis.plot(t, y, drawstyle="steps-post")
@@ -228,20 +289,28 @@ def test_the_page_is_light(page):
 
 def words(place):
     """The text of a page, without its marks."""
-    return " ".join(html.unescape(re.sub("<[^>]+>", " ", place.read_text(encoding="utf-8"))).split())
+    return " ".join(
+        html.unescape(re.sub("<[^>]+>", " ", place.read_text(encoding="utf-8"))).split()
+    )
 
 
 def test_path_logs_and_conditions_are_named(found, tmp_path):
-    """Of a path that begins in motion and leaves the log, and of records that came with files' names."""
+    """Of a path that begins in motion and leaves the log, and of records that came with files'
+    names.
+    """
     log, away = (
         simulate(ARM, RIG, puma560.p_law(), PATH, duration=1.5),
         puma560.reference(2.5).later(0.6),
     )
     named = dataclasses.replace(
-        found, records=(dataclasses.replace(found.records[0], name="one.csv"),),
-        held_out=(dataclasses.replace(log, name="two.csv"), dataclasses.replace(log.cut(0, 1.0), name="two.csv")),
+        found,
+        records=(dataclasses.replace(found.records[0], name="one.csv"),),
+        held_out=(
+            dataclasses.replace(log, name="two.csv"),
+            dataclasses.replace(log.cut(0, 1.0), name="two.csv"),
+        ),
         diagnostics=dataclasses.replace(found.diagnostics, held_out_difference=0.6),
-    )  # fmt: skip
+    )
     law = ComputedTorque(named)
     evaluation = evaluate(named.arm, named.rig, law, away, duration=0.5)
     write_report(named, evaluation, tmp_path / "moving.html")
@@ -249,13 +318,21 @@ def test_path_logs_and_conditions_are_named(found, tmp_path):
     assert "✗ ComputedTorque on the nominal arm" in said
     assert f"The {str(evaluation.from_rest)[4:]}." in said
     fastest = np.abs(away(evaluation.record.t).qd).max(axis=0)
-    assert f"The path of this verdict (Later), 0.5 s; greatest speeds: joint 2 (q[0]) {fastest[0]:.2g} rad/s" in said
+    assert (
+        f"The path of this verdict (Later), 0.5 s; greatest speeds: joint 2 (q[0]) {fastest[0]:.2g}"
+        " rad/s" in said
+    )
     assert "The path leaves the log: joint" in said
     assert "which no search saw" not in said
-    assert "In the validation data, two.csv, record 2, two.csv, record 3, they differ by 0.60 pulses" in said
+    assert (
+        "In the validation data, two.csv, record 2, two.csv, record 3, they differ by 0.60 pulses"
+        in said
+    )
     assert "SHA-256 of one.csv, as it was read" in said
     assert "validation, only simulated: two.csv, two.csv" in " ".join(str(named).split())
-    write_report(named, evaluate(named.arm, named.rig, law, PATH, duration=0.5), tmp_path / "within.html")
+    write_report(
+        named, evaluate(named.arm, named.rig, law, PATH, duration=0.5), tmp_path / "within.html"
+    )
     assert "leaves the log" not in words(tmp_path / "within.html")
 
 

@@ -18,23 +18,29 @@ RIG, ARM = puma560.rig(), puma560.arm()
 @given(st.floats(1, 500), st.floats(0.1, 2), st.floats(0, 500))
 @settings(max_examples=50, deadline=None, derandomize=True)
 def test_pid_gains_give_the_poles_that_were_asked_for(bandwidth, damping, integral):
-    """A double integrator under -(kp e + ki int e + kd edot): its polynomial is the product of the two factors."""
+    """A double integrator under -(kp e + ki int e + kd edot): its polynomial is the product of
+    the two factors.
+    """
     kp, ki, kd = pid_gains(bandwidth, damping, integral)
     expected = np.polymul([1, 2 * damping * bandwidth, bandwidth**2], [1, integral])
     np.testing.assert_allclose([1, kd, kp, ki], expected, rtol=1e-12)
 
 
 def test_a_damping_of_one_by_root_two_is_the_linear_quadratic_regulator():
-    """Of a double integrator with weights 1 / e^2 and 1 / a^2, by Riccati's equation, at a bandwidth of sqrt(a / e)."""
+    """Of a double integrator with weights 1 / e^2 and 1 / a^2, by Riccati's equation, at a
+    bandwidth of sqrt(a / e).
+    """
     error, acceleration = 2e-4, 8.0
-    best, *_ = control.lqr([[0, 1], [0, 0]], [[0], [1]], np.diag([error**-2, 0]), [[acceleration**-2]])
+    best, *_ = control.lqr(
+        [[0, 1], [0, 0]], [[0], [1]], np.diag([error**-2, 0]), [[acceleration**-2]]
+    )
     kp, _, kd = pid_gains(np.sqrt(acceleration / error), damping=np.sqrt(0.5))
     np.testing.assert_allclose([[kp, kd]], best, rtol=1e-6)
 
 
 def test_a_motor_gain_puts_the_mode_of_a_p_loop_where_it_was_asked_for():
-    """One joint held by much stiffer gains than the other's is a spring and a mass: sqrt(kp) / (2 pi), within the few
-    per cent by which gravity and the other joint move it.
+    """One joint held by much stiffer gains than the other's is a spring and a mass: sqrt(kp) / (2
+    pi), within the few per cent by which gravity and the other joint move it.
     """
     pose, kp = (0.0, 0.0), (2 * np.pi * 30) ** 2
     gain = motor_gain(RIG, np.diag(ARM.D(pose)), kp)
@@ -49,9 +55,13 @@ def test_a_motor_gain_puts_the_mode_of_a_p_loop_where_it_was_asked_for():
 
 @pytest.mark.parametrize("omega", [50.0, 375.0])
 def test_a_triple_pole_gives_the_gains_of_the_closed_form(omega):
-    """Against the closed form in ctc.laws.observer; Ackermann's formula loses some digits near z = 1."""
+    """Against the closed form in ctc.laws.observer; Ackermann's formula loses some digits near z
+    = 1.
+    """
     dt = RIG.period
-    law = np.array([float(ca.evalf(x)) for x in triple_pole(ca.SX(omega), ca.SX(dt))]) / dt ** np.arange(3)
+    law = np.array(
+        [float(ca.evalf(x)) for x in triple_pole(ca.SX(omega), ca.SX(dt))]
+    ) / dt ** np.arange(3)
     np.testing.assert_allclose(observer_gains(RIG, poles=[-omega] * 3), [law, law], rtol=1e-6)
 
 
@@ -70,7 +80,9 @@ def test_observer_poles_are_where_they_were_asked_for():
 
 
 def test_kalman_gains_beat_all_other_gains_on_the_noise_that_they_were_made_for():
-    """The variances of all three estimates, by Lyapunov's equation, are least at the Kalman gains; time in samples."""
+    """The variances of all three estimates, by Lyapunov's equation, are least at the Kalman
+    gains; time in samples.
+    """
     from scipy.linalg import solve_discrete_lyapunov
 
     dt, walk = RIG.period, 2000.0
@@ -100,7 +112,10 @@ def test_kalman_gains_beat_all_other_gains_on_the_noise_that_they_were_made_for(
         (lambda: pid_gains(100, 1, -5), "integral must not be negative"),
         (lambda: motor_gain(ARM, (1, 1), 1), "rig must be of type Rig"),
         (lambda: motor_gain(RIG, (1,), 1), "inertia must have shape"),
-        (lambda: motor_gain(read_robot("tx40").rig, np.ones(6), 1), "motors that turn one joint each"),
+        (
+            lambda: motor_gain(read_robot("tx40").rig, np.ones(6), 1),
+            "motors that turn one joint each",
+        ),
         (lambda: observer_gains(RIG, poles=[-1, -2]), "poles must be three"),
         (lambda: observer_gains(RIG, poles=[-1, -2, 3]), "poles must be three, stable"),
         (lambda: observer_gains(RIG, poles=[-1, -2, -3 + 1j]), "in pairs"),

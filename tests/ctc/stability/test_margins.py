@@ -1,4 +1,6 @@
-"""The linearised error loop against one written down by hand, its margins against what brute force finds."""
+"""The linearised error loop against one written down by hand, its margins against what brute
+force finds.
+"""
 
 import dataclasses
 from functools import cache
@@ -33,18 +35,27 @@ def found(index):
 def by_hand(law, joint, z):
     """L of a joint at points z, the loop of the other closed."""
     A, B, C = error_loops(
-        np.linalg.inv(law.arm.D(POSE)), law.bandwidth, law.bandwidth * law.observer_ratio, DT, law.delay
+        np.linalg.inv(law.arm.D(POSE)),
+        law.bandwidth,
+        law.bandwidth * law.observer_ratio,
+        DT,
+        law.delay,
     )
     a, b, c = opened(A, B, C, joint)
     return np.array([-(c @ np.linalg.solve(each * np.eye(len(a)) - a, b)).item() for each in z])
 
 
-@pytest.mark.parametrize("options", [{}, {"delay": 1}, {"measured": True}, {"bandwidth": 120.0, "observer_ratio": 4.0}])
+@pytest.mark.parametrize(
+    "options", [{}, {"delay": 1}, {"measured": True}, {"bandwidth": 120.0, "observer_ratio": 4.0}]
+)
 def test_the_loop_of_a_joint_is_the_one_written_down_by_hand(options):
-    """An arm without weight and friction. Every entry agrees to 1e-8 of L: the simulator's sub-steps are exact for a
-    torque that is held (the solve loses three digits at the lowest point).
+    """An arm without weight and friction. Every entry agrees to 1e-8 of L: the simulator's
+    sub-steps are exact for a torque that is held (the solve loses three digits at the lowest
+    point).
     """
-    weightless = puma560.dynamics().arm(np.where(np.isin(np.arange(9), (4, 5, 7, 8)), 0.0, puma560.PUBLISHED))
+    weightless = puma560.dynamics().arm(
+        np.where(np.isin(np.arange(9), (4, 5, 7, 8)), 0.0, puma560.PUBLISHED)
+    )
     rig = rig_with(viscous=(0.0, 0.0))
     law = ComputedTorque(weightless, rig, **options)
     z = np.exp(1j * np.geomspace(10, 4000, 25) * DT)
@@ -61,8 +72,8 @@ def radius_of(matrix):
 
 @pytest.mark.parametrize("index", range(len(OPTIONS)))
 def test_margins_are_where_the_closed_loop_becomes_unstable(index):
-    """The largest eigenvalue of the closed loop crosses 1 between 0.5 % below and above each margin: the grid of the
-    frequencies is far finer (4,000 points over four decades: 0.2 %).
+    """The largest eigenvalue of the closed loop crosses 1 between 0.5 % below and above each
+    margin: the grid of the frequencies is far finer (4,000 points over four decades: 0.2 %).
     """
     law, result = ComputedTorque(ARM, RIG, **OPTIONS[index]), found(index)
     A, B, C = SampledLoops(law.arm, RIG, law, POSE).matrices()
@@ -73,7 +84,11 @@ def test_margins_are_where_the_closed_loop_becomes_unstable(index):
         def radius(factor, a=a, b=b, c=c):
             return radius_of(a + factor * b @ c)
 
-        up, down, phase = result.gain_up[joint], result.gain_down[joint], np.deg2rad(result.phase[joint])
+        up, down, phase = (
+            result.gain_up[joint],
+            result.gain_down[joint],
+            np.deg2rad(result.phase[joint]),
+        )
         assert radius(0.995 * up) < 1 < radius(1.005 * up)
         assert radius(1.005 * down) < 1 < radius(0.995 * down)
         assert radius(np.exp(-0.995j * phase)) < 1 < radius(np.exp(-1.005j * phase))
@@ -89,11 +104,12 @@ def test_margins_are_where_the_closed_loop_becomes_unstable(index):
 
 @pytest.mark.parametrize(("factor", "grows"), [(0.9, False), (1.07, True)])
 def test_the_simulation_agrees_on_the_gain_margin(factor, grows):
-    """The model too heavy by the margin, both joints at once: their loops are nearly one. No limit, no rounding.
+    """The model too heavy by the margin, both joints at once: their loops are nearly one. No limit,
+    no rounding.
 
-    At 10 % below the margin of one joint alone the mode at 89 Hz decays with 9 1/s, at 7 % above it grows with 19 1/s,
-    as its pole says within 2 1/s: the peaks of 50 samples hold five periods of it, and some of the other joint's mode,
-    which decays 16 1/s sooner.
+    At 10 % below the margin of one joint alone the mode at 89 Hz decays with 9 1/s, at 7 % above it
+    grows with 19 1/s, as its pole says within 2 1/s: the peaks of 50 samples hold five periods of
+    it, and some of the other joint's mode, which decays 16 1/s sooner.
     """
     rig = rig_with(viscous=(0.0, 0.0), coulomb=(0.0, 0.0), current_limit=(np.inf, np.inf))
     rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
@@ -103,7 +119,9 @@ def test_the_simulation_agrees_on_the_gain_margin(factor, grows):
     assert margins(ARM, rig, law, pose=POSE).stable != grows
     A, B, C = SampledLoops(ARM, rig, law, POSE).matrices()
     poles = np.abs(np.linalg.eigvals(A + B @ C))
-    expected = np.log(poles[~np.isclose(poles, np.exp(-DT / _REMEMBERED), rtol=0, atol=1e-9)].max()) / DT
+    expected = (
+        np.log(poles[~np.isclose(poles, np.exp(-DT / _REMEMBERED), rtol=0, atol=1e-9)].max()) / DT
+    )
     assert (expected > 5) if grows else (expected < -5)
     hold = PointToPoint(start=POSE, goal=POSE, duration=0.4)
     error = simulate(ARM, rig, law, hold, initial=[np.add(POSE, 1e-6), (0, 0)]).error_pulses
@@ -133,7 +151,9 @@ def test_the_arm_may_be_an_identification_or_that_of_the_law():
     record = simulate(ARM, RIG, puma560.p_law(), puma560.reference(), duration=0.5)
     known, law = identify(ARM.dynamics, record, seed=1, progress=False), ComputedTorque(ARM, RIG)
     for arm, same in ((known, known.arm), (None, ARM)):
-        np.testing.assert_array_equal(margins(arm, RIG, law).response, margins(same, RIG, law).response)
+        np.testing.assert_array_equal(
+            margins(arm, RIG, law).response, margins(same, RIG, law).response
+        )
         z = np.exp(1j * np.geomspace(0.01, 1, 5))
         np.testing.assert_array_equal(error_loop(arm, RIG, law)(z), error_loop(same, RIG, law)(z))
 
@@ -145,12 +165,18 @@ def test_table_and_figure_show_each_joint():
     assert f"{found(0).phase[1]:.1f}" in text[2]
     assert text[1].startswith("joint 2 (q[0])  ")
     assert len(set(map(len, text))) == 1
-    assert [axis.get_ylabel() for axis in found(0).plot()] == ["loop gain [dB]", "phase [°]", "sensitivity [dB]"]
+    assert [axis.get_ylabel() for axis in found(0).plot()] == [
+        "loop gain [dB]",
+        "phase [°]",
+        "sensitivity [dB]",
+    ]
 
 
 @part
 class Remembering(ComputedTorque):
-    """Computed torque that keeps a number for ever, as an adaptive law at rest keeps its parameters."""
+    """Computed torque that keeps a number for ever, as an adaptive law at rest keeps its
+    parameters.
+    """
 
     def initial_state(self, n):
         return np.append(0.7, super().initial_state(n))
@@ -178,7 +204,9 @@ class Sagging(StatelessLaw):
 
 
 def test_an_arm_is_linearised_where_it_hangs():
-    """At rest the spring carries the weight; the stiffness of gravity there is in the loop: L(1) = stiffness / it."""
+    """At rest the spring carries the weight; the stiffness of gravity there is in the loop: L(1)
+    = stiffness / it.
+    """
     law = Sagging(stiffness=(4e3, 3e3), period=DT)
     from plant.analysis.sampled_loops import held
     from plant.machine.rig import smooth_rig
@@ -194,13 +222,19 @@ def test_an_arm_is_linearised_where_it_hangs():
     ("call", "said"),
     [
         (lambda law: margins(ARM, RIG, puma560.p_law()), "law must have a period; P has none"),
-        (lambda law: margins(None, RIG, Sagging(stiffness=(1, 1), period=DT)), "arm must be of type Arm"),
+        (
+            lambda law: margins(None, RIG, Sagging(stiffness=(1, 1), period=DT)),
+            "arm must be of type Arm",
+        ),
         (lambda law: margins(ARM, ARM, law), "rig must be of type Rig"),
         (lambda law: margins(ARM, RIG, law, pose=(0,)), "pose must have shape"),
         (lambda law: margins(ARM, RIG, law, posee=(0, 0)), "Did you mean 'pose'"),
         (lambda law: error_loop(None, RIG, law, joints=1), "Did you mean 'joint'"),
         (lambda law: margins(RIG, RIG, law), "arm must be of type Arm; got a value of type Rig"),
-        (lambda law: error_loop(None, RIG, law, joint=2), "joint must be a whole number from 0 to 1; got 2"),
+        (
+            lambda law: error_loop(None, RIG, law, joint=2),
+            "joint must be a whole number from 0 to 1; got 2",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):

@@ -1,4 +1,6 @@
-"""Tuning: a law that holds on plants that the search has not seen, and is quieter than what else holds."""
+"""Tuning: a law that holds on plants that the search has not seen, and is quieter than what else
+holds.
+"""
 
 import dataclasses
 
@@ -30,7 +32,9 @@ def tuning():
 
 def test_the_law_holds_on_plants_of_its_own(tuning):
     assert tuning.holds
-    fresh = certify(ARM, RIG, tuning.law, PATH, **with_uncertainty(**STATED, samples=200, seed=77, duration=0.4))
+    fresh = certify(
+        ARM, RIG, tuning.law, PATH, **with_uncertainty(**STATED, samples=200, seed=77, duration=0.4)
+    )
     assert fresh.failures <= 2
     assert tuning.certificate.law is tuning.law
     assert tuning.certificate.settings["after"] == 0.02
@@ -41,7 +45,8 @@ def test_it_is_the_quietest_of_those_that_hold(tuning):
     holding = [trial for trial in tuning.trials if trial.left == 0]
     assert min(holding, key=lambda trial: trial.noise).law is tuning.law
     assert len(tuning.trials) == 3
-    # What an observer does on such gears is known: none of its tunings holds, and the table says so.
+    # What an observer does on such gears is known: none of its tunings holds, and the table says
+    # so.
     observer = next(trial for trial in tuning.trials if isinstance(trial.law, ComputedTorque))
     assert observer.left > 20
     families_said = [trial.family for trial in tuning.trials]
@@ -55,7 +60,10 @@ def test_same_seed_same_law_whatever_the_threads(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
-    one, two = (tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, threads=threads)) for threads in (1, 2))
+    one, two = (
+        tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, threads=threads))
+        for threads in (1, 2)
+    )
     assert one.trials[0].numbers == two.trials[0].numbers
     np.testing.assert_array_equal(one.trials[0].chatter, two.trials[0].chatter)
 
@@ -83,11 +91,19 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
 def test_tunings_lose_counts_as_certified_loops_do():
     uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], dropped=0.05)
     plants, family = draw(uncertainty, ARM, RIG, 16, 5, START), families(ARM, ARM, RIG, PATH)[0]
-    tunings = Tunings(family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1}, scale=np.ones(2),
-                      by={"threads": 1})  # fmt: skip
+    tunings = Tunings(
+        family=family,
+        plants=plants,
+        motions=((PATH, 0.2),),
+        options={"within": 1},
+        scale=np.ones(2),
+        by={"threads": 1},
+    )
     values = np.array([list(family.known[0].values())])
     runs, _ = tunings.runs(values, plants.numbers()[1], 8)
-    alone = plants.under(family.tuned(values[0]), PATH, duration=0.2, within=1, steps_per_sample=8).run(threads=1)
+    alone = plants.under(
+        family.tuned(values[0]), PATH, duration=0.2, within=1, steps_per_sample=8
+    ).run(threads=1)
     np.testing.assert_array_equal(runs.lost, alone.lost)
     np.testing.assert_array_equal(runs.peak, alone.peak)
     assert runs.lost.sum() > 100
@@ -101,7 +117,9 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     monkeypatch.setattr(
         Tunings,
         "costs",
-        lambda self, values, plants, aim: seen.append(len(plants)) or original(self, values, plants, aim),
+        lambda self, values, plants, aim: (
+            seen.append(len(plants)) or original(self, values, plants, aim)
+        ),
     )
     family = families(ARM, ARM, RIG, PATH)[2]
     uncertainty = Uncertainty(friction=0.2, covariance=STATED["covariance"], resonance=(15, 80))
@@ -121,9 +139,17 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     monkeypatch.setattr("ctc.tuning.search._GAIN", 1.0)
     searches = []
     original = Tunings._searched
-    monkeypatch.setattr(Tunings, "_searched", lambda self, *some: searches.append(some) or original(self, *some))
+    monkeypatch.setattr(
+        Tunings, "_searched", lambda self, *some: searches.append(some) or original(self, *some)
+    )
     family = families(ARM, ARM, RIG, PATH)[1]
-    noisy = {"bandwidth": 200.0, "ratio": 1.5, "integral": 20.0, "roll_off": 3000.0, "roll_off_damping": 0.8}
+    noisy = {
+        "bandwidth": 200.0,
+        "ratio": 1.5,
+        "integral": 20.0,
+        "roll_off": 3000.0,
+        "roll_off_damping": 0.8,
+    }
     family = dataclasses.replace(family, known=[noisy])
     uncertainty = Uncertainty(friction=0.03, covariance=STATED["covariance"], resonance=(40, 60))
     plants = draw(uncertainty, ARM, RIG, 30, 5, START)
@@ -140,8 +166,12 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     assert longer.noise <= first.noise
     assert len(searches) - often < often
 
-    strict, searches[:] = dataclasses.replace(tunings, options=tunings.options | {"within": 0.01}), []
-    strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)  # another holds with far less chatter
+    strict, searches[:] = (
+        dataclasses.replace(tunings, options=tunings.options | {"within": 0.01}),
+        [],
+    )
+    # another holds with far less chatter
+    strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)
     assert not searches
     monkeypatch.setattr("ctc.tuning.search._LOUDER", np.inf)
     strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)
@@ -153,9 +183,15 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 100)
     monkeypatch.setattr("ctc.tuning.tune._MORE", 10)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
-    found = tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 0.2}, **SHORT, allowed=0.2))
+    found = tune(
+        ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 0.2}, **SHORT, allowed=0.2)
+    )
     (trial,) = found.trials
-    assert clopper_pearson(trial.allowed, 100, 0.9)[1] <= 0.2 < clopper_pearson(trial.allowed + 1, 100, 0.9)[1]
+    assert (
+        clopper_pearson(trial.allowed, 100, 0.9)[1]
+        <= 0.2
+        < clopper_pearson(trial.allowed + 1, 100, 0.9)[1]
+    )
     assert found.holds == (trial.left <= trial.allowed)
     lost = dataclasses.replace(trial, left=trial.allowed + 2)
     assert lost.rank[0] == 2 / 100
@@ -165,7 +201,9 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
 def test_where_nothing_holds_it_says_so(monkeypatch):
     monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
     monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
-    found = tune(ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 1.0}, **SHORT, within=0.1))
+    found = tune(
+        ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 1.0}, **SHORT, within=0.1)
+    )
     assert not found.holds
     text = " ".join(str(found).split())
     assert "No controller keeps the limit on all samples" in text

@@ -21,7 +21,9 @@ TIP = (0.0, -0.43, 0.0)
 @functools.cache
 def run():
     path = PointToPoint(start=(0.2, -0.3), goal=(-0.6, 0.9), duration=0.42)
-    return evaluate(puma560.arm(), puma560.rig(), puma560.p_law(), path, backend="numba", steps_per_sample=4)
+    return evaluate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), path, backend="numba", steps_per_sample=4
+    )
 
 
 def end_point(chain, q, tip):
@@ -53,19 +55,24 @@ def test_the_drawn_end_point_is_pinocchios(seed):
     q = random.uniform(-np.pi, np.pi, 2)
     drawn = links(plot_arm(puma560.arm(), q, tip=TIP))
     assert drawn.shape == (2, 4)
-    np.testing.assert_allclose(drawn[:, -1], end_point(puma560.dynamics().chain, q, TIP)[[0, 2]], atol=1e-12)
+    np.testing.assert_allclose(
+        drawn[:, -1], end_point(puma560.dynamics().chain, q, TIP)[[0, 2]], atol=1e-12
+    )
     matplotlib.pyplot.close("all")
 
 
 def test_without_a_tip_the_last_link_ends_twice_as_far_as_its_centre_of_mass():
     dynamics = Dynamics.from_chain(planar(2, length=0.4))
     drawn = links(plot_arm(dynamics.arm(dynamics.f()), (np.pi / 2, -np.pi / 2)))
-    np.testing.assert_allclose(drawn, [[0, 0, 0, 0.4], [0, 0, 0.4, 0.4]], atol=1e-12)  # up, then to the right
+    # up, then to the right
+    np.testing.assert_allclose(drawn, [[0, 0, 0, 0.4], [0, 0, 0.4, 0.4]], atol=1e-12)
     matplotlib.pyplot.close("all")
 
 
 def test_every_picture_shows_the_arm_and_its_error_at_that_time(tmp_path, monkeypatch):
-    """0.42 s at a fifth of the speed and 10 pictures a second: one every 20 ms, 21, and the last sample."""
+    """0.42 s at a fifth of the speed and 10 pictures a second: one every 20 ms, 21, and the last
+    sample.
+    """
     image = pytest.importorskip("PIL.Image")
     from matplotlib.animation import PillowWriter
 
@@ -73,7 +80,9 @@ def test_every_picture_shows_the_arm_and_its_error_at_that_time(tmp_path, monkey
 
     def look(writer, **options):
         arm, *errors = writer.fig.axes
-        seen.append((links(arm)[:, -1], [axis.get_lines()[1].get_xydata().copy() for axis in errors]))
+        seen.append(
+            (links(arm)[:, -1], [axis.get_lines()[1].get_xydata().copy() for axis in errors])
+        )
         grab(writer, **options)
 
     monkeypatch.setattr(PillowWriter, "grab_frame", look)
@@ -103,7 +112,8 @@ def test_the_phase_plot_has_the_rate_of_the_error():
     for joint, axis in enumerate(axes):
         error, rate = axis.get_lines()[0].get_data()
         np.testing.assert_array_equal(error, run().true_error_pulses[:, joint])
-        # The trapezoidal rule over all of it; the ends differ by what two central differences smooth.
+        # The trapezoidal rule over all of it; the ends differ by what two central differences
+        # smooth.
         moved = np.sum((rate[1:] + rate[:-1]) / 2) * h
         np.testing.assert_allclose(moved, error[-1] - error[0], atol=2 * np.abs(rate).max() * h)
         assert np.abs(rate).max() > 100
@@ -123,12 +133,27 @@ def test_the_limit_of_the_amplifier_is_beside_the_torque():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda file: animate(run(), file, arm=puma560.arm()), "tip must be given, as no body says where link 3 ends"),
-        (lambda file: animate(run(), file, arm=puma560.arm(), tip=(0, 1)), r"tip must have shape \(3,\)"),
-        (lambda file: animate(run(), file, arm=puma560.arm(), tip=TIP, fps=100), "fps must be 50 at most"),
-        (lambda file: animate(run(), file, arm=puma560.arm(), tip=TIP, speed=0), "speed must be a positive number"),
+        (
+            lambda file: animate(run(), file, arm=puma560.arm()),
+            "tip must be given, as no body says where link 3 ends",
+        ),
+        (
+            lambda file: animate(run(), file, arm=puma560.arm(), tip=(0, 1)),
+            r"tip must have shape \(3,\)",
+        ),
+        (
+            lambda file: animate(run(), file, arm=puma560.arm(), tip=TIP, fps=100),
+            "fps must be 50 at most",
+        ),
+        (
+            lambda file: animate(run(), file, arm=puma560.arm(), tip=TIP, speed=0),
+            "speed must be a positive number",
+        ),
         (lambda file: animate(run(), file, arm=puma560.rig(), tip=TIP), "arm must be of type Arm"),
-        (lambda file: animate(run().record, file, arm=puma560.arm()), "evaluation must be of type Evaluation"),
+        (
+            lambda file: animate(run().record, file, arm=puma560.arm()),
+            "evaluation must be of type Evaluation",
+        ),
         (lambda file: animate(run(), file), "missing a required argument: 'arm'"),
         (lambda file: plot_arm(puma560.arm(), (0, 0, 0), tip=TIP), r"q must have shape \(2,\)"),
     ],

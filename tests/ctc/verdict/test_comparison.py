@@ -1,4 +1,6 @@
-"""Comparison of laws: a row per law with the numbers of its evaluation, one that diverges, and the figure."""
+"""Comparison of laws: a row per law with the numbers of its evaluation, one that diverges, and
+the figure.
+"""
 
 import dataclasses
 from functools import cache
@@ -12,8 +14,14 @@ from plant import puma560
 from plant.simulation.logged_run import DivergenceError
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
-UNLIMITED = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf)))
-LAWS = {"P": puma560.p_law(), "wild": puma560.p_law((1e5, 1e5)), "computed torque": ComputedTorque(ARM, UNLIMITED)}
+UNLIMITED = dataclasses.replace(
+    RIG, drive=dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
+)
+LAWS = {
+    "P": puma560.p_law(),
+    "wild": puma560.p_law((1e5, 1e5)),
+    "computed torque": ComputedTorque(ARM, UNLIMITED),
+}
 
 
 @cache
@@ -26,12 +34,17 @@ def test_every_row_holds_the_numbers_of_its_evaluation():
     assert isinstance(got, Comparison)
     assert list(got.evaluations) == ["P", "computed torque"]
     verdict, *lines = str(got).splitlines()
-    blank, legend = lines.index(""), next(i for i, line in enumerate(lines) if line.startswith("wild"))
+    blank, legend = (
+        lines.index(""),
+        next(i for i, line in enumerate(lines) if line.startswith("wild")),
+    )
     for half in (lines[:blank], lines[blank + 1 : legend]):
         assert half[0].split()[0] == "law"
         assert len(set(map(len, half))) == 1
-    rows = [f"{row} {lines[blank + 2 + i].removeprefix(name)}"
-            for i, (name, row) in enumerate(zip(got.evaluations, lines[1:blank], strict=True))]  # fmt: skip
+    rows = [
+        f"{row} {lines[blank + 2 + i].removeprefix(name)}"
+        for i, (name, row) in enumerate(zip(got.evaluations, lines[1:blank], strict=True))
+    ]
     assert verdict == "1 of 3 controllers within ±1 pulse at every sample: computed torque"
     assert "a / b: joint 2 (q[0]), joint 3 (q[1])" in lines
     assert any(line.startswith("rigid gears assumed") for line in lines)
@@ -55,7 +68,10 @@ def test_columns_stay_apart_however_many_the_joints():
     """Every cell of every row is set off by two blanks, and rows have one length."""
     one = next(iter(compared().evaluations.values()))
     record = one.record
-    wide = {name: np.hstack([getattr(record, name)] * 4) * 1000 for name in ("error_pulses", "torque", "current")}
+    wide = {
+        name: np.hstack([getattr(record, name)] * 4) * 1000
+        for name in ("error_pulses", "torque", "current")
+    }
 
     class Many:
         joint_labels = tuple(f"joint {i + 1} (q[{i}])" for i in range(8))
@@ -85,7 +101,9 @@ def test_a_table_of_divergences_alone():
     got = compare(ARM, UNLIMITED, {"wild": LAWS["wild"]}, PATH, duration=0.1)
     assert str(got).splitlines()[0] == "0 of 1 controllers within ±1 pulse at every sample"
     assert " ".join(str(got).split()).endswith(f"wild: {got.diverged['wild']}")
-    with pytest.raises(ValueError, match="evaluations must be a dict, one per controller; got none"):
+    with pytest.raises(
+        ValueError, match="evaluations must be a dict, one per controller; got none"
+    ):
         got.plot()
 
 
@@ -94,7 +112,9 @@ def test_the_figure_draws_every_error(count):
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
     law = LAWS["P"]
-    got = compare(ARM, RIG, {f"P{i}": law for i in range(count)}, PATH, duration=0.1, steps_per_sample=4)
+    got = compare(
+        ARM, RIG, {f"P{i}": law for i in range(count)}, PATH, duration=0.1, steps_per_sample=4
+    )
     axes = got.plot()
     figure = axes[0, 0].figure
     width, height = figure.get_size_inches()
@@ -104,7 +124,10 @@ def test_the_figure_draws_every_error(count):
         assert len(at) == 1, name
         drawn = [line.get_ydata() for axis in figure.axes for line in axis.get_lines()]
         for joint in range(2):
-            assert sum(np.array_equal(y, evaluation.record.error_pulses[:, joint]) for y in drawn) == count, i
+            assert (
+                sum(np.array_equal(y, evaluation.record.error_pulses[:, joint]) for y in drawn)
+                == count
+            ), i
     matplotlib.pyplot.close("all")
 
 
@@ -114,7 +137,10 @@ def test_the_figure_draws_every_error(count):
         (lambda: compare(ARM, RIG, {}, PATH), "laws must be a dict of name -> Law; got {}"),
         (lambda: compare(ARM, RIG, [LAWS["P"]], PATH), "laws must be a dict"),
         (lambda: compare(ARM, RIG, {1: LAWS["P"]}, PATH), "laws must be a dict"),
-        (lambda: compare(ARM, RIG, {"P": 0.2}, PATH), "law 'P' must be of type Law; got a value of type float"),
+        (
+            lambda: compare(ARM, RIG, {"P": 0.2}, PATH),
+            "law 'P' must be of type Law; got a value of type float",
+        ),
         (lambda: compare(RIG, ARM, LAWS, PATH), "arm must be of type Arm"),
         (lambda: compare(ARM, RIG, LAWS, PATH, backend="nunba"), "Did you mean 'numba'"),
         (lambda: compare(ARM, RIG, LAWS, PATH, durations=1), "Did you mean 'duration'"),

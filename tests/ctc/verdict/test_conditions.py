@@ -1,4 +1,6 @@
-"""What a verdict does not say of a machine, and says so: starts in motion, unlogged motion, gears no log shows."""
+"""What a verdict does not say of a machine, and says so: starts in motion, unlogged motion,
+gears no log shows.
+"""
 
 import dataclasses
 import json
@@ -30,13 +32,17 @@ def certified(found):
     def certified(path, **options):
         law = ComputedTorque(found)
         return certify(
-            found, found.rig, law, path, **with_uncertainty(samples=8, duration=1.2, progress=False, **options)
+            found,
+            found.rig,
+            law,
+            path,
+            **with_uncertainty(samples=8, duration=1.2, progress=False, **options),
         )
 
     return certified
 
 
-# -- a path that begins in motion -----------------------------------------------------------------------------------
+# -- a path that begins in motion ----------------------------------------------------------------
 def test_an_arm_that_stands_on_a_moving_path_is_simulated():
     moving = evaluate(ARM, RIG, LAW, UNDER_WAY, duration=0.8)
     start = np.array([UNDER_WAY(np.zeros(1)).q[0], np.zeros(2)])
@@ -65,7 +71,9 @@ def test_a_run_from_rest_has_nothing_to_say(options):
 
 
 def test_a_slow_start_within_a_pulse_is_none():
-    creeping = Harmonics(period=50.0, offset=(0.0, 0.0), cosine=((0.0,), (0.0,)), sine=((1e-3,), (0.0,)))
+    creeping = Harmonics(
+        period=50.0, offset=(0.0, 0.0), cosine=((0.0,), (0.0,)), sine=((1e-3,), (0.0,))
+    )
     assert evaluate(ARM, RIG, LAW, creeping, duration=0.3).from_rest is None
 
 
@@ -85,7 +93,7 @@ def test_a_certificate_says_it_in_its_verdict(certified):
     assert "in motion" not in certified(PATH).verdict
 
 
-# -- a law that cannot start ----------------------------------------------------------------------------------------
+# -- a law that cannot start ---------------------------------------------------------------------
 @pytest.mark.parametrize("bandwidth", [15, 150])
 def test_what_start_refuses_is_said(bandwidth):
     soft = Elasticity.from_resonance(ARM, 60, 0.02, drive=RIG.drive)
@@ -101,7 +109,7 @@ def test_what_start_refuses_is_said(bandwidth):
     assert evaluate(ARM, RIG, P(gain=(0.11, 0.17)), PATH, duration=0.05).refused is None
 
 
-# -- what the log shows ---------------------------------------------------------------------------------------------
+# -- what the log shows --------------------------------------------------------------------------
 def test_a_path_that_leaves_the_log_is_named(found, certified):
     wide = Harmonics(period=1.2, offset=(0.3, 0.8), cosine=((-0.3,), (0.0,)), sine=((0.0,), (0.0,)))
     certificate = certified(wide)
@@ -121,7 +129,10 @@ def test_gears_that_the_log_would_have_shown_are_named(certified, share):
     plain = certified(PATH)
     shown = plain.seen.resonance
     stated = " ".join(str(certified(PATH, resonance=(share * shown, 4 * shown))).split())
-    said = f"gears that resonate below {shown:.3g} Hz would have shown in the log, and did not: those sampled from"
+    said = (
+        f"gears that resonate below {shown:.3g} Hz would have shown in the log, and did not: those"
+        " sampled from"
+    )
     assert (said in stated) == ("would have shown" in stated) == (share < 1)
     assert "leaves the log" not in str(plain)
 
@@ -130,20 +141,36 @@ def test_the_log_is_held_against_the_gears_of_the_verdict(found, certified):
     certificate = certified(PATH)
     shown, lowest = certificate.seen.resonance, certificate.lowest_resonance
     assert 30 < shown < lowest < 500
-    wanted = f"not those from {shown:.3g} to {lowest:.3g} Hz: certify with resonance=({shown:.3g}, {lowest:.3g})."
+    wanted = (
+        f"not those from {shown:.3g} to {lowest:.3g} Hz: certify with resonance=({shown:.3g},"
+        f" {lowest:.3g})."
+    )
     assert wanted in certificate.verdict
-    compliance = next(sign for sign in found.diagnostics.detection.signs if sign.name == "compliance")
+    compliance = next(
+        sign for sign in found.diagnostics.detection.signs if sign.name == "compliance"
+    )
     assert shown == pytest.approx(min(value**-0.5 for value in compliance.visible.values()))
-    stiff = dataclasses.replace(certificate, seen=dataclasses.replace(certificate.seen, resonance=600.0))
+    stiff = dataclasses.replace(
+        certificate, seen=dataclasses.replace(certificate.seen, resonance=600.0)
+    )
     assert "below 600 Hz would have shown in the log." in stiff.verdict
-    none = dataclasses.replace(certificate, seen=dataclasses.replace(certificate.seen, resonance=None))
+    none = dataclasses.replace(
+        certificate, seen=dataclasses.replace(certificate.seen, resonance=None)
+    )
     assert "log" not in none.verdict
 
 
 def test_an_arm_alone_has_no_log():
     covariance = np.diag((0.01 * ARM.f) ** 2)
     certificate = certify(
-        ARM, RIG, LAW, PATH, Uncertainty(covariance=covariance), samples=8, duration=0.1, progress=False
+        ARM,
+        RIG,
+        LAW,
+        PATH,
+        Uncertainty(covariance=covariance),
+        samples=8,
+        duration=0.1,
+        progress=False,
     )
     assert certificate.seen is None
     assert "log" not in certificate.verdict
@@ -151,9 +178,13 @@ def test_an_arm_alone_has_no_log():
 
 @pytest.mark.slow
 def test_samples_show_nothing_above_half_their_rate():
-    """A log of known torques at 1 kHz of fine encoders, in which the innovations alone would show 1 kHz."""
+    """A log of known torques at 1 kHz of fine encoders, in which the innovations alone would
+    show 1 kHz.
+    """
     rig = dataclasses.replace(
-        RIG, period=1e-3, encoder=dataclasses.replace(RIG.encoder, resolution=RIG.encoder.resolution * 8)
+        RIG,
+        period=1e-3,
+        encoder=dataclasses.replace(RIG.encoder, resolution=RIG.encoder.resolution * 8),
     )
     law = PD(gain=(0.02, 0.015), derivative=(5e-5, 4e-5), filter=2000.0, period=1e-3)
     found = identify(ARM.dynamics, simulate(ARM, rig, law, PATH), progress=False)
@@ -175,11 +206,14 @@ def test_a_file_from_before_is_read(certified, tmp_path):
         Certificate.load(path)
 
 
-# -- what was stated in another unit --------------------------------------------------------------------------------
+# -- what was stated in another unit -------------------------------------------------------------
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"resonance": (0.04, 0.12)}, r"resonance must be 1 Hz or more; got 0\.04\. .* is it in kHz\?"),
+        (
+            {"resonance": (0.04, 0.12)},
+            r"resonance must be 1 Hz or more; got 0\.04\. .* is it in kHz\?",
+        ),
         ({"friction": 10}, r"friction must be a share from 0 to 1; got 10\.0\. 0\.1 is 10 %\."),
     ],
 )
@@ -209,29 +243,61 @@ def test_a_rig_whose_gear_turns_the_other_way_is_refused():
 
 
 def test_how_well_f_is_known_decides(certified, found):
-    """Told where plants leave and f explains most of it, and not where friction does; else another law may hold."""
+    """Told where plants leave and f explains most of it, and not where friction does; else
+    another law may hold.
+    """
     stated = Uncertainty(friction=0.0, phase=False, covariance=np.diag((0.3 * found.f) ** 2))
-    vague = certify(found, found.rig, ComputedTorque(found), PATH, stated, samples=64, duration=1.2, progress=False)
+    vague = certify(
+        found,
+        found.rig,
+        ComputedTorque(found),
+        PATH,
+        stated,
+        samples=64,
+        duration=1.2,
+        progress=False,
+    )
     assert vague.failures
     assert "how well f is known decides" in str(vague)
     vague.__dict__["friction_known"] = 0.1  # where that helps it is said first
     assert "known as this log would identify it, 10 % of the first" in " ".join(str(vague).split())
     assert "decides" not in str(certified(PATH))
     with_zeros = certify(
-        found, found.rig, ComputedTorque(found), PATH, samples=16, duration=0.2, within=0, progress=False
+        found,
+        found.rig,
+        ComputedTorque(found),
+        PATH,
+        samples=16,
+        duration=0.2,
+        within=0,
+        progress=False,
     )
     assert with_zeros.failures == 16
     assert "another controller may hold: tune" in str(with_zeros)
 
 
 def test_friction_that_comes_first_is_to_be_identified(found):
-    """Also where few samples exceed the limit: with the share that would, and not that another law may hold."""
+    """Also where few samples exceed the limit: with the share that would, and not that another
+    law may hold.
+    """
     stated = Uncertainty(friction=0.3)
-    rubs = certify(found, found.rig, ComputedTorque(found), PATH, stated, samples=256, duration=1.2, progress=False)
+    rubs = certify(
+        found,
+        found.rig,
+        ComputedTorque(found),
+        PATH,
+        stated,
+        samples=256,
+        duration=1.2,
+        progress=False,
+    )
     assert rubs.sensitivities[0].name == "drive.coulomb[1]"
     assert 0 < rubs.probability < 0.5
     assert rubs.friction_known == 0
     said = " ".join(str(rubs).split())
-    assert "friction decides: known as this log would identify it, 0 % of the first samples exceed the limit" in said
+    assert (
+        "friction decides: known as this log would identify it, 0 % of the first samples exceed the"
+        " limit" in said
+    )
     assert 'identify(..., unknown="friction")' in said
     assert "another controller" not in said

@@ -1,4 +1,6 @@
-"""Jackknife over groups: against its closed form for a mean, and how often its intervals hold the truth."""
+"""Jackknife over groups: against its closed form for a mean, and how often its intervals hold
+the truth.
+"""
 
 import numpy as np
 
@@ -16,7 +18,9 @@ def test_of_a_mean_it_is_students_interval():
 
 
 def test_intervals_hold_where_residuals_of_a_group_are_one_error():
-    """Ten groups with an error of their own each: 95 % by groups, far less by independent residuals."""
+    """Ten groups with an error of their own each: 95 % by groups, far less by independent
+    residuals.
+    """
     random, groups, held, taken = np.random.default_rng(1), np.repeat(np.arange(10), 20), 0, 0
     rows = np.column_stack([np.ones(200), np.linspace(-1, 1, 200)])
     for _ in range(400):

@@ -1,4 +1,6 @@
-"""Friction that is simulated and not modelled is named by its kind and its level; friction that is modelled, none."""
+"""Friction that is simulated and not modelled is named by its kind and its level; friction that
+is modelled, none.
+"""
 
 import dataclasses
 
@@ -28,7 +30,9 @@ def fit(kind, unknown=FRICTION, rig=RIG):
     shaft = COULOMB * np.sign(SHAFT) + RIG.drive.joint_viscous() * SHAFT + KINDS[kind]
     noise = 0.5 * np.random.default_rng(0).normal(size=RIGID.shape)
     torque = RIGID + COUPLING.joint_torque(shaft) + noise
-    return fit_torque(ARM.dynamics, MOTION.q, torque, rig=rig, unknown=(*ARM.dynamics.names, *unknown), band=25.0)
+    return fit_torque(
+        ARM.dynamics, MOTION.q, torque, rig=rig, unknown=(*ARM.dynamics.names, *unknown), band=25.0
+    )
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind])
@@ -83,8 +87,12 @@ def test_joints_have_stribeck_speeds_of_their_own(monkeypatch):
 
 
 def test_what_no_drive_has_is_refused():
-    assert fit("load-dependent").friction[0].drive(RIG.drive).load_friction.share == pytest.approx(0.08, rel=0.1)
-    with pytest.raises(ValueError, match="must be one that a drive has; got saturating viscous friction"):
+    assert fit("load-dependent").friction[0].drive(RIG.drive).load_friction.share == pytest.approx(
+        0.08, rel=0.1
+    )
+    with pytest.raises(
+        ValueError, match="must be one that a drive has; got saturating viscous friction"
+    ):
         fit("saturating viscous").friction[0].drive(RIG.drive)
     stribeck = fit("Stribeck").friction[0]
     with pytest.raises(ValueError, match="one Stribeck speed"):

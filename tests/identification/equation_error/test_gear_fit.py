@@ -1,4 +1,6 @@
-"""The torque equation behind elastic gears: exact motions made backwards, the rigid limit, and a simulated P loop."""
+"""The torque equation behind elastic gears: exact motions made backwards, the rigid limit, and a
+simulated P loop.
+"""
 
 import dataclasses
 
@@ -6,7 +8,13 @@ import numpy as np
 import pytest
 from elastic_motion import STIFFNESS, experiment
 
-from identification.equation_error.gear_fit import _BANDS, _REPLAYED, _band, fit_deflection, fit_gears
+from identification.equation_error.gear_fit import (
+    _BANDS,
+    _REPLAYED,
+    _band,
+    fit_deflection,
+    fit_gears,
+)
 from identification.equation_error.prior import Known
 from identification.equation_error.pulse_fit import mode_in
 from identification.equation_error.regressor import regressor_along
@@ -20,7 +28,9 @@ def made():
 
 
 def test_the_compliances_of_an_exact_motion_are_found_among_others(made):
-    """In the band of the motion; a rigid fit is far off. Coupled shafts: each motor turns several joints."""
+    """In the band of the motion; a rigid fit is far off. Coupled shafts: each motor turns
+    several joints.
+    """
     dynamics, record, f = made
     grid = np.geomspace(1 / 9, 9, 5)[:, None] / STIFFNESS
     fit = fit_gears(dynamics, [record], dynamics.names, Known(), grid)[0]
@@ -31,12 +41,15 @@ def test_the_compliances_of_an_exact_motion_are_found_among_others(made):
 
 def test_two_sensors_show_compliances_and_the_offset_of_their_zeros(made):
     dynamics, record, f = made
-    shifted = dataclasses.replace(record, link_counts=record.link_counts + np.array([30.0, -20.0, 10.0]))
+    shifted = dataclasses.replace(
+        record, link_counts=record.link_counts + np.array([30.0, -20.0, 10.0])
+    )
     for each in (record, shifted):
         seen = fit_deflection(dynamics, [each], dynamics.names, Known())
         np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.005)
         assert np.abs(seen.torque.values - f).max() < 0.015
-    apart = fit_deflection(dynamics, [record, shifted], dynamics.names, Known())  # an offset for each record
+    # an offset for each record
+    apart = fit_deflection(dynamics, [record, shifted], dynamics.names, Known())
     np.testing.assert_allclose(apart.compliance, seen.compliance, rtol=1e-3)
 
 
@@ -51,7 +64,9 @@ def test_springs_on_the_links_are_no_part_of_what_the_gears_wind():
     seen = fit_deflection(dynamics, [record], dynamics.names, Known())
     np.testing.assert_allclose(seen.compliance * STIFFNESS, 1, atol=0.005)
     unknown = (*dynamics.names, "springs.stiffness[1]")
-    other = dataclasses.replace(record.rig, springs=dataclasses.replace(springs, stiffness=(60.0, 0.0, 10.0)))
+    other = dataclasses.replace(
+        record.rig, springs=dataclasses.replace(springs, stiffness=(60.0, 0.0, 10.0))
+    )
     seen = fit_deflection(dynamics, [dataclasses.replace(record, rig=other)], unknown, Known())
     assert seen.torque["springs.stiffness[1]"] == pytest.approx(40.0, abs=0.5)
 
@@ -82,21 +97,33 @@ def test_rotors_turn_with_the_motors_alone(made):
 
 @pytest.mark.parametrize("hz", [25, 60])
 def test_counts_of_a_p_loop_show_its_resonance(hz):
-    """From whole counts of the motors alone, to a place of the grid (a factor of 1.3), and f to a few per cent."""
+    """From whole counts of the motors alone, to a place of the grid (a factor of 1.3), and f to
+    a few per cent.
+    """
     arm, rig = puma560.literature_arm(1.5), puma560.rig()
     elasticity = Elasticity.from_resonance(arm, hz, 0.02, drive=rig.drive)
     elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
-    log = simulate(arm, elastic, puma560.p_law((0.1, 0.08)), puma560.reference(), steps_per_sample=16)
+    log = simulate(
+        arm, elastic, puma560.p_law((0.1, 0.08)), puma560.reference(), steps_per_sample=16
+    )
     record = dataclasses.replace(log, rig=rig)
     grid = 1.3 ** np.arange(-8.0, 9.0, 2)[:, None] / elasticity.stiffness
     fits = fit_gears(arm.dynamics, [record], arm.dynamics.names, Known(), grid)
     best = min(fits, key=lambda fit: np.abs(fit.torque.values - arm.f).max())
     assert len(fits) == 4
-    assert np.median([fit.compliance * elasticity.stiffness for fit in fits], axis=0) == pytest.approx(1, rel=0.75)
-    assert (np.abs(best.torque.values - arm.f) / np.ptp(puma560.PRINTED_RANGES, axis=1)).max() < 0.06
+    assert np.median(
+        [fit.compliance * elasticity.stiffness for fit in fits], axis=0
+    ) == pytest.approx(1, rel=0.75)
+    assert (
+        np.abs(best.torque.values - arm.f) / np.ptp(puma560.PRINTED_RANGES, axis=1)
+    ).max() < 0.06
 
 
 def test_bands_are_fixed_where_the_log_replays_its_torque_and_multiples_of_the_oscillation_elsewhere():
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5
+    )
     assert [_band(record, i) for i in range(4)] == [share * mode_in(record) for share in _BANDS]
-    assert [_band(dataclasses.replace(record, law=LoggedTorque()), i) for i in range(4)] == list(_REPLAYED)
+    assert [_band(dataclasses.replace(record, law=LoggedTorque()), i) for i in range(4)] == list(
+        _REPLAYED
+    )

@@ -1,5 +1,6 @@
-"""Springs and injected torques in the torque equation and in identification: known they cost nothing, linear ones are
-found, and what is left out is said."""
+"""Springs and injected torques in the torque equation and in identification: known they cost
+nothing, linear ones are found, and what is left out is said.
+"""
 
 import dataclasses
 
@@ -14,7 +15,12 @@ from identification.preparation import prepare
 from identification.search.polish import start_of_fit
 from plant import CosineTorque, Counterbalance, Harmonics, JointSpring, puma560, simulate
 
-ARM, RIG, PATH, LAW = puma560.literature_arm(1.5), puma560.rig(), puma560.reference(), puma560.p_law()
+ARM, RIG, PATH, LAW = (
+    puma560.literature_arm(1.5),
+    puma560.rig(),
+    puma560.reference(),
+    puma560.p_law(),
+)
 DYNAMICS = ARM.dynamics
 WIDTH = np.ptp(np.array(puma560.dynamics().ranges), axis=1)
 SPRING = JointSpring(stiffness=(60.0, 25.0), angle=(0.2, -0.4), preload=(0.0, 0.0))
@@ -46,7 +52,7 @@ def sprung():
     return p_loop(ARM, LAW, SPRING)
 
 
-# -- the torque equation --------------------------------------------------------------------------------------------
+# -- the torque equation -------------------------------------------------------------------------
 SMOOTH = without_friction(RIG, viscous=True)
 RICH = Harmonics(  # of one frequency alone, a spring is an inertia
     period=3.65,
@@ -74,12 +80,14 @@ def test_linear_numbers_of_springs_are_found_with_f():
     other = dataclasses.replace(SPRING, stiffness=(1.0, 2.0), preload=(0.0, 3.0))
     options = {"cutoff": 100, "band": 20, "every": 20}
     found = fit_torque(DYNAMICS, q, torque, rig=with_springs(other), unknown=unknown, **options)
-    # A filter at 20 Hz takes 1e-4 of a motion below 1 Hz; f of which the path shows little is worse.
+    # A filter at 20 Hz takes 1e-4 of a motion below 1 Hz; f of which the path shows little is
+    # worse.
     np.testing.assert_allclose([found[name] for name in STIFFNESS], SPRING.stiffness, rtol=2e-3)
     assert abs(found["springs.preload[1]"]) < 0.05  # [N m], of 20
     known = fit_torque(DYNAMICS, q, torque, rig=with_springs(SPRING), **options)
     left = fit_torque(DYNAMICS, q, torque, rig=SMOOTH, **options)
-    assert known.relative_error < 3e-3  # 1e-3 measured: the filters at the ends of a motion that is not at rest there
+    # 1e-3 measured: the filters at the ends of a motion that is not at rest there
+    assert known.relative_error < 3e-3
     assert left.relative_error > 0.01
     assert (np.abs(known.values - ARM.f) / WIDTH).max() < 0.01
     assert (np.abs(left.values - ARM.f) / WIDTH).max() > 1
@@ -89,28 +97,48 @@ def test_numbers_that_are_not_linear_are_refused_and_left_out_where_a_search_fol
     q, torque = exact()
     options = {"cutoff": 100, "band": 20, "every": 20, "rig": SPRUNG}
     with pytest.raises(ValueError, match=r"springs.stiffness\[0\] does not, or not with others"):
-        fit_torque(DYNAMICS, q, torque, unknown=(*DYNAMICS.names, STIFFNESS[0], "springs.angle[0]"), **options)
-    with pytest.raises(ValueError, match=r"names of f, friction and springs.* Did you mean 'springs.stiffness\[0\]'"):
+        fit_torque(
+            DYNAMICS,
+            q,
+            torque,
+            unknown=(*DYNAMICS.names, STIFFNESS[0], "springs.angle[0]"),
+            **options,
+        )
+    with pytest.raises(
+        ValueError,
+        match=r"names of f, friction and springs.* Did you mean 'springs.stiffness\[0\]'",
+    ):
         fit_torque(DYNAMICS, q, torque, unknown=(*DYNAMICS.names, "springs.stifness[0]"), **options)
     coil = Counterbalance(
-        stiffness=(4e3, 1e3), base_arm=(0.3, 0.2), link_arm=(0.1, 0.1), free_length=(0.1, 0.1), angle=(1.0, 0.0),
+        stiffness=(4e3, 1e3),
+        base_arm=(0.3, 0.2),
+        link_arm=(0.1, 0.1),
+        free_length=(0.1, 0.1),
+        angle=(1.0, 0.0),
         tension=(0.0, 5.0),
-    )  # fmt: skip
-    rig = dataclasses.replace(RIG, springs=(coil, CosineTorque(amplitude=(3.0, 2.0), phase=(0.0, 1.0))))
+    )
+    rig = dataclasses.replace(
+        RIG, springs=(coil, CosineTorque(amplitude=(3.0, 2.0), phase=(0.0, 1.0)))
+    )
     own = [name for name in rig.number_names() if name.startswith("springs")]
     known = ("springs[0].stiffness", "springs[0].tension", "springs[1].amplitude")
     assert linear(DYNAMICS, rig, own) == tuple(name for name in own if name.startswith(known))
     assert linear(DYNAMICS, rig, ("springs[1].phase[0]", "springs[1].phase[1]")) == ()
     of_drive = ("drive.gear[0]", "drive.coulomb[1]", *DYNAMICS.names)
     assert linear(DYNAMICS, rig, of_drive) == of_drive[1:]
-    assert linear(DYNAMICS, SPRUNG, ("springs.angle[0]", "springs.stiffness[0]")) == ("springs.angle[0]",)
+    assert linear(DYNAMICS, SPRUNG, ("springs.angle[0]", "springs.stiffness[0]")) == (
+        "springs.angle[0]",
+    )
 
 
-# -- identification, on another engine's arm ------------------------------------------------------------------------
+# -- identification, on another engine's arm -----------------------------------------------------
 @pytest.mark.slow
 def test_a_known_spring_costs_nothing(plain, sprung):
-    known = identify(DYNAMICS, dataclasses.replace(sprung, rig=SPRUNG), method="prediction_error", progress=False)
-    # One log each: their errors scatter by a factor of 2 (tests/benchmarks/known_torques.py has many).
+    known = identify(
+        DYNAMICS, dataclasses.replace(sprung, rig=SPRUNG), method="prediction_error", progress=False
+    )
+    # One log each: their errors scatter by a factor of 2 (tests/benchmarks/known_torques.py has
+    # many).
     assert rms(known) < 3 * rms(plain)
     assert known.fit.rms_innovation < 1.1 * plain.fit.rms_innovation
     left = identify(DYNAMICS, sprung, method="prediction_error", progress=False)
@@ -131,8 +159,12 @@ def test_stiffness_and_angle_are_found_with_f_by_every_method_that_may(sprung):
     assert (found.fit.std[[9, 10]] < (30, 2)).all()  # that of joint 2 is like gravity on this path
     assert abs(found.rig.springs.angle[0] - SPRING.angle[0]) < 3 * found.fit.std[11]
     assert 3 * np.sqrt(found.fit.noise_covariance[11, 11]) < 1.0
-    placed = dataclasses.replace(record, rig=with_springs(dataclasses.replace(start, angle=SPRING.angle), RIG))
-    found = identify(DYNAMICS, placed, unknown=unknown[:-1], method="equation_error", progress=False)
+    placed = dataclasses.replace(
+        record, rig=with_springs(dataclasses.replace(start, angle=SPRING.angle), RIG)
+    )
+    found = identify(
+        DYNAMICS, placed, unknown=unknown[:-1], method="equation_error", progress=False
+    )
     np.testing.assert_allclose(found.rig.springs.stiffness, SPRING.stiffness, atol=5.0)
 
 
@@ -142,7 +174,8 @@ def test_an_injected_torque_that_is_known_costs_nothing(plain):
     record = p_loop(ARM, LAW, injected=pushes(t))
     records = {"known": record, "left out": dataclasses.replace(record, injected=None)}
     found = {
-        name: identify(DYNAMICS, each, method="prediction_error", progress=False) for name, each in records.items()
+        name: identify(DYNAMICS, each, method="prediction_error", progress=False)
+        for name, each in records.items()
     }
     assert rms(found["known"]) < 3 * rms(plain)
     assert relative(found["left out"]).max() > 3 * relative(found["known"]).max()
@@ -151,17 +184,26 @@ def test_an_injected_torque_that_is_known_costs_nothing(plain):
 
 def test_a_search_keeps_stiffness_positive_and_moves_an_angle_that_is_zero():
     record = simulate(ARM, SPRUNG, LAW, PATH, duration=0.3)
-    record = dataclasses.replace(record, rig=with_springs(dataclasses.replace(SPRING, angle=(0.0, -0.4)), RIG))
+    record = dataclasses.replace(
+        record, rig=with_springs(dataclasses.replace(SPRING, angle=(0.0, -0.4)), RIG)
+    )
     unknown = (*DYNAMICS.names, *STIFFNESS, "springs.angle[0]", "springs.preload[0]")
     options = {"steps_per_sample": 4, "sweeps": 3, "threads": 1}
-    problem = prepare(DYNAMICS, record, unknown, None, "prediction_error", None, None, 0, False, options)
+    problem = prepare(
+        DYNAMICS, record, unknown, None, "prediction_error", None, None, 0, False, options
+    )
     low = dict(zip(unknown, problem.bounds[:, 0], strict=True))
     assert low[STIFFNESS[0]] == low[STIFFNESS[1]] == 0.0
     assert np.isinf(low["springs.angle[0]"])
     fit = fit_torque(
-        DYNAMICS, *exact(), rig=with_springs(dataclasses.replace(SPRING, angle=(0.0, -0.4))), cutoff=100, band=20,
-        every=20, unknown=(*DYNAMICS.names, *STIFFNESS),
-    )  # fmt: skip
+        DYNAMICS,
+        *exact(),
+        rig=with_springs(dataclasses.replace(SPRING, angle=(0.0, -0.4))),
+        cutoff=100,
+        band=20,
+        every=20,
+        unknown=(*DYNAMICS.names, *STIFFNESS),
+    )
     values, step = start_of_fit(problem, fit)
     place = unknown.index("springs.angle[0]")
     assert values[place] == 0.0

@@ -19,11 +19,18 @@ def doubled(chain):
         return dataclasses.replace(given, position=2 * np.array(given.position))
 
     links = [
-        dataclasses.replace(link, a=2 * link.a, d=2 * link.d, before=place(link.before), frame=place(link.frame))
+        dataclasses.replace(
+            link, a=2 * link.a, d=2 * link.d, before=place(link.before), frame=place(link.frame)
+        )
         for link in chain.links
     ]
     bodies = [
-        Body(mass=body.mass, com=2 * np.array(body.com), inertia=4 * np.array(body.inertia), rotor=4 * body.rotor)
+        Body(
+            mass=body.mass,
+            com=2 * np.array(body.com),
+            inertia=4 * np.array(body.inertia),
+            rotor=4 * body.rotor,
+        )
         for body in chain.bodies
     ]
     return Chain(links=tuple(links), bodies=tuple(bodies))
@@ -51,7 +58,9 @@ def test_a_sliding_link_has_a_mass():
 
 
 def test_the_papers_parameters_and_numbers_of_rig_and_law():
-    """Eq. (3): f3 and f4 are first moments times a length where they are inertial, f5 and f6 are not."""
+    """Eq. (3): f3 and f4 are first moments times a length where they are inertial, f5 and f6 are
+    not.
+    """
     dynamics, inertia = puma560.dynamics(), ["kg m²"] * 4
     assert units(dynamics, dynamics.names) == (*inertia, "kg m", "kg m", "kg m²", "kg m", "kg m")
     asked = ("drive.viscous[1]", "law.gain[0]", "encoder.resolution[0]")

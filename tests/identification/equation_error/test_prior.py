@@ -1,4 +1,6 @@
-"""A prior of f: its covariance from bodies, and its rows against Bayesian linear regression in closed form."""
+"""A prior of f: its covariance from bodies, and its rows against Bayesian linear regression in
+closed form.
+"""
 
 import dataclasses
 
@@ -21,7 +23,9 @@ BODY = Body(mass=4.0, com=(0.2, 0.05, -0.1), inertia=(0.05, 0.004, -0.002, 0.06,
 def pendulum(body=BODY, frame=None):
     """One link that turns about its z axis, with a rotor; f is mx, my, and Izz with the rotor."""
     link = Link(name="1") if frame is None else Link(name="1", frame=frame)
-    chain = Chain(links=(link,), gravity=(0.0, -9.81, 0.0), bodies=(dataclasses.replace(body, rotor=0.5),))
+    chain = Chain(
+        links=(link,), gravity=(0.0, -9.81, 0.0), bodies=(dataclasses.replace(body, rotor=0.5),)
+    )
     return Dynamics.from_chain(chain)
 
 
@@ -29,24 +33,36 @@ def rig():
     """A rig of one joint."""
     two = puma560.rig()
     drive = two.drive.filled({})
-    one = {name: getattr(drive, name)[:1] for name in
-           ("gear", "motor_inertia", "viscous", "coulomb", "motor_gain", "current_limit")}  # fmt: skip
+    one = {
+        name: getattr(drive, name)[:1]
+        for name in ("gear", "motor_inertia", "viscous", "coulomb", "motor_gain", "current_limit")
+    }
     return Rig(
-        drive=type(drive)(**one), encoder=dataclasses.replace(two.encoder, resolution=two.encoder.resolution[:1]),
+        drive=type(drive)(**one),
+        encoder=dataclasses.replace(two.encoder, resolution=two.encoder.resolution[:1]),
         period=two.period,
-    )  # fmt: skip
+    )
 
 
 def test_spread_of_a_body_in_closed_form():
-    """Every quadratic form of the pseudo-inertia has the relative spread; a rotor likewise, and apart."""
+    """Every quadratic form of the pseudo-inertia has the relative spread; a rotor likewise, and
+    apart.
+    """
     dynamics = pendulum()
-    std = dict(zip(dynamics.names, np.sqrt(np.diag(Prior.of(dynamics, rig(), SPREAD).covariance)), strict=True))
+    std = dict(
+        zip(
+            dynamics.names,
+            np.sqrt(np.diag(Prior.of(dynamics, rig(), SPREAD).covariance)),
+            strict=True,
+        )
+    )
     m, (x, y, _), (xx, *_, yy, _, zz) = BODY.mass, BODY.com, BODY.inertia[[0, 1, 2, 3, 4, 5]]
     about = {"mx": (yy + zz - xx) / 2 + m * x * x, "my": (xx + zz - yy) / 2 + m * y * y}
     for name, first in (("mx", m * x), ("my", m * y)):
         (own,) = [value for each, value in std.items() if each.startswith(name)]
         assert own == pytest.approx(SPREAD * np.sqrt((m * about[name] + first**2) / 2))
-    cross = -BODY.inertia[1] + m * x * y  # Izz is the sum of two second moments: (a + b)^2 - 2 (a b - c^2)
+    # Izz is the sum of two second moments: (a + b)^2 - 2 (a b - c^2)
+    cross = -BODY.inertia[1] + m * x * y
     squares = sum(about.values()) ** 2 - 2 * (about["mx"] * about["my"] - cross**2)
     (own,) = [value for each, value in std.items() if "Izz" in each]
     assert own == pytest.approx(SPREAD * np.sqrt(squares + 0.5**2))
@@ -72,7 +88,9 @@ def test_covariance_is_that_of_drawn_bodies():
     for _ in range(4000):
         S = np.tensordot(draw.normal(size=10), symmetric_basis(4), 1)
         pi = from_pseudo_inertia(factor @ (np.eye(4) + 0.02 * S) @ factor.T)
-        body = dataclasses.replace(Body.from_standard_parameters(pi), rotor=0.5 * (1 + 0.02 * draw.normal()))
+        body = dataclasses.replace(
+            Body.from_standard_parameters(pi), rotor=0.5 * (1 + 0.02 * draw.normal())
+        )
         drawn.append(dynamics.f((body,)))
     prior = Prior.of(dynamics, rig(), 0.02)
     assert np.cov(np.array(drawn).T) == pytest.approx(
@@ -86,7 +104,10 @@ def posterior(rows, target, sigma, prior):
     """Mean and covariance of f by Bayes' rule."""
     information = rows.T @ rows / sigma**2 + np.linalg.inv(prior.covariance)
     covariance = np.linalg.inv(information)
-    return covariance @ (rows.T @ target / sigma**2 + np.linalg.solve(prior.covariance, prior.mean)), covariance
+    return (
+        covariance @ (rows.T @ target / sigma**2 + np.linalg.solve(prior.covariance, prior.mean)),
+        covariance,
+    )
 
 
 @pytest.fixture
@@ -102,9 +123,13 @@ def problem():
 def test_torque_equation_is_bayesian_regression(problem):
     dynamics, prior, rows, target = problem
     system = System(
-        regressor=rows[:, None], torque=target[:, None], used=np.ones((400, 1), bool), sample=np.arange(400),
-        period=1.0, speed=np.ones((400, 1)),
-    )  # fmt: skip
+        regressor=rows[:, None],
+        torque=target[:, None],
+        used=np.ones((400, 1), bool),
+        sample=np.arange(400),
+        period=1.0,
+        speed=np.ones((400, 1)),
+    )
     fit = weighted(dynamics, dynamics.names, [system], prior=prior.rows(dynamics.names, {}))
     mean, covariance = posterior(rows, target, fit.sigma[0], prior)
     assert fit.sigma[0] == pytest.approx(0.2, rel=0.1)
@@ -121,14 +146,21 @@ def test_known_parameters_condition_the_prior(problem):
     C, off = prior.covariance, 0.5 - prior.mean[0]
     found = np.linalg.lstsq(rows, target)[0]
     assert found == pytest.approx(prior.mean[1:] + C[1:, 0] / C[0, 0] * off)
-    assert np.linalg.inv(rows.T @ rows) == pytest.approx(C[1:, 1:] - np.outer(C[1:, 0], C[0, 1:]) / C[0, 0])
+    assert np.linalg.inv(rows.T @ rows) == pytest.approx(
+        C[1:, 1:] - np.outer(C[1:, 0], C[0, 1:]) / C[0, 0]
+    )
 
 
 class Linear:
     """A prediction whose innovations are linear in f, as `gauss_newton` takes it."""
 
     def __init__(self, prior, rows, target, sigma):
-        self.unknown, self.prior, self._rows, self._target = prior.names, PriorRows(prior, prior.names), rows, target
+        self.unknown, self.prior, self._rows, self._target = (
+            prior.names,
+            PriorRows(prior, prior.names),
+            rows,
+            target,
+        )
         self.prior.settle(sigma**2)
         self.weights = np.append(np.zeros(self.prior.count), np.ones(len(target)))
         self.scales, self.dependent = np.ones(len(self.weights)), self.prior.own(1e-4)
@@ -177,13 +209,18 @@ def test_joints_in_step():
         (0.3, "prior needs bodies; the chain has none"),
         ((np.ones(8), 0.3), r"f of the prior must have shape \(9,\); got shape \(8,\)"),
         ((np.full(9, np.nan), 0.3), "f of the prior must be finite"),
-        ((np.append(np.ones(8), 0.0), 0.3), "prior must spread every parameter; f9 has no spread of its own"),
+        (
+            (np.append(np.ones(8), 0.0), 0.3),
+            "prior must spread every parameter; f9 has no spread of its own",
+        ),
         (((BODY,), 0.3), "bodies must be 2, one Body per link; got 1"),
         ((BODY, BODY), "spread of the prior must be a positive number"),
     ],
 )
 def test_refusals(given, said):
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5
+    )
     with pytest.raises(ValueError, match=said) as refusal:
         identify(puma560.dynamics(), record, prior=given, progress=False)
     assert "\n" not in str(refusal.value)

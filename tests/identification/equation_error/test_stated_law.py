@@ -1,4 +1,6 @@
-"""A stated law against the torque that was logged: right ones give it, others do not, and it is said."""
+"""A stated law against the torque that was logged: right ones give it, others do not, and it is
+said.
+"""
 
 import dataclasses
 
@@ -40,7 +42,8 @@ def test_where_it_cannot_be_told():
     assert torque_apart(fast) is None
     assert torque_apart(dataclasses.replace(sampled, torque=None, current=None)) is None
     assert torque_apart(dataclasses.replace(sampled, law=LoggedTorque())) is None
-    assert torque_apart(dataclasses.replace(sampled, reference=None)) is None  # its rounding hides the torque
+    # its rounding hides the torque
+    assert torque_apart(dataclasses.replace(sampled, reference=None)) is None
 
 
 def test_an_identification_says_so():
@@ -51,7 +54,8 @@ def test_an_identification_says_so():
     found = identify(ARM.dynamics, wrong, progress=False)
     (said,) = [text for text in found.warnings if "cannot have made" in text]
     assert said.startswith(
-        "the stated P cannot have made the log: along it, it gives another torque than was logged, by"
+        "the stated P cannot have made the log: along it, it gives another torque than was"
+        " logged, by"
     )
     assert said.count("50%") == 2
 
@@ -66,7 +70,9 @@ def lost(record, share=0.01):
 
 
 def test_lost_rows_are_no_other_law():
-    """A law that derives sees counts on straight lines for a while; elsewhere it gives the logged torque."""
+    """A law that derives sees counts on straight lines for a while; elsewhere it gives the
+    logged torque.
+    """
     record = cut(LAWS["PID"])
     assert torque_apart(bridged(lost(record))).max() < 0.01
     every = np.arange(len(record)) % 20 > 0  # nowhere are filters free of bridged counts
@@ -79,9 +85,12 @@ def test_identification_names_late_counts_and_lost_rows_first():
     late[1:, 1] = record.counts[:-1, 1]
     moved = dataclasses.replace(record, error_pulses=record.reference_pulses - late)
     first, *more = identify(ARM.dynamics, moved, progress=False).warnings
-    assert first.startswith(f"the counts of the log are late by samples: +1 of {labels[1]}; in time the stated PID")
+    assert first.startswith(
+        f"the counts of the log are late by samples: +1 of {labels[1]}; in time the stated PID"
+    )
     assert not any("current_lag" in text or "cannot have made" in text for text in more)
-    quick = dataclasses.replace(LAWS["PID"], derivative=(2e-3, 1.5e-3))  # its torque changes from row to row
+    # its torque changes from row to row
+    quick = dataclasses.replace(LAWS["PID"], derivative=(2e-3, 1.5e-3))
     first, *more = identify(ARM.dynamics, lost(cut(quick), 0.05), progress=False).warnings
     assert "rows of the log are lost" in first
     assert not any("cannot have made" in text for text in more)

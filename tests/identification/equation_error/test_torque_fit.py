@@ -1,4 +1,6 @@
-"""Least squares on logged torques: filters against theory, known truths found again, and honest standard deviations."""
+"""Least squares on logged torques: filters against theory, known truths found again, and honest
+standard deviations.
+"""
 
 import dataclasses
 
@@ -17,12 +19,16 @@ FRICTION = ("drive.viscous[0]", "drive.coulomb[1]", "drive.coulomb[2]", "drive.c
 
 
 def experiment(seconds=8.0):
-    """Exact positions and torques of a coupled planar arm with friction; its dynamics, rig and f."""
+    """Exact positions and torques of a coupled planar arm with friction; its dynamics, rig and
+    f.
+    """
     curve = FrictionCurve(offset=(0.01, -0.02, 0.015), breakaway=(0, 0, 0), speed=(1, 1, 1))
     rig = rig_of(coulomb=(0.1, 0.08, 0.05), current_limit=(20.0,) * 3, curve=curve)
     arm = arm_of(rig)
     motion = path_of(4.0)(np.arange(0, seconds, PERIOD))
-    torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)]) + rig.drive.friction(motion.qd)
+    torque = np.array(
+        [arm.inverse(*state) for state in zip(*motion, strict=True)]
+    ) + rig.drive.friction(motion.qd)
     return arm.dynamics, rig, arm.f, motion, torque
 
 
@@ -31,7 +37,7 @@ def made():
     return experiment()
 
 
-# -- filters ---------------------------------------------------------------------------------------------------------
+# -- filters -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("frequency", [5.0, 20.0, 60.0])
 def test_low_pass_has_no_phase_and_the_gain_of_butterworth_twice(frequency):
     t = np.arange(0, 4, PERIOD)
@@ -50,15 +56,22 @@ def test_derivatives_are_those_of_the_motion(made):
         np.testing.assert_allclose(found[inside], true[inside], atol=2e-4 * np.abs(true).max())
 
 
-# -- truths ----------------------------------------------------------------------------------------------------------
+# -- truths --------------------------------------------------------------------------------------
 def test_known_arm_and_friction_are_found_again(made):
-    """What the rig knows is taken as given (here wrong numbers in the unknown places do not matter)."""
+    """What the rig knows is taken as given (here wrong numbers in the unknown places do not
+    matter).
+    """
     dynamics, rig, f, motion, torque = made
     drive = dataclasses.replace(rig.drive, viscous=(7.0, 2e-3, 1e-3), coulomb=(0.1, 7.0, 7.0))
     other = dataclasses.replace(rig, drive=drive)
     unknown = (*FRICTION[2:], *dynamics.names, *FRICTION[:2])  # in any order
-    found = fit_torque(dynamics, motion.q, torque, rig=other, cutoff=100, band=20, every=20, unknown=unknown)
-    true = dict(zip(dynamics.names, f, strict=True)) | {"drive.viscous[0]": 1e-3, "drive.coulomb[1]": 0.08}
+    found = fit_torque(
+        dynamics, motion.q, torque, rig=other, cutoff=100, band=20, every=20, unknown=unknown
+    )
+    true = dict(zip(dynamics.names, f, strict=True)) | {
+        "drive.viscous[0]": 1e-3,
+        "drive.coulomb[1]": 0.08,
+    }
     true |= {"drive.coulomb[2]": 0.05, "drive.curve.offset[2]": 0.015}
     assert found.names == unknown
     for name in unknown:
@@ -70,7 +83,9 @@ def test_known_arm_and_friction_are_found_again(made):
 def test_known_numbers_may_have_short_names(made):
     dynamics, rig, f, motion, torque = made
     short, long = (
-        fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, known={name: f[1]})
+        fit_torque(
+            dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, known={name: f[1]}
+        )
         for name in (dynamics.short_names[1], dynamics.names[1])
     )
     assert dynamics.short_names[1] != dynamics.names[1]
@@ -92,24 +107,35 @@ def test_extra_columns_are_found_too(made):
 def test_slow_rows_are_left_out_joint_by_joint(made):
     dynamics, rig, _, motion, torque = made
     limit = np.array([0.3, 0.0, 0.5])
-    found = fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, least_speed=limit)
+    found = fit_torque(
+        dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, least_speed=limit
+    )
     speed = np.abs(low_pass(derivatives(motion.q, PERIOD, 100).qd, PERIOD, 20))[60:-50:20]
     assert found.rows == (speed > limit).sum()
-    # With the true signs gone wrong below the limit, the fit does not notice; without the limit it does.
+    # With the true signs gone wrong below the limit, the fit does not notice; without the limit it
+    # does.
     wrong = torque - 2 * rig.drive.friction(motion.qd) * (np.abs(motion.qd) < 0.05)
     bad = fit_torque(dynamics, motion.q, wrong, rig=rig, cutoff=100, band=20, every=20)
-    good = fit_torque(dynamics, motion.q, wrong, rig=rig, cutoff=100, band=20, every=20, least_speed=0.3)
+    good = fit_torque(
+        dynamics, motion.q, wrong, rig=rig, cutoff=100, band=20, every=20, least_speed=0.3
+    )
     assert good.relative_error < 0.2 * bad.relative_error
 
 
 def test_intervals_hold_where_the_torque_error_lasts(made):
-    """An error of the torque that stays for a tenth of the log, as of a warm motor: noise alone says too little."""
+    """An error of the torque that stays for a tenth of the log, as of a warm motor: noise alone
+    says too little.
+    """
     dynamics, rig, _, motion, torque = made
     random, held, by_noise = np.random.default_rng(1), [], []
     clean = fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=25).values
     for _ in range(40):
-        lasting = np.repeat(random.normal(size=(10, 3)), -(-len(torque) // 10), axis=0)[: len(torque)]
-        fit = fit_torque(dynamics, motion.q, torque + 5 * lasting, rig=rig, cutoff=100, band=20, every=25)
+        lasting = np.repeat(random.normal(size=(10, 3)), -(-len(torque) // 10), axis=0)[
+            : len(torque)
+        ]
+        fit = fit_torque(
+            dynamics, motion.q, torque + 5 * lasting, rig=rig, cutoff=100, band=20, every=25
+        )
         off = np.abs(fit.values - clean)
         held.append(off < 1.96 * fit.std)
         by_noise.append(off < 1.96 * np.sqrt(np.diag(fit.noise_covariance)))
@@ -118,7 +144,9 @@ def test_intervals_hold_where_the_torque_error_lasts(made):
 
 
 def test_standard_deviations_are_those_of_repeated_experiments(made):
-    """White torque noise, ten times as large on joint 1: the scatter of 60 fits is what each of them says."""
+    """White torque noise, ten times as large on joint 1: the scatter of 60 fits is what each of
+    them says.
+    """
     dynamics, rig, _, motion, torque = made
     random, noise = np.random.default_rng(0), np.array([30.0, 3.0, 3.0])
     fits = [
@@ -149,7 +177,9 @@ def test_scatter_is_that_of_the_noise_however_few_the_equations(made):
     dynamics, rig, _, motion, torque = made
     random = np.random.default_rng(2)
     logs = [torque + random.normal(size=torque.shape) for _ in range(60)]
-    fits = [fit_torque(dynamics, motion.q, log, rig=rig, cutoff=100, band=20, every=700) for log in logs]
+    fits = [
+        fit_torque(dynamics, motion.q, log, rig=rig, cutoff=100, band=20, every=700) for log in logs
+    ]
     assert fits[0].rows == 33
     noise = low_pass(random.normal(size=(50_000, 1)), PERIOD, 20).std()
     np.testing.assert_allclose(np.sqrt(np.mean([fit.sigma**2 for fit in fits])), noise, rtol=0.06)
@@ -157,7 +187,10 @@ def test_scatter_is_that_of_the_noise_however_few_the_equations(made):
 
 def test_gram_schmidt_solves_what_numpy_solves():
     random = np.random.default_rng(1)
-    rows, target = random.normal(size=(300, 7)) * 10.0 ** random.uniform(-6, 6, 7), random.normal(size=300)
+    rows, target = (
+        random.normal(size=(300, 7)) * 10.0 ** random.uniform(-6, 6, 7),
+        random.normal(size=300),
+    )
     rows[:, 3] += 1e4 * rows[:, 2]
     values, covariance, _ = least_squares(tuple("abcdefg"), rows, target)
     expected = np.linalg.lstsq(rows / np.linalg.norm(rows, axis=0), target, rcond=None)[0]
@@ -182,7 +215,9 @@ def test_fit_prints_a_table_and_offers_the_nearest_name(made):
 
 
 def test_every_equation_knows_its_record_joint_and_row():
-    """A target that encodes where it stands, of two logs with equations left out, comes out in the same order."""
+    """A target that encodes where it stands, of two logs with equations left out, comes out in
+    the same order.
+    """
     random = np.random.default_rng(3)
     systems = []
     for record, (many, period) in enumerate([(7, 0.5), (4, 0.25)]):
@@ -190,10 +225,16 @@ def test_every_equation_knows_its_record_joint_and_row():
         torque = 1000.0 * record + 100.0 * np.arange(3) + sample[:, None]
         used = random.random(torque.shape) < 0.6
         rows = np.zeros((*torque.shape, 1))
-        systems.append(System(regressor=rows, torque=torque, used=used, sample=sample, period=period, speed=torque))
+        systems.append(
+            System(
+                regressor=rows, torque=torque, used=used, sample=sample, period=period, speed=torque
+            )
+        )
     places = Places.of(systems)
     targets = np.concatenate([each.torque[each.used] for each in systems])
-    np.testing.assert_array_equal(1000 * places.record + 100 * places.joint + places.sample, targets)
+    np.testing.assert_array_equal(
+        1000 * places.record + 100 * places.joint + places.sample, targets
+    )
     np.testing.assert_array_equal(places.t, places.sample * np.where(places.record == 0, 0.5, 0.25))
 
 
@@ -202,10 +243,12 @@ def test_rows_of_a_system_are_those_of_its_log(made):
     filtering = Filtering(100, 20, 7, np.zeros(3))
     system = regressor_and_torque(dynamics, motion.q, torque, rig, filtering, dynamics.names, {})
     given = rig.drive.friction(derivatives(motion.q, PERIOD, 100).qd)
-    np.testing.assert_allclose(system.torque, low_pass(torque - given, PERIOD, 20)[system.sample], atol=1e-12)
+    np.testing.assert_allclose(
+        system.torque, low_pass(torque - given, PERIOD, 20)[system.sample], atol=1e-12
+    )
 
 
-# -- bad input -------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -221,7 +264,10 @@ def test_rows_of_a_system_are_those_of_its_log(made):
         ({"unknown": None, "rig": puma560.rig()}, "rig must have 3 joints"),
         ({"extra": {"x": lambda q, qd, qdd: qd[:5]}}, "x must have shape"),
         ({"extra": {"x": lambda q, qd, qdd: 0 * qd}}, "x does not in this motion"),
-        ({"extra": {"x": lambda q, qd, qdd: qd, "y": lambda q, qd, qdd: 2 * qd}}, "y is a combination of x"),
+        (
+            {"extra": {"x": lambda q, qd, qdd: qd, "y": lambda q, qd, qdd: 2 * qd}},
+            "y is a combination of x",
+        ),
         ({"least_speed": (1.0, 2.0)}, "least_speed"),
         ({"bnad": 20}, "Did you mean 'band'"),
         ({"torque": np.zeros((5, 3))}, "torque must have shape"),
@@ -229,7 +275,15 @@ def test_rows_of_a_system_are_those_of_its_log(made):
 )
 def test_bad_input_is_refused(made, change, says):
     dynamics, rig, _, motion, torque = made
-    given = {"dynamics": dynamics, "q": motion.q, "torque": torque, "rig": rig, "cutoff": 100, "band": 20, "every": 20}
+    given = {
+        "dynamics": dynamics,
+        "q": motion.q,
+        "torque": torque,
+        "rig": rig,
+        "cutoff": 100,
+        "band": 20,
+        "every": 20,
+    }
     with pytest.raises(ValueError, match=says):
         fit_torque(**(given | change))
 
@@ -245,7 +299,16 @@ def test_bad_input_is_refused(made, change, says):
 def test_unknowns_are_linear_numbers_of_the_drive(made, name, says):
     dynamics, rig, _, motion, torque = made
     with pytest.raises(ValueError, match=says):
-        fit_torque(dynamics, motion.q, torque, rig=rig, cutoff=100, band=20, every=20, unknown=(*dynamics.names, name))
+        fit_torque(
+            dynamics,
+            motion.q,
+            torque,
+            rig=rig,
+            cutoff=100,
+            band=20,
+            every=20,
+            unknown=(*dynamics.names, name),
+        )
 
 
 def test_short_log_is_refused(made):

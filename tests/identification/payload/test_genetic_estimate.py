@@ -1,4 +1,6 @@
-"""The genetic algorithm on a load: near the window estimator, the same bits for a seed, honest about bad windows."""
+"""The genetic algorithm on a load: near the window estimator, the same bits for a seed, honest
+about bad windows.
+"""
 
 import dataclasses
 
@@ -29,7 +31,9 @@ def log():
 
 
 def window(record, start):
-    return Window(record.counts[start : start + N], record.torque[start : start + N], record.torque[start - 1])
+    return Window(
+        record.counts[start : start + N], record.torque[start : start + N], record.torque[start - 1]
+    )
 
 
 def test_the_settings_of_the_paper_find_the_mass(log):
@@ -51,5 +55,7 @@ def test_the_place_is_found_along(log):
 
 def test_a_window_of_another_arm_is_not_believed(log):
     sound = window(log, 1100)
-    found = GeneticEstimator(puma560.arm(), RIG, shape(), 0.02)(dataclasses.replace(sound, torque=-sound.torque))
+    found = GeneticEstimator(puma560.arm(), RIG, shape(), 0.02)(
+        dataclasses.replace(sound, torque=-sound.torque)
+    )
     assert not found.sufficient

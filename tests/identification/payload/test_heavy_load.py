@@ -1,4 +1,6 @@
-"""A load of 150 kg on a heavy arm, from logged torques that are gravity for the most part, of drives that drift."""
+"""A load of 150 kg on a heavy arm, from logged torques that are gravity for the most part, of
+drives that drift.
+"""
 
 import dataclasses
 from functools import cache
@@ -7,7 +9,19 @@ import numpy as np
 import pytest
 
 from identification import IdentificationWarning, find_load, fit_torque
-from plant import PD, Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, LoggedTorque, Rig, simulate
+from plant import (
+    PD,
+    Body,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Harmonics,
+    Link,
+    LoggedTorque,
+    Rig,
+    simulate,
+)
 
 LINKS = (Link(name="1"), Link(name="2", alpha=-np.pi / 2, a=0.35), Link(name="3", a=1.15))
 BODIES = (
@@ -17,28 +31,51 @@ BODIES = (
 )
 LOAD = Body(mass=150, com=(1.45, 0.05, 0.1), inertia=(6, 0, 0, 6, 0, 6))
 DRIVE = Drive(
-    gear=(220, -230, 210), motor_inertia=(5e-3,) * 3, viscous=(8e-3, 9e-3, 7e-3), coulomb=(2.2, 2.6, 1.8),
-    motor_gain=(1, 1, 1), current_limit=(100,) * 3,
-)  # fmt: skip
+    gear=(220, -230, 210),
+    motor_inertia=(5e-3,) * 3,
+    viscous=(8e-3, 9e-3, 7e-3),
+    coulomb=(2.2, 2.6, 1.8),
+    motor_gain=(1, 1, 1),
+    current_limit=(100,) * 3,
+)
 RIG = Rig(drive=DRIVE, encoder=Encoder(resolution=(4096,) * 3), period=4e-3)
 LAW = PD(gain=(0.02,) * 3, derivative=(0.0015,) * 3, filter=150.0, period=4e-3)
 DYNAMICS = Dynamics.from_chain(Chain(links=LINKS))
-EMPTY = DYNAMICS.f([dataclasses.replace(b, rotor=r) for b, r in zip(BODIES, DRIVE.reflected_inertia(), strict=True)])
-UNKNOWN = (*DYNAMICS.names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(3)))
+EMPTY = DYNAMICS.f(
+    [
+        dataclasses.replace(b, rotor=r)
+        for b, r in zip(BODIES, DRIVE.reflected_inertia(), strict=True)
+    ]
+)
+UNKNOWN = (
+    *DYNAMICS.names,
+    *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(3)),
+)
 
 
 @cache
 def log(seed, mass):
-    """Torques with 15 N m of noise, of drives with up to 10 % more or less friction than stated, their law unstated."""
+    """Torques with 15 N m of noise, of drives with up to 10 % more or less friction than stated,
+    their law unstated.
+    """
     random = np.random.default_rng([seed, int(mass)])
     f = EMPTY + (DYNAMICS.load_matrix() @ LOAD.standard_parameters if mass else 0.0)
-    drive = dataclasses.replace(DRIVE, **{
-        kind: getattr(DRIVE, kind) * random.uniform(0.9, 1.1, 3) for kind in ("viscous", "coulomb")})  # fmt: skip
+    drive = dataclasses.replace(
+        DRIVE,
+        **{
+            kind: getattr(DRIVE, kind) * random.uniform(0.9, 1.1, 3)
+            for kind in ("viscous", "coulomb")
+        },
+    )
     path = Harmonics(period=10.0, offset=(0, -0.9, 0.7), cosine=random.normal(0, 0.13, (3, 4)),
                      sine=random.normal(0, 0.13, (3, 4)))  # fmt: skip
-    record = simulate(DYNAMICS.arm(f), dataclasses.replace(RIG, drive=drive), LAW, path, duration=10.0)
+    record = simulate(
+        DYNAMICS.arm(f), dataclasses.replace(RIG, drive=drive), LAW, path, duration=10.0
+    )
     torque = record.torque + 15 * random.normal(size=record.torque.shape)
-    return dataclasses.replace(record, rig=RIG, torque=torque, true_q=None, true_qd=None, law=LoggedTorque())
+    return dataclasses.replace(
+        record, rig=RIG, torque=torque, true_q=None, true_qd=None, law=LoggedTorque()
+    )
 
 
 @cache
@@ -50,7 +87,9 @@ LOADED = [log(10 + i, 150) for i in range(3)]
 
 
 def load(records, arm=None, **options):
-    return find_load(empty_arm() if arm is None else arm, records, LOAD.com, inertia=LOAD.inertia, **options)
+    return find_load(
+        empty_arm() if arm is None else arm, records, LOAD.com, inertia=LOAD.inertia, **options
+    )
 
 
 def test_the_interval_holds_the_mass_and_counts_what_is_uncertain_of_the_arm():
@@ -62,7 +101,8 @@ def test_the_interval_holds_the_mass_and_counts_what_is_uncertain_of_the_arm():
     assert found.freedom == DYNAMICS.p - 1
     doubtful = dataclasses.replace(empty_arm(), relative_error=0.5)
     with pytest.warns(
-        IdentificationWarning, match=r"(?s)find_load: identified with .*50% of the torque is not explained"
+        IdentificationWarning,
+        match=r"(?s)find_load: identified with .*50% of the torque is not explained",
     ):
         load(LOADED[0], doubtful)
 
@@ -73,9 +113,17 @@ def test_neither_order_nor_an_irrelevant_guess_changes_it():
     assert backwards.std == pytest.approx(found.std, rel=0.01)
     np.testing.assert_allclose(backwards.runs, found.runs[::-1])
     assert ranged.mass == pytest.approx(found.mass, abs=0.01 * found.std)
-    for factors, share in (((3.0, 1.0), 0.01), ((1.0, 1 / 3), 0.2)):  # offsets are expected within the Coulomb level
-        drive = dataclasses.replace(DRIVE, viscous=factors[0] * DRIVE.viscous, coulomb=factors[1] * DRIVE.coulomb)
-        guessed = load([dataclasses.replace(each, rig=dataclasses.replace(RIG, drive=drive)) for each in LOADED])
+    # offsets are expected within the Coulomb level
+    for factors, share in (((3.0, 1.0), 0.01), ((1.0, 1 / 3), 0.2)):
+        drive = dataclasses.replace(
+            DRIVE, viscous=factors[0] * DRIVE.viscous, coulomb=factors[1] * DRIVE.coulomb
+        )
+        guessed = load(
+            [
+                dataclasses.replace(each, rig=dataclasses.replace(RIG, drive=drive))
+                for each in LOADED
+            ]
+        )
         assert guessed.mass == pytest.approx(found.mass, abs=share * found.std)
         assert guessed.std == pytest.approx(found.std, rel=0.1)
 
@@ -83,7 +131,9 @@ def test_neither_order_nor_an_irrelevant_guess_changes_it():
 def test_a_log_without_a_law_replays_its_torque():
     """Which was measured at the samples: as `fit_torque` takes it."""
     record = dataclasses.replace(LOADED[0], law=None)
-    held = dataclasses.replace(record, torque=(record.torque + np.vstack([record.torque[:1], record.torque[:-1]])) / 2)
+    held = dataclasses.replace(
+        record, torque=(record.torque + np.vstack([record.torque[:1], record.torque[:-1]])) / 2
+    )
     found, known = load(held), load(LOADED[0])
     assert found.mass == pytest.approx(known.mass, abs=0.5 * known.std)
 

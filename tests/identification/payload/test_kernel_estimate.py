@@ -1,4 +1,6 @@
-"""The window estimator on simulated logs under computed torque: kilograms, intervals, windows that say too little."""
+"""The window estimator on simulated logs under computed torque: kilograms, intervals, windows
+that say too little.
+"""
 
 import dataclasses
 import functools
@@ -34,18 +36,25 @@ def log(mass, place=PLACE, path=PATH):
 
 
 def window(record, start):
-    return Window(record.counts[start : start + N], record.torque[start : start + N], record.torque[start - 1])
+    return Window(
+        record.counts[start : start + N], record.torque[start : start + N], record.torque[start - 1]
+    )
 
 
 STARTS = np.arange(300, 4900, 190)
 
 
 def test_known_arm_known_place():
-    """At most 0.03 kg in 95 % of the windows over (6); the interval holds the truth and is not idle."""
+    """At most 0.03 kg in 95 % of the windows over (6); the interval holds the truth and is not
+    idle.
+    """
     masses = np.repeat([1.0, 3.0, 5.0], len(STARTS))
     found = [estimator()(window(log(mass), start)) for mass in (1.0, 3.0, 5.0) for start in STARTS]
     error = np.abs([each.mass for each in found] - masses)
-    inside = [low <= mass <= high for (low, high), mass in zip((each.interval for each in found), masses, strict=True)]
+    inside = [
+        low <= mass <= high
+        for (low, high), mass in zip((each.interval for each in found), masses, strict=True)
+    ]
     assert all(each.sufficient for each in found)
     assert np.percentile(error, 95) < 0.03
     assert np.mean(inside) > 0.93
@@ -59,7 +68,10 @@ def test_known_arm_place_on_a_line():
     for start in STARTS[::4]:
         found = finder(window(log(3.0, (0, -0.3, 0)), start))
         motion = PATH(np.arange(start, start + N, 15) * RIG.period)
-        regressor = np.vstack([arm.dynamics.Y(*state).full() for state in zip(*motion, strict=True)]) @ matrix
+        regressor = (
+            np.vstack([arm.dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
+            @ matrix
+        )
         true = regressor @ body.standard_parameters
         assert np.linalg.norm(regressor @ found.parameters - true) < 0.05 * np.linalg.norm(true)
         assert found.interval[0] <= 3.0 <= found.interval[1]
@@ -74,7 +86,9 @@ def test_a_sign_turned_is_seen():
 
 
 def test_an_arm_at_rest_says_nothing():
-    still = Harmonics(period=1.0, offset=(-0.5, 0.8), cosine=np.zeros((2, 1)), sine=np.zeros((2, 1)))
+    still = Harmonics(
+        period=1.0, offset=(-0.5, 0.8), cosine=np.zeros((2, 1)), sine=np.zeros((2, 1))
+    )
     found = estimator()(window(log(3.0, PLACE, still), 500))
     assert not found.sufficient
     assert "rests" in found.message
@@ -84,9 +98,10 @@ def test_an_arm_at_rest_says_nothing():
 def test_a_load_that_comes_within_the_window_is_not_believed():
     early, late = window(log(0.0), 1000), window(log(5.0), 1000)
     mixed = Window(
-        np.vstack([early.counts[:143], late.counts[143:]]), np.vstack([early.torque[:143], late.torque[143:]]),
+        np.vstack([early.counts[:143], late.counts[143:]]),
+        np.vstack([early.torque[:143], late.torque[143:]]),
         early.before,
-    )  # fmt: skip
+    )
     found = estimator()(mixed)
     assert not found.sufficient
 

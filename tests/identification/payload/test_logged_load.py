@@ -29,15 +29,25 @@ def test_mass_is_found_to_some_grams(mass):
 
 
 def test_load_at_the_wrong_place_shows_in_the_innovations():
-    right, wrong = (find_load(puma560.literature_arm(), log(2.5), (0.0, y, 0.0)) for y in (-0.55, -0.2))
+    right, wrong = (
+        find_load(puma560.literature_arm(), log(2.5), (0.0, y, 0.0)) for y in (-0.55, -0.2)
+    )
     assert wrong.rms_innovation > 1.02 * right.rms_innovation
     assert abs(wrong.mass - 2.5) > 10 * right.std
 
 
-# -- friction that is not what the rig says ----------------------------------------------------------------------------
+# -- friction that is not what the rig says ------------------------------------------------------
 MASS, ARM = 2.5, puma560.literature_arm()
-WORN = dataclasses.replace(RIG.drive, viscous=RIG.drive.viscous * (1.1, 0.9), coulomb=RIG.drive.coulomb * (0.9, 1.1))
-PID_LAW = PID(gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=3000.0, period=RIG.period)
+WORN = dataclasses.replace(
+    RIG.drive, viscous=RIG.drive.viscous * (1.1, 0.9), coulomb=RIG.drive.coulomb * (0.9, 1.1)
+)
+PID_LAW = PID(
+    gain=(0.1, 0.075),
+    integral=(0.5, 0.4),
+    derivative=(4e-4, 3e-4),
+    filter=3000.0,
+    period=RIG.period,
+)
 
 
 BODY = Body(mass=MASS, com=PLACE)
@@ -47,8 +57,17 @@ BODY = Body(mass=MASS, com=PLACE)
 def worn_log(law=LAW, path=PATH, body=BODY, duration=None):
     """On drives with 10 % more or less friction than the record's rig says, and without torques."""
     loaded = ARM.dynamics.arm(ARM.f + ARM.dynamics.load_matrix() @ body.standard_parameters)
-    record = simulate(loaded, dataclasses.replace(RIG, drive=WORN), law, path, steps_per_sample=16, duration=duration)
-    return dataclasses.replace(record, rig=RIG, torque=None, current=None, true_q=None, true_qd=None)
+    record = simulate(
+        loaded,
+        dataclasses.replace(RIG, drive=WORN),
+        law,
+        path,
+        steps_per_sample=16,
+        duration=duration,
+    )
+    return dataclasses.replace(
+        record, rig=RIG, torque=None, current=None, true_q=None, true_qd=None
+    )
 
 
 def z(found, mass=MASS):
@@ -73,7 +92,9 @@ def test_friction_is_found_beside_the_load():
 def test_friction_that_was_assumed_is_warned_of_and_biases():
     """Under PID the log tells the torque, and 10 % of friction is worth some hundred grams."""
     record = worn_log(law=PID_LAW, duration=1.2)
-    free, exact, stated = (find_load(ARM, record, PLACE, friction=share) for share in (None, 0.0, 0.1))
+    free, exact, stated = (
+        find_load(ARM, record, PLACE, friction=share) for share in (None, 0.0, 0.1)
+    )
     assert abs(free.mass - MASS) < 0.005
     assert abs(exact.mass - MASS) > 10 * abs(free.mass - MASS)
     assert abs(z(exact)) < 4  # what friction does to f is counted as if it were noise
@@ -84,7 +105,9 @@ def test_friction_that_was_assumed_is_warned_of_and_biases():
 
 
 def test_friction_stated_widely_is_free_and_tightly_exact():
-    free, wide, tight, exact = (find_load(ARM, worn_log(), PLACE, friction=share) for share in (None, 10.0, 1e-5, 0.0))
+    free, wide, tight, exact = (
+        find_load(ARM, worn_log(), PLACE, friction=share) for share in (None, 10.0, 1e-5, 0.0)
+    )
     assert abs(wide.mass - free.mass) < 0.3 * free.std
     assert tight.mass == pytest.approx(exact.mass, abs=0.01 * exact.std)
     np.testing.assert_allclose(tight.rig.drive.coulomb, RIG.drive.coulomb, rtol=1e-3)
@@ -111,11 +134,14 @@ def test_friction_that_does_not_show_stays_as_the_rig_states_it(monkeypatch):
     found = find_load(ARM, worn_log(), PLACE)
     assert found.rig.drive.coulomb[1] == RIG.drive.coulomb[1]
     assert (found.covariance[4] == 0).all()
-    assert found.warnings[0] == "drive.coulomb[1] is not identifiable from these logs, and was taken from the rig."
+    assert (
+        found.warnings[0]
+        == "drive.coulomb[1] is not identifiable from these logs, and was taken from the rig."
+    )
     assert "known" in str(found)
 
 
-# -- where the load is -------------------------------------------------------------------------------------------------
+# -- where the load is ---------------------------------------------------------------------------
 def test_mass_and_centre_where_they_show():
     found = find_load(ARM, worn_log())
     assert found.names[:3] == ("mass", "com[0]", "com[1]")
@@ -139,7 +165,7 @@ def test_inertia_is_as_stated():
     np.testing.assert_allclose(right.arm.f, expected, atol=0.05)
 
 
-# -- laws and logs -----------------------------------------------------------------------------------------------------
+# -- laws and logs -------------------------------------------------------------------------------
 @pytest.mark.slow
 def test_a_log_of_a_law_with_a_memory_that_was_cut():
     found = find_load(ARM, worn_log(law=PID_LAW, duration=2.2).cut(0.437), PLACE)
@@ -168,7 +194,7 @@ def test_logs_that_contradict_each_other_widen_the_interval():
     assert found.interval[1] > MASS + 0.45
 
 
-# -- what is said ------------------------------------------------------------------------------------------------------
+# -- what is said --------------------------------------------------------------------------------
 def test_a_bound_that_is_hit_is_said():
     found = find_load(ARM, worn_log(), PLACE, mass=(0.0, 1.0))
     assert found.mass == 1.0
@@ -207,7 +233,10 @@ def test_a_negative_mass_is_said():
         ({"friction": -0.1}, "friction must not be negative"),
         ({"inertia": (1.0, 2.0)}, "inertia must have shape"),
         ({"link": "hand"}, "link must be one of"),
-        ({"link": 0, "position": None}, "mass and centre of the load must be separately identifiable"),
+        (
+            {"link": 0, "position": None},
+            "mass and centre of the load must be separately identifiable",
+        ),
     ],
 )
 def test_bad_input_is_refused(change, says):
@@ -216,18 +245,30 @@ def test_bad_input_is_refused(change, says):
         find_load(**(given | change))
 
 
-# -- an arm that was identified ----------------------------------------------------------------------------------------
+# -- an arm that was identified ------------------------------------------------------------------
 @pytest.mark.slow
 def test_what_is_uncertain_of_the_arm_is_uncertain_of_the_load():
-    """Under PID the log tells f more closely than the identification did, and contradicts an arm taken as exact."""
-    unknown = (*ARM.dynamics.names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)))
-    own = dataclasses.replace(simulate(ARM, dataclasses.replace(RIG, drive=WORN), LAW, PATH), rig=RIG)
-    known, record = identify(ARM.dynamics, own, unknown=unknown, progress=False), worn_log(law=PID_LAW, duration=2.2)
+    """Under PID the log tells f more closely than the identification did, and contradicts an arm
+    taken as exact.
+    """
+    unknown = (
+        *ARM.dynamics.names,
+        *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)),
+    )
+    own = dataclasses.replace(
+        simulate(ARM, dataclasses.replace(RIG, drive=WORN), LAW, PATH), rig=RIG
+    )
+    known, record = (
+        identify(ARM.dynamics, own, unknown=unknown, progress=False),
+        worn_log(law=PID_LAW, duration=2.2),
+    )
     found, exact = (find_load(arm, record, PLACE) for arm in (known, known.arm))
     assert any("no load on this arm explains the logs" in text for text in exact.warnings)
     assert not found.warnings
     assert found.std < exact.std / 3
     assert abs(z(found)) < 3
-    bare = dataclasses.replace(known, fit=dataclasses.replace(known.fit, covariance=None, fallback_reason="no fit"))
+    bare = dataclasses.replace(
+        known, fit=dataclasses.replace(known.fit, covariance=None, fallback_reason="no fit")
+    )
     with pytest.raises(ValueError, match="needs a covariance here; this has none: no fit"):
         find_load(bare, record, PLACE)

@@ -13,14 +13,21 @@ def shape(position=(0.0, -0.4, 0.0), mass=(0, 5), **line):
     return LoadShape.of(puma560.arm(), mass, position, **options)
 
 
-@pytest.mark.parametrize(("centre", "sigma"), [(2.0, 0.1), (0.05, 0.1), (4.99, 0.2), (-0.2, 0.1), (5.5, 0.2)])
+@pytest.mark.parametrize(
+    ("centre", "sigma"), [(2.0, 0.1), (0.05, 0.1), (4.99, 0.2), (-0.2, 0.1), (5.5, 0.2)]
+)
 def test_a_bounded_mass(centre, sigma):
     """Mean, spread and interval of a normal distribution cut at 0 and 5 kg, by quadrature."""
     weight = 1 / sigma**2
-    got = posterior(shape(), np.array([[weight]]), np.array([centre * weight]), centre**2 * weight + 400.0, 400)
+    got = posterior(
+        shape(), np.array([[weight]]), np.array([centre * weight]), centre**2 * weight + 400.0, 400
+    )
 
     def density(m):
-        return np.exp(-(((m - centre) / sigma) ** 2) / 2 + (((np.clip(centre, 0, 5) - centre) / sigma) ** 2) / 2)
+        return np.exp(
+            -(((m - centre) / sigma) ** 2) / 2
+            + (((np.clip(centre, 0, 5) - centre) / sigma) ** 2) / 2
+        )
 
     points = {"points": [np.clip(centre, 0.001, 4.999)], "limit": 200}
     total = quad(density, 0, 5, **points)[0]
@@ -36,12 +43,18 @@ def test_a_bounded_mass(centre, sigma):
 def test_what_is_uncertain_is_estimated_along():
     """Marginal least squares: the same as the joint one with the prior as further rows."""
     random = np.random.default_rng(2)
-    load, uncertain, torque = random.normal(size=(50, 2)), random.normal(size=(50, 3)), random.normal(size=50)
+    load, uncertain, torque = (
+        random.normal(size=(50, 2)),
+        random.normal(size=(50, 3)),
+        random.normal(size=50),
+    )
     matrix, vector, _ = information(load, uncertain, torque)
     joint = np.vstack([np.hstack([load, uncertain]), np.hstack([np.zeros((3, 2)), np.eye(3)])])
     solution = np.linalg.lstsq(joint, np.append(torque, np.zeros(3)), rcond=None)[0]
     np.testing.assert_allclose(np.linalg.solve(matrix, vector), solution[:2], rtol=1e-10)
-    np.testing.assert_allclose(np.linalg.inv(matrix), np.linalg.inv(joint.T @ joint)[:2, :2], rtol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.inv(matrix), np.linalg.inv(joint.T @ joint)[:2, :2], rtol=1e-9
+    )
     alone, _, square = information(load, np.zeros((50, 0)), torque)
     np.testing.assert_allclose(alone, load.T @ load)
     assert square == pytest.approx(torque @ torque)

@@ -1,4 +1,6 @@
-"""The smooth kernel: exact on polynomials, one filter for both sides, and its noise by simulation."""
+"""The smooth kernel: exact on polynomials, one filter for both sides, and its noise by
+simulation.
+"""
 
 import numpy as np
 import pytest
@@ -29,5 +31,6 @@ def test_noise_of_the_acceleration():
     noise = np.random.default_rng(1).uniform(-0.5, 0.5, (100_000, 1))
     qdd = SMOOTHING.motion(noise)[2][:, 0]
     assert qdd.std() == pytest.approx(SMOOTHING.of_rounding / np.sqrt(12), rel=0.03)
-    apart = round(SMOOTHING.per_independent)  # a quarter of what the kernel's cosine needs to repeat is 2 pi times this
+    # a quarter of what the kernel's cosine needs to repeat is 2 pi times this
+    apart = round(SMOOTHING.per_independent)
     assert abs(np.corrcoef(qdd[: -2 * apart], qdd[2 * apart :])[0, 1]) < 0.5

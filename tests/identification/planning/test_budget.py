@@ -1,4 +1,6 @@
-"""Pulse budget: worth of each number against simulations, the bound against the scatter of fits to rounded readings."""
+"""Pulse budget: worth of each number against simulations, the bound against the scatter of fits
+to rounded readings.
+"""
 
 import dataclasses
 
@@ -26,12 +28,15 @@ def test_one_per_cent_is_worth_what_a_simulation_says(budget):
         f = ARM.f.copy()
         f[i] *= 1.01
         change = np.abs(simulate(ARM.dynamics.arm(f), rig, LAW, PATH).error_pulses - base)
-        assert budget.peak[i] == pytest.approx(change.max(), rel=0.2)  # 1 % is not nothing: the mode goes out of step
+        # 1 % is not nothing: the mode goes out of step
+        assert budget.peak[i] == pytest.approx(change.max(), rel=0.2)
         assert budget.rms[i] == pytest.approx(np.sqrt((change**2).mean()), rel=0.2)
 
 
 def test_bound_is_the_scatter_of_fits_to_readings_that_err_by_rounding_alone(budget):
-    """A loop without rounding, read with an error evenly spread over a cell: output error reaches the bound."""
+    """A loop without rounding, read with an error evenly spread over a cell: output error
+    reaches the bound.
+    """
     made, random, found = simulate(ARM, smooth_rig(RIG), LAW, PATH), np.random.default_rng(0), []
     for _ in range(12):
         noise = random.uniform(-0.5, 0.5, made.error_pulses.shape)
@@ -60,6 +65,13 @@ def test_friction_and_gains_have_a_worth_too():
 def test_numbers_without_worth_are_refused():
     still = PointToPoint(start=(0.0, 0.5), goal=(0.5, 0.5), duration=0.5)
     with pytest.raises(ValueError, match=r"separately identifiable|does not in this motion"):
-        pulse_budget(ARM, RIG, LAW, PATH, unknown=(*ARM.dynamics.names, "drive.motor_inertia[0]"), duration=0.3)
+        pulse_budget(
+            ARM,
+            RIG,
+            LAW,
+            PATH,
+            unknown=(*ARM.dynamics.names, "drive.motor_inertia[0]"),
+            duration=0.3,
+        )
     with pytest.raises(ValueError, match="Did you mean 'unknown'"):
         pulse_budget(ARM, RIG, LAW, still, unknwon=("f1",))

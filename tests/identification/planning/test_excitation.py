@@ -24,7 +24,11 @@ from plant import (
 )  # fmt: skip
 
 ARM, RIG, LAW = puma560.literature_arm(1.5), puma560.rig(), puma560.p_law()
-LIMITS = {"position": [(-1.6, 0.1), (-0.1, 1.7)], "velocity": (3.0, 4.0), "acceleration": (12.0, 16.0)}
+LIMITS = {
+    "position": [(-1.6, 0.1), (-0.1, 1.7)],
+    "velocity": (3.0, 4.0),
+    "acceleration": (12.0, 16.0),
+}
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
 
 
@@ -41,7 +45,9 @@ def test_designed_motion_stays_within_its_limits(motion):
     assert (np.abs(qd) <= LIMITS["velocity"]).all()
     assert (np.abs(qdd) <= LIMITS["acceleration"]).all()
     np.testing.assert_allclose(qd[0], 0.0, atol=1e-6)
-    torque = np.array([ARM.inverse(*state) for state in zip(q, qd, qdd, strict=True)]) + RIG.drive.friction(qd)
+    torque = np.array(
+        [ARM.inverse(*state) for state in zip(q, qd, qdd, strict=True)]
+    ) + RIG.drive.friction(qd)
     assert (np.abs(torque) < RIG.drive.torque_limit()).all()
 
 
@@ -58,16 +64,23 @@ def test_springs_that_carry_the_arm_leave_its_amplifiers_free():
     path = design_motion(ARM, dataclasses.replace(weak, springs=carried), LAW, **options)
     q, qd, qdd = path(np.linspace(0, 3.65, 500))
     needed = np.array([ARM.inverse(*state) for state in zip(q, qd, qdd, strict=True)])
-    needed += RIG.drive.joint_viscous() * qd  # as the design takes it; dry friction is in what it keeps free
+    # as the design takes it; dry friction is in what it keeps free
+    needed += RIG.drive.joint_viscous() * qd
     assert (np.abs(needed - weight) < weak.drive.torque_limit()).all()
 
 
 def test_worst_known_parameter_becomes_known(motion):
     """By the bound of rounding, and by identification from one log: f3, which (6) hardly shows."""
-    bounds = [pulse_budget(ARM, RIG, LAW, path).bound / WIDTH for path in (puma560.reference(), motion)]
+    bounds = [
+        pulse_budget(ARM, RIG, LAW, path).bound / WIDTH for path in (puma560.reference(), motion)
+    ]
     assert bounds[1].max() < bounds[0].max()
-    logs = [simulate(ARM, RIG, LAW, path, steps_per_sample=16) for path in (puma560.reference(), motion)]
-    found = [identify(puma560.dynamics(), log, method="prediction_error", progress=False) for log in logs]
+    logs = [
+        simulate(ARM, RIG, LAW, path, steps_per_sample=16) for path in (puma560.reference(), motion)
+    ]
+    found = [
+        identify(puma560.dynamics(), log, method="prediction_error", progress=False) for log in logs
+    ]
     worst = [(100 * np.abs(each.f - ARM.f) / WIDTH).max() for each in found]
     said = [(100 * np.sqrt(np.diag(each.fit.noise_covariance)) / WIDTH).max() for each in found]
     assert said[1] < said[0] / 2
@@ -75,7 +88,9 @@ def test_worst_known_parameter_becomes_known(motion):
 
 
 def test_same_seed_same_motion(motion):
-    again = design_motion(ARM, RIG, LAW, period=3.65, harmonics=4, starts=1, iterations=60, **LIMITS)
+    again = design_motion(
+        ARM, RIG, LAW, period=3.65, harmonics=4, starts=1, iterations=60, **LIMITS
+    )
     np.testing.assert_allclose(again.cosine, motion.cosine, rtol=1e-6, atol=1e-9)
 
 
@@ -104,19 +119,38 @@ def test_limits_without_room_are_refused():
     drive = dataclasses.replace(RIG.drive, current_limit=(0.5, 0.5))
     level = LIMITS | {"position": [(-0.2, 0.1), (-0.1, 0.2)]}
     with pytest.raises(ValueError, match="limits must allow"):
-        design_motion(ARM, dataclasses.replace(RIG, drive=drive), LAW, period=3.65, starts=1, iterations=20, **level)
+        design_motion(
+            ARM,
+            dataclasses.replace(RIG, drive=drive),
+            LAW,
+            period=3.65,
+            starts=1,
+            iterations=20,
+            **level,
+        )
 
 
-# -- from a model file alone ----------------------------------------------------------------------------------------
+# -- from a model file alone ---------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def first():
     """Three joints of the UR5e, with limits that bind; a rig; its first experiment."""
     model = read_robot("ur5e").model
     chain = Chain.from_urdf(model, tip="forearm")
-    limits = Limits(lower=(-2.0, -2.5, -np.inf), upper=(1.0, 0.5, np.inf), velocity=(1.0, 2, 3), effort=(60, 120, 40))
+    limits = Limits(
+        lower=(-2.0, -2.5, -np.inf),
+        upper=(1.0, 0.5, np.inf),
+        velocity=(1.0, 2, 3),
+        effort=(60, 120, 40),
+    )
     chain = dataclasses.replace(chain, limits=limits)
     drive = Drive.from_urdf(
-        model, tip="forearm", gear=101, motor_inertia=6e-5, motor_gain=0.1, viscous=1e-3, coulomb=0.06
+        model,
+        tip="forearm",
+        gear=101,
+        motor_inertia=6e-5,
+        motor_gain=0.1,
+        viscous=1e-3,
+        coulomb=0.06,
     )
     rig = Rig(drive=drive, encoder=Encoder(resolution=4096), period=2e-3)
     return model, chain, rig, design_motion(chain, rig, harmonics=3, starts=1, iterations=25)
@@ -134,7 +168,10 @@ def test_a_first_experiment_keeps_the_limits_and_efforts_of_the_model_file(first
     assert (np.abs(q[:, 2]) <= np.pi / 2).all()
     assert (np.abs(qd) <= chain.limits.velocity).all()
     tau = np.array(
-        [pin.rnea(model, data, *(np.append(x, np.zeros(3)) for x in s))[:3] for s in zip(q, qd, qdd, strict=True)]
+        [
+            pin.rnea(model, data, *(np.append(x, np.zeros(3)) for x in s))[:3]
+            for s in zip(q, qd, qdd, strict=True)
+        ]
     )
     tau += rig.drive.reflected_inertia() * qdd + rig.drive.friction(qd)
     assert (np.abs(tau) < chain.limits.effort).all()
@@ -142,7 +179,9 @@ def test_a_first_experiment_keeps_the_limits_and_efforts_of_the_model_file(first
 
 
 def test_a_first_experiment_shows_more_than_random_ones(first):
-    """The worst parameter's bound in torques of the regressor, against ten random motions in the same limits."""
+    """The worst parameter's bound in torques of the regressor, against ten random motions in the
+    same limits.
+    """
     _, chain, rig, motion = first
     dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
     unit = np.maximum(np.abs(dynamics.f()), 1e-2 * np.abs(dynamics.f()).max())
@@ -165,15 +204,29 @@ def test_what_a_model_file_must_have_for_a_first_experiment(first):
     _, chain, rig, _ = first
     for given, said in (
         ({"arm": dataclasses.replace(chain, bodies=())}, "bodies must be known"),
-        ({"arm": Chain(links=chain.links[:2], bodies=chain.bodies[:2])}, "rig must have 2 joints like the arm; got 3"),
+        (
+            {"arm": Chain(links=chain.links[:2], bodies=chain.bodies[:2])},
+            "rig must have 2 joints like the arm; got 3",
+        ),
         ({"position": [(0, 1)]}, "position must have shape"),
         ({"period": 0}, "period must be a positive number"),
     ):
         with pytest.raises(ValueError, match=said) as error:
             design_motion(**{"arm": chain, "rig": rig} | given)
         assert "\n" not in str(error.value)
-    sliding = Chain(links=(Link(name="rail", prismatic=True),), bodies=(Body(mass=1.0, com=(0, 0, 0)),))
-    one = Rig(drive=Drive(gear=(9,), **dict.fromkeys(("motor_inertia", "viscous", "coulomb", "motor_gain"), 1e-3),
-                          current_limit=1.0), encoder=Encoder(resolution=400), period=1e-3)  # fmt: skip
-    with pytest.raises(ValueError, match=r"position must be given: joint rail .* slides without limits"):
+    sliding = Chain(
+        links=(Link(name="rail", prismatic=True),), bodies=(Body(mass=1.0, com=(0, 0, 0)),)
+    )
+    one = Rig(
+        drive=Drive(
+            gear=(9,),
+            **dict.fromkeys(("motor_inertia", "viscous", "coulomb", "motor_gain"), 1e-3),
+            current_limit=1.0,
+        ),
+        encoder=Encoder(resolution=400),
+        period=1e-3,
+    )
+    with pytest.raises(
+        ValueError, match=r"position must be given: joint rail .* slides without limits"
+    ):
         design_motion(sliding, one)

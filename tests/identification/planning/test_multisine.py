@@ -1,4 +1,6 @@
-"""Multisines for frequency responses: within every limit, at the stated lines, of low crest factor, orthogonal."""
+"""Multisines for frequency responses: within every limit, at the stated lines, of low crest
+factor, orthogonal.
+"""
 
 import dataclasses
 from functools import cache
@@ -20,7 +22,10 @@ def motions():
 
 
 def test_they_keep_every_limit_and_reach_one():
-    t, limits = np.linspace(0, 1.4, 3001), [np.array(LIMITS[name]) for name in ("velocity", "acceleration")]
+    t, limits = (
+        np.linspace(0, 1.4, 3001),
+        [np.array(LIMITS[name]) for name in ("velocity", "acceleration")],
+    )
     low, high = np.array(LIMITS["position"]).T
     room = (high - low) / 2
     shares = []
@@ -29,21 +34,31 @@ def test_they_keep_every_limit_and_reach_one():
         shares += [np.abs(q - (low + high) / 2).max(axis=0) / room]
         shares += [np.abs(x).max(axis=0) / limit for x, limit in zip(faster, limits, strict=True)]
         shares += [each.torque_share(ARM, RIG) / 0.8]
-    assert 0.98 < np.max(shares) < 1.002  # up to 0.1 %: of what lies between the samples of the design
+    # up to 0.1 %: of what lies between the samples of the design
+    assert 0.98 < np.max(shares) < 1.002
 
 
 def test_weak_drives_get_a_smaller_motion_at_the_same_lines():
-    weak = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=RIG.drive.current_limit * 0.8))
+    weak = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, current_limit=RIG.drive.current_limit * 0.8)
+    )
     smaller = design_motion(ARM, weak, kind="multisine", period=1.4, frequencies=WANTED, **LIMITS)
-    assert max(each.torque_share(ARM, weak).max() for each in smaller) == pytest.approx(0.8, rel=2e-3)
-    assert (np.abs(smaller[0].cosine).max(axis=1) < 0.9 * np.abs(motions()[0].cosine).max(axis=1)).any()
+    assert max(each.torque_share(ARM, weak).max() for each in smaller) == pytest.approx(
+        0.8, rel=2e-3
+    )
+    assert (
+        np.abs(smaller[0].cosine).max(axis=1) < 0.9 * np.abs(motions()[0].cosine).max(axis=1)
+    ).any()
 
 
 def test_lines_are_the_nearest_that_share_no_factor_with_the_joints():
     for each in motions():
-        lines = [np.flatnonzero(np.hypot(c, s)) + 1 for c, s in zip(each.cosine, each.sine, strict=True)]
+        lines = [
+            np.flatnonzero(np.hypot(c, s)) + 1 for c, s in zip(each.cosine, each.sine, strict=True)
+        ]
         for found in lines:
-            np.testing.assert_array_equal(found, [1, 5, 7, 13, 31])  # odd: 2, 4.3, 6.9, 14 and 30.8 of 1 / 1.4 s
+            # odd: 2, 4.3, 6.9, 14 and 30.8 of 1 / 1.4 s
+            np.testing.assert_array_equal(found, [1, 5, 7, 13, 31])
 
 
 def test_the_crest_factor_is_lower_than_schroeders():
@@ -71,7 +86,10 @@ def test_records_are_orthogonal_at_every_line():
         ({"frequencies": (800.0,)}, "below half the sampling rate, 714.3 Hz"),
         ({"frequencies": ()}, "frequencies must be"),
         ({"kind": "chirp"}, "kind must be one of"),
-        ({"kind": "parameters"}, 'frequencies is for kind="multisine"; got it for kind="parameters"'),
+        (
+            {"kind": "parameters"},
+            'frequencies is for kind="multisine"; got it for kind="parameters"',
+        ),
         ({"law": puma560.p_law()}, 'law is for kind="parameters"; got it for kind="multisine"'),
         ({"harmonics": 5}, 'harmonics is for kind="parameters"; got it for kind="multisine"'),
         ({"starts": 3}, 'starts is for kind="parameters"; got it for kind="multisine"'),
@@ -82,11 +100,17 @@ def test_records_are_orthogonal_at_every_line():
 )
 def test_bad_input_is_refused_in_one_line(change, why):
     with pytest.raises(ValueError, match=why) as error:
-        design_motion(ARM, RIG, **{"kind": "multisine", "frequencies": WANTED, "period": 1.4, **LIMITS} | change)
+        design_motion(
+            ARM,
+            RIG,
+            **{"kind": "multisine", "frequencies": WANTED, "period": 1.4, **LIMITS} | change,
+        )
     assert "\n" not in str(error.value)
 
 
 def test_a_pose_that_the_drives_cannot_hold_is_refused():
-    weak = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, current_limit=RIG.drive.current_limit / 40))
+    weak = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, current_limit=RIG.drive.current_limit / 40)
+    )
     with pytest.raises(ValueError, match="drives hold the arm with torque to spare"):
         design_motion(ARM, weak, kind="multisine", period=1.4, frequencies=WANTED, **LIMITS)

@@ -1,7 +1,9 @@
-"""Ranges of 3.6: the printed numbers first, then interval arithmetic against sampling, then physical links at random.
+"""Ranges of 3.6: the printed numbers first, then interval arithmetic against sampling, then
+physical links at random.
 
-Tolerances. The printed ranges have two decimals, so what is derived must round to them (0.005). Interval ends are
-single products and sums of exact inputs: 1e-12 of the largest term is some thousand roundings.
+Tolerances. The printed ranges have two decimals, so what is derived must round to them (0.005).
+Interval ends are single products and sums of exact inputs: 1e-12 of the largest term is some
+thousand roundings.
 """
 
 from types import SimpleNamespace
@@ -33,13 +35,15 @@ def gears(k2, k3):
     )
 
 
-# -- what the paper prints ------------------------------------------------------------------------------------------
+# -- what the paper prints -----------------------------------------------------------------------
 def test_greatest_inertias_of_3_6():
     """Izz2 <= 25 (0.25^2 + 0.07^2) = 1.685, printed 1.69, and Izz3 <= 10 0.25^2 = 0.625."""
     assert greatest_inertia(25, np.hypot(0.25, 0.07)) == pytest.approx(1.685, rel=ROUNDING)
     assert greatest_inertia(10, 0.25) == 0.625
     size = LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=(1e-4, 1e-3))
-    assert size.intervals(lambda motor_inertia: motor_inertia).Izz.high == pytest.approx(1.685, rel=ROUNDING)
+    assert size.intervals(lambda motor_inertia: motor_inertia).Izz.high == pytest.approx(
+        1.685, rel=ROUNDING
+    )
 
 
 def test_equation_5_gives_the_printed_centres_of_mass():
@@ -60,7 +64,9 @@ def test_ranges_printed_and_derived_are_the_same(name):
 
 
 def test_f1_is_the_printed_one_with_gear_53():
-    """1e-4 53^2 = 0.2809 and 1e-3 53^2 + 10 (2 0.25^2 + 0.04^2) = 4.075: the print used 53 for 53.7, and cut off."""
+    """1e-4 53^2 = 0.2809 and 1e-3 53^2 + 10 (2 0.25^2 + 0.04^2) = 4.075: the print used 53 for
+    53.7, and cut off.
+    """
     f1 = ranges(drive=gears(107.8, -53.0))[0]
     np.testing.assert_allclose(f1, (0.2809, 4.075), rtol=ROUNDING)
     np.testing.assert_allclose(f1, puma560.PRINTED_RANGES[0], rtol=0, atol=PRINTED + ROUNDING)
@@ -83,10 +89,12 @@ def test_f9_is_the_papers_worked_example():
 
 
 def test_the_sign_of_a_gear_does_not_matter():
-    np.testing.assert_array_equal(ranges(drive=gears(107.8, 53.7)), ranges(drive=gears(-107.8, -53.7)))
+    np.testing.assert_array_equal(
+        ranges(drive=gears(107.8, 53.7)), ranges(drive=gears(-107.8, -53.7))
+    )
 
 
-# -- interval arithmetic against sampling ---------------------------------------------------------------------------
+# -- interval arithmetic against sampling --------------------------------------------------------
 numbers = st.floats(-50, 50).map(lambda x: round(x, 3))
 intervals = st.tuples(numbers, numbers).map(lambda ends: Interval(min(ends), max(ends)))
 shares = st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), max_size=20)
@@ -118,10 +126,14 @@ def test_sum_and_product_hold_exactly_what_sampling_finds(a, b, points):
 @given(intervals, st.integers(1, 4), st.lists(st.floats(0, 1), max_size=20))
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_power_holds_exactly_what_sampling_finds(a, exponent, points):
-    # A power is monotone on either side of zero: ends, and zero where it lies inside, attain the range.
+    # A power is monotone on either side of zero: ends, and zero where it lies inside, attain the
+    # range.
     extremes = [a.low, a.high] + ([0.0] if a.low <= 0 <= a.high else [])
-    enclose(a**exponent, [inside(a, s) ** exponent for s in points] + extremes_of(extremes, exponent),
-            extremes_of(extremes, exponent))  # fmt: skip
+    enclose(
+        a**exponent,
+        [inside(a, s) ** exponent for s in points] + extremes_of(extremes, exponent),
+        extremes_of(extremes, exponent),
+    )
 
 
 def extremes_of(points, exponent):
@@ -138,7 +150,7 @@ def test_numbers_are_points_from_either_side(a, x):
     assert Interval.of((a.low, a.high)) == a
 
 
-# -- physical links -------------------------------------------------------------------------------------------------
+# -- physical links ------------------------------------------------------------------------------
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=200, deadline=None, derandomize=True)
 def test_links_inside_the_intervals_have_f_inside_the_ranges(seed):
@@ -158,7 +170,11 @@ def test_links_inside_the_intervals_have_f_inside_the_ranges(seed):
         J=within(1e-4, 1e-3) * k2**2,
     )
     link3 = SimpleNamespace(
-        m=within(1, 10), x=within(-0.04, 0.04), y=within(-0.25, 0), Izz=within(0, 0.625), J=within(1e-4, 1e-3) * k3**2
+        m=within(1, 10),
+        x=within(-0.04, 0.04),
+        y=within(-0.25, 0),
+        Izz=within(0, 0.625),
+        J=within(1e-4, 1e-3) * k3**2,
     )
     f = np.array(list(puma560.equation_3(link2, link3, a3).values()))
     low, high = ranges().T
@@ -168,7 +184,9 @@ def test_links_inside_the_intervals_have_f_inside_the_ranges(seed):
 
 
 def test_links_of_the_dynamics_have_f_inside_the_ranges():
-    """The same with f from the derivation (`Dynamics.f` of bodies), not from equation (3); a3 is the arm's then."""
+    """The same with f from the derivation (`Dynamics.f` of bodies), not from equation (3); a3 is
+    the arm's then.
+    """
     random, dynamics = np.random.default_rng(5), puma560.dynamics()
     low, high = ranges().T
     room = ROUNDING * np.maximum(np.abs(low), np.abs(high))
@@ -194,19 +212,23 @@ def test_a_narrower_robot_has_narrower_ranges():
     """Ranges are monotone in what they are derived from."""
     sizes = [
         LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=(1e-4, 1e-3)),
-        LinkSize(mass=(1, 10), x=(-0.08, 0.08), y=(-0.50, 0.0), motor_inertia=(1e-4, 1e-3), radius=0.25),
+        LinkSize(
+            mass=(1, 10), x=(-0.08, 0.08), y=(-0.50, 0.0), motor_inertia=(1e-4, 1e-3), radius=0.25
+        ),
     ]
     drive = puma560.rig().drive
     wide = ranges(puma560.equation_3, sizes, drive, a3=(0.3, 0.5))
     np.testing.assert_array_equal(wide, ranges())
-    sizes[1] = LinkSize(mass=(2, 8), x=(-0.06, 0.06), y=(-0.40, -0.1), motor_inertia=(2e-4, 5e-4), radius=0.25)
+    sizes[1] = LinkSize(
+        mass=(2, 8), x=(-0.06, 0.06), y=(-0.40, -0.1), motor_inertia=(2e-4, 5e-4), radius=0.25
+    )
     narrow = ranges(puma560.equation_3, sizes, drive, a3=(0.4, 0.45))
     assert (narrow[:, 0] >= wide[:, 0]).all()
     assert (narrow[:, 1] <= wide[:, 1]).all()
     assert (narrow != wide).any()
 
 
-# -- bad input ------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("call", "said"),
     [

@@ -1,4 +1,6 @@
-"""Measured frequency responses against the linear arm at the pose, sampled by scipy: its own discretisation."""
+"""Measured frequency responses against the linear arm at the pose, sampled by scipy: its own
+discretisation.
+"""
 
 import dataclasses
 from functools import cache
@@ -13,7 +15,9 @@ from plant.machine.rig import sliding_rig
 
 ARM, POSE, DT = puma560.arm(), np.array([0.3, -0.4]), 0.0007
 SMOOTH = sliding_rig(puma560.rig())
-RIG = dataclasses.replace(SMOOTH, drive=dataclasses.replace(SMOOTH.drive, viscous=4 * SMOOTH.drive.viscous))
+RIG = dataclasses.replace(
+    SMOOTH, drive=dataclasses.replace(SMOOTH.drive, viscous=4 * SMOOTH.drive.viscous)
+)
 LAW = PD(gain=(0.02, 0.01), derivative=(1e-12, 1e-12), filter=600, period=DT)
 SAMPLES, PERIODS = 1000, 6
 LINES = np.unique(np.geomspace(1, 60, 15).astype(int))
@@ -22,12 +26,17 @@ LINES = np.unique(np.geomspace(1, 60, 15).astype(int))
 def multisine(amplitude):
     """A sum of sines at `LINES`, its phases after Schroeder: (SAMPLES,)."""
     phases = -np.pi * np.arange(len(LINES)) ** 2 / len(LINES)
-    return amplitude * np.cos(2 * np.pi * np.outer(np.arange(SAMPLES) / SAMPLES, LINES) + phases).sum(axis=1)
+    return amplitude * np.cos(
+        2 * np.pi * np.outer(np.arange(SAMPLES) / SAMPLES, LINES) + phases
+    ).sum(axis=1)
 
 
 @cache
 def injected_records():
-    still, records = Harmonics(period=DT * SAMPLES, offset=POSE, cosine=np.zeros((2, 1)), sine=np.zeros((2, 1))), []
+    still, records = (
+        Harmonics(period=DT * SAMPLES, offset=POSE, cosine=np.zeros((2, 1)), sine=np.zeros((2, 1))),
+        [],
+    )
     for joint, amplitude in ((0, 8.0), (1, 2.0)):
         torque = np.zeros((SAMPLES * PERIODS, 2))
         torque[:, joint] = np.tile(multisine(amplitude), PERIODS)
@@ -40,9 +49,17 @@ def injected_records():
 def moved_records():
     lines, near = LINES / (DT * SAMPLES), np.array([[-0.02, 0.02]])
     motions = design_motion(
-        ARM, RIG, kind="multisine", period=DT * SAMPLES, frequencies=lines, position=POSE[:, None] + near
+        ARM,
+        RIG,
+        kind="multisine",
+        period=DT * SAMPLES,
+        frequencies=lines,
+        position=POSE[:, None] + near,
     )
-    return [simulate(ARM, RIG, LAW, each, duration=DT * SAMPLES * 14, steps_per_sample=32) for each in motions]
+    return [
+        simulate(ARM, RIG, LAW, each, duration=DT * SAMPLES * 14, steps_per_sample=32)
+        for each in motions
+    ]
 
 
 def truth(frequency, record=None):
@@ -52,7 +69,12 @@ def truth(frequency, record=None):
     counted = record.reference_pulses - record.error_pulses
     q = np.asarray(RIG.to_angle(counted[-SAMPLES:].mean(axis=0))).ravel()
     stiffness = np.stack(
-        [(ARM.inverse(q + step * e, rest, rest) - ARM.inverse(q - step * e, rest, rest)) / 2 / step for e in np.eye(2)],
+        [
+            (ARM.inverse(q + step * e, rest, rest) - ARM.inverse(q - step * e, rest, rest))
+            / 2
+            / step
+            for e in np.eye(2)
+        ],
         axis=1,
     )
     inverse, damping = np.linalg.inv(ARM.D(q)), np.diag(drive.gear**2 * drive.viscous)
@@ -70,15 +92,21 @@ def test_the_plant_is_the_linear_arm_within_its_standard_deviations():
     off = np.abs(measured.plant - exact) / measured.plant_std
     assert 0.6 < np.sqrt((off**2).mean()) < 1.2  # 52 complex numbers: 0.86
     assert off.max() < 3
-    assert np.median(measured.plant_std / np.abs(exact).max(axis=1, keepdims=True)) < 0.05  # and they are small
+    # and they are small
+    assert np.median(measured.plant_std / np.abs(exact).max(axis=1, keepdims=True)) < 0.05
 
 
 def test_the_loop_is_its_input_sensitivity_where_torque_is_injected():
     measured = frequency_response(injected_records())
     G = truth(measured.frequency)
-    feedback = np.diag(np.abs(RIG.drive.gear) * LAW.gain * np.abs(RIG.position_in_pulses(np.ones(2))))
+    feedback = np.diag(
+        np.abs(RIG.drive.gear) * LAW.gain * np.abs(RIG.position_in_pulses(np.ones(2)))
+    )
     exact = np.moveaxis(np.linalg.inv(np.eye(2) + feedback @ G), 0, -1)
-    assert (np.abs(measured.loop - exact) < 3 * measured.loop_std + 0.01 * np.abs(exact).max(axis=(0, 1))).mean() > 0.95
+    assert (
+        np.abs(measured.loop - exact)
+        < 3 * measured.loop_std + 0.01 * np.abs(exact).max(axis=(0, 1))
+    ).mean() > 0.95
 
 
 def test_the_loop_is_the_complementary_sensitivity_where_the_reference_moves():
@@ -86,11 +114,15 @@ def test_the_loop_is_the_complementary_sensitivity_where_the_reference_moves():
     lines[0, 0, [2, 5, 11]] = lines[1, 1, [2, 5, 11]] = 0.002
     for each in lines:
         path = Harmonics(period=DT * SAMPLES, offset=POSE, cosine=each, sine=0 * each)
-        records.append(simulate(ARM, RIG, LAW, path, duration=DT * SAMPLES * 9, steps_per_sample=32))
+        records.append(
+            simulate(ARM, RIG, LAW, path, duration=DT * SAMPLES * 9, steps_per_sample=32)
+        )
     measured = frequency_response(records, skip=6)
     np.testing.assert_allclose(measured.frequency, np.array([3, 6, 12]) / (DT * SAMPLES))
     G = truth(measured.frequency)
-    feedback = np.diag(np.abs(RIG.drive.gear) * LAW.gain * np.abs(RIG.position_in_pulses(np.ones(2))))
+    feedback = np.diag(
+        np.abs(RIG.drive.gear) * LAW.gain * np.abs(RIG.position_in_pulses(np.ones(2)))
+    )
     exact = np.moveaxis(np.linalg.inv(np.eye(2) + G @ feedback) @ G @ feedback, 0, -1)
     np.testing.assert_allclose(measured.loop, exact, rtol=0, atol=0.02 * np.abs(exact).max())
     system = measured.to_control("loop")
@@ -118,7 +150,9 @@ def test_the_resonance_of_each_gear_is_found_within_its_standard_deviation_and_m
         position=POSE[:, None] + np.array([[-0.02, 0.02]]),
     )  # fmt: skip
     run = {"duration": 2 * DT * SAMPLES * 8, "steps_per_sample": 16}
-    found = frequency_response([simulate(ARM, rig, LAW, each, **run) for each in motions], skip=4).resonances(RIG.drive)
+    found = frequency_response(
+        [simulate(ARM, rig, LAW, each, **run) for each in motions], skip=4
+    ).resonances(RIG.drive)
     assert (np.abs(found.hz - hz) < 3 * found.hz_std).all()
     assert (np.abs(found.damping_ratio - ratio) < 3 * found.damping_ratio_std).all()
     assert (found.hz_std < 0.03 * hz).all()
@@ -130,7 +164,10 @@ def test_rigid_gears_have_no_resonance():
     found = frequency_response(moved_records(), skip=8).resonances(RIG.drive)
     assert np.isinf(found.hz).all()
     assert np.isnan(found.hz_std).all()
-    with pytest.raises(ValueError, match=r"hz must be finite; .*q\[0\].* has inf\. Give it one above all that matters"):
+    with pytest.raises(
+        ValueError,
+        match=r"hz must be finite; .*q\[0\].* has inf\. Give it one above all that matters",
+    ):
         Elasticity.from_resonance(ARM, found.hz, 0.02)
 
 
@@ -165,7 +202,11 @@ def without(**fields):
         (lambda: without(torque=None, current=None), {}, "torques or currents"),
         (lambda: without(valid=np.zeros(SAMPLES * PERIODS)), {}, "every sample"),
         (lambda: without(reference=None), {}, "period must be given"),
-        (lambda: [injected_records()[0], without(injected=None)[1]], {}, "all have an injected torque, or none"),
+        (
+            lambda: [injected_records()[0], without(injected=None)[1]],
+            {},
+            "all have an injected torque, or none",
+        ),
         (lambda: [7], {}, "each record must be"),
         (list, {}, "got 0"),
     ],

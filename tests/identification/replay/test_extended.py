@@ -1,4 +1,6 @@
-"""The model with what its rig leaves out: each number is that of a rig which has it, and all zero is the rigid one."""
+"""The model with what its rig leaves out: each number is that of a rig which has it, and all
+zero is the rigid one.
+"""
 
 import dataclasses
 
@@ -77,7 +79,9 @@ def test_backlash_lag_and_friction_are_those_of_the_drive(record, model):
     np.testing.assert_allclose(lagging, predicted(record, current_lag=1e-4), atol=1e-4)
     rubbing = model.innovations(values(model, viscous_0=2e-4, coulomb_1=-0.05))
     theirs = predicted(
-        record, viscous=np.add(RIG.drive.viscous, (2e-4, 0)), coulomb=np.subtract(RIG.drive.coulomb, (0, 0.05))
+        record,
+        viscous=np.add(RIG.drive.viscous, (2e-4, 0)),
+        coulomb=np.subtract(RIG.drive.coulomb, (0, 0.05)),
     )
     np.testing.assert_allclose(rubbing, theirs, atol=1e-5)
 
@@ -87,7 +91,9 @@ def test_what_a_gear_gives_is_added_to_what_it_gives_already(record):
     drive = dataclasses.replace(RIG.drive, elasticity=gears(record, 100.0))
     known = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive))
     model = Extended(DYNAMICS, [known], DYNAMICS.names, ARM.f)
-    more = model.innovations(values(model, compliance_0=60.0**-2 - 100.0**-2, compliance_1=60.0**-2 - 100.0**-2))
+    more = model.innovations(
+        values(model, compliance_0=60.0**-2 - 100.0**-2, compliance_1=60.0**-2 - 100.0**-2)
+    )
     soft = dataclasses.replace(gears(record, 60.0), damping=gears(record, 100.0).damping)
     np.testing.assert_allclose(more, predicted(record, elasticity=soft), atol=1e-6)
 
@@ -104,18 +110,29 @@ def test_late_counts_and_several_records(record, model):
 
 def test_the_least_of_friction_is_none(model):
     friction = {"viscous": RIG.drive.viscous, "coulomb": RIG.drive.coulomb}
-    assert model.stated() == {f"{kind}[{i}]": numbers[i] for kind, numbers in friction.items() for i in range(2)}
-    none, less = (model.innovations(values(model, coulomb_0=times * RIG.drive.coulomb[0])) for times in (-1, -2))
+    assert model.stated() == {
+        f"{kind}[{i}]": numbers[i] for kind, numbers in friction.items() for i in range(2)
+    }
+    none, less = (
+        model.innovations(values(model, coulomb_0=times * RIG.drive.coulomb[0]))
+        for times in (-1, -2)
+    )
     np.testing.assert_array_equal(none, less)
 
 
 def test_without_motor_inertia_no_gear_gives(record):
     """A spring needs a mass on either side; lag and friction are there in any case."""
     drive = dataclasses.replace(RIG.drive, motor_inertia=(0.0, 2e-4))
-    torques = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive), law=LoggedTorque())
+    torques = dataclasses.replace(
+        record, rig=dataclasses.replace(RIG, drive=drive), law=LoggedTorque()
+    )
     model = Extended(DYNAMICS, [torques], DYNAMICS.names, ARM.f)
     assert model.extra == (
-        *(f"{kind}[{i}]" for kind in ("viscous", "coulomb", "offset", "gear", "motor_gain") for i in (0, 1)),
+        *(
+            f"{kind}[{i}]"
+            for kind in ("viscous", "coulomb", "offset", "gear", "motor_gain")
+            for i in (0, 1)
+        ),
         "lag",
     )
     assert np.isfinite(model.innovations(values(model))).all()

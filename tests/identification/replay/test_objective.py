@@ -1,7 +1,9 @@
-"""Objective (4): against numpy on the records of the one-arm simulator, then what must not matter, and bad input.
+"""Objective (4): against numpy on the records of the one-arm simulator, then what must not matter,
+and bad input.
 
-The robot here is short (0.35 s, 500 samples) and simulated with the same four sub-steps as the candidates, so that
-costs are sums of squared whole numbers and everything is compared exactly, bit by bit, unless a test says otherwise.
+The robot here is short (0.35 s, 500 samples) and simulated with the same four sub-steps as the
+candidates, so that costs are sums of squared whole numbers and everything is compared exactly, bit
+by bit, unless a test says otherwise.
 """
 
 import dataclasses
@@ -20,7 +22,8 @@ from plant.simulation.loop_kernel import LANES
 
 DURATION = 0.35
 NAMES = puma560.dynamics().names
-UNKNOWN = ("drive.viscous[0]", *reversed(NAMES), "law.gain[1]")  # as in test_identify, so that both share a kernel
+# as in test_identify, so that both share a kernel
+UNKNOWN = ("drive.viscous[0]", *reversed(NAMES), "law.gain[1]")
 IMPOSSIBLE = puma560.PUBLISHED.copy()
 IMPOSSIBLE[1] = 10.0  # D12 far above sqrt(D11 D22)
 DIVERGING = puma560.PUBLISHED.copy()
@@ -30,7 +33,12 @@ DIVERGING[8] = 1e9  # sound inertia, but a weight that leaves 1e6 rad within the
 @cache
 def robot(period=3.65, gain=(0.20, 0.15), **options):
     return simulate(
-        puma560.arm(), puma560.rig(), puma560.p_law(gain), puma560.reference(period), duration=DURATION, **options
+        puma560.arm(),
+        puma560.rig(),
+        puma560.p_law(gain),
+        puma560.reference(period),
+        duration=DURATION,
+        **options,
     )
 
 
@@ -52,7 +60,7 @@ def objective(record=None, **options):
     return Objective(puma560.dynamics(), record or robot(), **options)
 
 
-# -- the value ------------------------------------------------------------------------------------------------------
+# -- the value -----------------------------------------------------------------------------------
 def test_equation_4_by_numpy():
     """Exactly: both sides are sums of squared whole numbers."""
     population = candidates(6)
@@ -66,7 +74,9 @@ def test_the_generating_arm_costs_nothing():
 
 
 def test_other_sub_steps_cost_the_noise_floor():
-    """FINDINGS 5: the sub-steps alone move the objective of the true f; far below that of another f."""
+    """FINDINGS 5: the sub-steps alone move the objective of the true f; far below that of
+    another f.
+    """
     finer = objective(robot(steps_per_sample=16))
     floor, other = finer(np.array([puma560.PUBLISHED, puma560.PUBLISHED * 1.2]))
     assert 0 < floor < other / 3
@@ -76,7 +86,9 @@ def test_several_records_add():
     records = [robot(), robot(period=2.5), robot(gain=(0.15, 0.12))]
     population = candidates(5)
     both = objective(records)
-    np.testing.assert_array_equal(both(population), sum(objective(record)(population) for record in records))
+    np.testing.assert_array_equal(
+        both(population), sum(objective(record)(population) for record in records)
+    )
 
 
 FRICTION = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1))
@@ -88,7 +100,10 @@ FRICTION = tuple(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i i
         ("friction", (*puma560.dynamics().names, *FRICTION)),
         ("gains", (*puma560.dynamics().names, "law.gain[0]", "law.gain[1]")),
         (("friction", "f"), (*FRICTION, *puma560.dynamics().names)),
-        (("f", "drive.coulomb[1]", "friction"), (*puma560.dynamics().names, FRICTION[3], *FRICTION[:3])),
+        (
+            ("f", "drive.coulomb[1]", "friction"),
+            (*puma560.dynamics().names, FRICTION[3], *FRICTION[:3]),
+        ),
     ],
     ids=str,
 )
@@ -98,7 +113,8 @@ def test_a_word_stands_for_many_unknowns(words, names):
 
 def test_a_word_that_is_nearly_one_is_asked_about():
     with pytest.raises(
-        ValueError, match=r"unknown must be friction, gains or names .*; got 'fricton'. Did you mean 'fri"
+        ValueError,
+        match=r"unknown must be friction, gains or names .*; got 'fricton'. Did you mean 'fri",
     ):
         objective(unknown=("f", "fricton"))
 
@@ -120,14 +136,19 @@ def test_numbers_of_rig_and_law_can_be_unknown_in_any_order():
 def test_the_start_of_a_record_is_replayed():
     initial = np.array([[0.01, -0.02], [0.1, 0.0]])
     record = simulate(
-        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=DURATION, initial=initial
+        puma560.arm(),
+        puma560.rig(),
+        puma560.p_law(),
+        puma560.reference(),
+        duration=DURATION,
+        initial=initial,
     )
     assert np.abs(record.error_pulses[0]).max() > 100
     assert objective(record)(puma560.PUBLISHED[None]) == [0.0]
     assert objective(dataclasses.replace(record, initial=None))(puma560.PUBLISHED[None]) > 1e4
 
 
-# -- what must not matter -------------------------------------------------------------------------------------------
+# -- what must not matter ------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def one_by_one():
     population = candidates(85, seed=3)
@@ -175,12 +196,18 @@ def test_a_bad_candidate_costs_inf_and_leaves_its_neighbours_alone(bad):
 
 
 def test_a_run_that_diverges_costs_inf_even_while_its_sum_is_finite():
-    """One sample, logged before the arm is thrown off beyond 1e6 rad/s: the sum is zero, the flag decides."""
+    """One sample, logged before the arm is thrown off beyond 1e6 rad/s: the sum is zero, the
+    flag decides.
+    """
     thrown = puma560.PUBLISHED.copy()
     thrown[8] = 1e8
-    once = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.7e-3)
+    once = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.7e-3
+    )
     assert len(once) == 1
-    np.testing.assert_array_equal(objective(once)(np.array([puma560.PUBLISHED, thrown])), [0.0, np.inf])
+    np.testing.assert_array_equal(
+        objective(once)(np.array([puma560.PUBLISHED, thrown])), [0.0, np.inf]
+    )
 
 
 def test_only_bad_candidates():
@@ -208,12 +235,19 @@ def test_the_diverging_candidate_passes_the_inertia_gate_and_the_impossible_one_
 
 
 def test_gears_and_friction_that_cannot_be_cost_inf_and_the_gate_reads_the_candidate_s_own_gears():
-    """Twice the gear is four times the motor inertia that D has to leave room for; no gear of zero either."""
+    """Twice the gear is four times the motor inertia that D has to leave room for; no gear of
+    zero either.
+    """
     unknown = (*NAMES, "drive.gear[0]", "drive.coulomb[1]")
     search, drive = objective(unknown=unknown), puma560.rig().drive
     known = np.append(puma560.PUBLISHED, (drive.gear[0], drive.coulomb[1]))
     population = np.array([known] * 5)
-    population[1, 9], population[2, 9], population[3, 10], population[4, 10] = 2 * drive.gear[0], 0.0, -0.01, 0.2
+    population[1, 9], population[2, 9], population[3, 10], population[4, 10] = (
+        2 * drive.gear[0],
+        0.0,
+        -0.01,
+        0.2,
+    )
     costs = search(population)
     assert costs[0] == 0
     np.testing.assert_array_equal(costs[1:4], np.inf)
@@ -231,13 +265,15 @@ def test_true_motion_and_torque_are_never_read():
     record = robot()
     garbage = np.full(record.error_pulses.shape, 1e9)
     blind = dataclasses.replace(record, true_q=None, true_qd=None, torque=None, current=None)
-    lied = dataclasses.replace(record, true_q=garbage, true_qd=-garbage, torque=garbage, current=garbage)
+    lied = dataclasses.replace(
+        record, true_q=garbage, true_qd=-garbage, torque=garbage, current=garbage
+    )
     population = candidates(4)
     for other in (blind, lied):
         np.testing.assert_array_equal(objective(other)(population), objective()(population))
 
 
-# -- files ----------------------------------------------------------------------------------------------------------
+# -- files ---------------------------------------------------------------------------------------
 def test_a_record_from_a_file_costs_the_same(tmp_path):
     robot().to_csv(tmp_path / "robot.csv")
     population = candidates(4)
@@ -247,12 +283,18 @@ def test_a_record_from_a_file_costs_the_same(tmp_path):
 
 def plain(record, path):
     """The same record as a plain CSV file: t and pulses, no header, no reference."""
-    np.savetxt(path, np.column_stack([record.t, record.reference_pulses, record.error_pulses]), delimiter=",")
+    np.savetxt(
+        path,
+        np.column_stack([record.t, record.reference_pulses, record.error_pulses]),
+        delimiter=",",
+    )
     return Record.from_csv(path, rig=record.rig, law=record.law)
 
 
 def test_a_plain_file_without_reference_is_replayed_from_its_counts(tmp_path):
-    """Its reference is known to a pulse only (FINDINGS: 3,500-3,900 over 3.65 s), so the true f costs little."""
+    """Its reference is known to a pulse only (FINDINGS: 3,500-3,900 over 3.65 s), so the true f
+    costs little.
+    """
     search = objective(plain(robot(), tmp_path / "plain.csv"))
     true, other = search(np.array([puma560.PUBLISHED, puma560.PUBLISHED * 1.2]))
     assert true < 3900
@@ -263,7 +305,9 @@ def test_a_plain_file_of_an_arm_that_is_held_costs_exactly_the_same(tmp_path):
     """With a constant reference the logged counts say everything, once the start is given too."""
     held = Harmonics(period=1.0, offset=(0.4, -0.7), cosine=((0.0,), (0.0,)), sine=((0.0,), (0.0,)))
     start = np.array([[0.41, -0.71], [0.0, 0.0]])
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), held, duration=DURATION, initial=start)
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), held, duration=DURATION, initial=start
+    )
     read = dataclasses.replace(plain(record, tmp_path / "plain.csv"), initial=start)
     assert read.reference is None
     population = np.vstack([puma560.PUBLISHED, candidates(4)])
@@ -273,7 +317,7 @@ def test_a_plain_file_of_an_arm_that_is_held_costs_exactly_the_same(tmp_path):
     np.testing.assert_array_equal(costs, objective(record)(population))
 
 
-# -- bad input ------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 def test_no_candidates_cost_nothing():
     costs = objective()(np.empty((0, 9)))
     assert costs.shape == (0,)
@@ -309,7 +353,10 @@ def late(record, sample=100, by=0.2):
         (lambda: objective()("many"), "population must be numbers"),
         (lambda: Objective(puma560.dynamics(), []), "at least one Record; got none"),
         (lambda: Objective(puma560.dynamics(), None), "at least one Record; got NoneType"),
-        (lambda: Objective(puma560.dynamics(), [robot(), "log.csv"]), "at least one Record; got str"),
+        (
+            lambda: Objective(puma560.dynamics(), [robot(), "log.csv"]),
+            "at least one Record; got str",
+        ),
         (lambda: objective(dataclasses.replace(robot(), law=None)), "name the law"),
         (lambda: Objective(one_joint(), robot()), "must have 1 joints; it has 2"),
         (lambda: objective(dataclasses.replace(robot(), rig=slower())), "rig's period"),

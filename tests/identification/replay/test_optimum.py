@@ -42,7 +42,9 @@ def parts(model):
     values = np.concatenate([1.02 * ARM.f, model.gains, extra])
     step = np.concatenate([np.full(9, 1e-3), model.gain_steps, extra])
     free = np.full((9, 2), (-np.inf, np.inf))
-    bounds = np.vstack([free, model.gain_bounds, np.column_stack([model.least, np.full(len(extra), np.inf)])])
+    bounds = np.vstack(
+        [free, model.gain_bounds, np.column_stack([model.least, np.full(len(extra), np.inf)])]
+    )
     return values, step, bounds
 
 
@@ -56,7 +58,10 @@ def test_the_optimum_is_that_of_gauss_newton_on_the_rigid_prediction(model, at):
     values, step, bounds = parts(model)
     solution = gauss_newton(prediction, values[:13], step[:13], bounds[:13], tolerance=1e-6)
     assert at.squares == pytest.approx(float(solution.residual @ solution.residual), rel=1e-4)
-    assert (np.abs(at.values[:9] - solution.values[:9]) < 0.1 * np.sqrt(np.diag(solution.covariance))[:9]).all()
+    assert (
+        np.abs(at.values[:9] - solution.values[:9])
+        < 0.1 * np.sqrt(np.diag(solution.covariance))[:9]
+    ).all()
 
 
 def test_what_is_left_is_orthogonal_to_the_rates(at):
@@ -81,7 +86,11 @@ def test_directions_are_made_once_per_round(model, monkeypatch):
     made = []
     for name in ("slopes", "directions"):
         function = getattr(optimum, name)
-        monkeypatch.setattr(optimum, name, lambda *given, _of=(name, function): made.append(_of[0]) or _of[1](*given))
+        monkeypatch.setattr(
+            optimum,
+            name,
+            lambda *given, _of=(name, function): made.append(_of[0]) or _of[1](*given),
+        )
     fitted(model, *parts(model))
     assert made.count("directions") == made.count("slopes") > 1
 
@@ -94,7 +103,9 @@ def test_a_model_that_does_not_follow_is_refused(model):
 
 
 def test_what_does_not_give_is_the_rigid_loop():
-    """Also where joints turn back at coarse sub-steps: stiff springs would stick otherwise there, by a whole pulse."""
+    """Also where joints turn back at coarse sub-steps: stiff springs would stick otherwise
+    there, by a whole pulse.
+    """
     robot = read_robot("ur5e")
     offset, sine = (0, -1.2, 1.0, -0.5, 0.8, 0), ((0.3,), (0.2,), (0.3,), (0.2,), (0.3,), (0.4,))
     path = Harmonics(period=2.0, offset=offset, cosine=((0.2,),) * 6, sine=sine)
@@ -104,7 +115,9 @@ def test_what_does_not_give_is_the_rigid_loop():
     prediction = Prediction(arm.dynamics, record)
     extra = np.zeros(len(model.extra))
     plain = model.innovations(np.concatenate([arm.f, model.gains, extra]))
-    np.testing.assert_allclose(plain, prediction.innovations(np.append(arm.f, model.gains)), atol=1e-3)
+    np.testing.assert_allclose(
+        plain, prediction.innovations(np.append(arm.f, model.gains)), atol=1e-3
+    )
     extra[model.extra.index("compliance[0]")] = 60.0**-2
     given = [np.concatenate([arm.f, model.gains, each]) for each in (extra, 0 * extra, extra)]
     first, second, third = model.all_innovations(given)
@@ -122,15 +135,23 @@ def linear():
     names = ("f1", "f2", "gain")
     every = lambda many: [(np.asarray(each) - TRUTH) @ RATES for each in many]  # noqa: E731
     return SimpleNamespace(
-        unknown=names, extra=(), gains=np.zeros(1), weights=np.ones(200), scales=np.ones(200),
-        prior=PriorRows(None, names), all_innovations=every, innovations=lambda values: every([values])[0],
-    )  # fmt: skip
+        unknown=names,
+        extra=(),
+        gains=np.zeros(1),
+        weights=np.ones(200),
+        scales=np.ones(200),
+        prior=PriorRows(None, names),
+        all_innovations=every,
+        innovations=lambda values: every([values])[0],
+    )
 
 
 def test_what_is_at_its_bound_takes_over_nothing_beyond_it():
     bounds, step = np.array([(-9.0, 9.0), (-9.0, 9.0), (0.0, 0.2)]), np.full(3, 0.01)
     at = fitted(linear(), np.zeros(3), step, bounds)
-    best = np.linalg.lstsq(RATES[:2].T, (TRUTH[2] - 0.2) * RATES[2] + TRUTH[:2] @ RATES[:2], rcond=None)[0]
+    best = np.linalg.lstsq(
+        RATES[:2].T, (TRUTH[2] - 0.2) * RATES[2] + TRUTH[:2] @ RATES[:2], rcond=None
+    )[0]
     np.testing.assert_allclose(at.values, [*best, 0.2], rtol=1e-6)
     np.testing.assert_allclose(at.before, at.innovations, atol=1e-9)
     free = fitted(linear(), np.zeros(3), step, np.array([(-9.0, 9.0)] * 3))

@@ -1,4 +1,6 @@
-"""Prediction error: innovations of the true arm, Gauss-Newton on a problem with a known answer, honest refusals."""
+"""Prediction error: innovations of the true arm, Gauss-Newton on a problem with a known answer,
+honest refusals.
+"""
 
 import numpy as np
 import pytest
@@ -12,13 +14,19 @@ NAMES = puma560.dynamics().names
 
 @pytest.fixture(scope="module")
 def record():
-    return simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16)
+    return simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), steps_per_sample=16
+    )
 
 
 def test_the_innovations_of_the_true_arm_are_rounding_alone(record):
-    """1 / sqrt(12) = 0.289 pulses, and hardly more; without memory, so that their squares are a likelihood."""
+    """1 / sqrt(12) = 0.289 pulses, and hardly more; without memory, so that their squares are a
+    likelihood.
+    """
     prediction = Prediction(puma560.dynamics(), record)
-    innovation = prediction.innovations(np.append(puma560.PUBLISHED, prediction.nuisances)).reshape(-1, 2)
+    innovation = prediction.innovations(np.append(puma560.PUBLISHED, prediction.nuisances)).reshape(
+        -1, 2
+    )
     weight = prediction.weights.reshape(-1, 2)
     rms = np.sqrt((innovation**2).sum(axis=0) / (weight**2).sum(axis=0))
     assert ((rms > 0.28) & (rms < 0.32)).all()
@@ -32,14 +40,18 @@ def test_samples_weigh_by_the_cells_they_cross():
     held = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), still)
     weight = Prediction(puma560.dynamics(), held).weights.reshape(-1, 2)
     assert weight[-50:].max() < 0.3
-    moving = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0)
+    moving = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0
+    )
     weight = Prediction(puma560.dynamics(), moving).weights.reshape(-1, 2)
     assert weight[300:1000].min() == weight.max() == 1.0
     assert weight[0].max() < 1.0  # the reference starts at rest
 
 
 def test_several_records_and_threads_give_the_same_innovations(record):
-    short = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.3)
+    short = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(2.5), duration=0.3
+    )
     both = Prediction(puma560.dynamics(), [record, short], threads=1)
     values = np.append(puma560.PUBLISHED, both.nuisances)
     apart = [Prediction(puma560.dynamics(), each).innovations(values) for each in (record, short)]
@@ -68,7 +80,9 @@ class Curve:
         self.weights, self.scales = np.ones(400), np.ones(400)
 
     def innovations(self, x):
-        return self.y - x[0] * np.exp(-x[1] * self.t) + 0 * x[2] if x[1] < 5 else np.full(400, np.inf)
+        return (
+            self.y - x[0] * np.exp(-x[1] * self.t) + 0 * x[2] if x[1] < 5 else np.full(400, np.inf)
+        )
 
     def all_innovations(self, many):
         return [self.innovations(x) for x in many]
@@ -79,12 +93,16 @@ EVERYWHERE = np.array([(-np.inf, np.inf)] * 3)
 
 def test_gauss_newton_finds_the_smallest_sum_of_squares():
     fit = gauss_newton(Curve(0.0), (1.0, 0.1, 9.0), (1e-4, 1e-4, 0.0), EVERYWHERE, tolerance=1e-14)
-    np.testing.assert_allclose(fit.values, (2.0, 0.7, 9.0), rtol=1e-6)  # a step of zero leaves c alone
+    # a step of zero leaves c alone
+    np.testing.assert_allclose(fit.values, (2.0, 0.7, 9.0), rtol=1e-6)
     assert (fit.covariance[2] == 0).all()
 
 
 def test_its_covariance_is_the_scatter_of_repeated_noise():
-    fits = [gauss_newton(Curve(0.1, seed), (1.0, 0.1, 0.0), (1e-4, 1e-4, 0.0), EVERYWHERE) for seed in range(80)]
+    fits = [
+        gauss_newton(Curve(0.1, seed), (1.0, 0.1, 0.0), (1e-4, 1e-4, 0.0), EVERYWHERE)
+        for seed in range(80)
+    ]
     scatter = np.std([fit.values[:2] for fit in fits], axis=0)
     said = np.median([np.sqrt(np.diag(fit.covariance))[:2] for fit in fits], axis=0)
     assert (np.abs(np.log(said / scatter)) < np.log(1.35)).all()
@@ -93,7 +111,8 @@ def test_its_covariance_is_the_scatter_of_repeated_noise():
 
 def test_values_stay_in_their_bounds_and_long_steps_are_shortened():
     bounds = np.array([(-np.inf, np.inf), (0.8, 4.9), (0, 1)])
-    fit = gauss_newton(Curve(0.0), (1.0, 2.0, 0.0), (1e-4, 4.0, 0.0), bounds)  # a step of 4 from 2 is lost
+    # a step of 4 from 2 is lost
+    fit = gauss_newton(Curve(0.0), (1.0, 2.0, 0.0), (1e-4, 4.0, 0.0), bounds)
     assert fit.values[1] == 0.8
 
 
@@ -112,7 +131,9 @@ def test_an_unknown_that_loses_the_log_however_small_its_change_is_named():
 
 
 def test_steps_on_which_innovations_jump_to_one_side_are_shortened():
-    """Beside an edge, slopes are those of the side with the values; without what holds there, of the jump."""
+    """Beside an edge, slopes are those of the side with the values; without what holds there, of
+    the jump.
+    """
 
     class Cliff:
         unknown, weights = ("a", "b"), np.ones(3)
@@ -137,9 +158,14 @@ def test_steady_leaves_out_slow_samples_and_those_after():
     moving = simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference(), duration=1.0)
     held = PointToPoint(start=(-0.5, 0.5), goal=(0.3, 0.5), duration=1.0)
     for path, fast in ((None, True), (held, False)):
-        log = moving if path is None else simulate(puma560.arm(), rig, puma560.p_law(), path, duration=1.0)
+        log = (
+            moving
+            if path is None
+            else simulate(puma560.arm(), rig, puma560.p_law(), path, duration=1.0)
+        )
         weights = [
-            Prediction(puma560.dynamics(), log, steady=steady).weights.reshape(-1, 2) for steady in (False, True)
+            Prediction(puma560.dynamics(), log, steady=steady).weights.reshape(-1, 2)
+            for steady in (False, True)
         ]
         kept = weights[1].any(axis=1)
         np.testing.assert_array_equal(weights[1][kept], weights[0][kept])

@@ -1,4 +1,6 @@
-"""Profile likelihood: a linear problem by hand, a curved valley against brute force, and what it meets on the way."""
+"""Profile likelihood: a linear problem by hand, a curved valley against brute force, and what it
+meets on the way.
+"""
 
 import numpy as np
 import pytest
@@ -50,7 +52,8 @@ def test_the_ends_of_a_linear_problem_are_its_standard_deviations(place):
     assert found.rise(LEAST[place] + 2 * std, 4.0) == pytest.approx(4, rel=1e-6)
     for sign, limit in ((1, 50), (-1, -50)):
         end = found.end(0.7 * std, 3.84, limit)
-        assert end == pytest.approx(LEAST[place] + sign * 1.96 * std, abs=0.1 * std)  # to a tenth of the level
+        # to a tenth of the level
+        assert end == pytest.approx(LEAST[place] + sign * 1.96 * std, abs=0.1 * std)
     assert found.better is None
 
 
@@ -59,7 +62,9 @@ def test_an_end_beyond_the_limit_is_the_limit():
 
 
 def test_a_curved_valley_is_followed():
-    """Against the minimum over the others by another solver; the curvature at the best fit would say another end."""
+    """Against the minimum over the others by another solver; the curvature at the best fit would
+    say another end.
+    """
 
     def least(a):
         rest = A[:, 1:]

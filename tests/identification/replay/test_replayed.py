@@ -1,4 +1,6 @@
-"""Identification from logged torques: a planar arm driven in open loop, at uneven times, from zeros nobody knows."""
+"""Identification from logged torques: a planar arm driven in open loop, at uneven times, from
+zeros nobody knows.
+"""
 
 import dataclasses
 import functools
@@ -11,12 +13,26 @@ from identification import Objective, identify
 from identification.replay.gauss_newton import DEPENDENT, gauss_newton
 from identification.replay.prediction import Prediction
 from identification.search import polish
-from plant import Chain, Drive, Dynamics, Encoder, Link, LoggedTorque, Record, Rig, puma560, replay, simulate
+from plant import (
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Link,
+    LoggedTorque,
+    Record,
+    Rig,
+    puma560,
+    replay,
+    simulate,
+)
 
 LINKS = (Link(name="1", alpha=np.pi / 2, theta=-np.pi / 2), Link(name="2", a=0.3))
 DYNAMICS = Dynamics.from_chain(Chain(links=LINKS))
 F = np.array([0.35, 0.0, 0.11, 0.12, 0.0, 0.026, 0.004])
-"""mx1 + a2 m2, my1, J1 + Izz1 + a2^2 m2, mx2, my2, Izz2, J2: an arm of two symmetric links that hangs at q = 0."""
+"""mx1 + a2 m2, my1, J1 + Izz1 + a2^2 m2, mx2, my2, Izz2, J2: an arm of two symmetric links that
+hangs at q = 0.
+"""
 SHOWN = [0, 2, 3, 5]
 FRICTION = ("drive.viscous[0]", "drive.viscous[1]", "drive.coulomb[0]", "drive.coulomb[1]")
 TRUE = np.array([2e-4, 1e-4, 0.02, 0.01])
@@ -25,24 +41,38 @@ UNKNOWN = (*DYNAMICS.names, *FRICTION)
 
 def rig(viscous=TRUE[:2], coulomb=TRUE[2:]):
     drive = Drive(
-        gear=(6, -6), motor_inertia=(6e-5, 6e-5), viscous=viscous, coulomb=coulomb, motor_gain=(0.1, 0.1),
+        gear=(6, -6),
+        motor_inertia=(6e-5, 6e-5),
+        viscous=viscous,
+        coulomb=coulomb,
+        motor_gain=(0.1, 0.1),
         current_limit=(30, 30),
-    )  # fmt: skip
+    )
     return Rig(drive=drive, encoder=Encoder(resolution=(2700, 2700)), period=0.002)
 
 
 @functools.lru_cache
 def log(seed, zero=(0.0, 0.0), seconds=4.0, friction=1.0):
-    """What a logger would hold of the true arm: its counters begin at zero, wherever the arm hangs."""
+    """What a logger would hold of the true arm: its counters begin at zero, wherever the arm
+    hangs.
+    """
     rng = np.random.default_rng(seed)
     t = np.cumsum(0.002 * rng.uniform(0.93, 1.07, int(seconds / 0.002)))
     t[len(t) // 2 :] += 0.006
     t -= t[0]
     w = 2 * np.pi * np.array([0.7, 1.3, 2.1])
-    torque = np.stack([(rng.normal(size=3) * np.sin(w * t[:, None] + 6 * rng.random(3))).sum(axis=1) for _ in "12"], 1)
+    torque = np.stack(
+        [
+            (rng.normal(size=3) * np.sin(w * t[:, None] + 6 * rng.random(3))).sum(axis=1)
+            for _ in "12"
+        ],
+        1,
+    )
     torque *= np.minimum(1, t / 0.3)[:, None] * (0.9, 0.35)
     true = rig(TRUE[:2] * friction, TRUE[2:] * friction)
-    bare = Record(t=t, error_pulses=np.zeros((len(t), 2)), torque=torque, rig=true, law=LoggedTorque())
+    bare = Record(
+        t=t, error_pulses=np.zeros((len(t), 2)), torque=torque, rig=true, law=LoggedTorque()
+    )
     start = np.array([zero, (0.0, 0.0)])
     made = replay(DYNAMICS.arm(F), dataclasses.replace(bare, initial=start), steps_per_sample=16)
     counts = made.counts - np.round(true.position_in_pulses(np.array(zero)))
@@ -58,7 +88,15 @@ def ranges():
 @functools.lru_cache
 def found(zeros=True):
     records = [log(1, (0.05, -0.1)), log(2, (-0.03, 0.04))]
-    return identify(DYNAMICS, records, unknown=UNKNOWN, ranges=ranges(), zeros=zeros, held_out=(), progress=False)
+    return identify(
+        DYNAMICS,
+        records,
+        unknown=UNKNOWN,
+        ranges=ranges(),
+        zeros=zeros,
+        held_out=(),
+        progress=False,
+    )
 
 
 def test_the_arm_its_friction_and_the_zeros_are_found():
@@ -74,7 +112,9 @@ def test_the_arm_its_friction_and_the_zeros_are_found():
 
 
 def test_the_simulated_runs_begin_where_the_zeros_are():
-    """Free runs are compared with the records moved to where they began: far closer than without."""
+    """Free runs are compared with the records moved to where they began: far closer than
+    without.
+    """
     assert found().diagnostics.difference < 0.5 * found(zeros=False).diagnostics.difference
 
 
@@ -86,9 +126,14 @@ def test_the_torque_equation_begins_near_the_truth():
         equal[UNKNOWN.index(name)] = np.append(F, TRUE)[UNKNOWN.index(name)]
     for limits in (ranges(), equal):
         fit = identify(
-            DYNAMICS, [log(1), log(2)], unknown=UNKNOWN, ranges=limits, method="equation_error", held_out=(),
+            DYNAMICS,
+            [log(1), log(2)],
+            unknown=UNKNOWN,
+            ranges=limits,
+            method="equation_error",
+            held_out=(),
             progress=False,
-        )  # fmt: skip
+        )
         assert (np.abs(fit.f[SHOWN] / F[SHOWN] - 1) < 0.05).all()
 
 
@@ -99,7 +144,12 @@ def test_weights_by_scatter_bring_the_values_nearer(monkeypatch):
     for times in (2, 0):
         monkeypatch.setattr(polish, "_WEIGHINGS", times)
         fit = identify(
-            DYNAMICS, [log(1), log(4, friction=2.5)], unknown=UNKNOWN, ranges=ranges(), held_out=(), progress=False
+            DYNAMICS,
+            [log(1), log(4, friction=2.5)],
+            unknown=UNKNOWN,
+            ranges=ranges(),
+            held_out=(),
+            progress=False,
         )
         off.append(np.abs(fit.f[SHOWN] / F[SHOWN] - 1).max())
     assert off[0] < off[1]
@@ -114,22 +164,32 @@ def test_it_repeats_a_run_that_it_has_not_seen():
 
 def test_zeros_that_are_there_and_not_looked_for_do_harm():
     """The point of `zeros`: without them the same logs give worse values, and a worse fit."""
-    off = [np.abs(each.fit.values[[0, 2, 3, 5]] / F[[0, 2, 3, 5]] - 1).max() for each in (found(), found(zeros=False))]
+    off = [
+        np.abs(each.fit.values[[0, 2, 3, 5]] / F[[0, 2, 3, 5]] - 1).max()
+        for each in (found(), found(zeros=False))
+    ]
     assert off[1] > 3 * off[0]
     assert found(zeros=False).fit.rms_innovation > 2 * found().fit.rms_innovation
 
 
 def test_least_squares_is_compared_band_by_band():
-    """In some band it is nearly right, far above the motion it finds less, and the warning says so."""
+    """In some band it is nearly right, far above the motion it finds less, and the warning says
+    so.
+    """
     bands = found().diagnostics.bands
     assert max(bands.values()) > 0.97
     assert bands[max(bands)] < 0.9
-    assert any("least squares on these torques is biased in bands above" in text for text in found().warnings)
+    assert any(
+        "least squares on these torques is biased in bands above" in text
+        for text in found().warnings
+    )
 
 
 @pytest.mark.parametrize("missing", [8, 60])
 def test_a_gap_costs_its_samples_and_no_more(missing):
-    """Across it the torque goes straight; after it the model finds the log again before it is compared."""
+    """Across it the torque goes straight; after it the model finds the log again before it is
+    compared.
+    """
     base = log(1)
     kept = np.r_[0:700, 700 + missing : len(base)]
     gap = dataclasses.replace(
@@ -162,9 +222,16 @@ def test_a_record_that_the_model_cannot_follow_counts_less():
     for joint in (0, 1):
         assert before[half + joint :: 2].std() > 1.5 * before[joint:half:2].std()
         np.testing.assert_allclose(
-            [np.sqrt((part[joint::2] ** 2).sum() / (weight[joint::2] ** 2).sum()) for part, weight in (
-                (after[:half], prediction.weights[:half]), (after[half:], prediction.weights[half:]))], 1, rtol=1e-9,
-        )  # fmt: skip
+            [
+                np.sqrt((part[joint::2] ** 2).sum() / (weight[joint::2] ** 2).sum())
+                for part, weight in (
+                    (after[:half], prediction.weights[:half]),
+                    (after[half:], prediction.weights[half:]),
+                )
+            ],
+            1,
+            rtol=1e-9,
+        )
     same = Prediction(DYNAMICS, [log(1)], UNKNOWN)
     values = np.concatenate([F, TRUE, same.nuisances])
     assert not Prediction(DYNAMICS, [log(1), log(2)], UNKNOWN).reweigh(values)
@@ -177,15 +244,20 @@ def test_samples_without_weight_are_as_good_as_none():
     valid[300:320] = 0
     spoilt = base.error_pulses.copy()
     spoilt[300:320] = 12345
-    records = [dataclasses.replace(base, valid=valid, error_pulses=e) for e in (base.error_pulses, spoilt)]
+    records = [
+        dataclasses.replace(base, valid=valid, error_pulses=e) for e in (base.error_pulses, spoilt)
+    ]
     values = np.append(F, TRUE)
     costs = [Objective(DYNAMICS, record, UNKNOWN)(values[None])[0] for record in records]
     assert costs[0] == costs[1]
     innovations = []
     for record in records:
         prediction = Prediction(DYNAMICS, record, UNKNOWN)
-        innovations.append(prediction.innovations(np.append(values, prediction.nuisances)).reshape(-1, 2))
-    far = np.abs(np.arange(len(base)) - 310) > 25  # how fast counts move is taken over some samples around
+        innovations.append(
+            prediction.innovations(np.append(values, prediction.nuisances)).reshape(-1, 2)
+        )
+    # how fast counts move is taken over some samples around
+    far = np.abs(np.arange(len(base)) - 310) > 25
     np.testing.assert_array_equal(innovations[0][far], innovations[1][far])
     assert (innovations[0][300:320] == 0).all()
 
@@ -194,7 +266,9 @@ def test_samples_without_weight_are_as_good_as_none():
 def test_a_log_of_computed_torque_tells_f_by_its_torques():
     """The law's own state is in no log, but what it asked for is."""
     arm, robot_rig = puma560.arm(), puma560.rig()
-    made = simulate(arm, robot_rig, ComputedTorque(arm, robot_rig), puma560.reference(), steps_per_sample=16)
+    made = simulate(
+        arm, robot_rig, ComputedTorque(arm, robot_rig), puma560.reference(), steps_per_sample=16
+    )
     bare = dataclasses.replace(made, law=LoggedTorque(), true_q=None, true_qd=None)
     fit = identify(puma560.dynamics(), bare, progress=False)
     width = np.ptp(puma560.dynamics().ranges, axis=1)
@@ -229,14 +303,20 @@ def test_a_value_at_its_bound_stays_and_the_others_make_up_for_it():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: identify(puma560.dynamics(), pulses(), zeros=True, progress=False), "only of logs that replay"),
+        (
+            lambda: identify(puma560.dynamics(), pulses(), zeros=True, progress=False),
+            "only of logs that replay",
+        ),
         (lambda: identify(DYNAMICS, log(1), zeros="yes", progress=False), "zeros must be"),
         (
             lambda: identify(DYNAMICS, log(1), zeros=True, method="equation_error", progress=False),
             "zeros must be found",
         ),
         (lambda: identify(DYNAMICS, still(), progress=False), "every motor must move"),
-        (lambda: Prediction(DYNAMICS, dataclasses.replace(log(1), law=None), UNKNOWN), "Pass law= when loading it"),
+        (
+            lambda: Prediction(DYNAMICS, dataclasses.replace(log(1), law=None), UNKNOWN),
+            "Pass law= when loading it",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):
@@ -246,7 +326,9 @@ def test_bad_input_is_refused_in_one_line(call, said):
 
 
 def pulses():
-    return simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    return simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5
+    )
 
 
 def still():

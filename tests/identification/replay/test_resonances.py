@@ -1,4 +1,6 @@
-"""Coordinates of resonances: there and back, against `Elasticity.from_resonance`, derivatives, what is known beside."""
+"""Coordinates of resonances: there and back, against `Elasticity.from_resonance`, derivatives,
+what is known beside.
+"""
 
 import dataclasses
 
@@ -11,7 +13,10 @@ from identification.replay.resonances import DAMPING, STIFFNESS, Resonances, on_
 from plant import Elasticity, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
-NAMES = (*ARM.dynamics.names, *(f"{field}[{i}]" for field in (STIFFNESS, DAMPING) for i in range(2)))
+NAMES = (
+    *ARM.dynamics.names,
+    *(f"{field}[{i}]" for field in (STIFFNESS, DAMPING) for i in range(2)),
+)
 POSE = PATH(np.zeros(1)).q[0]
 
 
@@ -40,8 +45,11 @@ def start_of(view, hz, ratio):
 
 def test_coordinates_are_resonances_and_lead_back(record):
     view = view_of(record)
-    values, start = start_of(view, (60, 90), 0.0158113883)  # the usual ratio, with which a search starts
-    np.testing.assert_allclose(start.coordinates[9:11], 1 / (2 * np.pi * np.array([60, 90])) ** 2, rtol=1e-12)
+    # the usual ratio, with which a search starts
+    values, start = start_of(view, (60, 90), 0.0158113883)
+    np.testing.assert_allclose(
+        start.coordinates[9:11], 1 / (2 * np.pi * np.array([60, 90])) ** 2, rtol=1e-12
+    )
     np.testing.assert_allclose(view.values(start.coordinates), values, rtol=1e-9)
     hz, ratio = view.resonances(start.coordinates)
     np.testing.assert_allclose(hz, [60, 90], rtol=1e-12)
@@ -49,7 +57,9 @@ def test_coordinates_are_resonances_and_lead_back(record):
 
 
 def test_slopes_of_values_are_those_of_their_definition(record):
-    """k = m / u: by u -k / u, by f_j the derivative of m over u; damping grows with its logarithm."""
+    """k = m / u: by u -k / u, by f_j the derivative of m over u; damping grows with its
+    logarithm.
+    """
     view = view_of(record)
     values, start = start_of(view, (60, 90), 0.02)
     slopes, u = view.slopes(start.coordinates), start.coordinates[9:11]
@@ -63,7 +73,8 @@ def test_slopes_of_values_are_those_of_their_definition(record):
 def test_what_cannot_be_is_infinite_not_a_number(record):
     view = view_of(record)
     _, start = start_of(view, 60, 0.02)
-    for place, value in ((9, -1e-9), (0, 0.0)):  # a negative compliance; link 3 lighter than its rotor
+    # a negative compliance; link 3 lighter than its rotor
+    for place, value in ((9, -1e-9), (0, 0.0)):
         wrong = start.coordinates.copy()
         wrong[place] = value
         assert np.isinf(view.innovations(wrong)).all()
@@ -105,13 +116,17 @@ def test_a_search_stays_between_what_a_user_allows(record):
     start = view.start(values, np.ones(len(values)), bounds)
     omega = 2 * np.pi * 60
     np.testing.assert_allclose(start.bounds[9], [1 / 3 / omega**2, 2 / omega**2], rtol=1e-9)
-    np.testing.assert_allclose(start.bounds[10], 1 / (2 * np.pi * np.array([1000, 4])) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(
+        start.bounds[10], 1 / (2 * np.pi * np.array([1000, 4])) ** 2, rtol=1e-9
+    )
 
 
 def test_rigid_rigs_get_gears_and_others_keep_theirs(record):
     rigid = dataclasses.replace(record, rig=RIG)
     assert on_gears(rigid).rig.drive.elasticity.stiffness.min() > 0
     assert on_gears(record) is record
-    weightless = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, motor_inertia=(0, 2e-4)))
+    weightless = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, motor_inertia=(0, 2e-4))
+    )
     with pytest.raises(ValueError, match="motors that weigh something"):
         on_gears(dataclasses.replace(record, rig=weightless))

@@ -1,4 +1,6 @@
-"""The bias of rounding: a log that the model makes itself is the simulator's; without it estimates are off alike."""
+"""The bias of rounding: a log that the model makes itself is the simulator's; without it
+estimates are off alike.
+"""
 
 import dataclasses
 
@@ -18,9 +20,13 @@ LAW = puma560.p_law((0.1, 0.08))
 
 @pytest.mark.parametrize("reference", [PATH, None], ids=["reference", "counts"])
 def test_the_log_that_the_model_makes_is_that_of_the_simulator(reference):
-    """Same arm, same phase, 16 sub-steps; without its reference the path is known but for its rounding."""
+    """Same arm, same phase, 16 sub-steps; without its reference the path is known but for its
+    rounding.
+    """
     shift = np.array([0.2, -0.3])
-    phased = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, phase=Phase(shift=shift)))
+    phased = dataclasses.replace(
+        RIG, encoder=dataclasses.replace(RIG.encoder, phase=Phase(shift=shift))
+    )
     record = simulate(ARM, RIG, LAW, PATH, duration=1.0)
     prediction = Prediction(ARM.dynamics, dataclasses.replace(record, reference=reference))
     (followed, values), *_ = prediction._each(np.append(ARM.f, prediction.nuisances))
@@ -33,7 +39,13 @@ def test_the_log_that_the_model_makes_is_that_of_the_simulator(reference):
     assert np.abs((counts - expected).mean(axis=0)).max() < 0.02
 
 
-SLOWER = PID(gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=3 * RIG.period)
+SLOWER = PID(
+    gain=(0.1, 0.075),
+    integral=(0.5, 0.4),
+    derivative=(4e-4, 3e-4),
+    filter=2000.0,
+    period=3 * RIG.period,
+)
 
 
 @pytest.mark.parametrize("law", [LAW, SLOWER], ids=["P", "PID"])
@@ -45,7 +57,9 @@ def test_a_log_that_is_made_in_blocks_has_the_same_bits(law, monkeypatch):
     values = np.append(ARM.f, followed.loop.correction.number_values()[:4])
     whole = followed.rounded(values, [np.zeros(2)], threads=1, steps=16)
     monkeypatch.setattr(experiment, "_AT_ONCE", 100 * 16)
-    np.testing.assert_array_equal(followed.rounded(values, [np.zeros(2)], threads=1, steps=16), whole)
+    np.testing.assert_array_equal(
+        followed.rounded(values, [np.zeros(2)], threads=1, steps=16), whole
+    )
 
 
 def test_innovations_in_parts_have_the_same_bits(monkeypatch):
@@ -65,20 +79,29 @@ def test_innovations_in_parts_have_the_same_bits(monkeypatch):
 @pytest.mark.parametrize("steps", [16, 64])
 def test_it_rounds_as_often_as_the_loop_of_the_log(steps):
     """A stiff loop hunts by counts, the less the more often it feels them."""
-    record = simulate(ARM, RIG, puma560.p_law((1.5, 1.2)), PATH, duration=1.0, steps_per_sample=steps)
+    record = simulate(
+        ARM, RIG, puma560.p_law((1.5, 1.2)), PATH, duration=1.0, steps_per_sample=steps
+    )
     prediction = Prediction(ARM.dynamics, record)
-    values, shifts = np.append(ARM.f, prediction.nuisances), np.random.default_rng(1).uniform(-0.5, 0.5, (4, 1, 2))
+    values, shifts = (
+        np.append(ARM.f, prediction.nuisances),
+        np.random.default_rng(1).uniform(-0.5, 0.5, (4, 1, 2)),
+    )
     found = polish._rounded(prediction, values, shifts, prediction.innovations(values))
     np.testing.assert_array_equal(found, prediction.of_rounded(values, shifts, steps))
 
 
 @pytest.mark.slow
 def test_estimates_have_no_bias():
-    """Five logs from other phases: the mean of f6, whose bias is 1.3 standard deviations without the correction."""
+    """Five logs from other phases: the mean of f6, whose bias is 1.3 standard deviations without
+    the correction.
+    """
     off = []
     for seed in range(5):
         shift = np.random.default_rng(seed).uniform(-0.5, 0.5, 2)
-        robot = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, phase=Phase(shift=shift)))
+        robot = dataclasses.replace(
+            RIG, encoder=dataclasses.replace(RIG.encoder, phase=Phase(shift=shift))
+        )
         record = dataclasses.replace(simulate(ARM, robot, LAW, PATH, steps_per_sample=16), rig=RIG)
         found = identify(ARM.dynamics, record, method="prediction_error", progress=False)
         off.append((found.f - ARM.f) / np.sqrt(np.diag(found.fit.noise_covariance)))

@@ -14,14 +14,22 @@ WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
 
 @pytest.fixture(scope="module")
 def record():
-    return simulate(puma560.arm(), RIG, puma560.p_law((0.1, 0.08)), puma560.reference(), steps_per_sample=16)
+    return simulate(
+        puma560.arm(), RIG, puma560.p_law((0.1, 0.08)), puma560.reference(), steps_per_sample=16
+    )
 
 
 def late(record, samples):
     """The same experiment, its counts read so many samples after the reference."""
     t = record.t - samples * RIG.period
-    counts = np.trunc(RIG.position_in_pulses(np.column_stack([np.interp(t, record.t, q) for q in record.true_q.T])))
-    return dataclasses.replace(record, error_pulses=record.reference_pulses - counts, torque=None, current=None)
+    counts = np.trunc(
+        RIG.position_in_pulses(
+            np.column_stack([np.interp(t, record.t, q) for q in record.true_q.T])
+        )
+    )
+    return dataclasses.replace(
+        record, error_pulses=record.reference_pulses - counts, torque=None, current=None
+    )
 
 
 def quick(record, **options):
@@ -36,7 +44,9 @@ def test_a_log_in_time_is_not_warned_about(record):
 
 @pytest.mark.parametrize("samples", [0.1, pytest.param(-0.2, marks=pytest.mark.slow)])
 def test_delay_is_found_and_its_correction_brings_the_parameters_back(record, samples):
-    """A tenth of a sample, 70 microseconds, throws f off by more than its whole range; the intervals say so."""
+    """A tenth of a sample, 70 microseconds, throws f off by more than its whole range; the
+    intervals say so.
+    """
     found = identify(DYNAMICS, late(record, samples), progress=False)
     assert (np.abs(found.f - puma560.PUBLISHED) < 1.96 * found.fit.std).all()
     assert found.diagnostics.delay == pytest.approx(samples, abs=0.01)
@@ -53,7 +63,10 @@ def test_unknown_friction_absorbs_the_delay_and_is_warned_about(record):
     unknown = (*DYNAMICS.names, "drive.viscous[0]", "drive.viscous[1]")
     found = quick(late(record, 0.1), unknown=unknown)
     assert found.rig.drive.viscous[0] > 1.5 * RIG.drive.viscous[0]
-    assert any("not separately identifiable from drive.viscous[0], drive.viscous[1]" in text for text in found.warnings)
+    assert any(
+        "not separately identifiable from drive.viscous[0], drive.viscous[1]" in text
+        for text in found.warnings
+    )
 
 
 def test_correction_moves_counts_along_their_motion(record):

@@ -1,4 +1,6 @@
-"""Intervals of an identification from several records, with what differs between them: each record's own fit is it."""
+"""Intervals of an identification from several records, with what differs between them: each
+record's own fit is it.
+"""
 
 import dataclasses
 
@@ -18,22 +20,33 @@ TRUTH = np.concatenate([ARM.f, RIG.drive.viscous, RIG.drive.coulomb])
 def log(seed, drift):
     """Counts of a day on which each friction is off by so much, relative (standard deviation)."""
     random = np.random.default_rng(seed)
-    friction = {kind: getattr(RIG.drive, kind) * (1 + drift * random.normal(size=2)) for kind in KINDS}
+    friction = {
+        kind: getattr(RIG.drive, kind) * (1 + drift * random.normal(size=2)) for kind in KINDS
+    }
     path = Harmonics(period=2.5, offset=(0, 0), cosine=random.normal(0, 0.12, (2, 4)),
                      sine=random.normal(0, 0.12, (2, 4)))  # fmt: skip
     encoder = dataclasses.replace(RIG.encoder, phase=Phase(shift=random.uniform(-0.5, 0.5, 2)))
     drive = dataclasses.replace(RIG.drive, **friction)
-    record = simulate(ARM, dataclasses.replace(RIG, drive=drive, encoder=encoder), LAW, path, duration=2.5)
+    record = simulate(
+        ARM, dataclasses.replace(RIG, drive=drive, encoder=encoder), LAW, path, duration=2.5
+    )
     return dataclasses.replace(record, rig=RIG, torque=None, true_q=None, true_qd=None)
 
 
 def quick(records, **options):
     return identify(
-        ARM.dynamics, records, unknown=UNKNOWN, method="prediction_error", held_out=(), progress=False, **options
+        ARM.dynamics,
+        records,
+        unknown=UNKNOWN,
+        method="prediction_error",
+        held_out=(),
+        progress=False,
+        **options,
     )
 
 
-@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")  # the records contradict each other
+# the records contradict each other
+@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
 def test_friction_that_drifts_widens_the_intervals_that_then_hold_it(tmp_path):
     records = [log((5, i), 0.1) for i in range(3)]
     found, friction = quick(records), slice(9, 13)
@@ -57,18 +70,31 @@ def test_friction_that_drifts_widens_the_intervals_that_then_hold_it(tmp_path):
 
 
 def repeated(share):
-    """Counts and torque, which chatters, of a day on which the friction of the joints is off by so much, relative."""
+    """Counts and torque, which chatters, of a day on which the friction of the joints is off by
+    so much, relative.
+    """
     path = Harmonics(period=2.5, offset=(0, 0), cosine=((0.3, 0.1, -0.1), (-0.2, 0.1, 0.1)),
                      sine=((0.1, -0.2, 0.05), (0.2, 0.2, -0.1)))  # fmt: skip
-    law = PID(gain=(0.1, 0.08), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period)
+    law = PID(
+        gain=(0.1, 0.08),
+        integral=(0.5, 0.4),
+        derivative=(4e-4, 3e-4),
+        filter=2000.0,
+        period=RIG.period,
+    )
     friction = {kind: getattr(RIG.drive, kind) * (1 + np.array([share, -share])) for kind in KINDS}
     machine = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, **friction))
-    return dataclasses.replace(simulate(ARM, machine, law, path, duration=2.5), rig=RIG, true_q=None, true_qd=None)
+    return dataclasses.replace(
+        simulate(ARM, machine, law, path, duration=2.5), rig=RIG, true_q=None, true_qd=None
+    )
 
 
-@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")  # the records contradict each other
+# the records contradict each other
+@pytest.mark.filterwarnings("ignore::identification.IdentificationWarning")
 def test_records_that_contradict_each_other_give_the_mean_of_their_own_fits():
-    """Their common fit follows its counts so closely that its values are off by seven standard deviations."""
+    """Their common fit follows its counts so closely that its values are off by seven standard
+    deviations.
+    """
     records = [repeated(share) for share in (0.1, -0.1)]
     found = quick(records)
     fit, off = found.fit, np.abs(found.fit.values - TRUTH)
@@ -101,20 +127,27 @@ def test_a_record_that_alone_does_not_tell_all_is_left_out_of_the_mean_of_the_ot
     assert (np.abs(fit.values - TRUTH) < 2 * fit.std).all()
     assert np.isnan(fit.between.values).all(axis=1).tolist() == [False, False, True]
     assert fit.between.compared.all()
-    assert "each record's own, but for 1 that alone does not tell all: found.fit.between" in found.warnings[0]
+    assert (
+        "each record's own, but for 1 that alone does not tell all: found.fit.between"
+        in found.warnings[0]
+    )
 
 
 def test_one_record_says_that_a_second_would_tell():
     found = quick(log((3, 0), 0.1))
     assert found.fit.between is None
-    assert "by blocks of one log: what differs between runs is not in them" in " ".join(found.summary().split())
+    assert "by blocks of one log: what differs between runs is not in them" in " ".join(
+        found.summary().split()
+    )
 
 
 def test_a_prior_belongs_to_no_record():
     records = [log((5, i), 0.0) for i in range(2)]
     plain = quick(records)
     wide, narrow = (quick(records, prior=(1.05 * ARM.f, share)) for share in (1e3, 1e-3))
-    np.testing.assert_allclose(wide.fit.between.values, plain.fit.between.values, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        wide.fit.between.values, plain.fit.between.values, rtol=1e-3, atol=1e-3
+    )
     np.testing.assert_allclose(wide.fit.std, plain.fit.std, rtol=0.2)
     assert (narrow.fit.std[:9] < 0.1 * plain.fit.std[:9]).any()
 

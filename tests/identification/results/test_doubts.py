@@ -1,4 +1,6 @@
-"""Doubt is loud: where it is found, in the repr, and in each law that is built on it; right logs are quiet."""
+"""Doubt is loud: where it is found, in the repr, and in each law that is built on it; right logs
+are quiet.
+"""
 
 import dataclasses
 import json
@@ -25,9 +27,15 @@ def log():
 
 @cache
 def wrong():
-    stated = dataclasses.replace(log(), law=P(gain=[1.5 * gain for gain in LAW.gain]), torque=None, current=None)
-    with pytest.warns(IdentificationWarning, match=r"identify: identified with \d+ warning") as caught:
-        found = identify(puma560.dynamics(), stated, seed=1, method="equation_error", progress=False)
+    stated = dataclasses.replace(
+        log(), law=P(gain=[1.5 * gain for gain in LAW.gain]), torque=None, current=None
+    )
+    with pytest.warns(
+        IdentificationWarning, match=r"identify: identified with \d+ warning"
+    ) as caught:
+        found = identify(
+            puma560.dynamics(), stated, seed=1, method="equation_error", progress=False
+        )
     assert len(caught) == 1  # of all lines
     assert caught[0].filename == __file__
     for line in found.warnings:
@@ -38,14 +46,19 @@ def wrong():
 def test_what_is_significant_and_not_named_asks_for_what_was_stated():
     detection = identify(puma560.dynamics(), log(), progress=False).diagnostics.detection
     assert "next to nothing" not in str(detection)
-    signs = [dataclasses.replace(sign, threshold=-1.0) if sign.name == "gear" else sign for sign in detection.signs]
+    signs = [
+        dataclasses.replace(sign, threshold=-1.0) if sign.name == "gear" else sign
+        for sign in detection.signs
+    ]
     said = str(dataclasses.replace(detection, signs=tuple(signs)))
     assert "significant, but explaining next to nothing: gear (are lengths and rig right?)" in said
 
 
 def test_a_result_in_doubt_says_so_in_its_repr():
     assert f"{len(wrong().warnings)} warning" in repr(wrong())
-    fallen = dataclasses.replace(wrong(), fit=dataclasses.replace(wrong().fit, fallback_reason="the fit is no arm"))
+    fallen = dataclasses.replace(
+        wrong(), fit=dataclasses.replace(wrong().fit, fallback_reason="the fit is no arm")
+    )
     assert "a fallback" in repr(fallen)
 
 
@@ -55,7 +68,13 @@ def test_a_result_in_doubt_says_so_in_its_repr():
         (ComputedTorque, {}),
         (
             ComputedTorquePID,
-            {"bandwidth": 155, "ratio": 1.66, "integral": 40.6, "roll_off": 449, "roll_off_damping": 0.53},
+            {
+                "bandwidth": 155,
+                "ratio": 1.66,
+                "integral": 40.6,
+                "roll_off": 449,
+                "roll_off_damping": 0.53,
+            },
         ),
     ],
 )
@@ -78,7 +97,10 @@ def test_nor_does_a_study(study):
 
 def test_a_file_has_the_warnings_and_what_is_read_from_it_warns_again(tmp_path):
     wrong().save(tmp_path / "found.json")
-    assert json.loads((tmp_path / "found.json").read_text())["provenance"]["warnings"] == wrong().warnings
+    assert (
+        json.loads((tmp_path / "found.json").read_text())["provenance"]["warnings"]
+        == wrong().warnings
+    )
     with pytest.warns(IdentificationWarning, match="ComputedTorque: identified with"):
         ComputedTorque(Identification.load(tmp_path / "found.json"))
 
@@ -92,7 +114,9 @@ def test_a_right_log_is_quiet():
 
 
 def two_joints_of_a_ur5e():
-    """Shoulder lift and elbow, gears of 100 and encoders of 4,096 counts: the P loop hunts by a count or two."""
+    """Shoulder lift and elbow, gears of 100 and encoders of 4,096 counts: the P loop hunts by a
+    count or two.
+    """
     chain, rig = elbow_of_a_ur5e("fix")
     one, other = (0.2, 0.1, -0.05), (-0.15, 0.1, 0.1)
     path = Harmonics(period=6.0, offset=(0.0, 0.0), cosine=(one, other), sine=(other, one))
@@ -100,10 +124,14 @@ def two_joints_of_a_ur5e():
     return dynamics.arm(dynamics.f()), rig, path
 
 
-@pytest.mark.filterwarnings("ignore:.*the loop of P is unstable")  # in the linear, where nothing limits it
+# in the linear, where nothing limits it
+@pytest.mark.filterwarnings("ignore:.*the loop of P is unstable")
 @pytest.mark.parametrize(  # without a lag, what its start sets swinging decays over the log
     ("gain", "lag", "hunts"),
-    [pytest.param((0.080, 0.0295), None, (), marks=pytest.mark.slow), ((0.042, 0.0153), 3e-5, (0,))],
+    [
+        pytest.param((0.080, 0.0295), None, (), marks=pytest.mark.slow),
+        ((0.042, 0.0153), 3e-5, (0,)),
+    ],
 )
 def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, lag, hunts):
     arm, rig, path = two_joints_of_a_ur5e()
@@ -116,21 +144,35 @@ def test_a_loop_that_hunts_by_counts_is_described_and_not_doubted(gain, lag, hun
     assert found.warnings == []
     said = " ".join(found.summary(full=True).split())
     assert ("the loop hunts by counts, as the model's does" in said) == bool(hunts)
-    worn = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, coulomb=0.5 * rig.drive.coulomb))
-    other = dataclasses.replace(simulate(arm, worn, P(gain=gain), path, duration=3.0, steps_per_sample=16), rig=rig)
-    for wrong in (other, dataclasses.replace(record, law=P(gain=0.7 * np.array(gain)), torque=None, current=None)):
+    worn = dataclasses.replace(
+        rig, drive=dataclasses.replace(rig.drive, coulomb=0.5 * rig.drive.coulomb)
+    )
+    other = dataclasses.replace(
+        simulate(arm, worn, P(gain=gain), path, duration=3.0, steps_per_sample=16), rig=rig
+    )
+    for wrong in (
+        other,
+        dataclasses.replace(record, law=P(gain=0.7 * np.array(gain)), torque=None, current=None),
+    ):
         with pytest.warns(IdentificationWarning):
             doubted = identify(arm.dynamics, wrong, method="prediction_error", progress=False)
         assert doubted.diagnostics.detection.names == ("friction",)  # so gains look, too
 
 
 def test_what_is_named_is_not_blamed_on_the_rest_of_the_rig():
-    """A lag of 16 us puts the loop's runs apart by 1.2 to 1.7 pulses: more than two runs are, less than is doubted."""
+    """A lag of 16 us puts the loop's runs apart by 1.2 to 1.7 pulses: more than two runs are,
+    less than is doubted.
+    """
     arm, rig, path = two_joints_of_a_ur5e()
     late = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=1.6e-5))
     record = simulate(arm, late, P(gain=(0.042, 0.0153)), path, duration=3.0, steps_per_sample=16)
     with pytest.warns(IdentificationWarning):
-        found = identify(arm.dynamics, dataclasses.replace(record, rig=rig), method="prediction_error", progress=False)
+        found = identify(
+            arm.dynamics,
+            dataclasses.replace(record, rig=rig),
+            method="prediction_error",
+            progress=False,
+        )
     told = found.diagnostics
     assert 1.1 * told.expected < told.difference < told.limit
     assert len(found.warnings) == 1
@@ -139,15 +181,20 @@ def test_what_is_named_is_not_blamed_on_the_rest_of_the_rig():
 
 @pytest.mark.parametrize("method", ["seeded", "prediction_error", "equation_error", "output_error"])
 def test_no_method_blames_a_healthy_log_whose_loop_hunts(method):
-    """The rough methods' values repeat it worse than their deviations say: that is said of them, not of the log."""
+    """The rough methods' values repeat it worse than their deviations say: that is said of them,
+    not of the log.
+    """
     arm, rig, path = two_joints_of_a_ur5e()
     record = simulate(arm, rig, P(gain=(0.080, 0.0295)), path, duration=3.0, steps_per_sample=16)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)
         found = identify(arm.dynamics, record, method=method, progress=False)
     told = found.diagnostics
-    # Output error comes to the right values since it is searched for once more with the stated rotors, or near them.
-    if method in ("seeded", "prediction_error") or (method == "output_error" and np.isnan(told.closest)):
+    # Output error comes to the right values since it is searched for once more with the stated
+    # rotors, or near them.
+    if method in ("seeded", "prediction_error") or (
+        method == "output_error" and np.isnan(told.closest)
+    ):
         assert found.warnings == []
         assert told.expected < told.limit
         assert told.difference < told.limit
@@ -155,14 +202,17 @@ def test_no_method_blames_a_healthy_log_whose_loop_hunts(method):
     else:
         assert 0 < told.closest < told.difference
         assert found.warnings == [  # nor of its rotors
-            f"these values repeat the log to {told.difference:.2f} pulses (rms), those of prediction_error to "
-            f"{told.closest:.2f}, as the model repeats itself. The log fits its model: identify with that method."
+            f"these values repeat the log to {told.difference:.2f} pulses (rms), those of"
+            f" prediction_error to {told.closest:.2f}, as the model repeats itself. The log fits"
+            " its model: identify with that method."
         ]
 
 
 @pytest.mark.slow
 def test_a_validation_record_whose_loop_hunts_is_not_blamed_and_one_of_another_arm_is():
-    """Searched at gains that do not hunt: the other differs more than 1.5 times as much, as runs of the model do."""
+    """Searched at gains that do not hunt: the other differs more than 1.5 times as much, as runs
+    of the model do.
+    """
     arm, rig, path = two_joints_of_a_ur5e()
     calm, hunting = (simulate(arm, rig, P(gain=gain), path, duration=3.0, steps_per_sample=16)
                      for gain in ((0.02, 0.008), (0.080, 0.0295)))  # fmt: skip
@@ -187,5 +237,7 @@ def test_one_more_number_exceeds_the_limit_with_the_stated_probability():
 def test_a_record_under_another_law_than_the_first_is_run_under_its_own():
     arm, slow = puma560.arm(), P(gain=0.5 * np.array(LAW.gain))
     record = simulate(arm, RIG, slow, PATH, duration=0.5)
-    problem = SimpleNamespace(unknown=arm.dynamics.names, parts=lambda values: (arm.dynamics.arm(values), RIG, LAW))
+    problem = SimpleNamespace(
+        unknown=arm.dynamics.names, parts=lambda values: (arm.dynamics.arm(values), RIG, LAW)
+    )
     np.testing.assert_array_equal(_run(problem, arm.f, record).error_pulses, record.error_pulses)

@@ -1,4 +1,6 @@
-"""Gears between two encoders on three of six joints of a heavy arm: f known, uncertain, unknown; truth by pinocchio."""
+"""Gears between two encoders on three of six joints of a heavy arm: f known, uncertain, unknown;
+truth by pinocchio.
+"""
 
 import dataclasses
 from functools import cache
@@ -18,7 +20,10 @@ ARM = arm_of(bodies())
 def logs(drift=0.0, spread=0.0, runs=2):
     random = np.random.default_rng(5)
     some = other(bodies(), spread, random) if spread else bodies()
-    return [run(some, STIFFNESS * (1 + drift * (-1) ** i), DAMPING, random, noise=0.01) for i in range(runs)]
+    return [
+        run(some, STIFFNESS * (1 + drift * (-1) ** i), DAMPING, random, noise=0.01)
+        for i in range(runs)
+    ]
 
 
 def without(record, **fields):
@@ -56,12 +61,17 @@ def test_gears_that_the_rig_states_are_no_part_of_the_error():
     """Of the wrist's gears: what they wind up by is off the motors' counts."""
     gears = Elasticity(stiffness=STIFFNESS * np.where(SEEN, 3.0, 1.0), damping=DAMPING)
     rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears))
-    found, rigid = find_gears(ARM, [without(each, rig=rig) for each in logs()]), find_gears(ARM, logs())
+    found, rigid = (
+        find_gears(ARM, [without(each, rig=rig) for each in logs()]),
+        find_gears(ARM, logs()),
+    )
     off, beside = (np.abs(each.stiffness / STIFFNESS - 1)[SEEN] for each in (found, rigid))
     assert off.max() < 5e-4 < beside.max()
     np.testing.assert_array_equal(found.elasticity.stiffness[~SEEN], STIFFNESS[~SEEN])
     np.testing.assert_array_equal(found.elasticity.stiffness[SEEN], found.stiffness[SEEN])
-    with pytest.raises(ValueError, match=r"every gear must be known; that of .*4.* is not. State it"):
+    with pytest.raises(
+        ValueError, match=r"every gear must be known; that of .*4.* is not. State it"
+    ):
         _ = rigid.elasticity
 
 
@@ -69,7 +79,10 @@ def test_the_spread_of_a_data_sheet_is_in_the_interval():
     """A common scale of f is one of stiffness: of 5 %, half of the interval is 1.96 times that."""
     records = [Deflections.of(record, 4.0) for record in logs()]
     inner = fit_wound(ARM.dynamics, records, ARM.f)[0]
-    links = ARM.f - arm_of([dataclasses.replace(body, mass=0.0, inertia=(0,) * 6) for body in bodies()]).f
+    links = (
+        ARM.f
+        - arm_of([dataclasses.replace(body, mass=0.0, inertia=(0,) * 6) for body in bodies()]).f
+    )
     whole = fit_wound(ARM.dynamics, records, ARM.f, 0.05**2 * np.outer(links, links))[0]
     added = np.sqrt(whole.half[0] ** 2 - inner.half[0] ** 2) / whole.values[0]
     np.testing.assert_allclose(added[SEEN], 1.96 * 0.05, rtol=0.01)
@@ -92,7 +105,9 @@ def test_runs_that_differ_widen_the_interval_and_are_told():
     assert holds(found.low, found.high, STIFFNESS)
     assert ((found.high - found.low) > 5 * (alike.high - alike.low))[SEEN].all()
     assert not found.between.agree[:3].any()
-    np.testing.assert_allclose(found.runs[0].stiffness[SEEN] / found.runs[1].stiffness[SEEN], 1.05 / 0.95, rtol=0.01)
+    np.testing.assert_allclose(
+        found.runs[0].stiffness[SEEN] / found.runs[1].stiffness[SEEN], 1.05 / 0.95, rtol=0.01
+    )
 
 
 @pytest.mark.parametrize(
@@ -126,10 +141,14 @@ def test_an_identification_brings_its_covariance():
     arm, rig = puma560.literature_arm(1.5), puma560.rig()
     gears = Elasticity.from_resonance(arm, 25, 0.02, drive=rig.drive)
     encoder = dataclasses.replace(rig.encoder, side=("both", "motor"))
-    elastic = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=gears), encoder=encoder)
+    elastic = dataclasses.replace(
+        rig, drive=dataclasses.replace(rig.drive, elasticity=gears), encoder=encoder
+    )
     law, path = puma560.p_law((0.1, 0.08)), puma560.reference()
     record = simulate(arm, elastic, law, path, steps_per_sample=8)
-    rigid = identify(arm.dynamics, simulate(arm, rig, law, path), method="prediction_error", progress=False)
+    rigid = identify(
+        arm.dynamics, simulate(arm, rig, law, path), method="prediction_error", progress=False
+    )
     found, exact = find_gears(rigid, record), find_gears(rigid.arm, record)
     assert found.stiffness[0] == pytest.approx(gears.stiffness[0], rel=0.02)
     assert found.low[0] < gears.stiffness[0] < found.high[0]

@@ -1,4 +1,6 @@
-"""The result in groups, and its table and figure for an arm of long names: short names, joints by their labels."""
+"""The result in groups, and its table and figure for an arm of long names: short names, joints
+by their labels.
+"""
 
 import dataclasses
 from functools import cache
@@ -21,7 +23,9 @@ JOINTS = ("shoulder_lift_joint", "elbow_joint")
 def renamed():
     """The physical PUMA 560, links 2 and 3, by its base parameters, with joints of long names."""
     chain = puma560.dynamics().chain
-    links = tuple(dataclasses.replace(link, name=name) for link, name in zip(chain.links, JOINTS, strict=True))
+    links = tuple(
+        dataclasses.replace(link, name=name) for link, name in zip(chain.links, JOINTS, strict=True)
+    )
     return Dynamics.from_chain(dataclasses.replace(chain, links=links))
 
 
@@ -33,7 +37,11 @@ def found():
 
 def test_groups_hold_what_the_result_gives_at_the_top():
     result = found()
-    assert (type(result.fit), type(result.search), type(result.diagnostics)) == (Fit, Search, Diagnostics)
+    assert (type(result.fit), type(result.search), type(result.diagnostics)) == (
+        Fit,
+        Search,
+        Diagnostics,
+    )
     for group, names in (
         (result.fit, ("candidates", "covariance")),
         (result.search, ("evaluations", "seconds", "message", "history")),
@@ -67,7 +75,9 @@ def test_sixty_two_values_of_seven_joints_take_23_lines():
     friction = (f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(7))
     names = (*(f"f{i + 1}" for i in range(48)), *friction)
     of_arm = SimpleNamespace(dynamics=SimpleNamespace(names=names[:48]))
-    fit = SimpleNamespace(unknown=names, values=np.linspace(-9.8765, 9, 62), std=np.full(62, 1.23e-3), prior=None)
+    fit = SimpleNamespace(
+        unknown=names, values=np.linspace(-9.8765, 9, 62), std=np.full(62, 1.23e-3), prior=None
+    )
     seven = SimpleNamespace(arm=of_arm, fit=fit, short_names=names, covariance=np.eye(62))
     lines = [line for table in summary._abreast(seven) for line in table.lines()]
     assert (len(lines), max(map(len, lines)) <= 80) == (23, True)
@@ -77,7 +87,9 @@ def test_sixty_two_values_of_seven_joints_take_23_lines():
 def test_a_fit_without_covariance_says_why():
     fit = dataclasses.replace(found().fit, covariance=None, fallback_reason="the fit is no arm")
     for name in ("std", "correlation"):
-        with pytest.raises(ValueError, match="need a covariance; this fit provides none: the fit is no arm"):
+        with pytest.raises(
+            ValueError, match="need a covariance; this fit provides none: the fit is no arm"
+        ):
             getattr(fit, name)
 
 
@@ -86,7 +98,13 @@ def test_tables_name_parameters_shortly_and_say_once_what_they_mean():
     assert max(map(len, dynamics.names)) > 40
     record = found().records[0]
     torque_fit = fit_torque(
-        dynamics, RIG.cell_centre(record.counts), record.torque, rig=RIG, cutoff=100, band=20, every=20
+        dynamics,
+        RIG.cell_centre(record.counts),
+        record.torque,
+        rig=RIG,
+        cutoff=100,
+        band=20,
+        every=20,
     )
     for text, head in (
         (found().summary(), 4),
@@ -94,7 +112,9 @@ def test_tables_name_parameters_shortly_and_say_once_what_they_mean():
         (str(torque_fit), 1),
     ):
         lines = text.splitlines()
-        assert [line.split()[0] for line in lines[head : head + p]] == [f"f{i + 1}" for i in range(p)]
+        assert [line.split()[0] for line in lines[head : head + p]] == [
+            f"f{i + 1}" for i in range(p)
+        ]
         assert max(map(len, lines)) <= 80
         assert " ".join(text.split()).endswith(" ".join(dynamics.legend.split()))
 
@@ -107,13 +127,22 @@ def test_figure_of_long_names_is_short_at_its_ticks_and_apart_in_its_texts():
     figure.draw_without_rendering()
     titles = {axis.get_title(loc="left"): axis for axis in figure.axes}
     assert set(renamed().chain.joint_labels) <= set(titles)
-    assert [tick.get_text() for tick in titles["95 % intervals"].get_yticklabels()] == list(found().short_names)
-    texts = [*(axis._left_title for axis in titles.values()), *titles["95 % intervals"].get_yticklabels()]
+    assert [tick.get_text() for tick in titles["95 % intervals"].get_yticklabels()] == list(
+        found().short_names
+    )
+    texts = [
+        *(axis._left_title for axis in titles.values()),
+        *titles["95 % intervals"].get_yticklabels(),
+    ]
     legends = [axis.get_legend() for axis in figure.axes if axis.get_legend() is not None]
     boxes = [
-        each.get_window_extent() for each in (*texts, *legends) if not hasattr(each, "get_text") or each.get_text()
+        each.get_window_extent()
+        for each in (*texts, *legends)
+        if not hasattr(each, "get_text") or each.get_text()
     ]
-    overlapping = [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.shrunk(0.9, 0.9).overlaps(b)]
+    overlapping = [
+        (a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.shrunk(0.9, 0.9).overlaps(b)
+    ]
     assert not overlapping
     matplotlib.pyplot.close(figure)
 
@@ -123,6 +152,8 @@ def test_a_motor_that_stands_still_is_named_by_its_joint(joint):
     record = found().records[0]
     errors, reference = record.error_pulses.copy(), record.reference_pulses.copy()
     errors[:, joint] = reference[:, joint] = 0
-    still = dataclasses.replace(record, error_pulses=errors, reference_pulses=reference, reference=None)
+    still = dataclasses.replace(
+        record, error_pulses=errors, reference_pulses=reference, reference=None
+    )
     with pytest.raises(ValueError, match=rf"that of {JOINTS[joint]} \(q\[{joint}\]\) moves by 0"):
         identify(renamed(), still, progress=False)

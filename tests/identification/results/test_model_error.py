@@ -1,4 +1,6 @@
-"""Consider covariance: against a fit that has the considered numbers as unknowns, and on logs that contradict a rig."""
+"""Consider covariance: against a fit that has the considered numbers as unknowns, and on logs
+that contradict a rig.
+"""
 
 import dataclasses
 
@@ -14,9 +16,15 @@ ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
 
 def log(rig=RIG, seed=0):
     """Of a robot with another rig; its record states the usual one."""
-    encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=np.random.default_rng(seed).uniform(-0.5, 0.5, 2)))
+    encoder = dataclasses.replace(
+        rig.encoder, phase=Phase(shift=np.random.default_rng(seed).uniform(-0.5, 0.5, 2))
+    )
     record = simulate(
-        ARM, dataclasses.replace(rig, encoder=encoder), puma560.p_law((0.1, 0.08)), PATH, steps_per_sample=16
+        ARM,
+        dataclasses.replace(rig, encoder=encoder),
+        puma560.p_law((0.1, 0.08)),
+        PATH,
+        steps_per_sample=16,
     )
     return dataclasses.replace(record, rig=RIG, true_q=None, true_qd=None)
 
@@ -26,7 +34,9 @@ def test_without_prior_it_is_the_fit_of_both():
     random = np.random.default_rng(0)
     rows, residual = random.normal(size=(100, 3)), random.normal(size=100)
     residual -= rows[:, :2] @ np.linalg.lstsq(rows[:, :2], residual, rcond=None)[0]
-    change, added, _ = consider(rows[:, :2].T, residual, {"third": np.inf}, {"third": rows[:, 2]}, 2.0)
+    change, added, _ = consider(
+        rows[:, :2].T, residual, {"third": np.inf}, {"third": rows[:, 2]}, 2.0
+    )
     both = -np.linalg.lstsq(rows, residual, rcond=None)[0]
     np.testing.assert_allclose(change, both[:2], rtol=1e-9)
     apart = np.linalg.inv(rows.T @ rows)[:2, :2] - np.linalg.inv(rows[:, :2].T @ rows[:, :2])
@@ -36,7 +46,9 @@ def test_without_prior_it_is_the_fit_of_both():
 def test_a_narrow_prior_leaves_all_as_it_is():
     random = np.random.default_rng(1)
     rows, residual = random.normal(size=(100, 3)), random.normal(size=100)
-    change, added, _ = consider(rows[:, :2].T, residual, {"third": 1e-9}, {"third": rows[:, 2]}, 1.0)
+    change, added, _ = consider(
+        rows[:, :2].T, residual, {"third": 1e-9}, {"third": rows[:, 2]}, 1.0
+    )
     assert np.abs(change).max() < 1e-9
     assert np.abs(added).max() < 1e-15
 
@@ -44,8 +56,16 @@ def test_a_narrow_prior_leaves_all_as_it_is():
 def test_priors_are_those_of_the_tolerances():
     efforts = np.array([[2.0, 4.0], [10.0, 20.0]])
     names = ["gear[1]", "offset[0]", "viscous[1]", "coulomb[0]", "compliance[0]", "lag", "delay"]
-    found = priors(Tolerances(gear=0.01, offset=0.05, friction=0.1, lag=0.0, delay=0.2), names, efforts)
-    expected = {"gear[1]": 0.01, "offset[0]": 0.1, "viscous[1]": 0.02, "coulomb[0]": 0.2, "delay": 0.2}
+    found = priors(
+        Tolerances(gear=0.01, offset=0.05, friction=0.1, lag=0.0, delay=0.2), names, efforts
+    )
+    expected = {
+        "gear[1]": 0.01,
+        "offset[0]": 0.1,
+        "viscous[1]": 0.02,
+        "coulomb[0]": 0.2,
+        "delay": 0.2,
+    }
     assert found == pytest.approx(expected)
     assert not priors(Tolerances.none(), names, efforts)
 
@@ -58,8 +78,12 @@ def test_tolerances_are_refused_if_negative():
 
 
 def test_intervals_count_an_offset_that_the_rig_lacks():
-    """An eighth of the Coulomb friction puts f off by many standard deviations of noise; it is named, and counted."""
-    curve = FrictionCurve(offset=0.125 * np.array(RIG.drive.coulomb), breakaway=(0.0, 0.0), speed=(1.0, 1.0))
+    """An eighth of the Coulomb friction puts f off by many standard deviations of noise; it is
+    named, and counted.
+    """
+    curve = FrictionCurve(
+        offset=0.125 * np.array(RIG.drive.coulomb), breakaway=(0.0, 0.0), speed=(1.0, 1.0)
+    )
     record = log(dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, curve=curve)))
     found = identify(ARM.dynamics, record, progress=False)
     off = np.abs(found.f - ARM.f)

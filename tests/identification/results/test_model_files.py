@@ -1,4 +1,6 @@
-"""Inertials written back: torques by pinocchio and MuJoCo, bytes that stay, f that no bodies have."""
+"""Inertials written back: torques by pinocchio and MuJoCo, bytes that stay, f that no bodies
+have.
+"""
 
 import dataclasses
 import re
@@ -23,17 +25,25 @@ STATES = np.random.default_rng(0).uniform(-1, 1, (1000, 3, 4))
 
 
 def with_rotors(chain, rotor):
-    return dataclasses.replace(chain, bodies=tuple(dataclasses.replace(body, rotor=rotor) for body in chain.bodies))
+    return dataclasses.replace(
+        chain, bodies=tuple(dataclasses.replace(body, rotor=rotor) for body in chain.bodies)
+    )
 
 
 def another(chain, bodies, *, rotors=True, known=0.2, true=0.3):
-    """The chain as somebody knows it, with the f of other bodies, and rotors that nobody knows exactly."""
+    """The chain as somebody knows it, with the f of other bodies, and rotors that nobody knows
+    exactly.
+    """
     dynamics = Dynamics.from_chain(with_rotors(chain, known), rotors=rotors)
-    return dynamics.arm(dynamics.f(with_rotors(dataclasses.replace(chain, bodies=bodies), true).bodies))
+    return dynamics.arm(
+        dynamics.f(with_rotors(dataclasses.replace(chain, bodies=bodies), true).bodies)
+    )
 
 
 def inertials_removed(text):
-    return re.sub(r"<inertial>.*?</inertial>|<inertial .*?/>|armature=\"[^\"]*\"", "", text, flags=re.DOTALL)
+    return re.sub(
+        r"<inertial>.*?</inertial>|<inertial .*?/>|armature=\"[^\"]*\"", "", text, flags=re.DOTALL
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +57,9 @@ def files(tmp_path_factory):
 
 @pytest.mark.parametrize("rotors", [True, False])
 def test_urdf_has_the_torques_of_the_arm_in_both_engines(files, tmp_path, rotors):
-    """Geometry of one robot, bodies of another; fixed branches, a link without inertial, turned inertial frames."""
+    """Geometry of one robot, bodies of another; fixed branches, a link without inertial, turned
+    inertial frames.
+    """
     chain, target = Chain.from_urdf(files / "0.urdf"), tmp_path / "new.urdf"
     arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies, rotors=rotors, true=0.3 * rotors)
     written = write_model(arm, files / "0.urdf", target)
@@ -73,19 +85,26 @@ def test_mjcf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
     got = mujoco_torques(target, [link.name for link in chain.links], STATES)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
     again = Chain.from_mjcf(target)
-    np.testing.assert_allclose([body.rotor for body in again.bodies], written.rotors, rtol=0, atol=0)
-    strip = lambda text: re.sub(r"\s+", "", inertials_removed(text))  # noqa: E731 - armature moved into joints
+    np.testing.assert_allclose(
+        [body.rotor for body in again.bodies], written.rotors, rtol=0, atol=0
+    )
+    # armature moved into joints
+    strip = lambda text: re.sub(r"\s+", "", inertials_removed(text))  # noqa: E731
     assert strip(target.read_text()) == strip((files / "0.xml").read_text())
     assert target.read_text().count("<!-- body") == 5
 
 
 def test_mjcf_of_a_urdf_has_the_torques_of_the_arm_with_its_armature(files, tmp_path):
-    """Another format, the same joints: axes, fixed branches and prismatic joints; MuJoCo and this library read it.
+    """Another format, the same joints: axes, fixed branches and prismatic joints; MuJoCo and this
+    library read it.
 
     Its base hangs on a link called world, of which MJCF has its own.
     """
     source, target = tmp_path / "0.urdf", tmp_path / "new.xml"
-    above = '<link name="world"/><joint name="to_world" type="fixed"><parent link="world"/><child link="l0"/></joint>'
+    above = (
+        '<link name="world"/><joint name="to_world" type="fixed"><parent link="world"/><child'
+        ' link="l0"/></joint>'
+    )
     source.write_text((files / "0.urdf").read_text().replace("</robot>", f"{above}</robot>"))
     chain = Chain.from_urdf(source)
     arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies)
@@ -94,7 +113,9 @@ def test_mjcf_of_a_urdf_has_the_torques_of_the_arm_with_its_armature(files, tmp_
     got = mujoco_torques(target, [link.name for link in chain.links], STATES)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
     again = Chain.from_mjcf(target)
-    np.testing.assert_allclose([body.rotor for body in again.bodies], written.rotors, rtol=0, atol=0)
+    np.testing.assert_allclose(
+        [body.rotor for body in again.bodies], written.rotors, rtol=0, atol=0
+    )
     for name in ("lower", "upper", "effort"):
         np.testing.assert_array_equal(getattr(again.limits, name), getattr(chain.limits, name))
     model = mujoco.MjModel.from_xml_path(str(target))
@@ -111,19 +132,25 @@ def test_an_arm_of_the_file_itself_changes_no_byte(files, tmp_path):
 
 
 def test_what_f_does_not_show_is_the_prior_s(files, tmp_path):
-    """With the file of the truth as prior the truth is written, although f alone does not say it."""
+    """With the file of the truth as prior the truth is written, although f alone does not say
+    it.
+    """
     chain = Chain.from_urdf(files / "0.urdf")
     arm = another(chain, Chain.from_urdf(files / "1.urdf").bodies, rotors=False, true=0.0)
     random, truth = np.random.default_rng(1), tmp_path / "truth.urdf"
     first = write_model(arm, files / "0.urdf", truth)
     for prior in (truth, first.bodies):
-        written = write_model(arm, files / "0.urdf", tmp_path / "a.urdf", prior=prior, overwrite=True)
+        written = write_model(
+            arm, files / "0.urdf", tmp_path / "a.urdf", prior=prior, overwrite=True
+        )
         for name, body in written.bodies.items():
             np.testing.assert_allclose(
                 body.standard_parameters, first.bodies[name].standard_parameters, rtol=0, atol=1e-12
             )
     # and of another prior something else is left
-    other = {"tool": Body(mass=0.3, com=random.normal(size=3) * 0.1, inertia=(0.01, 0, 0, 0.01, 0, 0.01))}
+    other = {
+        "tool": Body(mass=0.3, com=random.normal(size=3) * 0.1, inertia=(0.01, 0, 0, 0.01, 0, 0.01))
+    }
     written = write_model(arm, files / "0.urdf", tmp_path / "b.urdf", prior=other)
     assert written.bodies["tool"].mass < 0.5 < first.bodies["tool"].mass
     assert not written.difference.any()
@@ -135,12 +162,16 @@ def test_f_that_no_bodies_have_is_refused_or_replaced_by_the_nearest(files, tmp_
     f = dynamics.f()
     last = max(i for i, name in enumerate(dynamics.names) if name.startswith("Izz"))
     f[last] = -0.05  # about the last axis
-    with pytest.raises(ValueError, match=r"f must be what bodies can have; .*Pass nearest=True") as error:
+    with pytest.raises(
+        ValueError, match=r"f must be what bodies can have; .*Pass nearest=True"
+    ) as error:
         write_model(dynamics.arm(f), files / "0.urdf", tmp_path / "no.urdf")
     assert "\n" not in str(error.value)
     assert not (tmp_path / "no.urdf").exists()
     with pytest.warns(UserWarning, match=r"written are the nearest, which differ by .*Izz"):
-        written = write_model(dynamics.arm(f), files / "0.urdf", tmp_path / "near.urdf", nearest=True)
+        written = write_model(
+            dynamics.arm(f), files / "0.urdf", tmp_path / "near.urdf", nearest=True
+        )
     assert written.difference[last] > 0.05
     again = Chain.from_urdf(tmp_path / "near.urdf")
     np.testing.assert_allclose(dynamics.f(again.bodies), written.arm.f, rtol=0, atol=1e-9)
@@ -161,22 +192,30 @@ def test_refusals(files, tmp_path):
     with pytest.raises(ValueError, match="got a Chain"):
         write_model(chain, files / "0.urdf", tmp_path / "x.urdf")
     with pytest.raises(ValueError, match=r"link of the prior must be one of .*Did you mean 'l1'"):
-        write_model(arm, files / "0.urdf", tmp_path / "x.urdf", prior={"l11": Body(mass=1, com=(0, 0, 0))})
+        write_model(
+            arm, files / "0.urdf", tmp_path / "x.urdf", prior={"l11": Body(mass=1, com=(0, 0, 0))}
+        )
     (tmp_path / "x.sdf").write_text("<sdf/>")
     with pytest.raises(ValueError, match="must hold a <robot> or a <mujoco>; got <sdf>"):
         write_model(arm, tmp_path / "x.sdf", tmp_path / "x.urdf")
     (tmp_path / "x.sdf").unlink()
-    (tmp_path / "x.xacro").write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro/></robot>')
+    (tmp_path / "x.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro/></robot>'
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new.urdf", "x.xacro"]
 
 
-# -- the search -----------------------------------------------------------------------------------------------------
+# -- the search ----------------------------------------------------------------------------------
 def random_blocks(random, p):
     """Two bodies with random priors and random rows of f."""
     blocks = []
     for _ in range(2):
         L = np.linalg.cholesky(
-            pseudo_inertia(Body(mass=2, com=random.normal(size=3), inertia=(1, 0, 0, 1, 0, 1)).standard_parameters)
+            pseudo_inertia(
+                Body(
+                    mass=2, com=random.normal(size=3), inertia=(1, 0, 0, 1, 0, 1)
+                ).standard_parameters
+            )
         )
         blocks.append(Block(L, random.normal(size=(p, 10))))
     return blocks
@@ -195,14 +234,22 @@ def test_optimum_is_that_of_a_general_solver():
         total = 0.0
         for part in np.split(x, 2):
             sign, logdet = np.linalg.slogdet(np.einsum("k,kij->ij", part, symmetric_basis(4)))
-            total += np.trace(np.einsum("k,kij->ij", part, symmetric_basis(4))) - (logdet if sign > 0 else -1e6)
+            total += np.trace(np.einsum("k,kij->ij", part, symmetric_basis(4))) - (
+                logdet if sign > 0 else -1e6
+            )
         return total
 
     A = np.column_stack([block.columns for block in blocks])
-    x = np.concatenate([
-        np.einsum("kij,ij->k", symmetric_basis(4), np.linalg.solve(b.factor, np.linalg.solve(b.factor, P).T))
-        for b, P in zip(blocks, matrices, strict=True)
-    ])  # fmt: skip
+    x = np.concatenate(
+        [
+            np.einsum(
+                "kij,ij->k",
+                symmetric_basis(4),
+                np.linalg.solve(b.factor, np.linalg.solve(b.factor, P).T),
+            )
+            for b, P in zip(blocks, matrices, strict=True)
+        ]
+    )
     assert np.allclose(A @ x, f)
     start = x + np.linalg.svd(A)[2][5:].T @ random.normal(size=15) * 0.02
     equations = {"type": "eq", "fun": lambda x: A @ x - f}
@@ -213,14 +260,17 @@ def test_optimum_is_that_of_a_general_solver():
 
 
 def test_nearest_f_of_a_pendulum():
-    """f = (Izz, m x, m y) about its axis. No body has Izz < 0; near 0 there are heavy ones for any m x, m y."""
+    """f = (Izz, m x, m y) about its axis. No body has Izz < 0; near 0 there are heavy ones for
+    any m x, m y.
+    """
     body = Body(mass=1.0, com=(0.3, 0, 0), inertia=(0.1, 0, 0, 0.1, 0, 0.1))
     L = np.linalg.cholesky(pseudo_inertia(body.standard_parameters))
     rows = np.array([from_pseudo_inertia(L @ S @ L.T) for S in symmetric_basis(4)]).T[[9, 1, 2]]
     f = np.array([-0.05, 0.3, 0.0])
     assert nearest_realisation([Block(L, rows)], f) is None
     _, near = nearest_realisation([Block(L, rows)], f, np.eye(3))
-    np.testing.assert_allclose(near, [0.0, 0.3, 0.0], rtol=0, atol=1e-3)  # the last softness leaves its square root
+    # the last softness leaves its square root
+    np.testing.assert_allclose(near, [0.0, 0.3, 0.0], rtol=0, atol=1e-3)
     assert near[0] > 0
 
 
@@ -236,22 +286,28 @@ def test_pseudo_inertia_is_that_of_point_masses():
     np.testing.assert_allclose(pseudo_inertia(from_pseudo_inertia(P)), P, rtol=0, atol=1e-15)
 
 
-# -- motors ---------------------------------------------------------------------------------------------------------
+# -- motors --------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory):
-    """Files of a pendulum of two links, in each format, and it identified from the torque equation."""
+    """Files of a pendulum of two links, in each format, and it identified from the torque
+    equation.
+    """
     folder, rig, found = tmp_path_factory.mktemp("driven"), puma560.rig(), {}
     wide = urdf(7, kinds=("revolute", "revolute")).replace(
         'lower="-1" upper="1" effort="1"', 'lower="-3" upper="3" effort="400"'
     )
-    path = Harmonics(period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1)))
+    path = Harmonics(
+        period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1))
+    )
     for name, text, read in (
         ("arm.urdf", wide, Chain.from_urdf),
         ("arm.xml", mjcf(7, kinds=("hinge", "hinge")), Chain.from_mjcf),
     ):
         (folder / name).write_text(text)
         dynamics = Dynamics.from_chain(read(folder / name).with_rotors(rig.drive))
-        measured = simulate(dynamics.arm(dynamics.f() * 1.03), rig, P(gain=(0.5, 0.4)), path, backend="casadi")
+        measured = simulate(
+            dynamics.arm(dynamics.f() * 1.03), rig, P(gain=(0.5, 0.4)), path, backend="casadi"
+        )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # f10 and f11 show their sum
             found[name] = identify(dynamics, measured, method="equation_error", progress=False)
@@ -268,18 +324,26 @@ def written_to(driven, name, target, **options):
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
 def test_the_loop_in_mujoco_is_ours_within_a_pulse(driven, tmp_path, name, smooth):
-    """Motors, friction, rotors and bodies of the file alone; both joints turn, since MuJoCo's friction is soft at rest.
+    """Motors, friction, rotors and bodies of the file alone; both joints turn, since MuJoCo's
+    friction is soft at rest.
 
-    With whole counts, each of which is a step of the torque, and without rounding, where the two engines nearly agree.
+    With whole counts, each of which is a step of the torque, and without rounding, where the two
+    engines nearly agree.
     """
     written = written_to(driven, name, tmp_path / "out.xml")
     rig, steps = driven[1][name].rig, 14
     rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=smooth))
-    path = Harmonics(period=4.0, offset=(0.1, -0.2), cosine=np.zeros((2, 1)), sine=((0.9,), (-0.8,)))
-    law = ComputedTorque(written.arm, rig, bandwidth=120)  # a faster one makes more of a count that flips in one alone
+    path = Harmonics(
+        period=4.0, offset=(0.1, -0.2), cosine=np.zeros((2, 1)), sine=((0.9,), (-0.8,))
+    )
+    # a faster one makes more of a count that flips in one alone
+    law = ComputedTorque(written.arm, rig, bandwidth=120)
     ours = simulate(written.arm, rig, law, path, duration=0.9, steps_per_sample=steps)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
-    model.opt.timestep, model.opt.integrator = rig.period / steps, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.timestep, model.opt.integrator = (
+        rig.period / steps,
+        mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    )
     data, motion = mujoco.MjData(model), path(ours.t)
     data.qpos[:], data.qvel[:] = motion.q[0], motion.qd[0]
     running, theirs = law.start(rig, rig.counts(data.qpos.copy())), np.empty((len(ours), 2))
@@ -304,28 +368,39 @@ def test_motors_are_added_to_a_file_that_has_none(driven, tmp_path):
     folder, found = driven
     assert (
         "<actuator>"
-        not in (tmp_path / written_to(driven, "arm.xml", tmp_path / "a.xml", motors=False).path).read_text()
+        not in (
+            tmp_path / written_to(driven, "arm.xml", tmp_path / "a.xml", motors=False).path
+        ).read_text()
     )
-    own = (folder / "arm.xml").read_text().replace("</mujoco>", '<actuator><motor joint="j0"/></actuator></mujoco>')
+    own = (
+        (folder / "arm.xml")
+        .read_text()
+        .replace("</mujoco>", '<actuator><motor joint="j0"/></actuator></mujoco>')
+    )
     (folder / "own.xml").write_text(own)
     found["own.xml"] = found["arm.xml"]
     assert (
-        '<actuator><motor joint="j0"/></actuator>' in written_to(driven, "own.xml", tmp_path / "b.xml").path.read_text()
+        '<actuator><motor joint="j0"/></actuator>'
+        in written_to(driven, "own.xml", tmp_path / "b.xml").path.read_text()
     )
     assert written_to(driven, "own.xml", tmp_path / "c.xml").path.read_text().count("<motor ") == 1
 
 
-# -- friction, included files, coupled motors -----------------------------------------------------------------------
+# -- friction, included files, coupled motors ----------------------------------------------------
 @pytest.fixture(scope="module")
 def identified(tmp_path_factory):
     """A pendulum of two links from a file, identified from the torque equation alone."""
     folder = tmp_path_factory.mktemp("found")
     text = urdf(7, kinds=("revolute", "revolute"))
-    (folder / "arm.urdf").write_text(text.replace("</joint>", '<dynamics friction="9"/></joint>', 1))
+    (folder / "arm.urdf").write_text(
+        text.replace("</joint>", '<dynamics friction="9"/></joint>', 1)
+    )
     rig = puma560.rig()
     dynamics = Dynamics.from_chain(Chain.from_urdf(folder / "arm.urdf").with_rotors(rig.drive))
     truth = dynamics.arm(dynamics.f() * 1.03)
-    path = Harmonics(period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1)))
+    path = Harmonics(
+        period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1))
+    )
     measured = simulate(truth, rig, P(gain=(0.5, 0.4)), path, backend="casadi")
     return folder, identify(dynamics, measured, method="equation_error", progress=False)
 
@@ -335,46 +410,74 @@ def test_identified_friction_is_written_joint_side(identified, tmp_path):
     for name, friction in (("a.urdf", True), ("b.urdf", False)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # noise: the nearest f
-            write_model(found, folder / "arm.urdf", tmp_path / name, nearest=True, friction=friction)
+            write_model(
+                found, folder / "arm.urdf", tmp_path / name, nearest=True, friction=friction
+            )
     robot = ElementTree.parse(tmp_path / "a.urdf").getroot()  # noqa: S314 - our own file
     drive = found.rig.drive
-    written = [joint.find("dynamics") for joint in robot.iter("joint") if joint.get("type") == "revolute"]
-    np.testing.assert_allclose([float(each.get("damping")) for each in written], drive.viscous * drive.gear**2)
-    np.testing.assert_allclose([float(each.get("friction")) for each in written], drive.coulomb * abs(drive.gear))
-    assert inertials_removed((tmp_path / "b.urdf").read_text()) == inertials_removed((folder / "arm.urdf").read_text())
+    written = [
+        joint.find("dynamics") for joint in robot.iter("joint") if joint.get("type") == "revolute"
+    ]
+    np.testing.assert_allclose(
+        [float(each.get("damping")) for each in written], drive.viscous * drive.gear**2
+    )
+    np.testing.assert_allclose(
+        [float(each.get("friction")) for each in written], drive.coulomb * abs(drive.gear)
+    )
+    assert inertials_removed((tmp_path / "b.urdf").read_text()) == inertials_removed(
+        (folder / "arm.urdf").read_text()
+    )
 
 
 @pytest.mark.slow
 def test_an_mjcf_comes_back_from_pulses_with_the_robot_s_torques(tmp_path):
-    """File -> log of a robot that is 10 % another -> identification -> file, whose torques are the robot's."""
+    """File -> log of a robot that is 10 % another -> identification -> file, whose torques are
+    the robot's.
+    """
     source, target, rig = tmp_path / "arm.xml", tmp_path / "found.xml", puma560.rig()
     source.write_text(mjcf(7, kinds=("hinge", "hinge")))
     chain = Chain.from_mjcf(source).with_rotors(rig.drive)
     dynamics = Dynamics.from_chain(chain)
     truth = dynamics.arm(dynamics.f() * 1.1)
-    path = Harmonics(period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1)))
+    path = Harmonics(
+        period=2.0, offset=(0, 0), cosine=((0.4, 0.2), (0.2, -0.4)), sine=((0.1, 0.3), (-0.3, 0.1))
+    )
     measured = simulate(truth, rig, P(gain=(0.5, 0.4)), path, backend="casadi")
     found = identify(dynamics, measured, progress=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # noise: the nearest f
         write_model(found, source, target, nearest=True)
-    states, names = np.stack(path(np.linspace(0, 2, 101)), axis=1), [link.name for link in chain.links]
+    states, names = (
+        np.stack(path(np.linspace(0, 2, 101)), axis=1),
+        [link.name for link in chain.links],
+    )
     asked = np.array([truth.inverse(*state) for state in states])
-    before, after = (np.abs(mujoco_torques(file, names, states) - asked).max(axis=0) for file in (source, target))
+    before, after = (
+        np.abs(mujoco_torques(file, names, states) - asked).max(axis=0) for file in (source, target)
+    )
     assert (after < 0.1 * before).all(), (before, after)
 
 
 def test_an_inertial_in_an_included_file_is_not_written(tmp_path):
-    body = '<body name="b"><joint name="j"/><inertial pos="0.1 0 0" mass="1" diaginertia="1 1 1"/></body>'
+    body = (
+        '<body name="b"><joint name="j"/><inertial pos="0.1 0 0" mass="1" diaginertia="1 1'
+        ' 1"/></body>'
+    )
     (tmp_path / "part.xml").write_text(f"<mujocoinclude>{body}</mujocoinclude>")
-    (tmp_path / "main.xml").write_text('<mujoco><worldbody><include file="part.xml"/></worldbody></mujoco>')
+    (tmp_path / "main.xml").write_text(
+        '<mujoco><worldbody><include file="part.xml"/></worldbody></mujoco>'
+    )
     dynamics = Dynamics.from_chain(Chain.from_mjcf(tmp_path / "main.xml"), rotors=False)
-    with pytest.raises(ValueError, match=r"inertials must stand in .*main.xml; that of b is in .*part.xml"):
+    with pytest.raises(
+        ValueError, match=r"inertials must stand in .*main.xml; that of b is in .*part.xml"
+    ):
         write_model(dynamics.arm(1.1 * dynamics.f()), tmp_path / "main.xml", tmp_path / "new.xml")
 
 
 def test_coupled_rotors_have_no_armature(files, tmp_path):
-    chain = with_rotors(Chain.from_mjcf(files / "0.xml"), 0.2).coupled(Coupling(matrix=np.eye(4) + np.eye(4, k=-1)))
+    chain = with_rotors(Chain.from_mjcf(files / "0.xml"), 0.2).coupled(
+        Coupling(matrix=np.eye(4) + np.eye(4, k=-1))
+    )
     dynamics = Dynamics.from_chain(chain)
     with pytest.raises(ValueError, match="rotors must turn with joints of their own"):
         write_model(dynamics.arm(dynamics.f()), files / "0.xml", tmp_path / "new.xml")

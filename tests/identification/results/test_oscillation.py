@@ -31,7 +31,9 @@ def test_the_loop_s_own_mode_is_recognised(record):
 
 
 @pytest.mark.parametrize("frequency", [11.0, 70.0])
-def test_a_foreign_frequency_is_found_within_five_per_cent_and_called_a_disturbance(record, frequency):
+def test_a_foreign_frequency_is_found_within_five_per_cent_and_called_a_disturbance(
+    record, frequency
+):
     found = oscillation(with_sine(record, frequency, 4.0), ARM)
     assert found.frequency == pytest.approx(frequency, rel=0.05)
     assert found.own is False

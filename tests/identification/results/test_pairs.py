@@ -1,4 +1,6 @@
-"""Unknowns that are not separately identifiable: a few pairs are told, many are a warning in one line."""
+"""Unknowns that are not separately identifiable: a few pairs are told, many are a warning in one
+line.
+"""
 
 from types import SimpleNamespace
 
@@ -12,9 +14,12 @@ from identification.search.outcome import Fit
 def found(correlation, std=0.1, noise=None):
     names = tuple(f"f{i + 1}" for i in range(len(correlation)))
     fit = Fit(
-        unknown=names, values=np.ones(len(names)), candidates=np.ones((1, len(names))), covariance=correlation * std**2,
+        unknown=names,
+        values=np.ones(len(names)),
+        candidates=np.ones((1, len(names))),
+        covariance=correlation * std**2,
         noise_covariance=noise,
-    )  # fmt: skip
+    )
     return SimpleNamespace(covariance=correlation, short_names=names, fit=fit)
 
 

@@ -1,4 +1,6 @@
-"""The nearest arm that bodies can have: better where the robot is one, far away where it is none."""
+"""The nearest arm that bodies can have: better where the robot is one, far away where it is
+none.
+"""
 
 import dataclasses
 
@@ -40,7 +42,9 @@ def test_bodies_are_bodies_within_their_boxes_and_have_these_f(physical):
     np.testing.assert_allclose(DYNAMICS.f(nearest.bodies), nearest.arm.f, rtol=1e-12)
     for body, box, least in zip(nearest.bodies, BOXES, RIG.drive.reflected_inertia(), strict=True):
         body.require_physical("one")
-        assert all(low - 1e-9 <= x <= high + 1e-9 for x, (low, high) in zip(body.com, box, strict=True))
+        assert all(
+            low - 1e-9 <= x <= high + 1e-9 for x, (low, high) in zip(body.com, box, strict=True)
+        )
         assert body.rotor >= 0.5 * least - 1e-12
 
 

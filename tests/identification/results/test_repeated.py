@@ -1,4 +1,6 @@
-"""What figures draw as simulated is the run that the diagnostics judge: the same start, the same memory of the law."""
+"""What figures draw as simulated is the run that the diagnostics judge: the same start, the same
+memory of the law.
+"""
 
 import dataclasses
 
@@ -12,7 +14,9 @@ from plant import PID, LoggedTorque, Resumed, puma560, replay, simulate
 
 ARM, PATH = puma560.literature_arm(1.5), puma560.reference()
 RIG = dataclasses.replace(puma560.rig(), period=1e-3)
-LAW = PID(gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=1e-3)
+LAW = PID(
+    gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=1e-3
+)
 
 
 def bare(record):
@@ -78,15 +82,24 @@ def test_a_run_that_diverges_is_none():
     found = identify(ARM.dynamics, logged("P"), seed=1, progress=False)
     wild = dataclasses.replace(LAW, gain=(50, 50))
     drive = dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
-    assert repeated(dataclasses.replace(found, rig=dataclasses.replace(RIG, drive=drive), law=wild)) is None
+    assert (
+        repeated(dataclasses.replace(found, rig=dataclasses.replace(RIG, drive=drive), law=wild))
+        is None
+    )
 
 
-@pytest.mark.parametrize(("arm", "begin"), [(puma560.arm(), 0.5), (ARM, 0.7)], ids=["published", "literature"])
+@pytest.mark.parametrize(
+    ("arm", "begin"), [(puma560.arm(), 0.5), (ARM, 0.7)], ids=["published", "literature"]
+)
 @pytest.mark.slow
 def test_torques_that_begin_in_motion_accuse_nothing(arm, begin):
-    """Where the arm was and how fast is not what the reference says, to a pulse; that is no lag of the currents."""
+    """Where the arm was and how fast is not what the reference says, to a pulse; that is no lag
+    of the currents.
+    """
     record = simulate(arm, RIG, LAW, PATH, steps_per_sample=16).cut(begin, begin + 2)
-    found = identify(arm.dynamics, dataclasses.replace(record, true_q=None, true_qd=None), progress=False)
+    found = identify(
+        arm.dynamics, dataclasses.replace(record, true_q=None, true_qd=None), progress=False
+    )
     assert found.diagnostics.detection.names == ()
     assert not found.warnings
     assert (np.abs(found.f - arm.f) < 4 * found.fit.std).all()

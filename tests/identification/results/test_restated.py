@@ -1,4 +1,6 @@
-"""A sign of the chain that is wrong is named, as is a gain where friction is off by one factor; right logs are not."""
+"""A sign of the chain that is wrong is named, as is a gain where friction is off by one factor;
+right logs are not.
+"""
 
 import dataclasses
 from functools import cache
@@ -18,7 +20,9 @@ DYNAMICS = Dynamics.from_chain(CHAIN)
 
 @cache
 def log():
-    return simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), puma560.reference())
+    return simulate(
+        puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), puma560.reference()
+    )
 
 
 def test_a_right_log_is_not_restated():
@@ -30,7 +34,10 @@ def held():
     """A log in which joint 3 is asked for 20 pulses, and friction holds it beside them."""
     path = puma560.reference()(np.linspace(0, 3.65, 200)).q
     little = Harmonics(
-        period=3.65, offset=path.mean(axis=0), cosine=((-0.6, 0.1), (1e-3, 0.0)), sine=((0.3, 0.1), (0.0, 5e-4))
+        period=3.65,
+        offset=path.mean(axis=0),
+        cosine=((-0.6, 0.1), (1e-3, 0.0)),
+        sine=((0.3, 0.1), (0.0, 5e-4)),
     )
     return simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law((0.1, 0.03)), little)
 
@@ -40,8 +47,12 @@ def test_what_friction_holds_tells_no_sign():
     record = held()
     other = dataclasses.replace(record, torque=record.torque * (1.0, -3.0), current=None)
     every = np.ones(2)
-    assert _left(DYNAMICS, Signals(other), every) == pytest.approx(_left(DYNAMICS, Signals(record), every), rel=1e-6)
-    (sign,) = (each for each in record.check().findings if each.check == "gear sign" and each.joint == 1)
+    assert _left(DYNAMICS, Signals(other), every) == pytest.approx(
+        _left(DYNAMICS, Signals(record), every), rel=1e-6
+    )
+    (sign,) = (
+        each for each in record.check().findings if each.check == "gear sign" and each.joint == 1
+    )
     assert sign.verdict == "cannot tell: the reference hardly moves"
 
 
@@ -53,34 +64,64 @@ def test_gravity_the_other_way_is_named():
 
 def test_a_joint_that_turns_the_other_way_is_named():
     turned = np.array((1.0, -1.0))
-    columns = {name: turned * getattr(log(), name) for name in ("error_pulses", "reference_pulses", "torque")}
-    wrong = dataclasses.replace(log(), current=None, reference=None, true_q=None, true_qd=None, **columns)
+    columns = {
+        name: turned * getattr(log(), name)
+        for name in ("error_pulses", "reference_pulses", "torque")
+    }
+    wrong = dataclasses.replace(
+        log(), current=None, reference=None, true_q=None, true_qd=None, **columns
+    )
     (said,) = restated(DYNAMICS, wrong)
-    assert said.startswith("joint 3 (q[1]) turns the other way: its axis, or the signs of all its columns, are wrong.")
+    assert said.startswith(
+        "joint 3 (q[1]) turns the other way: its axis, or the signs of all its columns, are wrong."
+    )
 
 
 def test_signs_are_named_where_a_sampled_law_tells_the_torque():
     """Nothing is logged of it, and what the law has integrated before is unknown."""
-    law = PID(gain=(0.1, 0.075), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=0.7e-3)
+    law = PID(
+        gain=(0.1, 0.075),
+        integral=(0.5, 0.4),
+        derivative=(4e-4, 3e-4),
+        filter=2000.0,
+        period=0.7e-3,
+    )
     made = simulate(puma560.literature_arm(1.5), puma560.rig(), law, puma560.reference())
     record = dataclasses.replace(made, torque=None, current=None)
     assert restated(DYNAMICS, record) == []
     wrong = dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81))
-    assert [said[:15] for said in restated(Dynamics.from_chain(wrong), record.cut(0.4))] == ["gravity acts th"]
-    turned = {name: np.array((1.0, -1.0)) * getattr(record, name) for name in ("error_pulses", "reference_pulses")}
+    assert [said[:15] for said in restated(Dynamics.from_chain(wrong), record.cut(0.4))] == [
+        "gravity acts th"
+    ]
+    turned = {
+        name: np.array((1.0, -1.0)) * getattr(record, name)
+        for name in ("error_pulses", "reference_pulses")
+    }
     log = dataclasses.replace(record, reference=None, true_q=None, true_qd=None, **turned)
     assert [said[:30] for said in restated(DYNAMICS, log)] == ["joint 3 (q[1]) turns the other"]
 
 
 def said_of(factors):
     stated = {"viscous[0]": 0.001, "viscous[1]": 0.002, "coulomb[0]": 0.1, "coulomb[1]": 0.2}
-    values = {name: (factor - 1) * stated[name] for name, factor in zip(stated, factors, strict=True)}
-    sign = Sign(name="friction", chi_square=99.0, freedom=4, threshold=28.0, explained=1.0, values=values, visible={})
+    values = {
+        name: (factor - 1) * stated[name] for name, factor in zip(stated, factors, strict=True)
+    }
+    sign = Sign(
+        name="friction",
+        chi_square=99.0,
+        freedom=4,
+        threshold=28.0,
+        explained=1.0,
+        values=values,
+        visible={},
+    )
     return next(Detection(named=(sign,), stated=stated, joints=("a", "b")).warnings())
 
 
 def test_friction_that_is_off_by_one_factor_asks_for_gains_first():
-    text = "or gains of law or motor are not: all of it is 0.81 times as stated, so check them first"
+    text = (
+        "or gains of law or motor are not: all of it is 0.81 times as stated, so check them first"
+    )
     assert text in said_of((0.80, 0.82, 0.78, 0.81))
     for other in ((0.9, 0.9, 1.1, 1.1), (1.02, 1.01, 1.02, 1.03)):
         assert "gains" not in said_of(other)
@@ -88,7 +129,15 @@ def test_friction_that_is_off_by_one_factor_asks_for_gains_first():
 
 def test_a_cause_that_explains_nearly_as_much_is_told():
     values = {"offset[0]": 0.02, "offset[1]": 0.0}
-    sign = Sign(name="offset", chi_square=99.0, freedom=2, threshold=23.0, explained=9.0, values=values, visible={})
+    sign = Sign(
+        name="offset",
+        chi_square=99.0,
+        freedom=2,
+        threshold=23.0,
+        explained=9.0,
+        values=values,
+        visible={},
+    )
     alone, beside = (dataclasses.replace(sign, rivals=rivals) for rivals in ((), ("gear",)))
     assert "Another cause" not in next(Detection(named=(alone,), joints=("a", "b")).warnings())
     said = next(Detection(named=(beside,), joints=("a", "b")).warnings())
@@ -96,5 +145,7 @@ def test_a_cause_that_explains_nearly_as_much_is_told():
 
 
 def test_a_place_in_millimetres_is_refused():
-    with pytest.raises(ValueError, match=r"before.position of link 3 .* got 425. Divide by 1000 what is in mm"):
+    with pytest.raises(
+        ValueError, match=r"before.position of link 3 .* got 425. Divide by 1000 what is in mm"
+    ):
         Link(name="3", before=Placement(position=(-425.0, 0.0, 0.0)))

@@ -35,18 +35,29 @@ def test_it_comes_back_equal_and_is_saved_again_in_the_same_bytes(found, path, t
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
-def test_a_certificate_of_what_was_loaded_has_the_same_bits_and_is_kept_likewise(found, path, tmp_path):
+def test_a_certificate_of_what_was_loaded_has_the_same_bits_and_is_kept_likewise(
+    found, path, tmp_path
+):
     found.save(path)
-    again, options = Identification.load(path), {"samples": 80, "duration": 0.05, "steps_per_sample": 4}
-    certificate = certify(found, found.rig, ComputedTorque(found), PATH, **with_uncertainty(**options))
-    assert certify(again, again.rig, ComputedTorque(again), PATH, **with_uncertainty(**options)) == certificate
+    again, options = (
+        Identification.load(path),
+        {"samples": 80, "duration": 0.05, "steps_per_sample": 4},
+    )
+    certificate = certify(
+        found, found.rig, ComputedTorque(found), PATH, **with_uncertainty(**options)
+    )
+    assert (
+        certify(again, again.rig, ComputedTorque(again), PATH, **with_uncertainty(**options))
+        == certificate
+    )
     certificate.save(tmp_path / "certificate.json")
     kept = Certificate.load(tmp_path / "certificate.json")
     assert kept == certificate
     assert str(kept) == str(certificate)
     assert kept.plant(7).arm == certificate.plant(7).arm
     with pytest.raises(
-        ValueError, match=r"must hold a Identification; it holds a 'ctc.Certificate'. Use Certificate.load"
+        ValueError,
+        match=r"must hold a Identification; it holds a 'ctc.Certificate'. Use Certificate.load",
     ):
         Identification.load(tmp_path / "certificate.json")
 
@@ -60,5 +71,7 @@ def test_the_file_says_where_it_comes_from_and_a_changed_log_is_seen(found, path
     assert {"onepulse", "numpy", "casadi"} <= set(said["versions"])
     data["content"]["records"][0]["error_pulses"]["array"][3][0] += 1
     path.write_text(json.dumps(data))
-    with pytest.raises(ValueError, match="must have the records that its head says; it has been changed"):
+    with pytest.raises(
+        ValueError, match="must have the records that its head says; it has been changed"
+    ):
         Identification.load(path)

@@ -1,6 +1,7 @@
 """What an identification says of gears, torques and friction, without being asked.
 
-Robots are simulated at 16 steps per sample with what their records' rigs do not state; one of them by MuJoCo.
+Robots are simulated at 16 steps per sample with what their records' rigs do not state; one of them
+by MuJoCo.
 """
 
 import dataclasses
@@ -34,7 +35,9 @@ from plant.machine.encoder import Phase
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 ARM = puma560.literature_arm(1.5)
 LOW, HIGH = (0.1, 0.08), (0.2, 0.15)
-PID_LAW = PID(gain=LOW, derivative=(4e-4, 3e-4), integral=(0.5, 0.4), filter=2000.0, period=RIG.period)
+PID_LAW = PID(
+    gain=LOW, derivative=(4e-4, 3e-4), integral=(0.5, 0.4), filter=2000.0, period=RIG.period
+)
 FRICTION = {"viscous": RIG.drive.viscous * (0.7, 1.4), "coulomb": RIG.drive.coulomb * (1.3, 0.7)}
 
 
@@ -83,7 +86,9 @@ def test_a_rigid_robot_is_accused_of_nothing(rigid):
 def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested_beside_it(
     faint, expected, monkeypatch
 ):
-    """Cogging, taken to be so faint that coarse steps might explain it: all begins anew; it is named all the same."""
+    """Cogging, taken to be so faint that coarse steps might explain it: all begins anew; it is
+    named all the same.
+    """
     steps, weighed = [], []
     begin, weigh = stepwise._Search.__init__, stepwise._Search._weigh
 
@@ -93,7 +98,9 @@ def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested
 
     monkeypatch.setattr(stepwise, "_FAINT", faint)
     monkeypatch.setattr(stepwise._Search, "__init__", begun)
-    monkeypatch.setattr(stepwise._Search, "_weigh", lambda self: (weighed.append(steps[-1]), weigh(self)))
+    monkeypatch.setattr(
+        stepwise._Search, "_weigh", lambda self: (weighed.append(steps[-1]), weigh(self))
+    )
     ripple = TorqueRipple(amplitude=0.2 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
     assert "cogging" in quick(log(ripple=ripple)).diagnostics.detection.names
     assert steps == expected
@@ -106,7 +113,9 @@ def test_a_rigid_robot_that_swings_between_counts_is_accused_of_nothing():
     robot = read_robot("ur5e")
     cosine, sine = np.random.default_rng(1).uniform(-0.4, 0.4, (2, 6, 4)) / np.arange(1, 5)
     path = Harmonics(period=4.0, offset=(0, -1.2, 1.0, -0.5, 0.8, 0), cosine=cosine, sine=sine)
-    record = simulate(robot.dynamics.arm(robot.dynamics.f()), robot.rig, robot.law, path, steps_per_sample=16)
+    record = simulate(
+        robot.dynamics.arm(robot.dynamics.f()), robot.rig, robot.law, path, steps_per_sample=16
+    )
     found = identify(robot.dynamics, record, method="prediction_error", progress=False)
     assert found.diagnostics.detection.names == ()
     assert not any(sign.significant for sign in found.diagnostics.detection.signs)
@@ -115,13 +124,21 @@ def test_a_rigid_robot_that_swings_between_counts_is_accused_of_nothing():
 
 @pytest.mark.slow
 def test_what_would_be_seen_is_stated(rigid):
-    """Twice the least visible lag is seen; friction from a few per cent on, compliance somewhere from 100 to 200 Hz."""
-    visible = {name: value for sign in rigid.diagnostics.detection.signs for name, value in sign.visible.items()}
+    """Twice the least visible lag is seen; friction from a few per cent on, compliance somewhere
+    from 100 to 200 Hz.
+    """
+    visible = {
+        name: value
+        for sign in rigid.diagnostics.detection.signs
+        for name, value in sign.visible.items()
+    }
     assert 100 < visible["compliance[0]"] ** -0.5 < 200
     assert visible["coulomb[0]"] < 0.05 * RIG.drive.coulomb[0]
     found = quick(log(current_lag=1.6 * visible["lag"]))
     assert found.diagnostics.detection.names == ("lag",)
-    assert found.diagnostics.detection.named[0].values["lag"] == pytest.approx(1.6 * visible["lag"], rel=0.3)
+    assert found.diagnostics.detection.named[0].values["lag"] == pytest.approx(
+        1.6 * visible["lag"], rel=0.3
+    )
 
 
 @pytest.mark.parametrize("gain", [LOW, HIGH])
@@ -131,13 +148,17 @@ def test_gears_of_60_hz_are_seen_in_one_log(gain):
     hertz = found.diagnostics.detection.resonances
     assert set(hertz) == {"joint 2 (q[0])", "joint 3 (q[1])"}
     assert all(45 < value < 75 for value in hertz.values())
-    assert any(text.startswith("the joints are elastic: locked-rotor resonance near") for text in found.warnings)
+    assert any(
+        text.startswith("the joints are elastic: locked-rotor resonance near")
+        for text in found.warnings
+    )
 
 
 @pytest.mark.slow
 def test_gears_of_100_hz_are_seen_in_two_logs_which_contradict_each_other():
     records = [log(gain, elasticity=gears(100)) for gain in (LOW, HIGH)]
-    detection = quick(records).diagnostics.detection  # the second is kept aside, and tested all the same
+    # the second is kept aside, and tested all the same
+    detection = quick(records).diagnostics.detection
     assert detection.names == ("compliance",)
     assert all(85 < value < 115 for value in detection.resonances.values())
     apart = next(sign for sign in detection.signs if sign.name == "disagreement")
@@ -155,19 +176,28 @@ def test_two_logs_of_a_rigid_robot_agree():
 
 
 def test_an_offset_that_intervals_count_anyway_is_no_contradiction():
-    """0.2 % of the motors' torques, seen by fine encoders: told where the rig is stated to have none."""
+    """0.2 % of the motors' torques, seen by fine encoders: told where the rig is stated to have
+    none.
+    """
     rig = dataclasses.replace(RIG, encoder=Encoder(resolution=(40000, 40000)))
     drive = dataclasses.replace(RIG.drive, curve=FrictionCurve(offset=(1e-3, 1e-3)))
     law = puma560.p_law(np.array(LOW) * RIG.encoder.resolution / rig.encoder.resolution)
     record = simulate(ARM, dataclasses.replace(rig, drive=drive), law, PATH, steps_per_sample=16)
     record = dataclasses.replace(record, rig=rig)
     assert quick(record).warnings == []
-    assert quick(record, tolerances=Tolerances(offset=0.0)).diagnostics.detection.names == ("offset",)
+    assert quick(record, tolerances=Tolerances(offset=0.0)).diagnostics.detection.names == (
+        "offset",
+    )
 
 
 def test_a_load_in_one_of_two_logs_is_a_contradiction_alone():
     """Other gears would explain a little of it, and are none."""
-    path = Harmonics(period=2.5, offset=(0.1, -0.1), cosine=((0.3, 0.1), (0.2, 0.2)), sine=((0.1, -0.1), (-0.3, 0.1)))
+    path = Harmonics(
+        period=2.5,
+        offset=(0.1, -0.1),
+        cosine=((0.3, 0.1), (0.2, 0.2)),
+        sine=((0.1, -0.1), (-0.3, 0.1)),
+    )
     law = puma560.p_law(LOW)
     ways = (ARM, PATH), (puma560.literature_arm(3.5), path)
     records = [simulate(arm, RIG, law, way, steps_per_sample=16) for arm, way in ways]
@@ -181,7 +211,12 @@ def test_backlash_is_seen_where_the_load_changes_sign():
     found = quick(log(elasticity=gears(200, backlash=np.deg2rad((0.03, 0.03)))))
     assert found.diagnostics.detection.names == ("backlash",)
     widths = [sign.values for sign in found.diagnostics.detection.named]
-    assert all(0.01 < np.rad2deg(value) < 0.1 for each in widths for name, value in each.items() if "backlash" in name)
+    assert all(
+        0.01 < np.rad2deg(value) < 0.1
+        for each in widths
+        for name, value in each.items()
+        if "backlash" in name
+    )
     assert any("has backlash, about" in text for text in found.warnings)
 
 
@@ -199,7 +234,8 @@ def test_wide_backlash_is_told_by_where_the_load_changes_sign():
 
     wide = found(elasticity=gears(300, backlash=np.deg2rad((0.3, 0.3))))
     assert "reversals" in wide.diagnostics.detection.names
-    assert "length" not in {sign.name for sign in wide.diagnostics.detection.signs}  # of 134 %, which none is off by
+    # of 134 %, which none is off by
+    assert "length" not in {sign.name for sign in wide.diagnostics.detection.signs}
     assert any("where the load of" in text and "has backlash" in text for text in wide.warnings)
     assert not any(sign.significant for sign in found().diagnostics.detection.signs)
 
@@ -211,8 +247,12 @@ def test_friction_that_is_not_the_rigs_comes_with_its_values():
     assert detection.names == ("friction",)
     named = detection.named[0].values
     for i in range(2):
-        assert RIG.drive.viscous[i] + named[f"viscous[{i}]"] == pytest.approx(FRICTION["viscous"][i], rel=0.15)
-        assert RIG.drive.coulomb[i] + named[f"coulomb[{i}]"] == pytest.approx(FRICTION["coulomb"][i], rel=0.05)
+        assert RIG.drive.viscous[i] + named[f"viscous[{i}]"] == pytest.approx(
+            FRICTION["viscous"][i], rel=0.15
+        )
+        assert RIG.drive.coulomb[i] + named[f"coulomb[{i}]"] == pytest.approx(
+            FRICTION["coulomb"][i], rel=0.05
+        )
     assert any(text.startswith("friction is not the rig's") for text in found.warnings)
     assert not any("samples" in text for text in found.warnings)
     unknown = (*DYNAMICS.names, *(f"drive.{kind}[{i}]" for kind in FRICTION for i in range(2)))
@@ -224,7 +264,8 @@ def test_nothing_contradicts_a_model_whose_gears_give_and_whose_stiffness_is_unk
     """The rig states 56 Hz, as the detection would; the robot has 60."""
     soft = log(elasticity=gears(60))
     stated = dataclasses.replace(
-        soft, rig=dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears(56)))
+        soft,
+        rig=dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears(56))),
     )
     stiffness = [f"drive.elasticity.stiffness[{i}]" for i in range(2)]
     found = quick(stated, unknown=(*DYNAMICS.names, *stiffness))
@@ -253,7 +294,9 @@ def test_torques_that_are_repeated_show_lag_and_compliance():
 def test_the_papers_method_is_tested_too_and_its_result_stays():
     """f is the genetic algorithm's, from a cold start; the test fits the model anew."""
     tiny = GeneticSettings.paper(individuals=6, subpopulations=1, generations=2)
-    found = identify(DYNAMICS, log(elasticity=gears(60)), method="paper", settings=tiny, progress=False)
+    found = identify(
+        DYNAMICS, log(elasticity=gears(60)), method="paper", settings=tiny, progress=False
+    )
     np.testing.assert_array_equal(found.f, found.fit.values)
     assert found.covariance is None
     assert found.diagnostics.detection.names == ("compliance",)
@@ -273,12 +316,14 @@ def test_a_fast_law_with_a_memory_is_tested_in_its_loop():
     found = identify(DYNAMICS, fast, method="equation_error", progress=False)
     assert found.diagnostics.detection.reason is None
     assert found.diagnostics.detection.names == ()
-    assert {"lag", "friction", "compliance"} <= {sign.name for sign in found.diagnostics.detection.signs}
+    assert {"lag", "friction", "compliance"} <= {
+        sign.name for sign in found.diagnostics.detection.signs
+    }
 
 
 def test_motors_that_cog_are_named_with_their_cycles():
     ripple = TorqueRipple(amplitude=0.2 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
-    (said, *_) = quick(log(ripple=ripple)).warnings
+    said, *_ = quick(log(ripple=ripple)).warnings
     assert said.startswith("motors cog: ")
     assert "N m, 6 times per turn, at joint 3 (q[1])" in said
 
@@ -286,21 +331,25 @@ def test_motors_that_cog_are_named_with_their_cycles():
 def test_motors_that_cog_are_named_beside_logged_torques():
     """They hold what the law gave, and not what the motor's ripple added."""
     ripple = TorqueRipple(amplitude=0.4 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
-    (said, *_) = quick(log(law=PID_LAW, ripple=ripple)).warnings
+    said, *_ = quick(log(law=PID_LAW, ripple=ripple)).warnings
     assert re.match(r"motors cog: 0.0[56]\d* N m, 6 times per turn, at joint 2", said)
 
 
 def test_an_offset_whose_estimate_is_too_large_is_fitted_all_the_same():
     """Where a joint turns back it sticks, so that small changes tell too little of large ones."""
     truth = 0.4 * RIG.drive.coulomb * np.sign(RIG.drive.gear)
-    (sign, *_) = quick(log(law=PID_LAW, curve=FrictionCurve(offset=truth))).diagnostics.detection.named
+    sign, *_ = quick(
+        log(law=PID_LAW, curve=FrictionCurve(offset=truth))
+    ).diagnostics.detection.named
     assert sign.name == "offset"
     np.testing.assert_allclose(list(sign.values.values()), truth, rtol=0.2)
 
 
 def test_a_load_in_a_record_held_out_is_told_as_a_change():
     """Observer gains that suit the others lose it."""
-    light = dataclasses.replace(simulate(puma560.literature_arm(0.3), RIG, PID_LAW, PATH, steps_per_sample=16))
+    light = dataclasses.replace(
+        simulate(puma560.literature_arm(0.3), RIG, PID_LAW, PATH, steps_per_sample=16)
+    )
     found = identify(DYNAMICS, [log(law=PID_LAW), light], method="prediction_error", progress=False)
     assert found.diagnostics.detection.named[0].name == "disagreement"
 
@@ -308,37 +357,56 @@ def test_a_load_in_a_record_held_out_is_told_as_a_change():
 @pytest.mark.parametrize(("factor", "law"), [(1.1, None), (1.25, None), (0.85, PID_LAW)])
 def test_a_length_that_is_wrong_is_named(factor, law):
     """And by how much, though it does not act linearly."""
-    chain = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=factor * puma560.LINK_LENGTH)))
-    found = identify(Dynamics.from_chain(chain), log(law=law), method="prediction_error", progress=False)
-    (sign, *_) = found.diagnostics.detection.named
+    chain = Chain(
+        links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=factor * puma560.LINK_LENGTH))
+    )
+    found = identify(
+        Dynamics.from_chain(chain), log(law=law), method="prediction_error", progress=False
+    )
+    sign, *_ = found.diagnostics.detection.named
     assert sign.values == {"links[1].a": pytest.approx(1 / factor - 1, abs=0.02)}
-    assert re.match(r"the arm's lengths are not the chain's: [+-]\d+(\.\d)? % before joint 3", found.warnings[0])
+    assert re.match(
+        r"the arm's lengths are not the chain's: [+-]\d+(\.\d)? % before joint 3", found.warnings[0]
+    )
 
 
 def test_a_length_of_which_f_takes_over_nine_tenths_is_named_and_no_gear():
     """Upper arm of the UR5e: of a torque along a smoothed motion next to nothing is left."""
     true, rig = elbow_of_a_ur5e()
     dynamics = Dynamics.from_chain(true.with_rotors(rig.drive))
-    path = Harmonics(period=2.7, offset=(0.1, -0.1), cosine=((0.3, 0.1), (0.2, -0.15)), sine=((-0.2, 0.1), (0.3, 0.1)))
-    record = simulate(dynamics.arm(dynamics.f()), rig, P(gain=(0.08, 0.0295)), path, steps_per_sample=16)
+    path = Harmonics(
+        period=2.7,
+        offset=(0.1, -0.1),
+        cosine=((0.3, 0.1), (0.2, -0.15)),
+        sine=((-0.2, 0.1), (0.3, 0.1)),
+    )
+    record = simulate(
+        dynamics.arm(dynamics.f()), rig, P(gain=(0.08, 0.0295)), path, steps_per_sample=16
+    )
     record = dataclasses.replace(record, true_q=None, true_qd=None, torque=None, current=None)
     link = true.links[1]
     place = dataclasses.replace(link.before, position=tuple(1.25 * x for x in link.before.position))
-    stated = dataclasses.replace(true, links=(true.links[0], dataclasses.replace(link, before=place)))
+    stated = dataclasses.replace(
+        true, links=(true.links[0], dataclasses.replace(link, before=place))
+    )
     wrong = Dynamics.from_chain(stated.with_rotors(rig.drive))
     found = identify(wrong, record, method="prediction_error", progress=False)
     assert found.diagnostics.detection.names == ("length",)
-    assert found.diagnostics.detection.named[0].values == {"links[1].before": pytest.approx(-0.2, abs=0.04)}
+    assert found.diagnostics.detection.named[0].values == {
+        "links[1].before": pytest.approx(-0.2, abs=0.04)
+    }
 
 
 def test_a_derivative_that_the_stated_law_lacks_is_named():
     law = PD(gain=(0.1, 0.075), derivative=(1e-4, 7.5e-5), filter=3000.0)
-    record = dataclasses.replace(log(law=law), law=puma560.p_law((0.1, 0.075)), torque=None, current=None)
-    (said, *_) = quick(record).warnings
+    record = dataclasses.replace(
+        log(law=law), law=puma560.p_law((0.1, 0.075)), torque=None, current=None
+    )
+    said, *_ = quick(record).warnings
     assert said.startswith("the stated law lacks the rate of its error: torques lead by ")
 
 
-# -- a robot that another engine simulates ----------------------------------------------------------------------------
+# -- a robot that another engine simulates -------------------------------------------------------
 def test_an_arm_of_mujoco_on_gears_of_60_hz_is_named_compliant():
     pytest.importorskip("mujoco", reason="MuJoCo, an optional engine, is not installed")
     from mujoco_elastic import p_loop

@@ -1,4 +1,6 @@
-"""Script commands of a UR controller: a payload in its order of the inertia, scales that leave no friction."""
+"""Script commands of a UR controller: a payload in its order of the inertia, scales that leave
+no friction.
+"""
 
 import dataclasses
 
@@ -9,13 +11,15 @@ from identification import to_urscript
 from plant import Body, puma560
 
 RIG = puma560.rig()
-OWN = {"viscous": np.array([8e-4, 6e-4]), "coulomb": np.array([0.5, 0.3])}  # what the controller compensates at 1
+# what the controller compensates at 1
+OWN = {"viscous": np.array([8e-4, 6e-4]), "coulomb": np.array([0.5, 0.3])}
 
 
 def left(scale):
     """The rig as it appears under a scale: what the controller compensates is gone."""
     drive = RIG.drive
-    shares = {"viscous": np.array([0.8, 0.9]), "coulomb": np.array([0.75, 0.6])}  # at which nothing would be left
+    # at which nothing would be left
+    shares = {"viscous": np.array([0.8, 0.9]), "coulomb": np.array([0.75, 0.6])}
     friction = {name: OWN[name] * (shares[name] - scale) for name in OWN}
     return scale, dataclasses.replace(RIG, drive=dataclasses.replace(drive, **friction))
 

@@ -1,7 +1,8 @@
-"""Stiffness and damping as unknowns: simulated robots of known resonance, found from one log; rigid ones; refusals.
+"""Stiffness and damping as unknowns: simulated robots of known resonance, found from one log; rigid
+ones; refusals.
 
-The robot is stepped four times finer than the model. Truth is stated as the resonance of each link against its locked
-motor, which `Elasticity.from_resonance` and the identification work out apart.
+The robot is stepped four times finer than the model. Truth is stated as the resonance of each link
+against its locked motor, which `Elasticity.from_resonance` and the identification work out apart.
 """
 
 import dataclasses
@@ -15,13 +16,17 @@ from plant import Elasticity, puma560, simulate
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference(2.0)
 NAMES = ARM.dynamics.names
-GEARS = tuple(f"drive.elasticity.{what}[{i}]" for what in ("stiffness", "damping") for i in range(2))
+GEARS = tuple(
+    f"drive.elasticity.{what}[{i}]" for what in ("stiffness", "damping") for i in range(2)
+)
 WIDTH = np.ptp(puma560.PRINTED_RANGES, axis=1)
 
 
 def on(elasticity, side="motor"):
     encoder = dataclasses.replace(RIG.encoder, side=side)
-    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity), encoder=encoder)
+    return dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, elasticity=elasticity), encoder=encoder
+    )
 
 
 def gears(hz, ratio=0.02):
@@ -37,7 +42,9 @@ def log(hz, side="motor"):
 @cache
 def found(hz):
     """From a log whose rig says nothing of gears."""
-    return identify(ARM.dynamics, dataclasses.replace(log(hz), rig=RIG), elasticity=True, progress=False)
+    return identify(
+        ARM.dynamics, dataclasses.replace(log(hz), rig=RIG), elasticity=True, progress=False
+    )
 
 
 def holds(resonance, hz):
@@ -52,11 +59,17 @@ def test_resonances_are_found_and_their_intervals_hold_them(hz):
     np.testing.assert_allclose(resonance.hz, hz, rtol=0.1)
     assert holds(resonance, hz).all()
     assert (resonance.high < 1.3 * resonance.low).all()
-    assert holds(dataclasses.replace(resonance, low=resonance.damping_low, high=resonance.damping_high), 0.02).all()
+    assert holds(
+        dataclasses.replace(resonance, low=resonance.damping_low, high=resonance.damping_high), 0.02
+    ).all()
     assert (np.abs(result.f - ARM.f) / WIDTH).max() < 0.06
     # Rig, table and values say the same.
-    elasticity = Elasticity.from_resonance(result.arm, resonance.hz, resonance.damping_ratio, drive=RIG.drive)
-    np.testing.assert_allclose(result.rig.drive.elasticity.stiffness, elasticity.stiffness, rtol=1e-9)
+    elasticity = Elasticity.from_resonance(
+        result.arm, resonance.hz, resonance.damping_ratio, drive=RIG.drive
+    )
+    np.testing.assert_allclose(
+        result.rig.drive.elasticity.stiffness, elasticity.stiffness, rtol=1e-9
+    )
     np.testing.assert_allclose(result.fit.values[-2:], elasticity.damping, rtol=1e-9)
     assert result.fit.unknown == (*NAMES, *GEARS)
     assert (result.fit.std > 0).all()
@@ -80,7 +93,9 @@ def test_a_rigid_log_gives_a_bound_and_no_number():
 
 @pytest.mark.slow
 def test_what_a_rig_says_is_a_guess_that_may_be_far_off():
-    """Stiffness 16 times too large and damping nought: the same resonances to within their intervals."""
+    """Stiffness 16 times too large and damping nought: the same resonances to within their
+    intervals.
+    """
     wrong = gears((60, 40))
     wrong = dataclasses.replace(wrong, stiffness=16 * wrong.stiffness, damping=(0, 0))
     record = dataclasses.replace(log((60, 40)), rig=on(wrong))
@@ -105,7 +120,10 @@ def test_backlash_that_no_rig_states_leaves_a_bound():
     played = Elasticity.from_resonance(ARM, 70, 0.02, drive=RIG.drive, backlash=(2e-4, 2e-4))
     record = simulate(ARM, on(played), puma560.p_law((0.1, 0.08)), PATH, steps_per_sample=16)
     result = identify(
-        ARM.dynamics, dataclasses.replace(record, rig=on(gears(70))), unknown=(*NAMES, GEARS[1]), progress=False
+        ARM.dynamics,
+        dataclasses.replace(record, rig=on(gears(70))),
+        unknown=(*NAMES, GEARS[1]),
+        progress=False,
     )
     resonance = result.fit.resonance
     assert "joint 3 (q[1])" in resonance.played
@@ -129,7 +147,9 @@ def test_a_second_sensor_shows_stiffness_directly():
     """Where one sensor leaves an interval of 20 %, the second one leaves a few."""
     rig = on(Elasticity(stiffness=(1e5, 1e5), damping=(10, 10)), "both")
     record = dataclasses.replace(log((100, 80), "both"), rig=rig)
-    resonance = identify(ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False).fit.resonance
+    resonance = identify(
+        ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False
+    ).fit.resonance
     np.testing.assert_allclose(resonance.hz, [100, 80], rtol=0.05)
     assert holds(resonance, [100, 80]).all()
     assert (resonance.high < 1.2 * resonance.low).all()
@@ -138,7 +158,9 @@ def test_a_second_sensor_shows_stiffness_directly():
 def test_a_second_sensor_on_one_link_narrows_the_interval_of_its_gear():
     rig = on(Elasticity(stiffness=(1e5, 1e5), damping=(10, 10)), ("both", "motor"))
     record = dataclasses.replace(log((100, 80), ("both", "motor")), rig=rig)
-    resonance = identify(ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False).fit.resonance
+    resonance = identify(
+        ARM.dynamics, record, unknown=(*NAMES, *GEARS), progress=False
+    ).fit.resonance
     np.testing.assert_allclose(resonance.hz, [100, 80], rtol=0.1)
     assert holds(resonance, [100, 80]).all()
     assert resonance.high[0] < 1.2 * resonance.low[0]
@@ -155,7 +177,10 @@ def test_rigid_identification_has_no_resonance_to_tell():
     ("options", "text"),
     [
         ({"elasticity": 1}, "elasticity must be"),
-        ({"elasticity": True, "ranges": puma560.PRINTED_RANGES}, "ranges need every unknown by name"),
+        (
+            {"elasticity": True, "ranges": puma560.PRINTED_RANGES},
+            "ranges need every unknown by name",
+        ),
         ({"elasticity": True, "method": "equation_error"}, "can be found by prediction error"),
         ({"elasticity": True, "method": "paper"}, "ranges must be given"),
     ],

@@ -36,7 +36,9 @@ def rosenbrock(x):
 
 
 def partly_bad(x):
-    """A sphere with NaN in a third of the box and infinity in another: the optimum is in neither."""
+    """A sphere with NaN in a third of the box and infinity in another: the optimum is in
+    neither.
+    """
     return np.where(x[:, 0] < -0.5, NAN, np.where(x[:, 1] < -0.5, INF, sphere(x)))
 
 
@@ -44,18 +46,21 @@ def one_subpopulation(**changes):
     return GeneticSettings.paper(subpopulations=1, generations=5, **changes)
 
 
-# ---------------------------------------------------------------------------------------------------------- coding
+# -- coding ----------------------------------------------------------------------------------------
 BITS_OF_3 = [[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1], [1, 1, 0], [1, 1, 1]]
 
 
-@pytest.mark.parametrize(("coding", "whole"), [("binary", range(8)), ("gray", [0, 1, 3, 2, 7, 6, 4, 5])])
+@pytest.mark.parametrize(
+    ("coding", "whole"), [("binary", range(8)), ("gray", [0, 1, 3, 2, 7, 6, 4, 5])]
+)
 def test_decode_table_of_three_bits(coding, whole):
     # By hand: bounds (0, 7) make the value the integer itself; Gray 110 -> parities 1, 0, 0 -> 4.
     np.testing.assert_array_equal(decode(BITS_OF_3, [(0, 7)], 3, coding)[:, 0], list(whole))
 
 
 def test_decode_scales_each_variable_with_its_own_bits():
-    # By hand: 10 of 2 bits is 2/3 of (-1, 2) = 1; 0110 of 4 bits is 6/15 of (10, 20) = 14; 1 of 1 bit is the bound.
+    # By hand: 10 of 2 bits is 2/3 of (-1, 2) = 1; 0110 of 4 bits is 6/15 of (10, 20) = 14; 1 of 1
+    # bit is the bound.
     x = decode([[1, 0, 0, 1, 1, 0, 1]], [(-1, 2), (10, 20), (5, 6)], (2, 4, 1))
     np.testing.assert_allclose(x, [[1, 14, 6]], rtol=1e-15)  # three roundings of 1 ulp at most
 
@@ -79,7 +84,11 @@ def test_neighbours_in_gray_code_differ_in_one_bit():
     np.testing.assert_array_equal(np.abs(np.diff(bits.astype(int), axis=0)).sum(axis=1), 1)
 
 
-@given(st.integers(0, 2**32), st.sampled_from(["binary", "gray"]), st.lists(st.integers(1, 40), min_size=1, max_size=5))
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from(["binary", "gray"]),
+    st.lists(st.integers(1, 40), min_size=1, max_size=5),
+)
 def test_encode_inverts_decode(seed, coding, widths):
     rng = np.random.default_rng(seed)
     bits = rng.integers(0, 2, (7, sum(widths)), dtype=np.uint8)
@@ -94,29 +103,42 @@ def test_encode_is_nearest_and_clips(coding):
     x = np.random.default_rng(0).uniform([-1, 3], [2, 4], (200, 2))
     error = np.abs(decode(encode(x, bounds, 6, coding), bounds, 6, coding) - x)
     assert (error <= step / 2 * (1 + 1e-12)).all()  # rounding of the decoded value
-    np.testing.assert_array_equal(decode(encode([(-9, 9)], bounds, 6, coding), bounds, 6, coding), [(-1, 4)])
+    np.testing.assert_array_equal(
+        decode(encode([(-9, 9)], bounds, 6, coding), bounds, 6, coding), [(-1, 4)]
+    )
 
 
-# --------------------------------------------------------------------------------------------------------- ranking
+# -- ranking ---------------------------------------------------------------------------------------
 def test_linear_ranking_by_hand():
-    # N = 5, pressure 2: 0, 0.5, 1, 1.5, 2 from worst to best; pressure 1.5: 0.5, 0.75, 1, 1.25, 1.5.
-    np.testing.assert_allclose(rank_linear([30.0, 10, 50, 20, 40], 2.0), [1, 2, 0, 1.5, 0.5], rtol=1e-15)
-    np.testing.assert_allclose(rank_linear([30.0, 10, 50, 20, 40], 1.5), [1, 1.5, 0.5, 1.25, 0.75], rtol=1e-15)
+    # N = 5, pressure 2: 0, 0.5, 1, 1.5, 2 from worst to best; pressure 1.5: 0.5, 0.75, 1, 1.25,
+    # 1.5.
+    np.testing.assert_allclose(
+        rank_linear([30.0, 10, 50, 20, 40], 2.0), [1, 2, 0, 1.5, 0.5], rtol=1e-15
+    )
+    np.testing.assert_allclose(
+        rank_linear([30.0, 10, 50, 20, 40], 1.5), [1, 1.5, 0.5, 1.25, 0.75], rtol=1e-15
+    )
 
 
 def test_equal_costs_share_and_nan_is_worse_than_infinity():
-    # Positions worst first: NaN 0, NaN 0.4, inf 0.8, (7, 7) 1.2 and 1.6, best 2; each tie gets its mean.
+    # Positions worst first: NaN 0, NaN 0.4, inf 0.8, (7, 7) 1.2 and 1.6, best 2; each tie gets its
+    # mean.
     fitness = rank_linear([7, NAN, INF, 7, -1, NAN], 2.0)
     np.testing.assert_allclose(fitness, [1.4, 0.2, 0.8, 1.4, 2, 0.2], rtol=1e-14)
 
 
 def test_nonlinear_ranking_by_hand():
-    # N = 3, pressure 1.5: -1.5 X^2 + 1.5 X + 1.5 = 0, so X is the golden ratio g, and F = 1.5 (g^-2, g^-1, 1).
+    # N = 3, pressure 1.5: -1.5 X^2 + 1.5 X + 1.5 = 0, so X is the golden ratio g, and F = 1.5
+    # (g^-2, g^-1, 1).
     g = (1 + 5**0.5) / 2
-    np.testing.assert_allclose(rank_nonlinear([2.0, 3, 1], 1.5), [1.5 / g, 1.5 / g**2, 1.5], rtol=1e-14)
+    np.testing.assert_allclose(
+        rank_nonlinear([2.0, 3, 1], 1.5), [1.5 / g, 1.5 / g**2, 1.5], rtol=1e-14
+    )
 
 
-@pytest.mark.parametrize(("n", "pressure"), [(2, 1), (3, 2), (20, 1), (20, 2), (20, 5.5), (20, 19), (100, 2)])
+@pytest.mark.parametrize(
+    ("n", "pressure"), [(2, 1), (3, 2), (20, 1), (20, 2), (20, 5.5), (20, 19), (100, 2)]
+)
 def test_nonlinear_ranking_sums_to_n_in_a_constant_ratio_up_to_the_pressure(n, pressure):
     fitness = rank_nonlinear(np.arange(n, dtype=float), pressure)
     assert fitness.max() == pytest.approx(pressure, rel=1e-12)
@@ -134,16 +156,21 @@ def test_fitness_sums_to_n_and_follows_the_costs(costs):
         assert (np.diff(fitness[order]) <= 1e-15).all()
 
 
-# ------------------------------------------------------------------------------------------------------- selection
-@given(st.lists(st.floats(0, 5), min_size=1, max_size=25), st.integers(1, 40), st.integers(0, 2**32))
+# -- selection -------------------------------------------------------------------------------------
+@given(
+    st.lists(st.floats(0, 5), min_size=1, max_size=25), st.integers(1, 40), st.integers(0, 2**32)
+)
 def test_each_gets_floor_or_ceil_of_its_expected_copies(fitness, number, seed):
     fitness = np.round(fitness, 3)
     if fitness.sum() == 0:
         fitness[0] = 1
     expected = number * fitness / fitness.sum()
-    copies = np.bincount(select(fitness, number, np.random.default_rng(seed)), minlength=len(fitness))
+    copies = np.bincount(
+        select(fitness, number, np.random.default_rng(seed)), minlength=len(fitness)
+    )
     assert copies.sum() == number
-    assert (copies >= np.floor(expected - 1e-9)).all()  # an expectation that is whole but for rounding
+    # an expectation that is whole but for rounding
+    assert (copies >= np.floor(expected - 1e-9)).all()
     assert (copies <= np.ceil(expected + 1e-9)).all()
     assert (copies[fitness == 0] == 0).all()
 
@@ -168,11 +195,13 @@ def test_selection_is_unbiased_and_shuffled():
     rng, fitness = np.random.default_rng(5), rank_linear(np.arange(8.0), 2.0)
     draws = np.array([select(fitness, 5, rng) for _ in range(4000)])
     share = np.bincount(draws.ravel(), minlength=8) / draws.size
-    np.testing.assert_allclose(share, fitness / 8, atol=0.01)  # 5 sigma of 20,000 draws at share 0.25 are 0.015
-    np.testing.assert_allclose(draws.mean(axis=0), draws.mean(), atol=0.15)  # each place the same: 5 sigma 0.13
+    # 5 sigma of 20,000 draws at share 0.25 are 0.015
+    np.testing.assert_allclose(share, fitness / 8, atol=0.01)
+    # each place the same: 5 sigma 0.13
+    np.testing.assert_allclose(draws.mean(axis=0), draws.mean(), atol=0.15)
 
 
-# --------------------------------------------------------------------------------------- recombination and mutation
+# -- recombination and mutation --------------------------------------------------------------------
 @given(st.integers(0, 12), st.integers(1, 20), st.floats(0, 1), st.integers(0, 2**32))
 def test_crossover_keeps_the_columns_of_each_pair(rows, length, probability, seed):
     rng = np.random.default_rng(seed)
@@ -181,7 +210,9 @@ def test_crossover_keeps_the_columns_of_each_pair(rows, length, probability, see
     children = crossover(bits, probability, rng)
     np.testing.assert_array_equal(bits, before)
     even = rows // 2 * 2
-    np.testing.assert_array_equal(children[:even:2] + children[1:even:2], bits[:even:2] + bits[1:even:2])
+    np.testing.assert_array_equal(
+        children[:even:2] + children[1:even:2], bits[:even:2] + bits[1:even:2]
+    )
     np.testing.assert_array_equal(children[even:], bits[even:])  # an odd last row
 
 
@@ -191,25 +222,38 @@ def test_crossover_cuts_once_everywhere_and_as_often_as_told():
     first = crossover(bits, 0.6, rng)[::2]
     assert (first[:, 0] == 0).all()  # heads stay
     assert (np.diff(first.astype(int), axis=1) >= 0).all()  # zeros, then ones: one cut
-    share = np.bincount(first.sum(axis=1), minlength=length + 1) / pairs  # how many bits came from the partner
-    np.testing.assert_allclose(share, [0.4, 0.12, 0.12, 0.12, 0.12, 0.12, 0], atol=0.015)  # 5 sigma: 0.014
+    # how many bits came from the partner
+    share = np.bincount(first.sum(axis=1), minlength=length + 1) / pairs
+    # 5 sigma: 0.014
+    np.testing.assert_allclose(share, [0.4, 0.12, 0.12, 0.12, 0.12, 0.12, 0], atol=0.015)
 
 
 def test_mutation_rate():
     rng, bits = np.random.default_rng(3), np.tile(np.array([0, 1], dtype=np.uint8), (1000, 100))
     flipped = mutate(bits, 0.05, rng) != bits
     assert flipped.mean() == pytest.approx(0.05, abs=0.0025)  # 5 sigma of 200,000 bits: 0.0024
-    assert flipped[:, ::2].mean() == pytest.approx(flipped[:, 1::2].mean(), abs=0.005)  # both ways alike
+    # both ways alike
+    assert flipped[:, ::2].mean() == pytest.approx(flipped[:, 1::2].mean(), abs=0.005)
     np.testing.assert_array_equal(mutate(bits, 0.0, rng), bits)
     np.testing.assert_array_equal(mutate(bits, 1.0, rng), 1 - bits)
 
 
 def test_mutation_is_by_default_07_per_chromosome():
-    # Without selection pressure and crossover, 64-bit offspring differ from the nearest parent by 0.7 bits on average.
+    # Without selection pressure and crossover, 64-bit offspring differ from the nearest parent by
+    # 0.7 bits on average.
     states = []
-    changes = {"pressure": 1.0, "crossover_probability": 0, "generations": 1, "individuals": 400, "generation_gap": 0.5}
+    changes = {
+        "pressure": 1.0,
+        "crossover_probability": 0,
+        "generations": 1,
+        "individuals": 400,
+        "generation_gap": 0.5,
+    }
     minimize_genetic(sphere, BOX, GeneticSettings.paper(**changes), callback=states.append)
-    new, old = states[0].chromosomes[:400].astype(int), first_chromosomes(400 * 4, 64)[:400].astype(int)
+    new, old = (
+        states[0].chromosomes[:400].astype(int),
+        first_chromosomes(400 * 4, 64)[:400].astype(int),
+    )
     distance = np.abs(new[:, None] - old).sum(axis=2).min(axis=1)
     assert distance.sum() / 200 == pytest.approx(0.7, abs=0.3)  # 200 offspring: 5 sigma 0.3
 
@@ -219,7 +263,7 @@ def first_chromosomes(size, length):
     return np.random.default_rng(0).integers(0, 2, (size, length), dtype=np.uint8)
 
 
-# ------------------------------------------------------------------------------------------------------ reinsertion
+# -- reinsertion -----------------------------------------------------------------------------------
 def rows(*names):
     """Chromosomes that carry their own number."""
     return np.array(names)[:, None]
@@ -231,26 +275,35 @@ def test_offspring_overwrite_the_worst_parents_uncompared():
     assert sorted(new[:, 0]) == [0, 2, 10, 11, 12]  # NaN, infinity and 7 are gone, though 7 < 98
     assert dict(zip(new[:, 0].tolist(), new_costs.tolist(), strict=True))[11] == 99
     np.testing.assert_array_equal(parents, rows(0, 1, 2, 3, 4))
-    assert sorted(reinsert(parents, costs, rows(10), np.array([0.0]))[0][:, 0]) == [0, 2, 3, 4, 10]  # NaN goes first
+    # NaN goes first
+    assert sorted(reinsert(parents, costs, rows(10), np.array([0.0]))[0][:, 0]) == [0, 2, 3, 4, 10]
 
 
 def test_all_parents_are_overwritten_only_if_not_safe():
-    arguments = rows(0, 1, 2), np.array([3.0, 1.0, 2.0]), rows(10, 11, 12), np.array([9.0, NAN, 8.0])
+    arguments = (
+        rows(0, 1, 2),
+        np.array([3.0, 1.0, 2.0]),
+        rows(10, 11, 12),
+        np.array([9.0, NAN, 8.0]),
+    )
     safe, costs = reinsert(*arguments)
-    assert sorted(safe[:, 0]) == [1, 10, 12]  # the best parent stays, the worst offspring is left out
+    # the best parent stays, the worst offspring is left out
+    assert sorted(safe[:, 0]) == [1, 10, 12]
     assert sorted(costs) == [1, 8, 9]
     assert sorted(reinsert(*arguments, safe=False)[0][:, 0]) == [10, 11, 12]
 
 
-# -------------------------------------------------------------------------------------------------------- migration
+# -- migration -------------------------------------------------------------------------------------
 def test_migration_in_a_complete_net():
-    # Three sub-populations of 5; the individuals are numbered, and their cost decides who may travel.
+    # Three sub-populations of 5; the individuals are numbered, and their cost decides who may
+    # travel.
     costs = np.array([5.0, 1, 4, 2, 3, 20, 60, NAN, 30, 10, 300, 100, 200, INF, 400])
     chromosomes, best = np.arange(15)[:, None], ({1, 3}, {9, 5}, {11, 12})
     arrivals = set()
     for seed in range(200):
         moved, moved_costs = migrate(chromosomes, costs, 3, 0.4, np.random.default_rng(seed))
-        np.testing.assert_array_equal(moved_costs, costs[moved[:, 0]])  # costs travel with their chromosomes
+        # costs travel with their chromosomes
+        np.testing.assert_array_equal(moved_costs, costs[moved[:, 0]])
         for own, worst in enumerate(({0, 2}, {7, 6}, {13, 14})):
             group = set(range(5 * own, 5 * own + 5))
             present = set(moved[5 * own : 5 * own + 5, 0].tolist())
@@ -265,18 +318,25 @@ def test_migration_in_a_complete_net():
 
 def test_migrants_overwrite_the_first_rows_only_if_not_safe():
     costs = np.array([1.0, 2, 3, 10, 20, 30])  # sorted: the first rows are the best
-    moved = migrate(np.arange(6)[:, None], costs, 2, 0.34, np.random.default_rng(0), safe=False)[0][:, 0]
+    moved = migrate(np.arange(6)[:, None], costs, 2, 0.34, np.random.default_rng(0), safe=False)[0][
+        :, 0
+    ]
     np.testing.assert_array_equal(moved, [3, 1, 2, 0, 4, 5])
-    moved = migrate(np.arange(6)[:, None], costs, 2, 1.0, np.random.default_rng(0), safe=False)[0][:, 0]
+    moved = migrate(np.arange(6)[:, None], costs, 2, 1.0, np.random.default_rng(0), safe=False)[0][
+        :, 0
+    ]
     assert (set(moved[:3].tolist()), set(moved[3:].tolist())) == ({3, 4, 5}, {0, 1, 2})
 
 
 @pytest.mark.parametrize(
-    ("n", "rate", "number"), [(10, 0.3, 3), (10, 0.39, 3), (100, 0.29, 29), (10, 0.01, 1), (10, 1, 9), (10, 0, 0)]
+    ("n", "rate", "number"),
+    [(10, 0.3, 3), (10, 0.39, 3), (100, 0.29, 29), (10, 0.01, 1), (10, 1, 9), (10, 0, 0)],
 )
 def test_number_of_migrants(n, rate, number):
     # 100 * 0.29 is 28.999999999999996; rate 1 leaves the best where it is.
-    moved = migrate(np.arange(2 * n)[:, None], np.arange(2.0 * n), 2, rate, np.random.default_rng(0))[0][:, 0]
+    moved = migrate(
+        np.arange(2 * n)[:, None], np.arange(2.0 * n), 2, rate, np.random.default_rng(0)
+    )[0][:, 0]
     assert np.count_nonzero(moved[:n] >= n) == np.count_nonzero(moved[n:] < n) == number
     assert moved[0] == 0
 
@@ -287,12 +347,22 @@ def test_one_subpopulation_has_no_migrants():
     np.testing.assert_array_equal(costs, np.arange(3))
 
 
-# ---------------------------------------------------------------------------------------------------------- the run
+# -- the run ---------------------------------------------------------------------------------------
 def test_the_settings_of_the_paper():
     paper = dataclasses.asdict(GeneticSettings.paper())
-    printed = {"individuals": 20, "pressure": 2.0, "crossover_probability": 0.6, "subpopulations": 4}
+    printed = {
+        "individuals": 20,
+        "pressure": 2.0,
+        "crossover_probability": 0.6,
+        "subpopulations": 4,
+    }
     printed |= {"migration_rate": 0.3, "generation_gap": 0.94, "generations": 40}
-    fixed_here = {"ranking": "linear", "coding": "binary", "bits_per_variable": 16, "mutation_probability": None}
+    fixed_here = {
+        "ranking": "linear",
+        "coding": "binary",
+        "bits_per_variable": 16,
+        "mutation_probability": None,
+    }
     fixed_here |= {"migration_interval": 20, "safe": True, "target": None}
     assert paper == printed | fixed_here
     assert GeneticSettings() == GeneticSettings.paper()
@@ -337,11 +407,18 @@ def test_the_result_agrees_with_itself_and_with_what_was_evaluated():
     assert not np.shares_memory(best_at_once.x, best_at_once.initial_population)
     for row, costs in ((0, found.initial_costs), (-1, found.final_costs)):
         finite = costs[np.isfinite(costs)]
-        np.testing.assert_allclose(found.history[row], [finite.min(), finite.mean(), finite.max()], rtol=1e-15)
+        np.testing.assert_allclose(
+            found.history[row], [finite.min(), finite.mean(), finite.max()], rtol=1e-15
+        )
     assert (found.seed, found.settings) == (3, GeneticSettings.paper())
 
 
-HARSH = {"generation_gap": 1, "migration_rate": 1, "migration_interval": 1, "mutation_probability": 0.3}
+HARSH = {
+    "generation_gap": 1,
+    "migration_rate": 1,
+    "migration_interval": 1,
+    "mutation_probability": 0.3,
+}
 
 
 @settings(max_examples=25, deadline=None)
@@ -350,26 +427,34 @@ def test_safe_mode_never_loses_the_best(seed, individuals, subpopulations, harsh
     changes = {"individuals": individuals, "subpopulations": subpopulations, "generations": 15}
     states = []
     changes |= HARSH if harsh else {"migration_interval": 2}
-    found = minimize_genetic(partly_bad, BOX, GeneticSettings.paper(**changes), seed, callback=states.append)
+    found = minimize_genetic(
+        partly_bad, BOX, GeneticSettings.paper(**changes), seed, callback=states.append
+    )
     assert (np.diff(found.history[:, 0][np.isfinite(found.history[:, 0])]) <= 0).all()
     if np.isfinite(found.cost):
         assert found.cost == found.history[-1, 0] == np.nanmin(found.final_costs)
     for old, new in itertools.pairwise(states):  # nor does a sub-population, against itself
-        best = [np.fmin.reduce(s.costs.reshape(subpopulations, -1), axis=1, initial=INF) for s in (old, new)]
+        best = [
+            np.fmin.reduce(s.costs.reshape(subpopulations, -1), axis=1, initial=INF)
+            for s in (old, new)
+        ]
         assert (best[1] <= best[0]).all()
 
 
 def test_the_original_mode_may_lose_the_best_but_the_result_does_not():
     found = minimize_genetic(sphere, BOX, GeneticSettings.paper(safe=False, **HARSH), seed=1)
     assert (np.diff(found.history[:, 0]) > 0).any()
-    assert found.cost <= found.history[:, 0].min() < found.history[-1, 0]  # migrants may overwrite a newborn best
+    # migrants may overwrite a newborn best
+    assert found.cost <= found.history[:, 0].min() < found.history[-1, 0]
 
 
 def test_nan_never_survives_over_finite_parents():
     def bad_at_first(x):
         return np.where(np.arange(len(x)) % 2, NAN, sphere(x)) if len(x) == 80 else sphere(x)
 
-    found = minimize_genetic(bad_at_first, BOX, GeneticSettings.paper(generation_gap=0.5, generations=1))
+    found = minimize_genetic(
+        bad_at_first, BOX, GeneticSettings.paper(generation_gap=0.5, generations=1)
+    )
     assert np.isnan(found.initial_costs).sum() == 40
     assert np.isfinite(found.final_costs).all()  # the 10 NaN of each sub-population were its worst
 
@@ -392,15 +477,30 @@ def test_a_hopeless_start_recovers():
 
 
 def identical(a, b):
-    for name in ("x", "cost", "initial_population", "final_population", "final_costs", "history", "message"):
+    for name in (
+        "x",
+        "cost",
+        "initial_population",
+        "final_population",
+        "final_costs",
+        "history",
+        "message",
+    ):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     return True
 
 
 def test_each_setting_of_an_operator_reaches_it():
     plain = minimize_genetic(sphere, BOX, one_subpopulation())
-    for name, value in {"ranking": "nonlinear", "pressure": 1.5, "coding": "gray", "mutation_probability": 0.1}.items():
-        assert not np.array_equal(plain.x, minimize_genetic(sphere, BOX, one_subpopulation(**{name: value})).x), name
+    for name, value in {
+        "ranking": "nonlinear",
+        "pressure": 1.5,
+        "coding": "gray",
+        "mutation_probability": 0.1,
+    }.items():
+        assert not np.array_equal(
+            plain.x, minimize_genetic(sphere, BOX, one_subpopulation(**{name: value})).x
+        ), name
 
 
 def test_same_seed_same_bits_whatever_the_order_of_evaluation():
@@ -428,24 +528,34 @@ def test_an_objective_that_overwrites_its_arrays_changes_nothing():
 
 def test_initial_points_are_the_first_rows():
     points = np.array([(0.5, -0.5, 1, -1), (3, 0, 0, 0), (0.7, 0.7, 0.7, 0.7)])
-    with_points, without = (minimize_genetic(sphere, BOX, one_subpopulation(), initial=i) for i in (points, None))
+    with_points, without = (
+        minimize_genetic(sphere, BOX, one_subpopulation(), initial=i) for i in (points, None)
+    )
     half_step = 4 / (2**16 - 1) / 2
-    np.testing.assert_allclose(with_points.initial_population[:3], np.minimum(points, 2), atol=half_step * (1 + 1e-9))
-    np.testing.assert_array_equal(with_points.initial_population[3:], without.initial_population[3:])
+    np.testing.assert_allclose(
+        with_points.initial_population[:3], np.minimum(points, 2), atol=half_step * (1 + 1e-9)
+    )
+    np.testing.assert_array_equal(
+        with_points.initial_population[3:], without.initial_population[3:]
+    )
     assert with_points.cost <= 4 * half_step**2
 
 
 @pytest.mark.filterwarnings("error")
 def test_equal_bounds_fix_a_variable():
-    np.testing.assert_array_equal(encode([(1, 0.25), (0, 9)], [(0, 1), (0.25, 0.25)], 2), [(1, 1, 0, 0), (0, 0, 0, 0)])
+    np.testing.assert_array_equal(
+        encode([(1, 0.25), (0, 9)], [(0, 1), (0.25, 0.25)], 2), [(1, 1, 0, 0), (0, 0, 0, 0)]
+    )
     found = minimize_genetic(sphere, [(-2, 2), (0.25, 0.25), (-2, 2)], seed=1)
     assert (found.final_population[:, 1] == 0.25).all()
     assert found.cost == pytest.approx(0.45**2, abs=0.02)
 
 
-# ------------------------------------------------------------------------------------------------------ convergence
+# -- convergence -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(("objective", "factor"), [(sphere, 10), (rosenbrock, 3)])
-@pytest.mark.parametrize("changes", [{}, {"coding": "gray"}, {"ranking": "nonlinear", "pressure": 3}, {"safe": False}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"coding": "gray"}, {"ranking": "nonlinear", "pressure": 3}, {"safe": False}]
+)
 def test_clearly_better_than_random_search_of_the_same_budget(objective, factor, changes):
     box, found, blind = [(-2.0, 2.0)] * 6, [], []
     for seed in range(5):
@@ -454,12 +564,14 @@ def test_clearly_better_than_random_search_of_the_same_budget(objective, factor,
     assert np.median(found) < np.median(blind) / factor  # measured: 24 to 129, and 9.6 to 17
 
 
-# --------------------------------------------------------------------------------------------------------- stopping
+# -- stopping --------------------------------------------------------------------------------------
 def test_stops_at_the_target():
     found = minimize_genetic(sphere, BOX, GeneticSettings.paper(target=0.05))
     done = len(found.history) - 1
     assert found.cost <= 0.05 < found.history[-2, 0]
-    assert found.message.startswith(f"Stopped in generation {done}: the best cost reached the target 0.05. Best cost")
+    assert found.message.startswith(
+        f"Stopped in generation {done}: the best cost reached the target 0.05. Best cost"
+    )
     assert len(minimize_genetic(sphere, BOX, GeneticSettings.paper(target=99)).history) == 1
 
 
@@ -480,14 +592,25 @@ def test_callback_sees_each_generation_and_stops():
 
 def test_the_order_of_a_generation_migrates_at_its_interval():
     # With rate 1 and without safety a migration exchanges the two sub-populations whole.
-    changes = {"subpopulations": 2, "safe": False, "migration_rate": 1, "migration_interval": 3, "generations": 6}
+    changes = {
+        "subpopulations": 2,
+        "safe": False,
+        "migration_rate": 1,
+        "migration_interval": 3,
+        "generations": 6,
+    }
     states = []
-    minimize_genetic(lambda x: np.arange(float(len(x))), BOX, GeneticSettings.paper(**changes), callback=states.append)
+    minimize_genetic(
+        lambda x: np.arange(float(len(x))),
+        BOX,
+        GeneticSettings.paper(**changes),
+        callback=states.append,
+    )
     swapped = [bool(s.costs[:20].mean() > s.costs[20:].mean()) for s in states]
     assert swapped == [False, False, True, False, False, True]
 
 
-# -------------------------------------------------------------------------------------------------------- bad input
+# -- bad input -------------------------------------------------------------------------------------
 BAD_SETTINGS = [
     {"individuals": 1},
     {"individuals": 20.0},
@@ -568,7 +691,10 @@ def test_bad_bounds(bounds):
 
 def test_other_bad_arguments():
     refused(lambda: minimize_genetic(sphere, BOX, {"individuals": 3}), "settings")
-    refused(lambda: minimize_genetic(sphere, BOX, GeneticSettings.paper(bits_per_variable=(8, 8))), "bits_per_variable")
+    refused(
+        lambda: minimize_genetic(sphere, BOX, GeneticSettings.paper(bits_per_variable=(8, 8))),
+        "bits_per_variable",
+    )
     for seed in (-1, 1.5, None, "0"):
         refused(lambda seed=seed: minimize_genetic(sphere, BOX, seed=seed), "seed")
     refused(lambda: minimize_genetic(sphere, BOX, initial=np.zeros((81, 4))), "initial")

@@ -1,4 +1,6 @@
-"""Parts that stand for a long log: where they are, that they show what comes late, and that f is the whole log's."""
+"""Parts that stand for a long log: where they are, that they show what comes late, and that f is
+the whole log's.
+"""
 
 import dataclasses
 import itertools
@@ -22,23 +24,36 @@ def short(monkeypatch):
 
 
 def simulated(**options):
-    made = simulate(ARM, RIG, puma560.p_law(), PATH, duration=COUNT * RIG.period, steps_per_sample=16)
+    made = simulate(
+        ARM, RIG, puma560.p_law(), PATH, duration=COUNT * RIG.period, steps_per_sample=16
+    )
     return dataclasses.replace(made, **options)
 
 
 def changed(row):
-    """A log whose robot has 40 % more friction from this sample on, of which its rig says nothing."""
+    """A log whose robot has 40 % more friction from this sample on, of which its rig says
+    nothing.
+    """
     before = simulated()
-    drive = dataclasses.replace(RIG.drive, viscous=1.4 * RIG.drive.viscous, coulomb=1.4 * RIG.drive.coulomb)
+    drive = dataclasses.replace(
+        RIG.drive, viscous=1.4 * RIG.drive.viscous, coulomb=1.4 * RIG.drive.coulomb
+    )
     after = simulate(
-        ARM, dataclasses.replace(RIG, drive=drive), puma560.p_law(), PATH.later(before.t[row]),
-        duration=(COUNT - row) * RIG.period, steps_per_sample=16, initial=(before.true_q[row], before.true_qd[row]),
-    )  # fmt: skip
+        ARM,
+        dataclasses.replace(RIG, drive=drive),
+        puma560.p_law(),
+        PATH.later(before.t[row]),
+        duration=(COUNT - row) * RIG.period,
+        steps_per_sample=16,
+        initial=(before.true_q[row], before.true_qd[row]),
+    )
     joined = {
         name: np.concatenate([getattr(before, name)[:row], getattr(after, name)])
         for name in ("reference_pulses", "error_pulses")
     }
-    return dataclasses.replace(before, **joined, torque=None, current=None, true_q=None, true_qd=None)
+    return dataclasses.replace(
+        before, **joined, torque=None, current=None, true_q=None, true_qd=None
+    )
 
 
 def test_parts_are_spread_from_the_first_sample_to_the_last(short):
@@ -74,7 +89,9 @@ def test_f_is_that_of_the_whole_log_and_its_intervals_too(short, monkeypatch):
 
 
 def test_friction_that_rises_in_the_last_eighth_is_told(short):
-    found = identify(ARM.dynamics, changed(COUNT * 7 // 8), method="prediction_error", progress=False)
+    found = identify(
+        ARM.dynamics, changed(COUNT * 7 // 8), method="prediction_error", progress=False
+    )
     assert found.diagnostics.detection.names
 
 
@@ -88,7 +105,13 @@ def test_the_genetic_search_of_parts_leads_to_the_arm(short):
 
 @pytest.mark.parametrize("logged", [True, False])
 def test_a_law_with_memory_is_in_parts_where_its_torque_is_known(short, logged):
-    pid = PID(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0, integral=(0.5, 0.4), period=RIG.period)
+    pid = PID(
+        gain=(0.1, 0.075),
+        derivative=(4e-4, 3e-4),
+        filter=3000.0,
+        integral=(0.5, 0.4),
+        period=RIG.period,
+    )
     log = simulate(ARM, RIG, pid, PATH, duration=COUNT * RIG.period)
     law = LoggedTorque() if logged else Resumed(law=pid, state=pid.initial_state(2)).along(RIG)
     parts = long_logs.in_parts(dataclasses.replace(log, law=law))

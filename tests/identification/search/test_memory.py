@@ -1,4 +1,6 @@
-"""Logs of laws with a memory, from the tracking error alone: cut in the middle of a motion, and from the start."""
+"""Logs of laws with a memory, from the tracking error alone: cut in the middle of a motion, and
+from the start.
+"""
 
 import dataclasses
 from functools import cache
@@ -40,7 +42,9 @@ def error(found):
     "name", ["PID", *(pytest.param(name, marks=pytest.mark.slow) for name in LAWS if name != "PID")]
 )
 def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
-    """The law's state at the first sample is unknown: an integral, the disturbance of an observer."""
+    """The law's state at the first sample is unknown: an integral, the disturbance of an
+    observer.
+    """
     found = identify(ARM.dynamics, log(name).cut(0.437), progress=False)
     assert error(found) < 0.03
     assert found.fit.rms_innovation < 0.31
@@ -54,13 +58,17 @@ def test_f_from_the_tracking_error_of_a_log_that_was_cut(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["PID", "cascade"])
 def test_a_torque_injected_beside_a_law_with_a_memory_is_no_part_of_it(name):
-    """Cut in the middle, without a torque column: the law's run gives its own part, the record the other."""
+    """Cut in the middle, without a torque column: the law's run gives its own part, the record
+    the other.
+    """
 
     def pushed(t):
         return np.column_stack([20 * np.sin(2 * np.pi * 3.1 * t), 10 * np.cos(2 * np.pi * 5.3 * t)])
 
     record = simulate(ARM, RIG, LAWS[name], PATH, duration=2.2, injected=pushed)
-    record = dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None).cut(0.437)
+    record = dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None).cut(
+        0.437
+    )
     found = identify(ARM.dynamics, record, progress=False)
     without = dataclasses.replace(record, injected=None)
     left = identify(ARM.dynamics, without, method="equation_error", progress=False)
@@ -84,7 +92,9 @@ def test_a_log_that_began_with_its_law_needs_no_state():
 
 def test_a_state_that_is_stated_is_taken():
     record, begin = log("PID"), 624
-    states = run_law(dataclasses.replace(record, law=AlongLog(law=PID_LAW, state=PID_LAW.initial_state(2)))).states
+    states = run_law(
+        dataclasses.replace(record, law=AlongLog(law=PID_LAW, state=PID_LAW.initial_state(2)))
+    ).states
     rest = record.cut((begin - 0.5) * T)
     known = dataclasses.replace(rest, law=Resumed(law=PID_LAW, state=states[begin - 1]))
     found = identify(ARM.dynamics, known, progress=False)
@@ -97,22 +107,33 @@ def test_a_state_that_is_stated_is_taken():
 def test_unknown_gains_are_found_beside_f():
     stated = dataclasses.replace(PID_LAW, gain=(0.11, 0.07))
     record = dataclasses.replace(log("PID"), law=stated)
-    found = identify(ARM.dynamics, record, unknown=(*ARM.dynamics.names, "law.gain[0]", "law.gain[1]"), progress=False)
+    found = identify(
+        ARM.dynamics,
+        record,
+        unknown=(*ARM.dynamics.names, "law.gain[0]", "law.gain[1]"),
+        progress=False,
+    )
     np.testing.assert_allclose(found.fit.values[-2:], PID_LAW.gain, rtol=0.02)
     np.testing.assert_allclose(found.law.gain, PID_LAW.gain, rtol=0.02)
 
 
 def test_a_law_that_multiplies_what_rounding_hides_is_refused():
     record = dataclasses.replace(log("computed torque"), reference=None)
-    with pytest.raises(ValueError, match=r"whole counts of the reference leave .* of it open") as caught:
+    with pytest.raises(
+        ValueError, match=r"whole counts of the reference leave .* of it open"
+    ) as caught:
         identify(ARM.dynamics, record, progress=False)
     assert "\n" not in str(caught.value)
 
 
 def test_a_fast_law_with_a_memory_is_refused_without_its_reference():
-    """It differentiates what the rounding of the reference leaves between samples: f would be off by a quarter."""
+    """It differentiates what the rounding of the reference leaves between samples: f would be
+    off by a quarter.
+    """
     fast = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0)
     record = dataclasses.replace(simulate(ARM, RIG, fast, PATH, duration=0.3), reference=None)
-    with pytest.raises(ValueError, match="reference of a fast PD must be known between samples") as caught:
+    with pytest.raises(
+        ValueError, match="reference of a fast PD must be known between samples"
+    ) as caught:
         identify(ARM.dynamics, record, progress=False)
     assert "\n" not in str(caught.value)

@@ -1,4 +1,5 @@
-"""The default method and its stages: known robots found again, one interface, refusals before any search.
+"""The default method and its stages: known robots found again, one interface, refusals before any
+search.
 
 Bands are those of tests/benchmarks/identification.py: of the nine, f3 hardly shows in this motion.
 """
@@ -43,7 +44,9 @@ CASES = pytest.mark.parametrize(("arm", "gain"), [(arm, gain) for arm in ARMS fo
 
 @cache
 def measured(arm="published", gain=(0.2, 0.15), period=3.65):
-    return simulate(ARMS[arm](), RIG, puma560.p_law(gain), puma560.reference(period), steps_per_sample=16)
+    return simulate(
+        ARMS[arm](), RIG, puma560.p_law(gain), puma560.reference(period), steps_per_sample=16
+    )
 
 
 @cache
@@ -56,7 +59,7 @@ def off(values, arm="published"):
     return 100 * np.abs(values[:9] - ARMS[arm]().f) / WIDTH
 
 
-# -- the equation error ----------------------------------------------------------------------------------------------
+# -- the equation error --------------------------------------------------------------------------
 def test_torques_are_those_of_the_law():
     record = measured()
     np.testing.assert_allclose(torque_of(record), record.torque, rtol=1e-12, atol=1e-9)
@@ -90,7 +93,7 @@ def test_equation_error_is_off_by_no_more_than_it_says(arm, gain):
     assert np.median(off(fit.values, arm)) < 2.0
 
 
-# -- many unknowns ---------------------------------------------------------------------------------------------------
+# -- many unknowns -------------------------------------------------------------------------------
 def test_with_many_unknowns_the_genetic_algorithm_is_left_out(monkeypatch):
     monkeypatch.setattr("identification.search.methods._MANY", 8)
     direct = identify(DYNAMICS, measured(), progress=False)
@@ -101,7 +104,7 @@ def test_with_many_unknowns_the_genetic_algorithm_is_left_out(monkeypatch):
     assert len(given.search.history) == TINY.generations + 1
 
 
-# -- the default -----------------------------------------------------------------------------------------------------
+# -- the default ---------------------------------------------------------------------------------
 SLOW = [pytest.param(*each, marks=pytest.mark.slow) for each in zip(ARMS, GAINS, strict=True)]
 
 
@@ -129,7 +132,10 @@ def test_default_is_good_enough_for_one_pulse_at_any_speed(period):
 
 @pytest.mark.slow  # with other settings also in test_sums and test_procedure
 def test_same_seed_same_bits_on_any_number_of_threads():
-    runs = [identify(DYNAMICS, measured(), seed=3, threads=threads, progress=False) for threads in (1, 2)]
+    runs = [
+        identify(DYNAMICS, measured(), seed=3, threads=threads, progress=False)
+        for threads in (1, 2)
+    ]
     for name in ("f", "objective", "covariance", "history", "initial_population"):
         np.testing.assert_array_equal(getattr(runs[0], name), getattr(runs[1], name))
     assert (found().initial_population != runs[0].initial_population).any()
@@ -138,9 +144,12 @@ def test_same_seed_same_bits_on_any_number_of_threads():
 @pytest.mark.slow
 def test_friction_that_is_unknown_is_found_within_five_per_cent():
     names = ("drive.viscous[0]", "drive.coulomb[0]", "drive.viscous[1]", "drive.coulomb[1]")
-    drive = dataclasses.replace(RIG.drive, viscous=(0.3e-3, 3e-3), coulomb=(0.05, 0.3))  # what the user believes
+    # what the user believes
+    drive = dataclasses.replace(RIG.drive, viscous=(0.3e-3, 3e-3), coulomb=(0.05, 0.3))
     log = dataclasses.replace(measured(), rig=dataclasses.replace(RIG, drive=drive))
-    result = identify(DYNAMICS, log, unknown=(*names[:2], *DYNAMICS.names, *names[2:]), progress=False)
+    result = identify(
+        DYNAMICS, log, unknown=(*names[:2], *DYNAMICS.names, *names[2:]), progress=False
+    )
     np.testing.assert_allclose(result.rig.drive.viscous, RIG.drive.viscous, rtol=0.05)
     np.testing.assert_allclose(result.rig.drive.coulomb, RIG.drive.coulomb, rtol=0.05)
     assert np.median(off(result.f)) < 1.5
@@ -150,23 +159,28 @@ def test_friction_that_is_unknown_is_found_within_five_per_cent():
 def test_gains_that_are_unknown_come_back_in_the_law():
     law = puma560.p_law((0.19, 0.16))
     result = identify(
-        DYNAMICS, dataclasses.replace(measured(), law=law), unknown=(*DYNAMICS.names, "law.gain[0]", "law.gain[1]"),
+        DYNAMICS,
+        dataclasses.replace(measured(), law=law),
+        unknown=(*DYNAMICS.names, "law.gain[0]", "law.gain[1]"),
         progress=False,
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(result.law.gain, (0.20, 0.15), rtol=0.02)
 
 
 def test_gain_and_friction_together_are_reported_as_inseparable():
-    """With all friction and both gains unknown, everything can be scaled: nothing tells how much a pulse is worth."""
+    """With all friction and both gains unknown, everything can be scaled: nothing tells how much
+    a pulse is worth.
+    """
     friction = [f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1)]
     unknown = (*DYNAMICS.names, *friction, "law.gain[0]", "law.gain[1]")
     with pytest.raises(
-        ValueError, match=r"separately identifiable; law.gain\[1\] is a combination of f1, .*law.gain\[0\]"
+        ValueError,
+        match=r"separately identifiable; law.gain\[1\] is a combination of f1, .*law.gain\[0\]",
     ):
         identify(DYNAMICS, measured(), unknown=unknown, settings=TINY, progress=False)
 
 
-# -- one interface ---------------------------------------------------------------------------------------------------
+# -- one interface -------------------------------------------------------------------------------
 @pytest.mark.parametrize("method", ["equation_error", "output_error", "prediction_error", "paper"])
 def test_every_method_gives_one_kind_of_result(method):
     result = identify(DYNAMICS, measured(), method=method, settings=TINY, progress=False)
@@ -226,7 +240,9 @@ def test_bound_is_below_what_was_reached_and_needs_a_reference():
     bound = found().bound()
     assert (bound < 1.2 * found().fit.std).all()
     assert (bound > 0.05 * found().fit.std).all()
-    counted = dataclasses.replace(found(), records=(dataclasses.replace(measured(), reference=None),))
+    counted = dataclasses.replace(
+        found(), records=(dataclasses.replace(measured(), reference=None),)
+    )
     with pytest.raises(ValueError, match="must have a reference for a bound"):
         counted.bound()
     assert "bound" in found().summary()
@@ -239,9 +255,13 @@ def test_plot_draws_errors_innovations_spectrum_and_intervals():
     matplotlib.use("Agg")
     axes = found().plot()
     assert [axis.get_title(loc="left") for axis in axes if axis.get_title(loc="left")] == [
-        "joint 2 (q[0])", "a segment", "innovation: measured minus predicted", "joint 3 (q[1])", "spectrum",
+        "joint 2 (q[0])",
+        "a segment",
+        "innovation: measured minus predicted",
+        "joint 3 (q[1])",
+        "spectrum",
         "95 % intervals",
-    ]  # fmt: skip
+    ]
     matplotlib.pyplot.close(axes[0].figure)
 
 
@@ -271,20 +291,28 @@ def test_ranges_that_exclude_the_truth_are_warned_about():
     ranges = np.column_stack([puma560.PUBLISHED - 0.5 * WIDTH, puma560.PUBLISHED + 0.5 * WIDTH])
     ranges[6] = 8.0, 12.0
     result = identify(DYNAMICS, measured(), ranges=ranges, progress=False)
-    assert any("f7 ends at the lower end" in text or "simulated and measured" in text for text in result.warnings)
+    assert any(
+        "f7 ends at the lower end" in text or "simulated and measured" in text
+        for text in result.warnings
+    )
 
 
 @pytest.mark.parametrize(
-    "wrong", ["errors", *(pytest.param(each, marks=pytest.mark.slow) for each in ("gear", "joints"))]
+    "wrong",
+    ["errors", *(pytest.param(each, marks=pytest.mark.slow) for each in ("gear", "joints"))],
 )
 def test_signs_and_order_that_are_wrong_are_warned_about(wrong):
-    record = dataclasses.replace(measured(), reference=None, torque=None, current=None, true_q=None, true_qd=None)
+    record = dataclasses.replace(
+        measured(), reference=None, torque=None, current=None, true_q=None, true_qd=None
+    )
     if wrong == "gear":
         drive = dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, -1))
         record = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive))
     if wrong == "joints":
         record = dataclasses.replace(
-            record, reference_pulses=record.reference_pulses[:, ::-1], error_pulses=record.error_pulses[:, ::-1]
+            record,
+            reference_pulses=record.reference_pulses[:, ::-1],
+            error_pulses=record.error_pulses[:, ::-1],
         )
     if wrong == "errors":
         record = dataclasses.replace(record, error_pulses=-record.error_pulses)
@@ -297,14 +325,18 @@ def test_signs_and_order_that_are_wrong_are_warned_about(wrong):
 
 def test_held_out_takes_one_record_or_several():
     other, options = measured(period=2.5), {"method": "equation_error", "progress": False}
-    results = [identify(DYNAMICS, measured(), held_out=kept, **options) for kept in (other, [other])]
-    assert results[0].diagnostics.held_out_difference == results[1].diagnostics.held_out_difference > 0
+    results = [
+        identify(DYNAMICS, measured(), held_out=kept, **options) for kept in (other, [other])
+    ]
+    assert (
+        results[0].diagnostics.held_out_difference == results[1].diagnostics.held_out_difference > 0
+    )
     for nonsense in (True, 5, "record"):
         with pytest.raises(ValueError, match="must be at least one Record; got"):
             identify(DYNAMICS, measured(), held_out=nonsense, **options)
 
 
-# -- bad input -------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 def test_log_of_an_arm_that_stands_still_is_refused():
     still = PointToPoint(start=(-0.5, 0.5), goal=(-0.5, 0.5), duration=1.0)
     with pytest.raises(ValueError, match="every motor must move by at least 20 pulses"):
@@ -314,7 +346,10 @@ def test_log_of_an_arm_that_stands_still_is_refused():
 def test_log_at_the_amplifiers_limit_is_refused():
     drive = dataclasses.replace(RIG.drive, current_limit=(2.0, 12.0))
     weak = simulate(puma560.arm(), dataclasses.replace(RIG, drive=drive), puma560.p_law(), PATH)
-    with pytest.raises(ValueError, match=r"below the amplifier's limit; the motor of joint 2 \(q\[0\]\) is at it for"):
+    with pytest.raises(
+        ValueError,
+        match=r"below the amplifier's limit; the motor of joint 2 \(q\[0\]\) is at it for",
+    ):
         identify(DYNAMICS, weak, progress=False)
 
 
@@ -335,18 +370,24 @@ def test_log_of_another_rig_is_warned_about():
 
 
 def test_coarse_encoder_is_enough_for_one_of_its_pulses():
-    """100 pulses per motor turn, an eighth of the paper's: identified from them, and tracked to one of them."""
+    """100 pulses per motor turn, an eighth of the paper's: identified from them, and tracked to
+    one of them.
+    """
     rig = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=(100, 100)))
     law = puma560.p_law((0.20 * 8, 0.15 * 10))
     record = simulate(puma560.arm(), rig, law, PATH, steps_per_sample=16)
     result = identify(DYNAMICS, record, seed=1, progress=False)
     report = evaluate(
-        puma560.arm(), rig, ComputedTorque(result.arm, result.rig, bandwidth=100.0), PATH, backend="numba"
+        puma560.arm(),
+        rig,
+        ComputedTorque(result.arm, result.rig, bandwidth=100.0),
+        PATH,
+        backend="numba",
     )
     assert report.within(1), report
 
 
-# -- arms nearby -----------------------------------------------------------------------------------------------------
+# -- arms nearby ---------------------------------------------------------------------------------
 def test_the_root_of_a_covariance_is_its_factor_and_leaves_what_does_not_vary():
     rows = np.random.default_rng(0).normal(size=(9, 5)) * (1, 1, 0, 1, 1)
     root = _root(rows.T @ rows)
@@ -354,7 +395,7 @@ def test_the_root_of_a_covariance_is_its_factor_and_leaves_what_does_not_vary():
     np.testing.assert_array_equal(np.triu(root, 1), 0)
 
 
-# -- fits that let go of the log -------------------------------------------------------------------------------------
+# -- fits that let go of the log -----------------------------------------------------------------
 def first_found(monkeypatch, changed):
     """Calls of the search, of which the first ends elsewhere."""
     whole, calls = polish.gauss_newton, []
@@ -368,9 +409,15 @@ def first_found(monkeypatch, changed):
 
 
 def test_a_fit_whose_observer_lets_go_of_the_log_is_made_again_by_stages(monkeypatch):
-    """The first search of a humanoid's leg ends so, at 0.51 pulses (benchmarks/healthy.py, log 158)."""
-    calls = first_found(monkeypatch, lambda fit, bounds: dataclasses.replace(
-        fit, values=np.append(1.3 * fit.values[:9], bounds[9:, 0]), rms_innovation=0.51))  # fmt: skip
+    """The first search of a humanoid's leg ends so, at 0.51 pulses (benchmarks/healthy.py, log
+    158).
+    """
+    calls = first_found(
+        monkeypatch,
+        lambda fit, bounds: dataclasses.replace(
+            fit, values=np.append(1.3 * fit.values[:9], bounds[9:, 0]), rms_innovation=0.51
+        ),
+    )
     log = simulate(puma560.arm(), RIG, puma560.p_law(), PATH, duration=0.7)
     values = identify(DYNAMICS, log, method="prediction_error", seed=0, progress=False).fit
     assert len(calls) > 3
@@ -378,17 +425,34 @@ def test_a_fit_whose_observer_lets_go_of_the_log_is_made_again_by_stages(monkeyp
     assert (np.abs(values.values - puma560.arm().f) < 4 * values.std).all()
 
 
-def test_a_fit_in_which_a_light_joint_has_less_than_its_rotor_is_made_again_with_the_stated_one(monkeypatch):
-    """So the search ends at the last joint of a flying arm, 0.37 pulses for 0.34 (benchmarks/healthy.py, log 173)."""
-    drive = Drive(gear=(100.0, 100.0), motor_inertia=(2e-8, 2.3e-10), viscous=(1e-5, 2e-7), coulomb=(2e-6, 1e-7),
-                  motor_gain=1.0, current_limit=1.0)  # fmt: skip
+def test_a_fit_in_which_a_light_joint_has_less_than_its_rotor_is_made_again_with_the_stated_one(
+    monkeypatch,
+):
+    """So the search ends at the last joint of a flying arm, 0.37 pulses for 0.34
+    (benchmarks/healthy.py, log 173).
+    """
+    drive = Drive(
+        gear=(100.0, 100.0),
+        motor_inertia=(2e-8, 2.3e-10),
+        viscous=(1e-5, 2e-7),
+        coulomb=(2e-6, 1e-7),
+        motor_gain=1.0,
+        current_limit=1.0,
+    )
     rig = Rig(drive=drive, encoder=Encoder(resolution=4096.0), period=1e-3)
-    bodies = (Body(mass=0.2, com=(0.05, 0, 0), inertia=(1e-5, 0, 0, 3e-4, 0, 3e-4)),
-              Body(mass=0.03, com=(0.01, 0.005, 0), inertia=(1e-6, 0, 0, 3e-6, 0, 4e-6)))  # fmt: skip
+    bodies = (
+        Body(mass=0.2, com=(0.05, 0, 0), inertia=(1e-5, 0, 0, 3e-4, 0, 3e-4)),
+        Body(mass=0.03, com=(0.01, 0.005, 0), inertia=(1e-6, 0, 0, 3e-6, 0, 4e-6)),
+    )
     chain = Chain(links=(Link(name="1", alpha=np.pi / 2), Link(name="2", a=0.1)), bodies=bodies)
     dynamics = Dynamics.from_chain(chain.with_rotors(drive))
     truth, rotor = dynamics.arm(dynamics.f()), dynamics.names.index("J2")
-    path = Harmonics(period=3.0, offset=(0.2, 0.1), cosine=((0.3, 0.1), (-0.2, 0.15)), sine=((0.1, -0.2), (0.3, 0.1)))
+    path = Harmonics(
+        period=3.0,
+        offset=(0.2, 0.1),
+        cosine=((0.3, 0.1), (-0.2, 0.15)),
+        sine=((0.1, -0.2), (0.3, 0.1)),
+    )
     log = simulate(truth, rig, p_gains(truth, rig, path, peak=30), path, duration=1.0)
 
     def below(fit, bounds):

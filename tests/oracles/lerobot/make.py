@@ -1,4 +1,5 @@
-"""Write the data sets beside this file with LeRobot's own library: 0.3.3 makes version 2.1, 0.4.4 version 3.0.
+"""Write the data sets beside this file with LeRobot's own library: 0.3.3 makes version 2.1, 0.4.4
+version 3.0.
 
     python make.py FOLDER
 
@@ -19,7 +20,9 @@ def angles(N, episode):
 if __name__ == "__main__":
     pair = {"dtype": "float32", "shape": (2,), "names": ["shoulder.pos", "elbow.pos"]}
     features = {"observation.state": pair, "action": pair}
-    data = LeRobotDataset.create("two/joints", fps=500, root=sys.argv[1], features=features, use_videos=False)
+    data = LeRobotDataset.create(
+        "two/joints", fps=500, root=sys.argv[1], features=features, use_videos=False
+    )
     for episode in range(2):
         for q in angles(30 + 10 * episode, episode):
             frame = {"observation.state": q, "action": q + np.float32(0.001)}

@@ -23,7 +23,9 @@ def labels(*names):
 
 def joined(law, rig, arm_system):
     systems = [to_control(law, rig), to_control(rig), arm_system]
-    return control.interconnect(systems, inputs=labels("q_r", "qd_r", "qdd_r"), outputs=labels("q", "qd", "tau"))
+    return control.interconnect(
+        systems, inputs=labels("q_r", "qd_r", "qdd_r"), outputs=labels("q", "qd", "tau")
+    )
 
 
 def motion(t):
@@ -31,11 +33,13 @@ def motion(t):
 
 
 def test_the_p_loop_by_an_ode_solver_is_the_simulation():
-    """Smooth encoder, viscous friction alone, 0.05 s, in which the modes of 29 and 42 Hz swing once and twice.
+    """Smooth encoder, viscous friction alone, 0.05 s, in which the modes of 29 and 42 Hz swing once
+    and twice.
 
-    Tolerance: the simulator's midpoint step (16 per sample) shifts that mode by (w h)^2 / 24 = 6e-6 of its phase of 13,
-    so by 8e-5 of an amplitude of some pulses; the reference between two points of the solver is a straight line, off by
-    7 rad/s^2 (88e-6 s)^2 / 8 = 7e-9 rad. A pulse of joint 2 is 7e-5 rad.
+    Tolerance: the simulator's midpoint step (16 per sample) shifts that mode by (w h)^2 / 24 = 6e-6
+    of its phase of 13, so by 8e-5 of an amplitude of some pulses; the reference between two points
+    of the solver is a straight line, off by 7 rad/s^2 (88e-6 s)^2 / 8 = 7e-9 rad. A pulse of joint
+    2 is 7e-5 rad.
     """
     rig = without_friction(RIG, viscous=True, smooth=True)
     record = simulate(ARM, rig, LAW, PATH, duration=0.05, steps_per_sample=16)
@@ -43,7 +47,11 @@ def test_the_p_loop_by_an_ode_solver_is_the_simulation():
     loop = joined(LAW, rig, to_control(ARM, rig))
     start = PATH(np.zeros(1))
     given = control.input_output_response(
-        loop, t, motion(t), [start.q[0], start.qd[0]], solve_ivp_kwargs={"rtol": 1e-8, "atol": 1e-10}
+        loop,
+        t,
+        motion(t),
+        [start.q[0], start.qd[0]],
+        solve_ivp_kwargs={"rtol": 1e-8, "atol": 1e-10},
     )
     assert np.abs(record.error_pulses).max() > 1
     np.testing.assert_allclose(given.outputs[:N, ::8].T, record.true_q, rtol=0, atol=1e-3 * 7e-5)
@@ -75,10 +83,11 @@ def test_friction_acts_against_the_motion_of_a_continuous_arm():
     ids=["computed torque", "measured and delayed", "P"],
 )
 def test_a_sampled_law_with_a_sampled_arm_is_the_simulation(law):
-    """Sample by sample, set-valued friction and counting encoder, saturating at the start; casadi evaluates both.
+    """Sample by sample, set-valued friction and counting encoder, saturating at the start; casadi
+    evaluates both.
 
-    Tolerance: the two functions order their sums in other ways; 100 samples amplify such roundings by little, as long
-    as no count differs (none does).
+    Tolerance: the two functions order their sums in other ways; 100 samples amplify such roundings
+    by little, as long as no count differs (none does).
     """
     start = np.array([[0.005, -0.005], [0, 0]])
     record = simulate(ARM, RIG, law, PATH, duration=0.07, initial=start, backend="casadi")
@@ -122,7 +131,9 @@ def test_a_fast_law_with_state_is_continuous():
 def test_the_rig_counts_and_the_drives_limit():
     system = to_control(RIG)
     assert system.dt is None
-    np.testing.assert_array_equal(system.output(0, [], [0.1, -0.2]), RIG.counts(np.array([0.1, -0.2])))
+    np.testing.assert_array_equal(
+        system.output(0, [], [0.1, -0.2]), RIG.counts(np.array([0.1, -0.2]))
+    )
     for arm_system in (to_control(ARM, RIG), to_control(ARM, RIG, sampled=True)):
         given = arm_system.output(0, np.zeros(arm_system.nstates), [1e4, -1e4])
         np.testing.assert_allclose(given[2 * N :], RIG.drive.torque_limit() * (1, -1), rtol=1e-15)
@@ -134,9 +145,15 @@ def test_a_record_becomes_a_time_response(tmp_path):
     np.testing.assert_array_equal(response.time, record.t)
     for name in ("error_pulses", "torque", "current", "true_q", "true_qd"):
         for i in range(N):
-            np.testing.assert_array_equal(response.outputs[f"{name}[{i}]"], getattr(record, name)[:, i])
-    np.testing.assert_array_equal(response.inputs["reference_pulses[1]"], record.reference_pulses[:, 1])
-    bare = to_control(dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None))
+            np.testing.assert_array_equal(
+                response.outputs[f"{name}[{i}]"], getattr(record, name)[:, i]
+            )
+    np.testing.assert_array_equal(
+        response.inputs["reference_pulses[1]"], record.reference_pulses[:, 1]
+    )
+    bare = to_control(
+        dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
+    )
     assert bare.output_labels == labels("error_pulses")
 
 
@@ -167,7 +184,10 @@ class Differencing(Law):
         (lambda: to_control(ARM, sampled=True), "rig must be given for a sampled arm"),
         (lambda: to_control(ARM, PATH), "rig must be of type Rig"),
         (lambda: to_control(ARM, RIG, samled=True), "Did you mean 'sampled'"),
-        (lambda: to_control(ARM, RIG, sampled=True, steps_per_sample=0), "steps_per_sample must be a whole number"),
+        (
+            lambda: to_control(ARM, RIG, sampled=True, steps_per_sample=0),
+            "steps_per_sample must be a whole number",
+        ),
         (lambda: to_control(LAW, ARM), "rig must be of type Rig"),
         (lambda: to_control(Remembering(), RIG), "Remembering does, and there is no last torque"),
         (lambda: to_control(Differencing(), RIG), "hold for dt = 0; those of Differencing do not"),

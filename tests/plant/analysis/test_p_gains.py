@@ -1,4 +1,6 @@
-"""P gains: they keep the given error, are the paper's for the paper's error, and say why where there are none."""
+"""P gains: they keep the given error, are the paper's for the paper's error, and say why where
+there are none.
+"""
 
 import dataclasses
 
@@ -26,10 +28,16 @@ def test_ten_pulses_on_the_paper_s_trajectory_take_gains_like_the_paper_s():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"arm": puma560.dynamics().chain}, "arm must be of type Arm; got a value of type Chain. Of a chain: d ="),
+        (
+            {"arm": puma560.dynamics().chain},
+            "arm must be of type Arm; got a value of type Chain. Of a chain: d =",
+        ),
         ({"peak": 0.5}, "peak must be at least 1 pulse; got 0.5"),
         ({"peak": (1, 2, 3)}, r"peak must have shape \(2,\)"),
-        ({"reference": puma560.reference(0.9)}, r"motor of joint 3 \(q\[1\]\) needs .* N m and has 2.86"),
+        (
+            {"reference": puma560.reference(0.9)},
+            r"motor of joint 3 \(q\[1\]\) needs .* N m and has 2.86",
+        ),
     ],
 )
 def test_what_cannot_be_is_said(change, said):
@@ -53,7 +61,9 @@ def test_a_joint_that_is_not_needed_gets_a_gain_too():
 
 @pytest.mark.parametrize("best", [10.5, 13.0])
 def test_of_a_loop_that_hunts_the_best_attempt_is_taken_if_it_is_near(monkeypatch, best):
-    """The second joint's peak jumps with each gain, and is never between 0.8 and 1 of what is allowed."""
+    """The second joint's peak jumps with each gain, and is never between 0.8 and 1 of what is
+    allowed.
+    """
     gains, peaks = [], iter([15.0, 5e3, 15.0, best, *[15.0] * 8])
 
     def hunting(arm, rig, law, reference):
@@ -71,27 +81,36 @@ def test_of_a_loop_that_hunts_the_best_attempt_is_taken_if_it_is_near(monkeypatc
         assert "\n" not in str(error.value)
 
 
-UNDAMPED = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, viscous=(0.0, 0.0), coulomb=(1e-4, 1e-4)))
+UNDAMPED = dataclasses.replace(
+    RIG, drive=dataclasses.replace(RIG.drive, viscous=(0.0, 0.0), coulomb=(1e-4, 1e-4))
+)
 
 
 def test_a_joint_without_damping_is_named_and_pd_gains_keep_what_p_cannot():
     with pytest.raises(
-        ValueError, match=r"joint \S+ \(q\[\d\]\) has the least damping, a ratio of 0 .*derivative=True"
+        ValueError,
+        match=r"joint \S+ \(q\[\d\]\) has the least damping, a ratio of 0 .*derivative=True",
     ) as error:
         p_gains(ARM, UNDAMPED, PATH, 10)
     assert "\n" not in str(error.value)
     law = p_gains(ARM, UNDAMPED, PATH, 10, derivative=True)
     assert isinstance(law, PD)
-    reached = np.abs(simulate(ARM, UNDAMPED, law, PATH, steps_per_sample=16).error_pulses).max(axis=0)
+    reached = np.abs(simulate(ARM, UNDAMPED, law, PATH, steps_per_sample=16).error_pulses).max(
+        axis=0
+    )
     assert (reached <= 12).all()  # with other sub-steps than those of the search
 
 
 def test_pd_gains_damp_the_joint_alone_as_they_say():
-    """The ratio 0.7 at the largest inertia, with viscous friction: the closed form of one joint, the other one free."""
+    """The ratio 0.7 at the largest inertia, with viscous friction: the closed form of one joint,
+    the other one free.
+    """
     law = p_gains(ARM, RIG, PATH, 10, derivative=True)
     drive, counts = RIG.drive, RIG.encoder.resolution / (2 * np.pi)
     stiffness, rate = (np.square(drive.gear) * counts * gain for gain in (law.gain, law.derivative))
-    inertia = np.max([1 / np.diag(np.linalg.inv(ARM.D(q))) for q in PATH(np.linspace(0, 3.65, 400)).q], axis=0)
+    inertia = np.max(
+        [1 / np.diag(np.linalg.inv(ARM.D(q))) for q in PATH(np.linspace(0, 3.65, 400)).q], axis=0
+    )
     ratio = (rate + drive.joint_viscous()) / (2 * np.sqrt(stiffness * inertia))
     np.testing.assert_allclose(ratio[rate > 0], 0.7, rtol=0.02)  # inertia of eight poses
     assert (rate > 0).any()

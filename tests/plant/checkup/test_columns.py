@@ -1,4 +1,6 @@
-"""A turned sign is named with the column that is turned: by what torque, law and reference say of each other."""
+"""A turned sign is named with the column that is turned: by what torque, law and reference say
+of each other.
+"""
 
 import dataclasses
 
@@ -27,13 +29,20 @@ def turned(record, what, joint):
     }
     columns[what][:, joint] *= -1
     return dataclasses.replace(
-        record, reference_pulses=columns["reference"], error_pulses=columns["reference"] - columns["counts"],
-        torque=columns["torque"], reference=None,
-    )  # fmt: skip
+        record,
+        reference_pulses=columns["reference"],
+        error_pulses=columns["reference"] - columns["counts"],
+        torque=columns["torque"],
+        reference=None,
+    )
 
 
 def advice(record, check, joint):
-    return next(f.advice for f in record.check().findings if f.check == check and f.joint == joint and not f.ok)
+    return next(
+        f.advice
+        for f in record.check().findings
+        if f.check == check and f.joint == joint and not f.ok
+    )
 
 
 @pytest.mark.parametrize("joint", [0, 1])
@@ -45,7 +54,9 @@ def test_the_turned_column_is_named(record, joint):
     assert f"against the torque: change the sign of column 'c{k}' (counts), or of the gear." in said
     said = advice(turned(record, "reference", joint), "gear sign", joint)
     assert f"along with the torque: change the sign of column 'r{k}' (reference_pulses)." in said
-    error = dataclasses.replace(record, error_pulses=-record.error_pulses, columns={"error_pulses": ("e1", "e2")})
+    error = dataclasses.replace(
+        record, error_pulses=-record.error_pulses, columns={"error_pulses": ("e1", "e2")}
+    )
     assert f"change the sign of column 'e{k}' (error_pulses) (reference minus counted)." in advice(
         error, "drive sign", joint
     )
@@ -55,9 +66,18 @@ def test_the_turned_column_is_named(record, joint):
 def table(request):
     """The motion of a heavily geared arm under a law, as a file has it, and the law."""
     p = puma560.p_law()
-    law = p if request.param == "P" else PID(gain=p.gain, integral=p.gain, derivative=0.002 * p.gain, filter=1500.0)
+    law = (
+        p
+        if request.param == "P"
+        else PID(gain=p.gain, integral=p.gain, derivative=0.002 * p.gain, filter=1500.0)
+    )
     made = simulate(puma560.arm(), RIG, law, puma560.reference(), duration=3.65)
-    columns = {"p": RIG.cell_centre(made.counts), "r": made.reference(made.t).q, "c": made.counts, "i": made.current}
+    columns = {
+        "p": RIG.cell_centre(made.counts),
+        "r": made.reference(made.t).q,
+        "c": made.counts,
+        "i": made.current,
+    }
     return {"t": made.t, **columns}, law
 
 
@@ -66,10 +86,16 @@ def read(table, measured="p", rig=RIG, turned=()):
     for name in turned:
         columns[name] = columns[name] * (1, -1)
     fields = {"p": "position", "c": "counts", "r": "reference_position", "i": "current"}
-    split = {f"{name}{k + 1}": columns[name][:, k] for name in (measured, "r", "i") for k in range(2)}
+    split = {
+        f"{name}{k + 1}": columns[name][:, k] for name in (measured, "r", "i") for k in range(2)
+    }
     mapped = {"t": "t"} | {fields[name]: [f"{name}1", f"{name}2"] for name in (measured, "r", "i")}
-    units = {"t": "s", "reference_position": "rad", "current": "A"} | ({"position": "rad"} if measured == "p" else {})
-    return Record.from_table({"t": columns["t"], **split}, rig=rig, law=law, columns=mapped, units=units)
+    units = {"t": "s", "reference_position": "rad", "current": "A"} | (
+        {"position": "rad"} if measured == "p" else {}
+    )
+    return Record.from_table(
+        {"t": columns["t"], **split}, rig=rig, law=law, columns=mapped, units=units
+    )
 
 
 def test_advice_names_what_the_correction_that_was_tried_has_changed(table):
@@ -78,33 +104,47 @@ def test_advice_names_what_the_correction_that_was_tried_has_changed(table):
         record = read(table, turned=turned)
         (found,) = record.check().problems
         assert found.advice.endswith(
-            "change the sign of column 'i2' (current), or of the gear. Corrected so, fewer checks find something."
+            "change the sign of column 'i2' (current), or of the gear. Corrected so, fewer checks"
+            " find something."
         )
         np.testing.assert_array_equal(record.check().record.current, record.current * (1, -1))
     (found,) = read(table, turned="p").check().problems
-    assert "change the sign of column 'p2' (position), or of the gear. Corrected so," in found.advice
+    assert (
+        "change the sign of column 'p2' (position), or of the gear. Corrected so," in found.advice
+    )
     np.testing.assert_array_equal(read(table, turned="p").check().record.counts, table[0]["c"])
 
 
 def test_a_gear_that_was_stated_with_the_wrong_sign_is_the_one_advice_and_is_turned(table):
     gear = RIG.drive.gear * (1, -1)
-    record = read(table, "c", rig=dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, gear=gear)))
+    record = read(
+        table, "c", rig=dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, gear=gear))
+    )
     checkup = record.check()
     (found,) = checkup.problems
     assert "change the sign of the gear" in found.advice
     np.testing.assert_array_equal(checkup.record.rig.drive.gear, RIG.drive.gear)
     np.testing.assert_array_equal(checkup.record.current, record.current)
     if isinstance(table[1], P):  # saturates when it is replayed on that rig
-        with pytest.raises(ValueError, match=r"^gear sign of joint .*sign of the gear.* As it is, a log must be below"):
+        with pytest.raises(
+            ValueError,
+            match=r"^gear sign of joint .*sign of the gear.* As it is, a log must be below",
+        ):
             identify(puma560.dynamics(), record, progress=False)
 
 
 @pytest.mark.filterwarnings("ignore:.*not in whole pulses")
 @pytest.mark.parametrize("ratio", [110 / 120, 1.15])
 def test_a_gear_that_is_not_the_logged_positions_own_is_told_by_their_step(table, ratio):
-    rig = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, ratio)))
+    rig = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, gear=RIG.drive.gear * (1, ratio))
+    )
     first, *others = read(table, rig=rig).check().problems
-    assert (first.check, first.joint, first.value) == ("quantisation step", 1, pytest.approx(ratio, rel=1e-4))
+    assert (first.check, first.joint, first.value) == (
+        "quantisation step",
+        1,
+        pytest.approx(ratio, rel=1e-4),
+    )
     assert f"appears to be {1 / ratio:.4g} times as stated" in first.advice
     assert not [f for f in others if f.check == "quantisation step"]
 
@@ -124,15 +164,21 @@ def test_positions_that_were_filtered_or_rounded_accuse_no_gear(table, made):
 
 def test_without_a_law_or_torque_both_columns_that_may_be_turned_are_named(record):
     lawless = dataclasses.replace(turned(record, "torque", 1), law=None)
-    assert "backwards, and drives against friction's sign: change the sign of column 'u2' (torque)." in advice(
-        lawless, "drive sign", 1
+    assert (
+        "backwards, and drives against friction's sign: change the sign of column 'u2' (torque)."
+        in advice(lawless, "drive sign", 1)
     )
-    open_loop = dataclasses.replace(lawless, reference_pulses=np.zeros_like(record.counts), error_pulses=-record.counts)
+    open_loop = dataclasses.replace(
+        lawless, reference_pulses=np.zeros_like(record.counts), error_pulses=-record.counts
+    )
     said = advice(open_loop, "drive sign", 1)
     assert "change the sign of column 'u2' (torque), column 'c2' (counts) or gear" in said
     silent = dataclasses.replace(turned(record, "counts", 0), torque=None, current=None, law=None)
     said = advice(silent, "gear sign", 0)
-    assert "change the sign of column 'c1' (counts), or of the gear, or of column 'r1' (reference_pulses)." in said
+    assert (
+        "change the sign of column 'c1' (counts), or of the gear, or of column 'r1'"
+        " (reference_pulses)." in said
+    )
 
 
 def test_without_names_of_columns_the_fields_are_named(record):
@@ -141,7 +187,9 @@ def test_without_names_of_columns_the_fields_are_named(record):
 
 
 def test_counts_of_a_smooth_encoder_are_accepted():
-    """By the running controller, which gives the torque of the simulation to the last bit, and by the readers."""
+    """By the running controller, which gives the torque of the simulation to the last bit, and
+    by the readers.
+    """
     smooth = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True))
     path = Harmonics(period=3.65, offset=(0, 0.5), cosine=((0.4,), (0.3,)), sine=np.zeros((2, 1)))
     record = simulate(puma560.arm(), smooth, puma560.p_law(), path, duration=0.1)
@@ -155,4 +203,6 @@ def test_counts_of_a_smooth_encoder_are_accepted():
         puma560.p_law().start(RIG, record.counts[5])
     table = {"c": record.counts, "r": record.reference_pulses}
     again = Record.from_table(table, rig=smooth, columns={"counts": "c", "reference_pulses": "r"})
-    np.testing.assert_array_equal(again.counts, record.reference_pulses - (record.reference_pulses - record.counts))
+    np.testing.assert_array_equal(
+        again.counts, record.reference_pulses - (record.reference_pulses - record.counts)
+    )

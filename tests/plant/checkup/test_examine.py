@@ -1,4 +1,6 @@
-"""The checkup of a record: silent about twenty healthy ones, and about an ill one it names check, joint and number."""
+"""The checkup of a record: silent about twenty healthy ones, and about an ill one it names
+check, joint and number.
+"""
 
 import dataclasses
 import math
@@ -48,9 +50,17 @@ def harmonics(n, seed, size=0.5):
 
 def planar_rig(n, **changes):
     gear = 80.0 * np.where(np.arange(n) % 2, -1, 1)
-    values = {"motor_inertia": 0.05 / 80**2, "viscous": 5e-4, "coulomb": 0.05, "motor_gain": 0.2, "current_limit": 10.0}
+    values = {
+        "motor_inertia": 0.05 / 80**2,
+        "viscous": 5e-4,
+        "coulomb": 0.05,
+        "motor_gain": 0.2,
+        "current_limit": 10.0,
+    }
     values = {name: np.full(n, value) for name, value in (values | changes).items()}
-    return Rig(drive=Drive(gear=gear, **values), encoder=Encoder(resolution=np.full(n, 1000)), period=1e-3)
+    return Rig(
+        drive=Drive(gear=gear, **values), encoder=Encoder(resolution=np.full(n, 1000)), period=1e-3
+    )
 
 
 def planar_record(n, seed, **changes):
@@ -75,8 +85,14 @@ def healthy():
     spline = Spline(times=(0, 1, 2, 3.0), points=((0, 0), (0.5, 0.5), (-0.5, 0.3), (0, 0)))
     yield "spline", simulate(ARM, RIG, LAW, spline)
     for period in (3.65, 2.0):
-        yield f"computed torque {period}", simulate(ARM, RIG, ComputedTorque(ARM, RIG), puma560.reference(period))
-    yield "quiet computed torque", simulate(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=150), harmonics(2, 7))
+        yield (
+            f"computed torque {period}",
+            simulate(ARM, RIG, ComputedTorque(ARM, RIG), puma560.reference(period)),
+        )
+    yield (
+        "quiet computed torque",
+        simulate(ARM, RIG, ComputedTorque(ARM, RIG, bandwidth=150), harmonics(2, 7)),
+    )
     for n in (1, 2, 3):
         yield f"planar {n}", planar_record(n, 10 * n)
         yield f"planar {n} without dry friction", planar_record(n, 10 * n + 1, coulomb=0.0)
@@ -100,28 +116,45 @@ def test_healthy_records_are_all_fine(records):
 def test_without_law_torque_or_reference_a_healthy_record_is_no_worse(records):
     for name in ("P 3.65", "harmonics 1", "quiet computed torque", "planar 3"):
         record = records[name]
-        bare = replace(record, law=None, reference=None, reference_pulses=None, error_pulses=-record.counts)
-        for less in (bare, replace(record, torque=None, current=None), replace(bare, torque=None, current=None)):
+        bare = replace(
+            record, law=None, reference=None, reference_pulses=None, error_pulses=-record.counts
+        )
+        for less in (
+            bare,
+            replace(record, torque=None, current=None),
+            replace(bare, torque=None, current=None),
+        ):
             assert less.check().ok, f"{name}\n{less.check()}"
 
 
 def test_a_motion_that_curves_within_a_few_samples_is_no_noise():
     rate = np.random.default_rng(0)
-    path = Harmonics(period=2.5, offset=(0, 0), cosine=rate.uniform(-0.2, 0.2, (2, 4)), sine=np.zeros((2, 4)))
+    path = Harmonics(
+        period=2.5, offset=(0, 0), cosine=rate.uniform(-0.2, 0.2, (2, 4)), sine=np.zeros((2, 4))
+    )
     checkup = simulate(ARM, replace(RIG, period=3e-3), puma560.p_law((0.2, 0.2)), path).check()
     assert [f.verdict for f in checkup.findings if f.check == "noise"] == ["fine", "fine"]
 
 
 def test_a_motor_that_its_loop_shakes_is_no_noise():
-    """Torques of the rounded error's rate shake the elbow by a count, at 150 Hz; a noise of 3 counts is told there."""
+    """Torques of the rounded error's rate shake the elbow by a count, at 150 Hz; a noise of 3
+    counts is told there.
+    """
     chain, rig = elbow_of_a_ur5e("fix")
     dynamics, gain = Dynamics.from_chain(chain.with_rotors(rig.drive)), np.array((0.04, 0.01475))
-    law = PID(gain=gain, integral=5 * gain, derivative=0.004 * gain, filter=2000.0, period=rig.period)
-    cosine, sine = (np.random.default_rng(1).normal(size=(2, 2, 3)) * 0.35 / np.arange(1, 4)).tolist()
+    law = PID(
+        gain=gain, integral=5 * gain, derivative=0.004 * gain, filter=2000.0, period=rig.period
+    )
+    cosine, sine = (
+        np.random.default_rng(1).normal(size=(2, 2, 3)) * 0.35 / np.arange(1, 4)
+    ).tolist()
     path = Harmonics(period=2.7, offset=(0.1, -0.1), cosine=cosine, sine=sine)
     record = simulate(dynamics.arm(dynamics.f()), rig, law, path, steps_per_sample=16)
     for log, verdict in ((record, "fine"), (noisy(record, 1, 3), "look")):
-        assert next(f for f in log.check().findings if (f.check, f.joint) == ("noise", 1)).verdict == verdict
+        assert (
+            next(f for f in log.check().findings if (f.check, f.joint) == ("noise", 1)).verdict
+            == verdict
+        )
 
 
 def test_a_joint_that_hunts_about_its_reference_is_not_excited():
@@ -132,7 +165,7 @@ def test_a_joint_that_hunts_about_its_reference_is_not_excited():
     assert still([record]).tolist() == [1]
 
 
-# -- one defect at a time ---------------------------------------------------------------------------------------------
+# -- one defect at a time ------------------------------------------------------------------------
 def counting(record, counts):
     return replace(record, error_pulses=record.reference_pulses - counts)
 
@@ -144,20 +177,33 @@ def column(table, joint, values):
 
 
 def rows(record, keep):
-    fields = ("t", "error_pulses", "reference_pulses", "torque", "current", "valid", "true_q", "true_qd")
+    fields = (
+        "t",
+        "error_pulses",
+        "reference_pulses",
+        "torque",
+        "current",
+        "valid",
+        "true_q",
+        "true_qd",
+    )
     return replace(record, **{name: getattr(record, name)[keep] for name in fields})
 
 
 def late(record, joint, samples):
     """Counts of the true position so many samples ago."""
     position, row = record.rig.position_in_pulses(record.true_q)[:, joint], np.arange(len(record))
-    return counting(record, column(record.counts, joint, np.trunc(np.interp(row - samples, row, position))))
+    return counting(
+        record, column(record.counts, joint, np.trunc(np.interp(row - samples, row, position)))
+    )
 
 
 def without(record, *names):
     """A record that says less."""
     if "reference" in names:
-        record = replace(record, reference=None, reference_pulses=None, error_pulses=-record.counts, law=None)
+        record = replace(
+            record, reference=None, reference_pulses=None, error_pulses=-record.counts, law=None
+        )
     if "torque" in names:
         record = replace(record, torque=None, current=None)
     return replace(record, law=None) if "law" in names else record
@@ -176,7 +222,9 @@ def dropped(record, share):
 
 
 def jittered(record, share, *, truly):
-    """Intervals that scatter by this share of a period: in the stamps only, or the samples really taken then."""
+    """Intervals that scatter by this share of a period: in the stamps only, or the samples
+    really taken then.
+    """
     random = np.random.default_rng(1)
     t = record.t + share / math.sqrt(2) * record.rig.period * random.normal(size=len(record))
     if not truly:
@@ -189,19 +237,29 @@ def jittered(record, share, *, truly):
         np.trunc(at(record.reference_pulses)),
         np.trunc(at(record.rig.position_in_pulses(record.true_q))),
     )
-    return replace(record, t=t, reference_pulses=reference, error_pulses=reference - counts, torque=at(record.torque),
-                   current=at(record.current))  # fmt: skip
+    return replace(
+        record,
+        t=t,
+        reference_pulses=reference,
+        error_pulses=reference - counts,
+        torque=at(record.torque),
+        current=at(record.current),
+    )
 
 
 def glitches(record, joint, count, size):
     at = np.random.default_rng(2).choice(np.arange(20, len(record) - 20, 10), count, replace=False)
     return counting(
-        record, record.counts + size * np.isin(np.arange(len(record)), at)[:, None] * np.eye(record.n)[joint]
+        record,
+        record.counts
+        + size * np.isin(np.arange(len(record)), at)[:, None] * np.eye(record.n)[joint],
     )
 
 
 def jump(record, joint, size):
-    return counting(record, record.counts + size * (record.t > 1.3)[:, None] * np.eye(record.n)[joint])
+    return counting(
+        record, record.counts + size * (record.t > 1.3)[:, None] * np.eye(record.n)[joint]
+    )
 
 
 def stuck(record, joint, seconds):
@@ -213,12 +271,17 @@ def stuck(record, joint, seconds):
 def clipped(record, joint, share):
     counts = record.counts[:, joint]
     middle, half = (counts.max() + counts.min()) / 2, share * np.ptp(counts) / 2
-    return counting(record, column(record.counts, joint, np.clip(counts, *np.round((middle - half, middle + half)))))
+    return counting(
+        record,
+        column(record.counts, joint, np.clip(counts, *np.round((middle - half, middle + half)))),
+    )
 
 
 def clipped_torque(record, joint, share):
     torque, top = record.torque[:, joint], share * np.abs(record.torque[:, joint]).max()
-    return replace(record, torque=column(record.torque, joint, np.clip(torque, -top, top)), current=None)
+    return replace(
+        record, torque=column(record.torque, joint, np.clip(torque, -top, top)), current=None
+    )
 
 
 def stepped(record, joint, step):
@@ -250,14 +313,55 @@ DEFECTS = {
     "half a sample late": (ALL, lambda r: late(r, 1, 0.5), "delay", 1, 0.5, 0.05),
     "a sample late": (ALL, lambda r: late(r, 1, 1.0), "delay", 1, 1.0, 0.05),
     "three samples late": (ALL, lambda r: late(r, 0, 3.0), "delay", 0, 3.0, 0.05),
-    "late, torque not logged": (P_RECORDS, lambda r: without(late(r, 1, 0.5), "torque"), "delay", 1, 0.5, 0.2),
-    "late, open loop": (P_RECORDS, lambda r: without(late(r, 0, 3.0), "reference"), "delay", 0, 3.0, 0.2),
-    "late, law unknown": (P_RECORDS, lambda r: without(late(r, 0, 3.0), "law"), "delay", 0, 3.0, 0.2),
+    "late, torque not logged": (
+        P_RECORDS,
+        lambda r: without(late(r, 1, 0.5), "torque"),
+        "delay",
+        1,
+        0.5,
+        0.2,
+    ),
+    "late, open loop": (
+        P_RECORDS,
+        lambda r: without(late(r, 0, 3.0), "reference"),
+        "delay",
+        0,
+        3.0,
+        0.2,
+    ),
+    "late, law unknown": (
+        P_RECORDS,
+        lambda r: without(late(r, 0, 3.0), "law"),
+        "delay",
+        0,
+        3.0,
+        0.2,
+    ),
     "1 % dropped": (ALL, lambda r: dropped(r, 0.01), "missing samples", None, 1.0, 0.35),
-    "stamps scatter": (ALL, lambda r: jittered(r, 0.05, truly=False), "time jitter", None, 5.0, 0.1),
-    "stamps scatter, counts do not": (("P 3.65", "planar 3"), lambda r: jittered(r, 0.05, truly=False),
-                                      "rows and stamps", None, None, None),
-    "samples scatter": (ALL, lambda r: jittered(r, 0.05, truly=True), "time jitter", None, 5.0, 0.1),
+    "stamps scatter": (
+        ALL,
+        lambda r: jittered(r, 0.05, truly=False),
+        "time jitter",
+        None,
+        5.0,
+        0.1,
+    ),
+    "stamps scatter, counts do not": (
+        ("P 3.65", "planar 3"),
+        lambda r: jittered(r, 0.05, truly=False),
+        "rows and stamps",
+        None,
+        None,
+        None,
+    ),
+    "samples scatter": (
+        ALL,
+        lambda r: jittered(r, 0.05, truly=True),
+        "time jitter",
+        None,
+        5.0,
+        0.1,
+    ),
     "milliseconds": (ALL, lambda r: replace(r, t=1e3 * r.t), "period", None, None, None),
     "period off by 1 %": (ALL, lambda r: replace(r, t=1.01 * r.t), "period", None, None, None),
     "lost packets": (P_RECORDS, lambda r: repeated(r, 50), "lost packets", None, 90, 0.3),
@@ -265,36 +369,119 @@ DEFECTS = {
     "jump": (ALL, lambda r: jump(r, 0, 64), "jumps", 0, 1, 0.0),
     "stuck": (ALL, lambda r: stuck(r, 0, 0.2), "stuck encoder", 0, 0.2, 0.05),
     "counts clipped": (ALL, lambda r: clipped(r, 0, 0.8), "clipped counts", 0, None, None),
-    "torque clipped": (("P 3.65", "planar 3", *CT), lambda r: clipped_torque(r, 0, 0.7), "clipped torque", 0, None,
-                       None),
-    "torque turned": (ALL, lambda r: turned(r, 0), "drive sign", 0, None, None),
-    "torque turned, open loop": (P_RECORDS, lambda r: without(turned(r, 1), "reference"), "drive sign", 1, None, None),
-    "error turned": (P_RECORDS, lambda r: error_turned(r), "drive sign", 0, -1.0, 0.1),
-    "error turned, torque not logged": (P_RECORDS, lambda r: without(error_turned(r), "torque"), "drive sign", 0, None,
-                                        None),
-    "gear turned": (ALL, lambda r: counting(r, column(r.counts, 1, -r.counts[:, 1])), "gear sign", 1, -1.0, 0.05),
-    "counts swapped": (ALL, lambda r: counting(r, exchanged(r.counts)), "swapped joints", 0, None, None),
-    "torques swapped": (P_RECORDS, lambda r: replace(r, torque=exchanged(r.torque), current=None), "swapped torques",
-                        0, None, None),
-    "torques swapped, open loop": (
-        OPEN, lambda r: without(replace(r, torque=exchanged(r.torque), current=None), "reference"),
-        "swapped torques", 1, None, None,
+    "torque clipped": (
+        ("P 3.65", "planar 3", *CT),
+        lambda r: clipped_torque(r, 0, 0.7),
+        "clipped torque",
+        0,
+        None,
+        None,
     ),
-    "counts swapped, open loop": (OPEN, lambda r: without(counting(r, exchanged(r.counts)), "reference"),
-                                  "swapped torques", 0, None, None),
+    "torque turned": (ALL, lambda r: turned(r, 0), "drive sign", 0, None, None),
+    "torque turned, open loop": (
+        P_RECORDS,
+        lambda r: without(turned(r, 1), "reference"),
+        "drive sign",
+        1,
+        None,
+        None,
+    ),
+    "error turned": (P_RECORDS, lambda r: error_turned(r), "drive sign", 0, -1.0, 0.1),
+    "error turned, torque not logged": (
+        P_RECORDS,
+        lambda r: without(error_turned(r), "torque"),
+        "drive sign",
+        0,
+        None,
+        None,
+    ),
+    "gear turned": (
+        ALL,
+        lambda r: counting(r, column(r.counts, 1, -r.counts[:, 1])),
+        "gear sign",
+        1,
+        -1.0,
+        0.05,
+    ),
+    "counts swapped": (
+        ALL,
+        lambda r: counting(r, exchanged(r.counts)),
+        "swapped joints",
+        0,
+        None,
+        None,
+    ),
+    "torques swapped": (
+        P_RECORDS,
+        lambda r: replace(r, torque=exchanged(r.torque), current=None),
+        "swapped torques",
+        0,
+        None,
+        None,
+    ),
+    "torques swapped, open loop": (
+        OPEN,
+        lambda r: without(replace(r, torque=exchanged(r.torque), current=None), "reference"),
+        "swapped torques",
+        1,
+        None,
+        None,
+    ),
+    "counts swapped, open loop": (
+        OPEN,
+        lambda r: without(counting(r, exchanged(r.counts)), "reference"),
+        "swapped torques",
+        0,
+        None,
+        None,
+    ),
     "half the resolution": (ALL, lambda r: stepped(r, 0, 2), "quantisation step", 0, 2.0, 0.0),
     "rounded to 1.6": (P_RECORDS, lambda r: stepped(r, 0, 1.6), "quantisation step", 0, 1.6, 0.01),
     "rounded to 3.7": (P_RECORDS, lambda r: stepped(r, 1, 3.7), "quantisation step", 1, 3.7, 0.01),
     "noise": (ALL, lambda r: noisy(r, 0, 3), "noise", 0, 3.0, 0.15),
-    "radians": (ALL, lambda r: without(replace(r, error_pulses=r.reference_pulses - r.true_q), "reference"),
-                "units of counts", 0, 100.0, 0.05),
-    "degrees": (ALL, lambda r: without(replace(r, error_pulses=r.reference_pulses - np.degrees(r.true_q)),
-                                       "reference"), "units of counts", 1, 100.0, 0.05),
-    "mN m": (ALL, lambda r: replace(r, torque=1e3 * r.torque, current=None), "units of torque", 0, None, None),
-    "torque of the motor": (P_RECORDS, lambda r: replace(r, torque=r.rig.drive.motor_torque(r.torque), current=None),
-                            "units of torque", 1, None, None),
-    "at the limit": (("P 3.65", *CT), lambda r: replace(r, rig=weak(r)), "saturation", 0, None, None),
-}  # fmt: skip
+    "radians": (
+        ALL,
+        lambda r: without(replace(r, error_pulses=r.reference_pulses - r.true_q), "reference"),
+        "units of counts",
+        0,
+        100.0,
+        0.05,
+    ),
+    "degrees": (
+        ALL,
+        lambda r: without(
+            replace(r, error_pulses=r.reference_pulses - np.degrees(r.true_q)), "reference"
+        ),
+        "units of counts",
+        1,
+        100.0,
+        0.05,
+    ),
+    "mN m": (
+        ALL,
+        lambda r: replace(r, torque=1e3 * r.torque, current=None),
+        "units of torque",
+        0,
+        None,
+        None,
+    ),
+    "torque of the motor": (
+        P_RECORDS,
+        lambda r: replace(r, torque=r.rig.drive.motor_torque(r.torque), current=None),
+        "units of torque",
+        1,
+        None,
+        None,
+    ),
+    "at the limit": (
+        ("P 3.65", *CT),
+        lambda r: replace(r, rig=weak(r)),
+        "saturation",
+        0,
+        None,
+        None,
+    ),
+}
 
 
 def weak(record):
@@ -325,7 +512,10 @@ def test_advice_names_the_cause(records):
         (DEFECTS["half the resolution"][1](record), "400 pulses per turn, not 800"),
         (DEFECTS["mN m"][1](record), "mN m"),
         (replace(record, torque=None, current=1e3 * record.current), "the current may be in mA"),
-        (replace(record, torque=None, current=1e-3 * record.current), "the current may be in A, not in mA"),
+        (
+            replace(record, torque=None, current=1e-3 * record.current),
+            "the current may be in A, not in mA",
+        ),
         (DEFECTS["torque of the motor"][1](record), "the motor's torque, not the joint's"),
         (DEFECTS["stamps scatter"][1](record), "t = row times interval"),
     ):
@@ -342,11 +532,13 @@ def test_samples_left_out_are_not_judged(records):
     assert abs(share - 100 * 5 / len(record)) < 1e-9
 
 
-# -- laws that lag, and laws that only repeat ------------------------------------------------------------------------
+# -- laws that lag, and laws that only repeat ----------------------------------------------------
 def test_a_law_may_lag_by_itself():
     """A cascade is 1 / position behind, 50 samples of 1 ms, and its counts are in time."""
     dynamics, path = Dynamics.from_chain(planar(2)), harmonics(2, 20, 0.3)
-    law = Cascade(position=(20, 20), speed=(1e-3,) * 2, integral=(1e-2,) * 2, filter=600.0, period=1e-3)
+    law = Cascade(
+        position=(20, 20), speed=(1e-3,) * 2, integral=(1e-2,) * 2, filter=600.0, period=1e-3
+    )
     record = simulate(dynamics.arm(dynamics.f()), planar_rig(2), law, path)
     for found in (f for f in record.check().findings if f.check == "delay"):
         assert found.verdict == "fine"  # motion after torque
@@ -390,19 +582,31 @@ def test_joints_that_are_told_the_same_may_do_the_same():
     assert all(f.verdict == "fine" for f in checkup.findings if f.check == "copied columns")
 
 
-# -- open loop: torques in, counts out -------------------------------------------------------------------------------
+# -- open loop: torques in, counts out -----------------------------------------------------------
 @pytest.fixture(scope="module")
 def open_loop():
     """12 s of two links that swing under sums of sines; no reference, no law."""
-    dynamics, random, t = Dynamics.from_chain(planar(2)), np.random.default_rng(5), np.arange(12000) * 1e-3
+    dynamics, random, t = (
+        Dynamics.from_chain(planar(2)),
+        np.random.default_rng(5),
+        np.arange(12000) * 1e-3,
+    )
     sines = (
-        random.uniform(1, 6, 2) * np.sin(2 * np.pi * random.uniform(0.3, 2, 2) * t[:, None] + random.uniform(0, 6, 2))
+        random.uniform(1, 6, 2)
+        * np.sin(2 * np.pi * random.uniform(0.3, 2, 2) * t[:, None] + random.uniform(0, 6, 2))
         for _ in range(4)
     )
-    record = Record(t=t, error_pulses=np.zeros((len(t), 2)), rig=planar_rig(2, current_limit=np.inf),
-                    law=LoggedTorque(), torque=sum(sines))  # fmt: skip
+    record = Record(
+        t=t,
+        error_pulses=np.zeros((len(t), 2)),
+        rig=planar_rig(2, current_limit=np.inf),
+        law=LoggedTorque(),
+        torque=sum(sines),
+    )
     record = replay(dynamics.arm(dynamics.f()), record)
-    return replace(record, reference=None, reference_pulses=None, error_pulses=-record.counts, current=None)
+    return replace(
+        record, reference=None, reference_pulses=None, error_pulses=-record.counts, current=None
+    )
 
 
 def minus_counts(record, counts):
@@ -416,15 +620,28 @@ def motor_torques_swapped(record):
 
 OPEN_LOOP = {
     # name: (defect, check, joint, words)
-    "torques swapped": (lambda r: replace(r, torque=exchanged(r.torque)), "swapped torques", 0, "joint q[1]"),
+    "torques swapped": (
+        lambda r: replace(r, torque=exchanged(r.torque)),
+        "swapped torques",
+        0,
+        "joint q[1]",
+    ),
     "motor torques swapped": (motor_torques_swapped, "swapped torques", 1, "joint q[0]"),
     "torque turned": (lambda r: turned(r, 0), "drive sign", 0, "change the sign"),
     "mN m": (lambda r: replace(r, torque=1e3 * r.torque), "units of torque", 1, "mN m"),
-    "torque of the motor": (lambda r: replace(r, torque=np.abs(r.rig.drive.gear) ** -1 * r.torque), "units of torque",
-                            0, "the motor's torque, not the joint's"),
-    "angles of the motor": (lambda r: minus_counts(r, np.round(r.rig.drive.gear * r.counts)), "quantisation step", 1,
-                            "angles of the motor"),
-}  # fmt: skip
+    "torque of the motor": (
+        lambda r: replace(r, torque=np.abs(r.rig.drive.gear) ** -1 * r.torque),
+        "units of torque",
+        0,
+        "the motor's torque, not the joint's",
+    ),
+    "angles of the motor": (
+        lambda r: minus_counts(r, np.round(r.rig.drive.gear * r.counts)),
+        "quantisation step",
+        1,
+        "angles of the motor",
+    ),
+}
 
 
 def test_open_loop_is_fine(open_loop):
@@ -435,7 +652,9 @@ def test_open_loop_is_fine(open_loop):
 def test_defect_of_an_open_loop_is_found(open_loop, defect):
     spoil, check, joint, words = OPEN_LOOP[defect]
     checkup = spoil(open_loop).check()
-    assert any(f.check == check and f.joint == joint and words in f.advice for f in checkup.problems), checkup
+    assert any(
+        f.check == check and f.joint == joint and words in f.advice for f in checkup.problems
+    ), checkup
 
 
 def test_five_samples_late_are_not_called_fine(open_loop):
@@ -444,15 +663,22 @@ def test_five_samples_late_are_not_called_fine(open_loop):
     assert all("known to +-" in f.verdict for f in late.check().findings if f.check == "delay")
 
 
-# -- play in the gear: two masses, integrated here --------------------------------------------------------------------
+# -- play in the gear: two masses, integrated here -----------------------------------------------
 def two_masses(play, *, seconds=4.0, steps=20):
-    """Open-loop log of a motor that drives a pendulum through a gear with so many pulses of play."""
+    """Open-loop log of a motor that drives a pendulum through a gear with so many pulses of
+    play.
+    """
     rig = planar_rig(1, viscous=1e-4, coulomb=2e-3)
     gear, period = rig.drive.gear[0], rig.period
     motor, load, weight, h = 0.05, 0.1, 2.0, period / steps
-    gap, per_pulse = play / rig.position_in_pulses(np.ones(1))[0] / 2, 1 / rig.position_in_pulses(np.ones(1))[0]
+    gap, per_pulse = (
+        play / rig.position_in_pulses(np.ones(1))[0] / 2,
+        1 / rig.position_in_pulses(np.ones(1))[0],
+    )
     N = round(seconds / period)
-    drive = [1.5 * math.sin(31.4 * k * h) + 0.75 * math.sin(11.6 * k * h + 1) for k in range(N * steps)]
+    drive = [
+        1.5 * math.sin(31.4 * k * h) + 0.75 * math.sin(11.6 * k * h + 1) for k in range(N * steps)
+    ]
     q, v, q_load, v_load, log = 0.0, 0.0, 0.0, 0.0, []
     for k, torque in enumerate(drive):
         if k % steps == 0:
@@ -465,7 +691,9 @@ def two_masses(play, *, seconds=4.0, steps=20):
         v_load += h * (contact - weight * math.sin(q_load)) / load
         q, q_load = q + h * v, q_load + h * v_load
     counts, torque = np.array(log).T
-    return Record(t=np.arange(N) * period, error_pulses=-counts[:, None], torque=torque[:, None], rig=rig)
+    return Record(
+        t=np.arange(N) * period, error_pulses=-counts[:, None], torque=torque[:, None], rig=rig
+    )
 
 
 @pytest.mark.parametrize("play", [0, 5, 20])
@@ -480,12 +708,17 @@ def test_play_is_seen_where_the_motor_runs_free(play):
     assert [f for f in checkup.problems if f.check != "backlash"] == []
 
 
-# -- parts ------------------------------------------------------------------------------------------------------------
+# -- parts ---------------------------------------------------------------------------------------
 @settings(derandomize=True, max_examples=40, deadline=None)
-@given(step=st.one_of(st.integers(1, 6), st.floats(1.62, 6.0)), phase=st.floats(0, 6), rate=st.floats(0.3, 3))
+@given(
+    step=st.one_of(st.integers(1, 6), st.floats(1.62, 6.0)),
+    phase=st.floats(0, 6),
+    rate=st.floats(0.3, 3),
+)
 def test_comb_finds_the_step_of_any_swing(step, phase, rate):
     """Position of a swing, on a grid of this step, then rounded to whole counts."""
-    assume(isinstance(step, int) or abs(8 * step - round(8 * step)) > 0.1)  # simple fractions tie when rounded
+    # simple fractions tie when rounded
+    assume(isinstance(step, int) or abs(8 * step - round(8 * step)) > 0.1)
     position = 900 * np.sin(rate * np.arange(4000) * 1e-3 * 2 * np.pi + phase)
     found, clear = comb(np.round(step * np.round(position / step)))
     assert clear
@@ -494,7 +727,11 @@ def test_comb_finds_the_step_of_any_swing(step, phase, rate):
 
 def columns(kind, N, n):
     random = np.random.default_rng(N + n)
-    values = {"none": np.zeros((N, n)), "any": random.uniform(-1e6, 1e6, (N, n)), "real": random.normal(size=(N, n))}
+    values = {
+        "none": np.zeros((N, n)),
+        "any": random.uniform(-1e6, 1e6, (N, n)),
+        "real": random.normal(size=(N, n)),
+    }
     return values.get(kind, np.cumsum(random.integers(-3, 4, (N, n)), axis=0))
 
 
@@ -507,8 +744,15 @@ def test_any_record_can_be_examined(data, N, n):
     torque = data.draw(st.none() | table)
     valid = np.random.default_rng(n).random(N) < data.draw(st.sampled_from([0.0, 0.5, 1.0]))
     law = data.draw(st.sampled_from([None, P(gain=np.ones(n))]))
-    record = Record(t=np.cumsum(steps), error_pulses=data.draw(table), reference_pulses=data.draw(table), law=law,
-                    torque=torque, valid=valid, rig=planar_rig(n))  # fmt: skip
+    record = Record(
+        t=np.cumsum(steps),
+        error_pulses=data.draw(table),
+        reference_pulses=data.draw(table),
+        law=law,
+        torque=torque,
+        valid=valid,
+        rig=planar_rig(n),
+    )
     checkup = record.check()
     assert isinstance(checkup, Checkup)
     for finding in checkup.findings:
@@ -521,7 +765,9 @@ def test_any_record_can_be_examined(data, N, n):
 def test_print_is_a_table_and_findings_are_frozen(records):
     checkup = stuck(records["P 3.65"], 0, 0.2).check()
     lines = str(checkup).splitlines()
-    assert lines[0].startswith(f"{len(checkup.problems)} of {len(checkup.findings)} checks need attention: ")
+    assert lines[0].startswith(
+        f"{len(checkup.problems)} of {len(checkup.findings)} checks need attention: "
+    )
     assert ["check", "joint", "measured", "verdict"] in map(str.split, lines)
     assert checkup.problems[0].advice in " ".join(str(checkup).split())
     line = next(line for line in lines if line.startswith("stuck encoder      joint q[0] "))
@@ -533,7 +779,7 @@ def test_print_is_a_table_and_findings_are_frozen(records):
     assert isinstance(checkup.findings[0], Finding)
 
 
-# -- real logs --------------------------------------------------------------------------------------------------------
+# -- real logs -----------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def pendulum_record():
     if not os.environ.get("CTC_DATA"):
@@ -544,15 +790,30 @@ def pendulum_record():
     step = 25 / 65535
 
     def record(design, run, coulomb=0.0):
-        drive = Drive(gear=(6, 6), motor_inertia=(6.07e-5,) * 2, viscous=(0, 0), coulomb=(coulomb,) * 2,
-                      motor_gain=(0.091,) * 2, current_limit=(np.inf,) * 2)  # fmt: skip
-        rig = Rig(drive=drive, encoder=Encoder(resolution=(2 * np.pi / step / 6,) * 2), period=0.002)
+        drive = Drive(
+            gear=(6, 6),
+            motor_inertia=(6.07e-5,) * 2,
+            viscous=(0, 0),
+            coulomb=(coulomb,) * 2,
+            motor_gain=(0.091,) * 2,
+            current_limit=(np.inf,) * 2,
+        )
+        rig = Rig(
+            drive=drive, encoder=Encoder(resolution=(2 * np.pi / step / 6,) * 2), period=0.002
+        )
         with np.load(folder / f"sysid_{design}.npz", allow_pickle=False) as file:
             t, *columns = (
-                file[f"{run}/{name}"] for name in ("time", "pos_meas1", "pos_meas2", "tau_meas1", "tau_meas2")
+                file[f"{run}/{name}"]
+                for name in ("time", "pos_meas1", "pos_meas2", "tau_meas1", "tau_meas2")
             )
         counts = np.round((np.column_stack(columns[:2]) - [columns[0][0], columns[1][0]]) / step)
-        return Record(t=t, error_pulses=-counts, torque=np.column_stack(columns[2:]), rig=rig, law=LoggedTorque())
+        return Record(
+            t=t,
+            error_pulses=-counts,
+            torque=np.column_stack(columns[2:]),
+            rig=rig,
+            law=LoggedTorque(),
+        )
 
     return record
 
@@ -574,36 +835,70 @@ def test_real_runs_have_nothing_wrong(pendulum_record):
     """Friction as the example guesses it; the least certain of what is compared."""
     for design, run in RUNS:
         checkup = pendulum_record(design, f"trajectory_{run}", coulomb=0.02).check()
-        assert not [f for f in checkup.findings if f.verdict == "wrong"], f"{design} {run}\n{checkup}"
+        assert not [f for f in checkup.findings if f.verdict == "wrong"], (
+            f"{design} {run}\n{checkup}"
+        )
         allowed = {"missing samples", "time jitter", "rows and stamps", "backlash"}
         assert {f.check for f in checkup.problems} <= allowed, f"{design} {run}\n{checkup}"
 
 
 REAL = {
     # name: (defect, check, joint, words), on a run that drives both motors
-    "torques swapped": (lambda r: replace(r, torque=exchanged(r.torque)), "swapped torques", 0, "joint q[1]"),
-    "counts swapped": (lambda r: minus_counts(r, exchanged(r.counts)), "swapped torques", 0, "joint q[1]"),
+    "torques swapped": (
+        lambda r: replace(r, torque=exchanged(r.torque)),
+        "swapped torques",
+        0,
+        "joint q[1]",
+    ),
+    "counts swapped": (
+        lambda r: minus_counts(r, exchanged(r.counts)),
+        "swapped torques",
+        0,
+        "joint q[1]",
+    ),
     "torque 0 turned": (lambda r: turned(r, 0), "drive sign", 0, "change the sign"),
     "torque 1 turned": (lambda r: turned(r, 1), "drive sign", 1, "change the sign"),
     "mN m": (lambda r: replace(r, torque=1e3 * r.torque), "units of torque", 0, "mN m"),
-    "torque of the motor": (lambda r: replace(r, torque=r.torque / 6), "units of torque", 1,
-                            "the motor's torque, not the joint's"),
-    "torque geared twice": (lambda r: replace(r, torque=r.torque * 6), "units of torque", 1, "the gear twice"),
-    "angles of the motor": (lambda r: minus_counts(r, 6 * r.counts), "quantisation step", 0, "angles of the motor"),
-    "angles of the joint": (lambda r: minus_counts(r, np.round(r.counts / 6)), "units of torque", 0,
-                            "angles of the joint"),
-}  # fmt: skip
+    "torque of the motor": (
+        lambda r: replace(r, torque=r.torque / 6),
+        "units of torque",
+        1,
+        "the motor's torque, not the joint's",
+    ),
+    "torque geared twice": (
+        lambda r: replace(r, torque=r.torque * 6),
+        "units of torque",
+        1,
+        "the gear twice",
+    ),
+    "angles of the motor": (
+        lambda r: minus_counts(r, 6 * r.counts),
+        "quantisation step",
+        0,
+        "angles of the motor",
+    ),
+    "angles of the joint": (
+        lambda r: minus_counts(r, np.round(r.counts / 6)),
+        "units of torque",
+        0,
+        "angles of the joint",
+    ),
+}
 
 
 @pytest.mark.parametrize("defect", REAL)
 def test_real_defect_is_found(pendulum_record, defect):
     spoil, check, joint, words = REAL[defect]
     checkup = spoil(pendulum_record("C.0", "trajectory_00", coulomb=0.02)).check()
-    assert any(f.check == check and f.joint == joint and words in f.advice for f in checkup.problems), checkup
+    assert any(
+        f.check == check and f.joint == joint and words in f.advice for f in checkup.problems
+    ), checkup
 
 
 def test_real_counts_that_come_late(pendulum_record):
-    """10 ms late; what the drive itself takes is in it, too. Only a run that moves much tells it."""
+    """10 ms late; what the drive itself takes is in it, too. Only a run that moves much tells
+    it.
+    """
     record = pendulum_record("A.0", "trajectory_03", coulomb=0.02)
     late = minus_counts(record, np.vstack([record.counts[:1]] * 5 + [record.counts[:-5]]))
     found = next(f for f in late.check().problems if f.check == "delay")
@@ -620,7 +915,12 @@ def test_real_sticking_joint_is_named(pendulum):
 
 def test_real_gaps_and_jitter_are_named_and_nothing_is_invented(pendulum):
     problems = pendulum("C.0", "trajectory_01").problems
-    assert {f.check for f in problems} <= {"missing samples", "time jitter", "rows and stamps", "backlash"}
+    assert {f.check for f in problems} <= {
+        "missing samples",
+        "time jitter",
+        "rows and stamps",
+        "backlash",
+    }
     gaps = next(f for f in problems if f.check == "missing samples")
     assert "up to 4.2 intervals" in gaps.advice  # 8.4 ms at 500 Hz
     assert {f.check for f in pendulum("C.1", "143601").problems} == set()

@@ -1,4 +1,6 @@
-"""Counts that are late under laws with memory: their run along the log tells by how many samples, of which joints."""
+"""Counts that are late under laws with memory: their run along the log tells by how many
+samples, of which joints.
+"""
 
 import dataclasses
 from functools import cache
@@ -18,20 +20,28 @@ PATH = Harmonics(
     cosine=((0.2, 0.1, 0.1), (0.1, 0.2, -0.1)),
     sine=((0.3, -0.2, 0.1), (-0.3, 0.1, 0.1)),
 )
-LAGS = PID(gain=(0.1, 0.07), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period)
+LAGS = PID(
+    gain=(0.1, 0.07), integral=(0.5, 0.4), derivative=(4e-4, 3e-4), filter=2000.0, period=RIG.period
+)
 LAWS = {
     "PID": LAGS,
     "fast PID": dataclasses.replace(LAGS, period=None),
     "PD": PD(gain=(0.1, 0.07), derivative=(4e-4, 3e-4), filter=600.0, period=RIG.period),
     "cascade": Cascade(
-        position=(20, 20), speed=(1e-3, 7e-4), integral=(1e-2, 7e-3), filter=600.0, period=RIG.period
+        position=(20, 20),
+        speed=(1e-3, 7e-4),
+        integral=(1e-2, 7e-3),
+        filter=600.0,
+        period=RIG.period,
     ),
-    "fast cascade": Cascade(position=(20, 20), speed=(1e-3, 7e-4), integral=(1e-2, 7e-3), filter=600.0),
+    "fast cascade": Cascade(
+        position=(20, 20), speed=(1e-3, 7e-4), integral=(1e-2, 7e-3), filter=600.0
+    ),
     "computed torque": ComputedTorque(ARM, RIG),
     "computed torque PID": ComputedTorquePID(
         ARM, RIG, bandwidth=60, ratio=1.0, integral=10, roll_off=600, roll_off_damping=0.7
     ),
-}  # fmt: skip
+}
 
 
 def drive(**changes):
@@ -46,14 +56,19 @@ def log(name, rig=RIG):
 
 
 def late(record, *samples):
-    """The same log with the counts of each joint late by so many samples; rows without them left out."""
+    """The same log with the counts of each joint late by so many samples; rows without them left
+    out.
+    """
     inner = slice(2, len(record) - 2)
     counts = np.column_stack([np.roll(x, k) for x, k in zip(record.counts.T, samples, strict=True)])
     reference = None if record.reference is None else record.reference.later(record.t[2])
     return dataclasses.replace(
-        record, t=record.t[inner] - record.t[2], error_pulses=(record.reference_pulses - counts)[inner],
-        reference=reference, **{name: getattr(record, name)[inner] for name in ("reference_pulses", "torque", "valid")},
-    )  # fmt: skip
+        record,
+        t=record.t[inner] - record.t[2],
+        error_pulses=(record.reference_pulses - counts)[inner],
+        reference=reference,
+        **{name: getattr(record, name)[inner] for name in ("reference_pulses", "torque", "valid")},
+    )
 
 
 def told(record):
@@ -101,21 +116,29 @@ def test_saturated_currents_and_elastic_gears_that_are_not_stated_do_not_matter(
         stated = RIG if rig is gears else rig
         assert told(dataclasses.replace(record, rig=stated)) == [0, 0]
         assert told(dataclasses.replace(late(record, 1, 0), rig=stated)) == [1, 0]
-    assert (np.abs(RIG.drive.current(log("PID", small).torque)) > 0.999 * small.drive.current_limit).mean() > 0.05
+    assert (
+        np.abs(RIG.drive.current(log("PID", small).torque)) > 0.999 * small.drive.current_limit
+    ).mean() > 0.05
 
 
 def test_torques_in_other_units_or_of_commands_and_a_state_that_is_known_will_do():
     record = late(log("PID"), 1, 1)
     assert told(dataclasses.replace(record, torque=1.3 * record.torque + 2)) == [1, 1]
-    assert told(dataclasses.replace(record, torque=None, current=RIG.drive.current(record.torque))) == [1, 1]
-    assert told(dataclasses.replace(record, law=Resumed(law=LAGS, state=LAGS.initial_state(2)))) == [1, 1]
+    assert told(
+        dataclasses.replace(record, torque=None, current=RIG.drive.current(record.torque))
+    ) == [1, 1]
+    assert told(
+        dataclasses.replace(record, law=Resumed(law=LAGS, state=LAGS.initial_state(2)))
+    ) == [1, 1]
     assert np.isnan(law_delays(Signals(dataclasses.replace(record, torque=None)))).all()
 
 
 @pytest.mark.parametrize("name", ["PID", "fast PID", "cascade", "fast cascade"])
 @pytest.mark.parametrize("factor", [0.5, 0.95, 1.05, 2.0])
 def test_a_law_with_other_gains_is_no_delay(name, factor):
-    """The gain of a cascade's position loop acts as a delay does, but for the steps of its torque."""
+    """The gain of a cascade's position loop acts as a delay does, but for the steps of its
+    torque.
+    """
     law = LAWS[name]
     for field in ("gain", "derivative", "integral", "position", "speed"):
         if hasattr(law, field):

@@ -29,8 +29,12 @@ START = PATH([0.0]).q[0]
 
 
 def rig(hz=None, **changes):
-    gears = None if hz is None else Elasticity.from_resonance(ARM, hz, 0.02, drive=RIG.drive, q=START)
-    return dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears, **changes))
+    gears = (
+        None if hz is None else Elasticity.from_resonance(ARM, hz, 0.02, drive=RIG.drive, q=START)
+    )
+    return dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, elasticity=gears, **changes)
+    )
 
 
 def found(record):
@@ -42,7 +46,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:with a current_lag:UserWarning")
 
 @pytest.mark.parametrize("lag", [7e-5, 1e-4])
 def test_a_loop_that_its_lag_makes_unstable_swings_near_a_mode(lag):
-    """Its frequency falls with the amplitude, by friction: within a third of a mode of the linearised loop."""
+    """Its frequency falls with the amplitude, by friction: within a third of a mode of the
+    linearised loop.
+    """
     late = rig(current_lag=lag)
     own = modes(linearise(ARM, late, puma560.p_law(), START))
     assert (own[:, 1] < 0).all()
@@ -54,19 +60,25 @@ def test_a_loop_that_its_lag_makes_unstable_swings_near_a_mode(lag):
 
 
 def test_what_grows_is_told_from_what_goes_on():
-    """Of 0.1 ms the swing takes a second to grow to its size; of 0.3 ms it is there from the start."""
+    """Of 0.1 ms the swing takes a second to grow to its size; of 0.3 ms it is there from the
+    start.
+    """
     for lag, does in ((1e-4, "grows"), (3e-4, "goes on")):
         record = simulate(ARM, rig(current_lag=lag), puma560.p_law(), PATH, steps_per_sample=16)
         assert all(f"of tracking, and {does}: " in finding.advice for finding in found(record))
 
 
 def test_every_joint_that_oscillates_is_told_and_more_where_less_is_asked():
-    """A run of a model is compared at the joints that a log names, whichever is first in its own list."""
+    """A run of a model is compared at the joints that a log names, whichever is first in its own
+    list.
+    """
     record = simulate(ARM, rig(current_lag=1e-4), puma560.p_law(), PATH, steps_per_sample=16)
     of_joints = [finding.value for finding in found(record) if not finding.ok]
     assert own_oscillations(record) == of_joints
     assert len(of_joints) == 2
-    still = dataclasses.replace(record, error_pulses=record.error_pulses * (0.02, 1.0), torque=None, current=None)
+    still = dataclasses.replace(
+        record, error_pulses=record.error_pulses * (0.02, 1.0), torque=None, current=None
+    )
     assert own_oscillations(still) == of_joints[1:]
     assert len(own_oscillations(still, 1e-3)) == 2
 
@@ -84,9 +96,15 @@ def log(seed):
     random, order = np.random.default_rng(seed), np.arange(1, 4)
     cosine, sine = (0.3 * random.normal(size=(2, 3)) / order**1.5 for _ in range(2))
     path = Harmonics(period=4.0, offset=random.uniform(-1, 1, 2), cosine=cosine, sine=sine)
-    viscous, coulomb = random.uniform(0.3, 1.5) * RIG.drive.viscous, random.uniform(0.1, 1.5) * RIG.drive.coulomb
+    viscous, coulomb = (
+        random.uniform(0.3, 1.5) * RIG.drive.viscous,
+        random.uniform(0.1, 1.5) * RIG.drive.coulomb,
+    )
     return simulate(
-        ARM, rig(viscous=viscous, coulomb=coulomb), P(gain=random.uniform(0.3, 2) * np.array((0.2, 0.15))), path
+        ARM,
+        rig(viscous=viscous, coulomb=coulomb),
+        P(gain=random.uniform(0.3, 2) * np.array((0.2, 0.15))),
+        path,
     )
 
 
@@ -94,7 +112,9 @@ def log(seed):
 def test_no_loop_that_is_stable_is_accused(seed):
     record = log(seed)
     noise = np.round(np.random.default_rng(seed).normal(scale=10, size=record.error_pulses.shape))
-    noisy = dataclasses.replace(record, error_pulses=record.error_pulses + noise, torque=None, current=None)
+    noisy = dataclasses.replace(
+        record, error_pulses=record.error_pulses + noise, torque=None, current=None
+    )
     for each in (record, noisy):
         assert [finding.verdict for finding in found(each)] == ["fine", "fine"]
 
@@ -118,12 +138,16 @@ def test_other_stable_loops_are_not_accused_either(gears, law):
 
 def test_what_cannot_be_told():
     record = log(0)
-    (finding,) = found(dataclasses.replace(record, reference_pulses=None, error_pulses=-record.counts, law=None))
+    (finding,) = found(
+        dataclasses.replace(record, reference_pulses=None, error_pulses=-record.counts, law=None)
+    )
     assert finding.verdict == "cannot tell: no reference"
 
 
 def ur5e(about, period):
-    """Shoulder lift and elbow of a UR5e, their rig and P controller, and a path about an angle of the first."""
+    """Shoulder lift and elbow of a UR5e, their rig and P controller, and a path about an angle
+    of the first.
+    """
     chain, rig = elbow_of_a_ur5e()
     dynamics = Dynamics.from_chain(chain.with_rotors(rig.drive))
     one, other = (0.2, 0.1, -0.05), (-0.15, 0.1, 0.1)
@@ -135,11 +159,16 @@ def test_backlash_is_told_from_where_the_loop_swings():
     """In MuJoCo about hanging, where the loads change sign."""
     for finding in found(run(*ur5e(np.pi / 2, 2.7), play=0.003, hertz=300.0)):
         assert finding.verdict == "look"
-        assert re.search(r"just after the load changes sign it is [2-9][\d.]* times .* a gear has bac", finding.advice)
+        assert re.search(
+            r"just after the load changes sign it is [2-9][\d.]* times .* a gear has bac",
+            finding.advice,
+        )
 
 
 def test_what_the_start_sets_swinging_and_decays_is_no_oscillation():
     record = simulate(*ur5e(0.0, 6.0), duration=3.0, steps_per_sample=16)
-    swing = record.error_pulses[:, 0] - np.convolve(record.error_pulses[:, 0], np.ones(101) / 101, mode="same")
+    swing = record.error_pulses[:, 0] - np.convolve(
+        record.error_pulses[:, 0], np.ones(101) / 101, mode="same"
+    )
     assert swing[100:600].std() > 3 * swing[-600:-100].std()
     assert all(finding.ok for finding in found(record))

@@ -1,4 +1,6 @@
-"""Conventions of counters, rows that are no measurement, advice that is tried: each seen in logs spoiled on purpose."""
+"""Conventions of counters, rows that are no measurement, advice that is tried: each seen in logs
+spoiled on purpose.
+"""
 
 import dataclasses
 from functools import cache
@@ -28,7 +30,9 @@ def rig(rounding, shift=(0.0, 0.0)):
 
 @cache
 def log(rounding="floor"):
-    record = simulate(puma560.arm(), rig(rounding, (0.3, -0.4)), puma560.p_law((0.1, 0.08)), PATH, duration=6.0)
+    record = simulate(
+        puma560.arm(), rig(rounding, (0.3, -0.4)), puma560.p_law((0.1, 0.08)), PATH, duration=6.0
+    )
     return dataclasses.replace(record, rig=rig(rounding))
 
 
@@ -53,7 +57,7 @@ def finding(record, check):
     return next(f for f in record.check().findings if f.check == check)
 
 
-# -- which way counters round ----------------------------------------------------------------------------------------
+# -- which way counters round --------------------------------------------------------------------
 @pytest.mark.parametrize("rounding", ["floor", "fix", "round"])
 def test_the_wide_cell_of_fix_is_seen_where_joints_pass_zero(rounding):
     seen = fix_seen(Signals(log(rounding)))
@@ -74,10 +78,13 @@ def test_another_convention_than_stated_is_said_with_its_probability_and_correct
 def test_where_no_joint_passes_zero_the_convention_is_undecidable():
     path = dataclasses.replace(PATH, offset=(2.0, -2.0))
     record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), path, duration=1.5)
-    assert finding(record, "rounding").verdict == "cannot tell: no joint passes zero clearly; fix is stated"
+    assert (
+        finding(record, "rounding").verdict
+        == "cannot tell: no joint passes zero clearly; fix is stated"
+    )
 
 
-# -- rows that are no measurement ------------------------------------------------------------------------------------
+# -- rows that are no measurement ----------------------------------------------------------------
 def test_lost_packets_are_found_and_bridged_near_what_was_there():
     spoiled, lost = packets_lost(log())
     found = lost_rows(spoiled)
@@ -128,9 +135,13 @@ def test_stuck_samples_late_stamps_and_turns_are_told_apart():
 
 @pytest.mark.parametrize("hole", [True, False])
 def test_rows_that_a_log_lacks_unseen_in_its_stamps_are_named_with_their_times(hole):
-    """Stamps that were numbered anew: counts of all joints jump by speed times gap. With their own, none is named."""
+    """Stamps that were numbered anew: counts of all joints jump by speed times gap. With their
+    own, none is named.
+    """
     record = log()
-    kept = np.delete(np.arange(len(record)), np.arange(2000, 2030) if hole else np.arange(1000, 8000, 37))
+    kept = np.delete(
+        np.arange(len(record)), np.arange(2000, 2030) if hole else np.arange(1000, 8000, 37)
+    )
     names = ("error_pulses", "reference_pulses", "torque", "current")
     some = {name: getattr(record, name)[kept] for name in names}
     lacking = Record(t=record.t[: len(kept)], rig=record.rig, law=record.law, **some)
@@ -140,28 +151,38 @@ def test_rows_that_a_log_lacks_unseen_in_its_stamps_are_named_with_their_times(h
     assert "jumps" not in [f.check for f in others]
     assert first.value == 1 if hole else first.value > 50
     stamped = dataclasses.replace(lacking, t=record.t[kept])
-    assert "rows left out" not in [f.check for f in (*stamped.check().problems, *log().check().problems)]
+    assert "rows left out" not in [
+        f.check for f in (*stamped.check().problems, *log().check().problems)
+    ]
 
 
 @pytest.mark.parametrize("hz", [60, 150])
 def test_a_loop_that_swings_wildly_lacks_no_rows(hz):
     record = log()
     swing = np.round(np.exp(record.t) * np.sin(2 * np.pi * hz * record.t))[:, None] * (300, 200)
-    swinging = dataclasses.replace(record, error_pulses=record.error_pulses + swing, torque=None, current=None)
+    swinging = dataclasses.replace(
+        record, error_pulses=record.error_pulses + swing, torque=None, current=None
+    )
     assert "rows left out" not in [f.check for f in swinging.check().problems]
 
 
 def test_a_log_of_repeated_rows_alone_is_refused_in_one_line():
     row = np.arange(len(log())) // 3 * 3
-    with pytest.raises(ValueError, match=r"most rows must be measurements; .* Log every sample once"):
+    with pytest.raises(
+        ValueError, match=r"most rows must be measurements; .* Log every sample once"
+    ):
         bridged(rows(log(), row))
-    said = [each.advice for each in rows(log(), row).check().problems if each.check == "lost packets"]
+    said = [
+        each.advice for each in rows(log(), row).check().problems if each.check == "lost packets"
+    ]
     assert all("too many for any fit; log every sample, and anew" in line for line in said)
     assert len(said) == 1
 
 
 def test_lost_packets_hardly_change_the_objective():
-    """Objective (4) counts errors of rows with weight alone: without the lost ones it is that of the clean log."""
+    """Objective (4) counts errors of rows with weight alone: without the lost ones it is that of
+    the clean log.
+    """
     spoiled, _ = packets_lost(log())
     dynamics, f = puma560.dynamics(), puma560.arm().f[None]
     clean, mended = (Objective(dynamics, record)(f)[0] for record in (log(), bridged(spoiled)))
@@ -173,12 +194,14 @@ def test_short_gaps():
     np.testing.assert_array_equal(short_gaps(missing, 2), [1, 0, 0, 0, 0, 0, 0, 1, 1])
 
 
-# -- advice ----------------------------------------------------------------------------------------------------------
+# -- advice --------------------------------------------------------------------------------------
 def test_advice_that_helps_says_by_how_much_and_gives_the_record():
     record = dataclasses.replace(log(), torque=log().torque * (-1, 1), current=None)
     checkup = record.check()
     told = next(f for f in checkup.problems if f.check == "drive sign" and f.joint == 0)
-    assert told.advice.endswith("change the sign of the torque. Corrected so, fewer checks find something.")
+    assert told.advice.endswith(
+        "change the sign of the torque. Corrected so, fewer checks find something."
+    )
     np.testing.assert_array_equal(checkup.record.torque, log().torque)
     assert checkup.record.check().ok
 
@@ -204,20 +227,32 @@ def test_a_healthy_log_is_left_as_it_is():
 
 @pytest.mark.parametrize("samples", [0.6, 1.2])
 def test_late_counts_are_corrected_without_a_logged_torque(samples):
-    """The law's torque is then that of its counts, and no more explained by them when they are shifted."""
+    """The law's torque is then that of its counts, and no more explained by them when they are
+    shifted.
+    """
     row, position = np.arange(len(log())) - samples, log().rig.position_in_pulses(log().true_q)
     moved = np.column_stack([np.interp(row, np.arange(len(row)), column) for column in position.T])
     record = dataclasses.replace(log(), torque=None, current=None)
     checkup = counting(record, np.floor(moved + np.array((0.3, -0.4)))).check()
-    assert ["Corrected so" in f.advice for f in checkup.problems if f.check == "delay"] == [True, True]
+    assert ["Corrected so" in f.advice for f in checkup.problems if f.check == "delay"] == [
+        True,
+        True,
+    ]
     assert checkup.record.check().ok
     assert np.abs(checkup.record.counts - log().counts).mean() < 0.5
 
 
 def test_more_friction_is_not_taken_for_late_counts():
-    """Viscous friction above the stated one looks like late counts, but for the jerk that they add."""
+    """Viscous friction above the stated one looks like late counts, but for the jerk that they
+    add.
+    """
     drive = dataclasses.replace(puma560.rig().drive, viscous=(5e-3, 5e-3))
-    made = simulate(puma560.arm(), dataclasses.replace(rig("floor"), drive=drive), puma560.p_law((0.1, 0.08)), PATH)
+    made = simulate(
+        puma560.arm(),
+        dataclasses.replace(rig("floor"), drive=drive),
+        puma560.p_law((0.1, 0.08)),
+        PATH,
+    )
     record: Record = dataclasses.replace(made, rig=rig("floor"), torque=None, current=None)
     checkup = record.check()
     assert [f.check for f in checkup.problems] == ["viscous friction"] * 2
@@ -225,11 +260,14 @@ def test_more_friction_is_not_taken_for_late_counts():
     assert checkup.record is record
 
 
-# -- causes are told before what they do ------------------------------------------------------------------------------
+# -- causes are told before what they do ---------------------------------------------------------
 def test_degrees_are_told_before_lost_rows():
     turn = 180 / np.pi
     wrong = dataclasses.replace(
-        log(), reference=None, reference_pulses=turn * log().reference_pulses, error_pulses=turn * log().error_pulses
+        log(),
+        reference=None,
+        reference_pulses=turn * log().reference_pulses,
+        error_pulses=turn * log().error_pulses,
     )
     assert not lost_rows(wrong).any.any()
     first, *_ = wrong.check().problems
@@ -239,7 +277,11 @@ def test_degrees_are_told_before_lost_rows():
 
 def test_a_torque_that_is_cut_off_is_told_before_counts_that_do_not_follow():
     own = rig("floor")
-    weak = dataclasses.replace(own, drive=dataclasses.replace(own.drive, current_limit=0.35 * own.drive.current_limit))
-    record = simulate(puma560.literature_arm(1.5), weak, puma560.p_law((0.2, 0.15)), PATH, duration=3.0)
+    weak = dataclasses.replace(
+        own, drive=dataclasses.replace(own.drive, current_limit=0.35 * own.drive.current_limit)
+    )
+    record = simulate(
+        puma560.literature_arm(1.5), weak, puma560.p_law((0.2, 0.15)), PATH, duration=3.0
+    )
     first, *_ = dataclasses.replace(record, rig=own).check().problems
     assert first.check == "clipped torque"

@@ -33,7 +33,9 @@ def test_gains_in_amperes_are_named_by_the_logged_torque(record):
 
 
 def test_they_are_named_by_friction_where_no_torque_is_logged(record):
-    alone = dataclasses.replace(record, torque=None, current=None, law=P(gain=puma560.p_law().gain / GAIN))
+    alone = dataclasses.replace(
+        record, torque=None, current=None, law=P(gain=puma560.p_law().gain / GAIN)
+    )
     lines = said(alone, "units of torque")
     assert lines
     assert all("in A per pulse" in line for line in lines)
@@ -41,26 +43,41 @@ def test_they_are_named_by_friction_where_no_torque_is_logged(record):
 
 def test_a_reference_that_was_not_mapped_is_named(record):
     without = dataclasses.replace(
-        record, reference=None, reference_pulses=np.zeros_like(record.counts), error_pulses=-record.counts, torque=None,
+        record,
+        reference=None,
+        reference_pulses=np.zeros_like(record.counts),
+        error_pulses=-record.counts,
+        torque=None,
         current=None,
-    )  # fmt: skip
-    with pytest.raises(ValueError, match=r"no reference came with it, so its law is taken to hold 0\. Map ref"):
+    )
+    with pytest.raises(
+        ValueError, match=r"no reference came with it, so its law is taken to hold 0\. Map ref"
+    ):
         identify(puma560.dynamics(), without, progress=False)
 
 
 def test_a_turned_current_may_be_a_turned_gear(record):
     turned = dataclasses.replace(record, torque=None, current=record.current * (1, -1))
     (line,) = said(turned, "drive sign")
-    assert "change the sign of the current, or of the gear. Corrected so, fewer checks find something." in line
+    assert (
+        "change the sign of the current, or of the gear. Corrected so, fewer checks find something."
+        in line
+    )
 
 
 def test_a_torque_that_is_off_as_the_resolution_is(record):
     """Four times the resolution: the law commands from errors in quarters of a pulse."""
-    finer = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, resolution=RIG.encoder.resolution * 4))
+    finer = dataclasses.replace(
+        RIG, encoder=dataclasses.replace(RIG.encoder, resolution=RIG.encoder.resolution * 4)
+    )
     counts = {name: getattr(record, name) * 4 for name in ("reference_pulses", "error_pulses")}
-    lines = said(dataclasses.replace(record, rig=finer, reference=None, **counts), "units of torque")
+    lines = said(
+        dataclasses.replace(record, rig=finer, reference=None, **counts), "units of torque"
+    )
     assert len(lines) == 2
-    assert all(line.endswith("the counts come in steps of 4, so correct the resolution.") for line in lines)
+    assert all(
+        line.endswith("the counts come in steps of 4, so correct the resolution.") for line in lines
+    )
 
 
 @pytest.mark.parametrize("turned", [1, -1])
@@ -71,22 +88,37 @@ def test_swapped_angles_are_named_through_gears_that_differ(record, turned):
     asked = rig.counts(record.reference(record.t).q)
     counts = rig.counts(record.rig.to_angle(record.counts)[:, ::-1])
     swapped = dataclasses.replace(
-        record, rig=rig, reference=None, reference_pulses=asked, error_pulses=asked - counts, torque=None, current=None
+        record,
+        rig=rig,
+        reference=None,
+        reference_pulses=asked,
+        error_pulses=asked - counts,
+        torque=None,
+        current=None,
     )
     for joint, other in ((0, 1), (1, 0)):
-        found = next(f for f in swapped.check().findings if f.check == "swapped joints" and f.joint == joint)
+        found = next(
+            f for f in swapped.check().findings if f.check == "swapped joints" and f.joint == joint
+        )
         assert found.verdict == "wrong"
         assert f"follow the reference of joint q[{other}]" in found.advice
-    right = dataclasses.replace(swapped, error_pulses=asked - rig.counts(record.rig.to_angle(record.counts)))
+    right = dataclasses.replace(
+        swapped, error_pulses=asked - rig.counts(record.rig.to_angle(record.counts))
+    )
     assert not said(right, "swapped joints")
 
 
 def test_a_reference_in_degrees_that_was_read_in_radians_is_named(record):
     reference = np.rint(record.reference_pulses * 180 / np.pi)
     wrong = dataclasses.replace(
-        record, reference=None, reference_pulses=reference, error_pulses=reference - record.counts, torque=None,
-        current=None, law=None,
-    )  # fmt: skip
+        record,
+        reference=None,
+        reference_pulses=reference,
+        error_pulses=reference - record.counts,
+        torque=None,
+        current=None,
+        law=None,
+    )
     lines = said(wrong, "gear sign")
     assert len(lines) == 2
     assert all("as if the reference were in degrees, and read in rad" in line for line in lines)

@@ -31,15 +31,22 @@ def assembly(loop):
     state, lanes = np.zeros((len(loop.state_names), LANES)), np.zeros((loop.dynamics.p, LANES))
     uniform = np.ones(len(kernel.uniform) + 1)
     function(state, lanes, uniform, table, table, table, table, empty, empty, state.copy())
-    return next(iter(function.inspect_asm().values())), source[
-        source.index("def population_step_0") : source.rindex("@compiled")
-    ]
+    return (
+        next(iter(function.inspect_asm().values())),
+        source[source.index("def population_step_0") : source.rindex("@compiled")],
+    )
 
 
 def loops(code):
-    """All loops of a function as lists of instructions: from a label to the last jump back to it."""
+    """All loops of a function as lists of instructions: from a label to the last jump back to
+    it.
+    """
     lines = [line.strip() for line in code.splitlines() if line.strip()]
-    labels = {line[:-1]: i for i, line in enumerate(lines) if line.startswith(".LBB") and line.endswith(":")}
+    labels = {
+        line[:-1]: i
+        for i, line in enumerate(lines)
+        if line.startswith(".LBB") and line.endswith(":")
+    }
     found = {}
     for i, line in enumerate(lines):
         jump = re.match(r"j\w+\s+(\.LBB\w+)", line)
@@ -49,24 +56,33 @@ def loops(code):
 
 
 def judged(code):
-    """What the time loop is made of: calls; scalar arithmetic in its inner loops; vector and fused instructions."""
+    """What the time loop is made of: calls; scalar arithmetic in its inner loops; vector and
+    fused instructions.
+    """
     every = loops(code)
     start, end, time_loop = max(every, key=lambda loop: sum(VECTOR in line for line in loop[2]))
     inner = [line for s, e, lines in every if start < s and e < end for line in lines]
     return {
         "calls": [line for line in time_loop if re.match(r"call", line)],
-        "scalar": [line for line in inner if re.match(r"v\w+sd\s", line) and "broadcast" not in line],
+        "scalar": [
+            line for line in inner if re.match(r"v\w+sd\s", line) and "broadcast" not in line
+        ],
         "vector": sum(VECTOR in line and bool(re.match(r"v\w+pd\s", line)) for line in time_loop),
-        "fused": sum(VECTOR in line and bool(re.match(r"vfn?m\w+pd\s", line)) for line in time_loop),
+        "fused": sum(
+            VECTOR in line and bool(re.match(r"vfn?m\w+pd\s", line)) for line in time_loop
+        ),
         "memory": len(re.findall(r"v(?:gather|scatter)", "\n".join(time_loop))),
     }
 
 
 def paper_loop(law=None):
     return ClosedLoop(
-        dynamics=puma560.dynamics(), rig=puma560.rig(), law=law or puma560.p_law(), steps_per_sample=4,
+        dynamics=puma560.dynamics(),
+        rig=puma560.rig(),
+        law=law or puma560.p_law(),
+        steps_per_sample=4,
         score=squared_error(2),
-    )  # fmt: skip
+    )
 
 
 def test_lane_loop_is_made_of_vectors_and_fused_instructions_and_calls_nothing():

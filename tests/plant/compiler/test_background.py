@@ -1,4 +1,6 @@
-"""Ctrl-C comes through while threads work; what they raise, and their context, comes through as well."""
+"""Ctrl-C comes through while threads work; what they raise, and their context, comes through as
+well.
+"""
 
 import os
 import signal
@@ -18,7 +20,9 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 
 @pytest.fixture(autouse=True)
 def raised():
-    """Ctrl-C raises, also where whoever started the tests ignores it, as a shell does for what runs behind it."""
+    """Ctrl-C raises, also where whoever started the tests ignores it, as a shell does for what
+    runs behind it.
+    """
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -112,8 +116,15 @@ def test_an_interrupted_compilation_leaves_no_half_written_cache(tmp_path):
     for _ in range(2):
         said = subprocess.run(  # noqa: S603 - the script above
             [sys.executable, "-c", SCRIPT],
-            env={**os.environ, "ONEPULSE_CACHE": str(tmp_path / "cache"), "PYTHONPATH": str(Path(__file__).parents[3])},
-            capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
+            env={
+                **os.environ,
+                "ONEPULSE_CACHE": str(tmp_path / "cache"),
+                "PYTHONPATH": str(Path(__file__).parents[3]),
+            },
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
         assert said.returncode == 0, said.stderr
         assert said.stdout.strip() == "interrupted True, noted True"

@@ -1,4 +1,6 @@
-"""Caches on full disks, with wrong things in place, of other users, and too large; forks, and JIT switched off."""
+"""Caches on full disks, with wrong things in place, of other users, and too large; forks, and
+JIT switched off.
+"""
 
 import os
 import resource
@@ -32,7 +34,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def called(monkeypatch, factor="3.0"):
-    """A kernel of a process that knows none; whether numba took it from its cache, and what it gives of 2."""
+    """A kernel of a process that knows none; whether numba took it from its cache, and what it
+    gives of 2.
+    """
     monkeypatch.setattr(plant.compiler.kernel_cache, "_MODULES", {})
     kernel = Kernel(TEMPLATE.replace("FACTOR", factor), ["times"])
     result = kernel.call("times", 2.0)
@@ -49,7 +53,11 @@ def test_a_full_disk_is_not_fatal(folder, monkeypatch, most):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert (cached, result) == (False, 6.0)
-    assert not [file for file in folder.rglob("*") if file.is_file() and file.suffix not in (".lock", ".py", ".sums")]
+    assert not [
+        file
+        for file in folder.rglob("*")
+        if file.is_file() and file.suffix not in (".lock", ".py", ".sums")
+    ]
     assert kernel.call("times", 3.0) == 9.0
     assert called(monkeypatch)[1:] == (False, 6.0)
     assert called(monkeypatch)[1:] == (True, 6.0)
@@ -97,7 +105,10 @@ def test_links_are_not_followed(folder, monkeypatch, tmp_path):
 def test_the_kernels_that_were_not_used_for_longest_go_first(folder, monkeypatch):
     kernels = [called(monkeypatch, f"{i}.0")[0] for i in (3, 4, 5)]
     for i, kernel in enumerate(kernels):
-        for file in (*folder.glob(f"*{kernel.hash}*"), *folder.glob(f"__pycache__/*{kernel.hash}*")):
+        for file in (
+            *folder.glob(f"*{kernel.hash}*"),
+            *folder.glob(f"__pycache__/*{kernel.hash}*"),
+        ):
             os.utime(file, (i, i))
     called(monkeypatch, "3.0")  # used again
     each = sum(file.stat().st_size for file in folder.rglob(f"*{kernels[0].hash}*"))
@@ -111,7 +122,9 @@ def test_the_kernels_that_were_not_used_for_longest_go_first(folder, monkeypatch
 
 def test_without_jit_one_line_says_so(folder, monkeypatch):
     monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
-    with pytest.raises(ValueError, match=r"NUMBA_DISABLE_JIT must be 0: .* Unset it, and restart\.$"):
+    with pytest.raises(
+        ValueError, match=r"NUMBA_DISABLE_JIT must be 0: .* Unset it, and restart\.$"
+    ):
         called(monkeypatch)
 
 
@@ -140,7 +153,10 @@ print("no deadlock")
 
 
 def test_a_fork_during_a_compilation_does_not_deadlock(tmp_path):
-    environment = {CACHE_VARIABLE: str(tmp_path / "kernels"), "PYTHONPATH": str(Path(__file__).parents[3])}
+    environment = {
+        CACHE_VARIABLE: str(tmp_path / "kernels"),
+        "PYTHONPATH": str(Path(__file__).parents[3]),
+    }
     said = subprocess.run(  # noqa: S603 - the script above
         [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORK],
         env=os.environ | environment, capture_output=True, text=True, timeout=60, check=False,

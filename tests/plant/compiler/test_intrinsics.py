@@ -41,7 +41,9 @@ def test_texts_that_share_imports_alone_are_one_module():
 def test_a_name_that_would_change_its_meaning_is_refused(other):
     """In whatever order: silently, `half` would be another function or use another step."""
     for texts in ([CONSTANT, other], [other, CONSTANT]):
-        with pytest.raises(ValueError, match=r"must bind a name once; two bind (STEP|math|half)\. Rename"):
+        with pytest.raises(
+            ValueError, match=r"must bind a name once; two bind (STEP|math|half)\. Rename"
+        ):
             joined(*texts)
 
 

@@ -1,7 +1,7 @@
 """The kernel cache: right results whatever lies in the folder, and no compilation twice.
 
-A kernel here multiplies by a constant, so a mix-up shows as a wrong number. Each `run` is a process of its own, forked
-from one in which numba is awake: that saves two seconds every time.
+A kernel here multiplies by a constant, so a mix-up shows as a wrong number. Each `run` is a process
+of its own, forked from one in which numba is awake: that saves two seconds every time.
 """
 
 import json
@@ -80,7 +80,9 @@ def kernel_of(factor):
 
 
 def start():
-    """A process in which numba is awake but no kernel was made, and which forks for every request."""
+    """A process in which numba is awake but no kernel was made, and which forks for every
+    request.
+    """
     room = Path(plant.compiler.kernel_cache.__file__).parent
     command = [sys.executable, "-c", SCRIPT, str(room.parent), str(room)]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
@@ -161,7 +163,8 @@ def test_new_process_takes_the_kernel_from_the_cache_and_two_do_not_mix(run, use
 
 def test_file_whose_content_is_right_is_never_rewritten(run, used):
     path = Path(run(used, "3.0")[0][3])
-    os.utime(path, ns=(10**18, 10**18))  # numba's index holds the time stamp: a new one costs one compilation
+    # numba's index holds the time stamp: a new one costs one compilation
+    os.utime(path, ns=(10**18, 10**18))
     run(used, "3.0")
     before = path.stat()
     assert run(used, "3.0")[0][:3] == (6.0, 1, 0)
@@ -219,7 +222,8 @@ def test_folder_in_place_of_the_source_is_not_fatal(folder, monkeypatch):
     (folder / f"kernel_{kernel.hash}.py").mkdir()
     assert kernel.call("times", 2.0) == 7.0
     assert kernel.path.parent != folder
-    assert {file.suffix for file in folder.iterdir() if file.is_file()} == {".lock"}  # nothing half-written is left
+    # nothing half-written is left
+    assert {file.suffix for file in folder.iterdir() if file.is_file()} == {".lock"}
 
 
 @pytest.mark.filterwarnings("ignore:ONEPULSE_CACHE")
@@ -310,7 +314,10 @@ def test_two_processes_at_once_agree_and_compile_once(run, tmp_path):
         first.stdin.close()
         second.stdin.close()
     run(tmp_path / "kernels", "3.0", "4.0")  # if each condemned the other's files
-    assert [line[:3] for line in run(tmp_path / "kernels", "3.0", "4.0")] == [(6.0, 1, 0), (8.0, 1, 0)]
+    assert [line[:3] for line in run(tmp_path / "kernels", "3.0", "4.0")] == [
+        (6.0, 1, 0),
+        (8.0, 1, 0),
+    ]
 
 
 def test_error_of_the_kernel_itself_comes_through(folder):

@@ -1,7 +1,8 @@
-"""The kernels of a processor without AVX-512, forced in a child process, against those of the processor that is there.
+"""The kernels of a processor without AVX-512, forced in a child process, against those of the
+processor that is there.
 
-Without it the sine is another one, a limit is two choices, and vectors are half as long. Where there is no AVX-512 both
-are the same, and so are the results.
+Without it the sine is another one, a limit is two choices, and vectors are half as long. Where
+there is no AVX-512 both are the same, and so are the results.
 """
 
 import os
@@ -36,15 +37,26 @@ np.savez(sys.argv[1], counts=record.counts, true=record.rig.position_in_pulses(r
 
 def child(cache, without, *command):
     """Run Python without AVX-512, or as usual."""
-    environment = os.environ | {AVX512_VARIABLE: str(int(without)), CACHE_VARIABLE: str(cache), "PYTHONPATH": str(ROOT)}
+    environment = os.environ | {
+        AVX512_VARIABLE: str(int(without)),
+        CACHE_VARIABLE: str(cache),
+        "PYTHONPATH": str(ROOT),
+    }
     done = subprocess.run(  # noqa: S603 - the commands are those below
-        [sys.executable, *command], env=environment, cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, *command],
+        env=environment,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_counts_and_costs_are_the_same_and_true_positions_agree(tmp_path):
-    """With one cache folder for both: other bits on another path show that neither runs the code of the other."""
+    """With one cache folder for both: other bits on another path show that neither runs the code
+    of the other.
+    """
     cache = tmp_path / "kernels"
     for without in (True, False):
         child(cache, without, "-c", RUN, tmp_path / f"{without}.npz")
@@ -54,14 +66,16 @@ def test_counts_and_costs_are_the_same_and_true_positions_agree(tmp_path):
     # A cost is a sum of squares of whole pulses: the same unless a count differs.
     assert np.isfinite(usual["costs"]).any()
     np.testing.assert_array_equal(narrow["costs"], usual["costs"])
-    # Both sines err by less than 3e-15 (test_translate): so far a rounding of the position (4e-12 pulses); over all of
-    # (6) sticking and sliding make 3e-8 pulses of it.
+    # Both sines err by less than 3e-15 (test_translate): so far a rounding of the position (4e-12
+    # pulses); over all of (6) sticking and sliding make 3e-8 pulses of it.
     np.testing.assert_allclose(narrow["true"], usual["true"], rtol=0, atol=1e-7)
     assert np.array_equal(narrow["true"], usual["true"]) == (not usual["wide"])
 
 
 @pytest.mark.slow
 def test_translation_and_machine_code_pass_without_avx512(tmp_path):
-    """Sine and cosine against mpmath, every operation against casadi, vectors and calls in the loop of a population."""
+    """Sine and cosine against mpmath, every operation against casadi, vectors and calls in the
+    loop of a population.
+    """
     tests = [Path(__file__).with_name(f"test_{name}.py") for name in ("translate", "assembly")]
     child(tmp_path / "kernels", True, "-m", "pytest", "-p", "no:cacheprovider", *tests)

@@ -1,5 +1,7 @@
 # ruff: noqa: S603 - the compiler
-"""FMUs of a law and of an arm, validated and run by fmpy: the loop of `simulate`, and states that are saved."""
+"""FMUs of a law and of an arm, validated and run by fmpy: the loop of `simulate`, and states
+that are saved.
+"""
 
 import dataclasses
 import os
@@ -31,7 +33,9 @@ from plant.fmu.model import named_joints
 fmpy = pytest.importorskip("fmpy", reason="needs fmpy, of the extra test")
 fmi2, fmi3 = pytest.importorskip("fmpy.fmi2"), pytest.importorskip("fmpy.fmi3")
 CC = shutil.which("cc") or shutil.which("gcc")
-pytestmark = pytest.mark.skipif(CC is None and "CI_ARM" not in os.environ, reason="needs a C compiler")
+pytestmark = pytest.mark.skipif(
+    CC is None and "CI_ARM" not in os.environ, reason="needs a C compiler"
+)
 
 ARM, RIG = puma560.arm(), puma560.rig()
 LAW = ComputedTorque(ARM, RIG)
@@ -51,12 +55,18 @@ class Fmu:
         self.c = kind(guid=self.about.guid, unzipDirectory=str(folder), instanceName="one",
                       modelIdentifier=self.about.coSimulation.modelIdentifier)  # fmt: skip
         self.c.instantiate()
-        self.real = (self.c.getReal, self.c.setReal) if second else (self.c.getFloat64, self.c.setFloat64)
-        self.whole = (self.c.getInteger, self.c.setInteger) if second else (self.c.getInt32, self.c.setInt32)
+        self.real = (
+            (self.c.getReal, self.c.setReal) if second else (self.c.getFloat64, self.c.setFloat64)
+        )
+        self.whole = (
+            (self.c.getInteger, self.c.setInteger) if second else (self.c.getInt32, self.c.setInt32)
+        )
         self.state = ("FMUstate" if second else "FMUState"), second
 
     def names(self, quantity):
-        return [at for name, at in self.at.items() if name.startswith((f"{quantity}.", f"{quantity}["))]
+        return [
+            at for name, at in self.at.items() if name.startswith((f"{quantity}.", f"{quantity}["))
+        ]
 
     def begin(self, **start):
         for quantity, values in start.items():
@@ -72,7 +82,9 @@ class Fmu:
         write[1](self.names(quantity), list(values))
 
     def get(self, quantity):
-        return np.array((self.whole if quantity == "counts" else self.real)[0](self.names(quantity)))
+        return np.array(
+            (self.whole if quantity == "counts" else self.real)[0](self.names(quantity))
+        )
 
     def step(self, h=RIG.period):
         self.c.doStep(self.time, h)
@@ -97,7 +109,9 @@ def opened(version, kind, tmp_path):
 
 
 def loop(law, arm, record, tmp_path):
-    """Counts and torques (N, n) of a loop of both along a record's reference: law first, then arm with its torque."""
+    """Counts and torques (N, n) of a loop of both along a record's reference: law first, then
+    arm with its torque.
+    """
     write_replay(record, tmp_path / "record.csv")
     motion = np.loadtxt(tmp_path / "record.csv", delimiter=",", skiprows=1)[:, 2:]
     first = record.reference(np.zeros(1))
@@ -133,12 +147,15 @@ def test_fmpy_finds_nothing_wrong_and_runs_both(version, tmp_path):
                          ids=["(6)", "sticks"])  # fmt: skip
 def test_the_two_are_the_loop_of_simulate(version, path, duration, tmp_path):
     record = simulate(ARM, RIG, LAW, path, duration=duration)
-    counts, torque = loop(opened(version, "law", tmp_path), opened(version, "arm", tmp_path), record, tmp_path)
+    counts, torque = loop(
+        opened(version, "law", tmp_path), opened(version, "arm", tmp_path), record, tmp_path
+    )
     np.testing.assert_array_equal(counts, record.counts)
     running, limit = LAW.start(RIG, counts[0]), np.abs(record.torque).max()
     stepped = [running.step(*row) for row in zip(counts, *record.reference(record.t), strict=True)]
     np.testing.assert_allclose(torque, stepped, rtol=0, atol=1e-12 * limit)
-    # The kernels of simulate round otherwise; friction that is learnt carries that along: a count flips after 3.4 s.
+    # The kernels of simulate round otherwise; friction that is learnt carries that along: a count
+    # flips after 3.4 s.
     np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-11 * limit)
     if path is STICKS:
         assert (np.abs(record.true_qd) < 1e-9).mean(axis=0).min() > 0.02  # both do stick
@@ -171,31 +188,55 @@ def test_a_saved_state_begins_where_it_was(version, tmp_path):
         for one, other in zip(first, each, strict=True):
             np.testing.assert_array_equal(one, other)
     with pytest.raises(Exception, match="failed with status 3"):
-        (arm.c.deSerializeFMUstate if version == 2 else arm.c.deserializeFMUState)(b"0" * len(words))
+        (arm.c.deSerializeFMUstate if version == 2 else arm.c.deserializeFMUState)(
+            b"0" * len(words)
+        )
 
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_what_it_exports_has_the_signatures_of_the_standard(version, tmp_path):
-    """Compiled behind the standard's own headers, which fmpy has; and nothing else is to be seen from outside."""
+    """Compiled behind the standard's own headers, which fmpy has; and nothing else is to be seen
+    from outside.
+    """
     headers, folder = Path(fmpy.__file__).parent / "c-code", tmp_path / "fmu"
     fmpy.extract(str(made(version) / "law.fmu"), str(folder))
     strict = [CC, "-std=c99", "-Wall", "-Wextra", "-Werror"]
-    given = [f"-I{headers}", "-include", f"fmi{version}Functions.h", "-fsyntax-only", f"fmi{version}.c"]
+    given = [
+        f"-I{headers}",
+        "-include",
+        f"fmi{version}Functions.h",
+        "-fsyntax-only",
+        f"fmi{version}.c",
+    ]
     said = subprocess.run([*strict, *given], cwd=folder / "sources", capture_output=True, text=True)
     assert said.returncode == 0, said.stderr
     source = (folder / "sources" / f"fmi{version}.c").read_text()
-    (folder / "sources" / "wrong.c").write_text(source.replace(f"fmi{version}Byte bytes[]", "float bytes[]"))
-    said = subprocess.run([*strict, *given[:-1], "wrong.c"], cwd=folder / "sources", capture_output=True, text=True)
+    (folder / "sources" / "wrong.c").write_text(
+        source.replace(f"fmi{version}Byte bytes[]", "float bytes[]")
+    )
+    said = subprocess.run(
+        [*strict, *given[:-1], "wrong.c"], cwd=folder / "sources", capture_output=True, text=True
+    )
     assert "conflicting types" in said.stderr
     library = next((folder / "binaries").rglob("*.so"))
-    seen = subprocess.run([shutil.which("nm"), "-D", "--defined-only", library], capture_output=True, text=True)
+    seen = subprocess.run(
+        [shutil.which("nm"), "-D", "--defined-only", library], capture_output=True, text=True
+    )
     assert {line.split()[-1][:4] for line in seen.stdout.splitlines()} == {f"fmi{version}"}
     wanted = {line.split()[-1] for line in seen.stdout.splitlines()}
     declared = (headers / f"fmi{version}Functions.h").read_text()
-    model_exchange = {"fmi2EnterEventMode", "fmi2NewDiscreteStates", "fmi2EnterContinuousTimeMode", "fmi2SetTime",
-                      "fmi2CompletedIntegratorStep", "fmi2SetContinuousStates", "fmi2GetDerivatives",
-                      "fmi2GetEventIndicators", "fmi2GetContinuousStates",
-                      "fmi2GetNominalsOfContinuousStates"}  # fmt: skip
+    model_exchange = {
+        "fmi2EnterEventMode",
+        "fmi2NewDiscreteStates",
+        "fmi2EnterContinuousTimeMode",
+        "fmi2SetTime",
+        "fmi2CompletedIntegratorStep",
+        "fmi2SetContinuousStates",
+        "fmi2GetDerivatives",
+        "fmi2GetEventIndicators",
+        "fmi2GetContinuousStates",
+        "fmi2GetNominalsOfContinuousStates",
+    }
     for name in set(re.findall(rf"\bfmi{version}[A-Z]\w+(?=TYPE)", declared)) - model_exchange:
         assert name in wanted, name
 
@@ -204,7 +245,13 @@ def test_a_step_of_the_wrong_length_or_an_arm_that_flies_away_is_refused(tmp_pat
     law, arm = opened(2, "law", tmp_path), opened(2, "arm", tmp_path)
     law.begin()
     arm.begin()
-    for each, h in ((law, 2 * RIG.period), (law, 0.0), (arm, 0.3 * RIG.period), (arm, 0.0), (arm, np.nan)):
+    for each, h in (
+        (law, 2 * RIG.period),
+        (law, 0.0),
+        (arm, 0.3 * RIG.period),
+        (arm, 0.0),
+        (arm, np.nan),
+    ):
         with pytest.raises(Exception, match="failed with status 3"):
             each.step(h)
         each.time = 0.0
@@ -221,8 +268,12 @@ def test_a_step_of_the_wrong_length_or_an_arm_that_flies_away_is_refused(tmp_pat
 
 
 def test_other_arms_and_controllers(tmp_path):
-    """Elastic gears that carry their weight, an encoder with a phase, other f; a law without a period; one's guards."""
-    drive = dataclasses.replace(RIG.drive, elasticity=Elasticity.from_resonance(ARM, 20.0, 0.02, drive=RIG.drive))
+    """Elastic gears that carry their weight, an encoder with a phase, other f; a law without a
+    period; one's guards.
+    """
+    drive = dataclasses.replace(
+        RIG.drive, elasticity=Elasticity.from_resonance(ARM, 20.0, 0.02, drive=RIG.drive)
+    )
     rig = dataclasses.replace(RIG, drive=drive)
     to_fmu(ARM, tmp_path / "elastic.fmu", rig=rig)
     fmu = Fmu(tmp_path / "elastic.fmu", tmp_path / "x")
@@ -243,23 +294,31 @@ def test_other_arms_and_controllers(tmp_path):
     for k in range(40):
         fmu.set("counts", (5 + k, -k))
         fmu.step()
-        np.testing.assert_allclose(fmu.get("torque"), running.step((5 + k, -k), (0, 0), (0, 0), (0, 0)), rtol=1e-12)
+        np.testing.assert_allclose(
+            fmu.get("torque"), running.step((5 + k, -k), (0, 0), (0, 0), (0, 0)), rtol=1e-12
+        )
     assert running.stopped
     assert fmu.whole[0]([fmu.at["stopped"]])[0] > 0
 
 
 def test_bad_input_says_what_to_do(tmp_path):
     for message, give in {
-        "rig must be given, since P holds none": lambda: to_fmu(P(gain=(0.2, 0.1)), tmp_path / "p.fmu"),
+        "rig must be given, since P holds none": lambda: to_fmu(
+            P(gain=(0.2, 0.1)), tmp_path / "p.fmu"
+        ),
         "rig must be given with an arm": lambda: to_fmu(ARM, tmp_path / "p.fmu"),
         "version must be one of 2, 3; got 1": lambda: to_fmu(LAW, tmp_path / "p.fmu", version=1),
         "path must end in .fmu": lambda: to_fmu(LAW, tmp_path / "my law.fmu"),
         "path must be that of a file": lambda: to_fmu(LAW, 3),
-        "must be a controller; LoggedTorque repeats": lambda: to_fmu(LoggedTorque(), tmp_path / "p.fmu", RIG),
+        "must be a controller; LoggedTorque repeats": lambda: to_fmu(
+            LoggedTorque(), tmp_path / "p.fmu", RIG
+        ),
         "model must be of type Law": lambda: to_fmu(RIG, tmp_path / "p.fmu"),
         "rig must be left out": lambda: to_fmu(LAW.start(RIG, (0, 0)), tmp_path / "p.fmu", RIG),
         "encoder that counts": lambda: to_fmu(
-            ARM, tmp_path / "p.fmu", dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True))
+            ARM,
+            tmp_path / "p.fmu",
+            dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True)),
         ),
     }.items():
         with pytest.raises(ValueError, match=re.escape(message)) as told:
@@ -301,16 +360,20 @@ def test_an_arm_of_six_joints_whose_parameters_have_long_names(tmp_path):
     assert validate_fmu(str(tmp_path / "ur5e.fmu")) == []
     joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
     told = fmpy.simulate_fmu(
-        str(tmp_path / "ur5e.fmu"), stop_time=50 * robot.rig.period, output_interval=robot.rig.period,
+        str(tmp_path / "ur5e.fmu"),
+        stop_time=50 * robot.rig.period,
+        output_interval=robot.rig.period,
         start_values={f"q_start.joint_{joint}": 0.1 for joint in joints},
-    )  # fmt: skip
+    )
     stepped = SteppedArm(robot.arm, robot.rig, np.full(6, 0.1))
     for _ in range(50):
         counts = stepped.step(np.zeros(6))
     assert [told[f"counts.joint_{joint}"][-1] for joint in joints] == list(counts)
 
 
-@pytest.mark.skipif(shutil.which("cmake") is None and "CI_ARM" not in os.environ, reason="needs cmake")
+@pytest.mark.skipif(
+    shutil.which("cmake") is None and "CI_ARM" not in os.environ, reason="needs cmake"
+)
 def test_fmpy_builds_it_from_its_sources(tmp_path):
     from fmpy.build import build_platform_binary
 

@@ -28,7 +28,9 @@ def test_a_ramp_has_its_slope_after_the_filter_has_settled(start, slope, pole, d
     k = np.arange(40)
     got = rates(start + slope * dt * k, pole, dt)
     size = abs(start) + 40 * abs(slope) * dt + 1
-    np.testing.assert_allclose(got, slope * (1 - np.exp(-pole * dt * k)), rtol=1e-9, atol=1e-13 * size / dt)
+    np.testing.assert_allclose(
+        got, slope * (1 - np.exp(-pole * dt * k)), rtol=1e-9, atol=1e-13 * size / dt
+    )
 
 
 def test_a_filter_far_above_the_sampling_is_the_backward_difference():
@@ -37,9 +39,11 @@ def test_a_filter_far_above_the_sampling_is_the_backward_difference():
 
 
 def test_a_sine_comes_out_as_its_derivative_through_one_pole():
-    """Against j w / (1 + j w / pole) in steady state, at a step that is short against both: first order in dt.
+    """Against j w / (1 + j w / pole) in steady state, at a step that is short against both: first
+    order in dt.
 
-    The difference looks dt / 2 back and the filter's own step adds as much: w dt and pole dt, 3e-3 here.
+    The difference looks dt / 2 back and the filter's own step adds as much: w dt and pole dt, 3e-3
+    here.
     """
     w, pole, dt = 100.0, 300.0, 1e-5
     t = dt * np.arange(10_000)

@@ -1,4 +1,6 @@
-"""Laws: the symbolic block, and the running controller of a control script against the simulated loop."""
+"""Laws: the symbolic block, and the running controller of a control script against the simulated
+loop.
+"""
 
 import casadi as ca
 import numpy as np
@@ -37,13 +39,17 @@ def test_refused_reading_changes_nothing():
     controller = LAW.start(RIG, (0, 0), guards=None)
     controller.step((1, 2), (0, 0), (0, 0), (0, 0))
     before = controller.state.copy(), controller.torque.copy(), controller.pulses.copy()
-    for pulses, q, message in (((1.5, 0), (0, 0), "pulses must be whole encoder counts"),
-                               ((np.nan, 0), (0, 0), "pulses must be finite; got nan at index 0"),
-                               ((1,), (0, 0), r"pulses must have shape \(2,\)"),
-                               ((1, 2), (0, np.inf), "q_r must be finite; got inf at index 1")):  # fmt: skip
+    for pulses, q, message in (
+        ((1.5, 0), (0, 0), "pulses must be whole encoder counts"),
+        ((np.nan, 0), (0, 0), "pulses must be finite; got nan at index 0"),
+        ((1,), (0, 0), r"pulses must have shape \(2,\)"),
+        ((1, 2), (0, np.inf), "q_r must be finite; got inf at index 1"),
+    ):
         with pytest.raises(ValueError, match=message):
             controller.step(pulses, q, (0, 0), (0, 0))
-    for was, now in zip(before, (controller.state, controller.torque, controller.pulses), strict=True):
+    for was, now in zip(
+        before, (controller.state, controller.torque, controller.pulses), strict=True
+    ):
         np.testing.assert_array_equal(was, now)
 
 
@@ -57,7 +63,9 @@ def test_law_of_the_wrong_size_is_refused():
         def equations(self, rig, state, setpoint, pulses, torque, dt):
             return ca.SX.zeros(1), state
 
-    with pytest.raises(ValueError, match=r"Short must give torque \(2, 1\) and state \(0, 1\); got \(1, 1\)"):
+    with pytest.raises(
+        ValueError, match=r"Short must give torque \(2, 1\) and state \(0, 1\); got \(1, 1\)"
+    ):
         Short().block(RIG)
 
 
@@ -78,11 +86,17 @@ def test_a_law_that_is_written_wrongly_says_how():
         def equations(self, rig, state, setpoint, pulses, torque, dt):
             return ca.SX.zeros(rig.n), state
 
-    with pytest.raises(ValueError, match=r"equations of OneResult must return \(torque, state\); got a SX"):
+    with pytest.raises(
+        ValueError, match=r"equations of OneResult must return \(torque, state\); got a SX"
+    ):
         OneResult().block(RIG)
     with pytest.raises(
-        ValueError, match=r"equations of NoTime must take \(self, rig, .*, dt\); got \(self, rig.*Correct"
+        ValueError,
+        match=r"equations of NoTime must take \(self, rig, .*, dt\); got \(self, rig.*Correct",
     ):
         NoTime().block(RIG)
-    with pytest.raises(ValueError, match=r"Bare must be a dataclass of named fields; it is none\. Put @part above it"):
+    with pytest.raises(
+        ValueError,
+        match=r"Bare must be a dataclass of named fields; it is none\. Put @part above it",
+    ):
         Bare(gain=1.0)

@@ -1,4 +1,6 @@
-"""Laws that repeat a log: an analytic motion, the same torque again, uneven time stamps, and two evaluations."""
+"""Laws that repeat a log: an analytic motion, the same torque again, uneven time stamps, and two
+evaluations.
+"""
 
 import dataclasses
 
@@ -31,10 +33,16 @@ def free_joint():
     dynamics = Dynamics.from_chain(Chain(links=(Link(name="1"),)))
     rig = Rig(
         drive=Drive(
-            gear=(-50,), motor_inertia=(0,), viscous=(0,), coulomb=(0,), motor_gain=(0.2,), current_limit=(1e3,)
+            gear=(-50,),
+            motor_inertia=(0,),
+            viscous=(0,),
+            coulomb=(0,),
+            motor_gain=(0.2,),
+            current_limit=(1e3,),
         ),
-        encoder=Encoder(resolution=(1000,), smooth=True), period=0.002,
-    )  # fmt: skip
+        encoder=Encoder(resolution=(1000,), smooth=True),
+        period=0.002,
+    )
     assert dynamics.p == 1
     return dynamics.arm([INERTIA]), rig
 
@@ -48,13 +56,17 @@ def uneven(count, seed=3):
 
 def record(rig, t, torque, **changes):
     return Record(
-        t=t, error_pulses=np.zeros((len(t), 1)), torque=torque, rig=rig, **{"law": LoggedTorque()} | changes
-    )  # fmt: skip
+        t=t,
+        error_pulses=np.zeros((len(t), 1)),
+        torque=torque,
+        rig=rig,
+        **{"law": LoggedTorque()} | changes,
+    )
 
 
 def test_a_torque_that_is_held_between_samples_moves_a_free_joint_as_it_must():
-    """Under piecewise constant torque the motion is known, and the step is exact for it. A gap of four periods is taken
-    in three steps, the torque a third of the way further in each.
+    """Under piecewise constant torque the motion is known, and the step is exact for it. A gap of
+    four periods is taken in three steps, the torque a third of the way further in each.
     """
     arm, rig = free_joint()
     t = uneven(200)
@@ -70,7 +82,9 @@ def test_a_torque_that_is_held_between_samples_moves_a_free_joint_as_it_must():
     made = replay(arm, record(rig, t, torque, initial=[[0.2], [0.7]]))
     np.testing.assert_allclose(made.true_q[:, 0], q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(made.true_qd[:, 0], qd, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(made.counts[:, 0], rig.position_in_pulses(q[:, None])[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(
+        made.counts[:, 0], rig.position_in_pulses(q[:, None])[:, 0], rtol=1e-9
+    )
     np.testing.assert_array_equal(made.t, t)
     np.testing.assert_array_equal(made.torque, torque)
 
@@ -83,16 +97,22 @@ def test_a_current_gives_the_torque_of_the_motor():
     np.testing.assert_allclose(made.torque, -50 * 0.2 * current, rtol=1e-14)
 
 
-@pytest.mark.parametrize("law", [LoggedTorque(), ComputedTorque(puma560.arm(), puma560.rig())], ids=["logged", "law"])
+@pytest.mark.parametrize(
+    "law", [LoggedTorque(), ComputedTorque(puma560.arm(), puma560.rig())], ids=["logged", "law"]
+)
 def test_both_evaluations_agree_at_uneven_times(law):
     """A law with the period of the log takes one step per sample, a logged torque is held."""
     rig = puma560.rig()
-    first = simulate(puma560.arm(), rig, ComputedTorque(puma560.arm(), rig), puma560.reference(), duration=0.2)
+    first = simulate(
+        puma560.arm(), rig, ComputedTorque(puma560.arm(), rig), puma560.reference(), duration=0.2
+    )
     t = first.t + 0.1 * rig.period * np.sin(np.arange(len(first)))
     t[100:] += 2.2 * rig.period
     t -= t[0]
     path = puma560.reference()
-    log = dataclasses.replace(first, t=t, law=law, reference=path, reference_pulses=rig.counts(path(t).q))
+    log = dataclasses.replace(
+        first, t=t, law=law, reference=path, reference_pulses=rig.counts(path(t).q)
+    )
     numba, casadi = (replay(puma560.arm(), log, backend=backend) for backend in ("numba", "casadi"))
     np.testing.assert_array_equal(numba.error_pulses, casadi.error_pulses)
     np.testing.assert_allclose(numba.true_q, casadi.true_q, rtol=0, atol=1e-9)
@@ -107,7 +127,14 @@ def test_a_replay_with_the_same_arm_is_the_same_log(reference):
         np.testing.assert_array_equal(replay(arm, made).error_pulses, made.error_pulses)
         return
     start = np.array([made.true_q[0], made.true_qd[0]])
-    bare = Record(t=made.t, error_pulses=-made.counts, torque=made.torque, rig=rig, law=LoggedTorque(), initial=start)
+    bare = Record(
+        t=made.t,
+        error_pulses=-made.counts,
+        torque=made.torque,
+        rig=rig,
+        law=LoggedTorque(),
+        initial=start,
+    )
     np.testing.assert_array_equal(replay(arm, bare).counts, made.counts)
 
 
@@ -122,14 +149,29 @@ def test_without_a_start_the_first_counts_give_one():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda arm, log: dataclasses.replace(log, torque=None), "LoggedTorque needs the record's torque; it has none"),
-        (lambda arm, log: dataclasses.replace(log, law=LoggedCurrent()), "LoggedCurrent needs the record's current"),
-        (lambda arm, log: replay(arm, log, law=LoggedCurrent()), "LoggedCurrent needs the record's current"),
-        (lambda arm, log: LoggedCurrent().replayed(log), "LoggedCurrent needs the record's current"),
+        (
+            lambda arm, log: dataclasses.replace(log, torque=None),
+            "LoggedTorque needs the record's torque; it has none",
+        ),
+        (
+            lambda arm, log: dataclasses.replace(log, law=LoggedCurrent()),
+            "LoggedCurrent needs the record's current",
+        ),
+        (
+            lambda arm, log: replay(arm, log, law=LoggedCurrent()),
+            "LoggedCurrent needs the record's current",
+        ),
+        (
+            lambda arm, log: LoggedCurrent().replayed(log),
+            "LoggedCurrent needs the record's current",
+        ),
         (lambda arm, log: replay(arm, dataclasses.replace(log, law=None)), "law"),
         (lambda arm, log: replay(log, arm), "The order is arm, record"),
         (lambda arm, log: replay(arm, log, backend="c"), "backend"),
-        (lambda arm, log: LoggedTorque().start(log.rig, [0]), "must be a controller; LoggedTorque repeats a log"),
+        (
+            lambda arm, log: LoggedTorque().start(log.rig, [0]),
+            "must be a controller; LoggedTorque repeats a log",
+        ),
         (lambda arm, log: simulate(arm, log.rig, LoggedTorque(), REST, duration=0.1), "replay"),
     ],
 )

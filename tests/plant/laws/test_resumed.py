@@ -1,4 +1,6 @@
-"""Laws that go on from a state, on the arm and along a log: against loops that were never interrupted."""
+"""Laws that go on from a state, on the arm and along a log: against loops that were never
+interrupted.
+"""
 
 import dataclasses
 
@@ -26,7 +28,9 @@ WIDTH = np.ptp(puma560.PRINTED_RANGES, axis=1)
 
 
 def along(record, state):
-    return dataclasses.replace(record, law=AlongLog(law=record.law, state=state), torque=None, current=None)
+    return dataclasses.replace(
+        record, law=AlongLog(law=record.law, state=state), torque=None, current=None
+    )
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -37,7 +41,8 @@ def test_a_law_along_its_log_gives_the_torque_that_was_logged(name):
     np.testing.assert_allclose(whole.given, record.torque, rtol=0, atol=1e-11)
     rest = record.cut(300 * T - 1e-9)
     again = run_law(along(rest, whole.states[299])).given
-    # The first step does not know the torque before it: anti-windup and observers take it for a cut of the amplifier.
+    # The first step does not know the torque before it: anti-windup and observers take it for a cut
+    # of the amplifier.
     law = LAWS[name]
     if name == "feed-forward + PD":
         np.testing.assert_allclose(again, rest.torque, rtol=0, atol=1e-9)
@@ -63,8 +68,12 @@ def test_a_resumed_law_has_the_names_of_its_own_numbers():
     other = law.filled({"law.gain[0]": 0.2, "law.state[6]": 9.0}, "law.")
     assert other.law.gain[0] == 0.2
     assert other.state[6] == 9.0
-    again = replay(ARM, simulate(ARM, RIG, Resumed(law=LAWS["PID"], state=np.zeros(7)), PATH, duration=0.1))
-    np.testing.assert_array_equal(again.counts, simulate(ARM, RIG, LAWS["PID"], PATH, duration=0.1).counts)
+    again = replay(
+        ARM, simulate(ARM, RIG, Resumed(law=LAWS["PID"], state=np.zeros(7)), PATH, duration=0.1)
+    )
+    np.testing.assert_array_equal(
+        again.counts, simulate(ARM, RIG, LAWS["PID"], PATH, duration=0.1).counts
+    )
 
 
 def test_the_difference_over_samples_is_that_of_the_counts():

@@ -1,4 +1,6 @@
-"""What readers refuse before they read: pipes, devices, what is too large, what expands; and what is no number."""
+"""What readers refuse before they read: pipes, devices, what is too large, what expands; and
+what is no number.
+"""
 
 import bz2
 import os
@@ -19,7 +21,9 @@ RIG = puma560.rig()
 
 def mapped(kind, path):
     """As `Record.read` does of a file of this ending."""
-    return Record._read(kind, path, None, prefix="", rig=RIG, columns={"counts": ["a", "b"]}, units=None)
+    return Record._read(
+        kind, path, None, prefix="", rig=RIG, columns={"counts": ["a", "b"]}, units=None
+    )
 
 
 READERS = {
@@ -61,7 +65,9 @@ def peak():
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_a_member_that_expands_two_million_times_is_refused_before_it_is_expanded(tmp_path, method):
-    """bzip2 makes 45 bytes of 45 MB of zeros, and zipfile expands them at once, whatever size is declared."""
+    """bzip2 makes 45 bytes of 45 MB of zeros, and zipfile expands them at once, whatever size is
+    declared.
+    """
     path = tmp_path / "bomb.npz"
     with zipfile.ZipFile(path, "w", method) as archive:
         archive.writestr("time.npy", b"\x93NUMPY\x01\x00" + bytes(1000))
@@ -69,7 +75,9 @@ def test_a_member_that_expands_two_million_times_is_refused_before_it_is_expande
         old, bomb = bz2.compress(b"\x93NUMPY\x01\x00" + bytes(1000)), bz2.compress(bytes(200 << 20))
         data = path.read_bytes()
         assert old in data
-        data = data.replace(old, bomb).replace(struct.pack("<I", len(old)), struct.pack("<I", len(bomb)))
+        data = data.replace(old, bomb).replace(
+            struct.pack("<I", len(old)), struct.pack("<I", len(bomb))
+        )
         at = data.rfind(b"PK\5\6") + 16
         path.write_bytes(data[:at] + struct.pack("<I", data.find(b"PK\1\2")) + data[at + 4 :])
     before = peak()
@@ -83,11 +91,13 @@ def test_a_directory_of_very_many_members_is_not_listed(tmp_path):
     with zipfile.ZipFile(path, "w") as archive:
         for i in range(70_000):
             archive.writestr(f"{i}.npy", b"")
-    with pytest.raises(LoadError, match="must hold at most some 32768 columns; its directory is larger"):
+    with pytest.raises(
+        LoadError, match="must hold at most some 32768 columns; its directory is larger"
+    ):
         read_table(path)
 
 
-# -- numbers ---------------------------------------------------------------------------------------------------------
+# -- numbers -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("cell", ["1_000", "١٢", "１２", "1\u00a0000", "٣.5"])
 def test_digits_of_other_scripts_and_underscores_are_no_numbers(tmp_path, cell):
     path = tmp_path / "log.csv"
@@ -107,19 +117,27 @@ def test_a_table_that_takes_too_long_is_refused_in_one_line(tmp_path, monkeypatc
     path = tmp_path / "log.csv"
     path.write_text("t,a\n" + "0,1\n" * 20_001)
     monkeypatch.setattr(csv_rows, "_SECONDS", 0)
-    with pytest.raises(LoadError, match=r"must be read within 0 s; row 10000 was not. Save it as NPZ, or cut it"):
+    with pytest.raises(
+        LoadError, match=r"must be read within 0 s; row 10000 was not. Save it as NPZ, or cut it"
+    ):
         read_table(path)
 
 
-# -- models ----------------------------------------------------------------------------------------------------------
+# -- models --------------------------------------------------------------------------------------
 def urdf(path, count, kind="fixed"):
     rows = ["<robot name='r'><link name='l0'><inertial><mass value='1'/>"]
     rows.append("<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial></link>")
     for i in range(1, count):
         moves = "revolute" if i == 2 else kind
-        mass = "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
+        mass = (
+            "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0'"
+            " izz='1'/></inertial>"
+        )
         rows.append(f"<link name='l{i}'>{mass * (i == 5)}</link>")
-        rows.append(f"<joint name='j{i}' type='{moves}'><parent link='l{i - 1}'/><child link='l{i}'/></joint>")
+        rows.append(
+            f"<joint name='j{i}' type='{moves}'><parent link='l{i - 1}'/><child"
+            f" link='l{i}'/></joint>"
+        )
     path.write_text("\n".join([*rows, "</robot>"]))
 
 

@@ -1,4 +1,6 @@
-"""Spoilt and hostile files: a record or one LoadError, in a process that lives on. 500 of each: corrupt_files.py."""
+"""Spoilt and hostile files: a record or one LoadError, in a process that lives on. 500 of each:
+corrupt_files.py.
+"""
 
 import io
 import struct
@@ -66,7 +68,9 @@ def test_spoilt_files(tmp_path, children, kind):
 def test_spoilt_files_of_the_library(tmp_path):
     path, rng = tmp_path / "own.csv", np.random.default_rng(8)
     columns, N = log(30), 30
-    Record(t=columns["time"], error_pulses=np.ones((N, 2)), rig=RIG, law=puma560.p_law()).to_csv(path)
+    Record(t=columns["time"], error_pulses=np.ones((N, 2)), rig=RIG, law=puma560.p_law()).to_csv(
+        path
+    )
     sound = path.read_bytes()
     for _ in range(4 * MUTATIONS):
         path.write_bytes(spoil(sound, rng))
@@ -84,11 +88,14 @@ def test_spoilt_files_in_children_of_their_own(tmp_path, kind):
         attempt(lambda: read(kind, path))
 
 
-# -- the child ------------------------------------------------------------------------------------------------------
+# -- the child -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "its reader ended with SIGSEGV"),
+        (
+            "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
+            "its reader ended with SIGSEGV",
+        ),
         ("import os; os._exit(9)", "its reader ended with status 9"),
         ("import time; time.sleep(60)", "must be read within 1 s"),
     ],
@@ -104,7 +111,9 @@ def test_a_child_that_dies_or_hangs_is_one_load_error(tmp_path, monkeypatch, bod
 
 @pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS binds on Linux")
 def test_memory_of_the_child_is_capped(tmp_path, monkeypatch):
-    """In an address space of 350 MiB there is room for the libraries and 8 kB, but not for 240 MiB more."""
+    """In an address space of 350 MiB there is room for the libraries and 8 kB, but not for 240
+    MiB more.
+    """
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("large", (30 << 20,), float, fillvalue=1.0, chunks=(1 << 20,))
         file["small"] = np.ones(1000)
@@ -114,11 +123,13 @@ def test_memory_of_the_child_is_capped(tmp_path, monkeypatch):
         read_table(tmp_path / "a.h5")
 
 
-# -- files that expand ----------------------------------------------------------------------------------------------
+# -- files that expand ---------------------------------------------------------------------------
 def bomb(path, declared=None, size=300):
     """An archive with `size` MiB of zeros in a few hundred kB; its directory may say otherwise."""
     head = io.BytesIO()
-    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (size << 17,)})
+    np.lib.format.write_array_header_1_0(
+        head, {"descr": "<f8", "fortran_order": False, "shape": (size << 17,)}
+    )
     archive = zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
     with archive, archive.open("time.npy", "w") as file:
         file.write(head.getvalue())
@@ -148,10 +159,15 @@ def test_a_zip_bomb_that_lies_about_its_size_expands_no_further_than_that(tmp_pa
 def test_an_array_that_lies_about_its_shape_is_refused(tmp_path):
     path = tmp_path / "huge.npz"
     head = io.BytesIO()
-    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
+    np.lib.format.write_array_header_1_0(
+        head, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)}
+    )
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("time.npy", head.getvalue() + bytes(80))
-    with pytest.raises(LoadError, match=r"must hold \(1000000000000000,\) of float64 in column 'time'; got 80 bytes"):
+    with pytest.raises(
+        LoadError,
+        match=r"must hold \(1000000000000000,\) of float64 in column 'time'; got 80 bytes",
+    ):
         read_table(path)
 
 
@@ -168,7 +184,9 @@ def test_pickles_are_never_opened(tmp_path, capsys):
 
 
 def mat(declared, zeros):
-    """A MAT file of one compressed element that declares so many bytes and expands to those zeros [MiB]."""
+    """A MAT file of one compressed element that declares so many bytes and expands to those
+    zeros [MiB].
+    """
     squeeze = zlib.compressobj(1)
     parts = [squeeze.compress(struct.pack("<II", 14, declared))]
     parts += [squeeze.compress(bytes(1 << 20)) for _ in range(zeros)]
@@ -202,7 +220,9 @@ def test_hdf5_and_parquet_bombs_are_refused_by_their_declared_size(tmp_path, chi
     with h5py.File(tmp_path / "bomb.h5", "w") as file:
         file.create_dataset("time", (1 << 40,), float, chunks=(1 << 16,))
     assert (tmp_path / "bomb.h5").stat().st_size < 1 << 20
-    pq.write_table(pa.table({"time": pa.array(np.zeros(40_000_000, np.int8))}), tmp_path / "bomb.parquet")
+    pq.write_table(
+        pa.table({"time": pa.array(np.zeros(40_000_000, np.int8))}), tmp_path / "bomb.parquet"
+    )
     assert (tmp_path / "bomb.parquet").stat().st_size < 1 << 20
     for name, size in (("bomb.h5", 8 << 20), ("bomb.parquet", 305)):
         with pytest.raises(LoadError, match=f"must hold at most 256 MiB; it declares {size}"):

@@ -1,4 +1,6 @@
-"""Logs in every format: what was written is what is read, and a file that is not one is refused in one line."""
+"""Logs in every format: what was written is what is read, and a file that is not one is refused
+in one line.
+"""
 
 import importlib.util
 import json
@@ -33,7 +35,9 @@ def refused(call, *expected):
 @pytest.mark.parametrize("compress", [True, False])
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_format_gives_back_what_was_written(tmp_path, kind, compress):
-    """Counts, torques and times to the last bit: text is written with repr, the others are binary."""
+    """Counts, torques and times to the last bit: text is written with repr, the others are
+    binary.
+    """
     columns, path = log(), tmp_path / f"log.{SUFFIX[kind]}"
     columns["ok"][7] = False
     write(kind, path, columns, compress)
@@ -51,7 +55,11 @@ def test_every_format_gives_back_what_was_written(tmp_path, kind, compress):
 
 def test_groups_structures_and_archives_are_one_prefix_away(tmp_path):
     columns = log()
-    np.savez(tmp_path / "a.npz", **{f"run_07/{name}": column for name, column in columns.items()}, note="by hand")
+    np.savez(
+        tmp_path / "a.npz",
+        **{f"run_07/{name}": column for name, column in columns.items()},
+        note="by hand",
+    )
     scipy.io.savemat(tmp_path / "a.mat", {"run": {"number": 7, "deep": columns}, "note": "by hand"})
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["note"] = "by hand"
@@ -59,25 +67,35 @@ def test_groups_structures_and_archives_are_one_prefix_away(tmp_path):
             file[f"run/07/{name}"] = column
     for name, prefix in (("a.npz", "run_07/"), ("a.mat", "run.deep."), ("a.h5", "run/07/")):
         record = Record.read(tmp_path / name, rig=RIG, columns=COLUMNS, units=UNITS, prefix=prefix)
-        np.testing.assert_array_equal(record.counts, np.column_stack([columns["c1"], columns["c2"]]))
+        np.testing.assert_array_equal(
+            record.counts, np.column_stack([columns["c1"], columns["c2"]])
+        )
         assert set(read_table(tmp_path / name, prefix=prefix)) == set(columns)
 
 
 def opaque(name):
-    """A variable as MATLAB writes an object of its own classes, such as a string or a table: it has no shape."""
+    """A variable as MATLAB writes an object of its own classes, such as a string or a table: it
+    has no shape.
+    """
 
     def element(kind, data):
         return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
 
     text = b"".join(element(1, word) for word in (name.encode(), b"MCOS", b"string"))
-    inner = element(6, struct.pack("<II", 9, 0)) + element(5, struct.pack("<ii", 1, 1)) + element(1, b"")
+    inner = (
+        element(6, struct.pack("<II", 9, 0))
+        + element(5, struct.pack("<ii", 1, 1))
+        + element(1, b"")
+    )
     body = element(6, struct.pack("<II", 17, 0)) + text + element(14, inner + element(2, b"\x07"))
     return element(14, body)
 
 
 @pytest.mark.parametrize("objects", [False, True])
 def test_structures_of_matlab_with_all_that_is_no_column(tmp_path, objects):
-    """Text, cells, structures without fields or elements beside the columns; and an object, which scipy cannot list."""
+    """Text, cells, structures without fields or elements beside the columns; and an object,
+    which scipy cannot list.
+    """
     columns, path = log(20), tmp_path / "a.mat"
     runs = np.zeros((1, 2), dtype=[("c1", object), ("note", object)])
     runs[0, 0], runs[0, 1] = (columns["c1"], "first"), (columns["c2"], {})
@@ -97,11 +115,14 @@ def test_structures_of_matlab_with_all_that_is_no_column(tmp_path, objects):
         assert "run" in scipy.io.loadmat(path)
     with WarmChildren():
         record = Record.read(path, rig=RIG, columns=COLUMNS, units=UNITS, prefix="run.")
-        np.testing.assert_array_equal(record.counts, np.column_stack([columns["c1"], columns["c2"]]))
+        np.testing.assert_array_equal(
+            record.counts, np.column_stack([columns["c1"], columns["c2"]])
+        )
         second = read_table(path, names=["run.runs[1].c1"])["run.runs[1].c1"]
         np.testing.assert_array_equal(second, columns["c2"])
         refused(
-            lambda: read_table(path, names=["run.c3"]), r"column 'run\.c3' must be there; got .* Did you mean 'run\.c"
+            lambda: read_table(path, names=["run.c3"]),
+            r"column 'run\.c3' must be there; got .* Did you mean 'run\.c",
         )
 
 
@@ -156,11 +177,17 @@ def test_weights_and_every_column_survive_the_library_s_own_file(tmp_path):
     assert (again.rig, again.law) == (record.rig, record.law)
 
 
-# -- refusals -------------------------------------------------------------------------------------------------------
+# -- refusals ------------------------------------------------------------------------------------
 def test_what_is_no_file_is_a_load_error(tmp_path):
     for kind in FORMATS:
-        refused(lambda kind=kind: read(kind, tmp_path / "none"), "none must be a file; there is none. Check the path")
-        refused(lambda kind=kind: read(kind, tmp_path), "must be a file; got a folder, a pipe or a device")
+        refused(
+            lambda kind=kind: read(kind, tmp_path / "none"),
+            "none must be a file; there is none. Check the path",
+        )
+        refused(
+            lambda kind=kind: read(kind, tmp_path),
+            "must be a file; got a folder, a pipe or a device",
+        )
     refused(lambda: Record.from_csv(tmp_path / "none"), "must be a file; there is none")
     refused(lambda: read_table(tmp_path / "log.docx"), r"must end in one of \.csv, .*got '\.docx'")
     refused(lambda: read_table("a\0.npz"), "null")
@@ -182,13 +209,34 @@ def test_text_in_another_encoding_is_refused_with_its_path(tmp_path):
         ("# time,c1,c2\n0,1,2\n", "must name its columns in a line above the numbers, without #"),
         ("time,c1,c1\n0,1,2\n", "has column 'c1' twice"),
         ("time,c1,c2\n0,1\n", "line 2 must have 3 cells; got 2"),
-        ("time,c1,c2\n0,1,1;5\n", "line 2 must be numbers; got '1;5' in column 'c2'. Correct it, leave the cell empty"),
-        ("time,c1,c2\n0,1,2,3,4\n", "line 2 must have 3 cells; got 5. Correct it; decimals are written with a point"),
-        ("time;c1;c2\n0;1;1\n0,5;2;2\n", "line 3 must be numbers; got '0,5' in column 'time'. Write decimals with a p"),
-        ("time,c1,c2\ns,pulses,\n0,1,1\n", "line 2 must be numbers; got 's' .* a row of units, put # before it"),
-        ("time,c1,c2\n0,1,1\nx,y,z\n", "line 3 must be numbers; got 'x' in column 'time'. Correct it"),
-        ("time,c1,c2\n0,1,2.50\n0.1,1,-0.28\n0.2,1,-0", "line 4 must be complete; got '-0' without a line end"),
-        ("time,c1,C2\n0,1,1\n", r"column 'c2' must be there; got 3 others: 'time', 'c1', 'C2'\. Did you mean 'c1'\?"),
+        (
+            "time,c1,c2\n0,1,1;5\n",
+            "line 2 must be numbers; got '1;5' in column 'c2'. Correct it, leave the cell empty",
+        ),
+        (
+            "time,c1,c2\n0,1,2,3,4\n",
+            "line 2 must have 3 cells; got 5. Correct it; decimals are written with a point",
+        ),
+        (
+            "time;c1;c2\n0;1;1\n0,5;2;2\n",
+            "line 3 must be numbers; got '0,5' in column 'time'. Write decimals with a p",
+        ),
+        (
+            "time,c1,c2\ns,pulses,\n0,1,1\n",
+            "line 2 must be numbers; got 's' .* a row of units, put # before it",
+        ),
+        (
+            "time,c1,c2\n0,1,1\nx,y,z\n",
+            "line 3 must be numbers; got 'x' in column 'time'. Correct it",
+        ),
+        (
+            "time,c1,c2\n0,1,2.50\n0.1,1,-0.28\n0.2,1,-0",
+            "line 4 must be complete; got '-0' without a line end",
+        ),
+        (
+            "time,c1,C2\n0,1,1\n",
+            r"column 'c2' must be there; got 3 others: 'time', 'c1', 'C2'\. Did you mean 'c1'\?",
+        ),
         ("time,c1,c2\n" + "1" * (1 << 20), "line 2 must be shorter than 1048576 characters"),
     ],
 )
@@ -196,14 +244,23 @@ def test_bad_csv_is_refused_with_its_line(tmp_path, text, message):
     path = tmp_path / "log.csv"
     path.write_text(text)
     columns = {"t": "time", "counts": ["c1", "c2"]}
-    refused(lambda: Record.from_csv(path, rig=RIG, columns=columns, units={"t": "s"}), r"log\.csv ", message)
+    refused(
+        lambda: Record.from_csv(path, rig=RIG, columns=columns, units={"t": "s"}),
+        r"log\.csv ",
+        message,
+    )
 
 
-MODES = 'stamp;mode;time;c1;note;c2\n2026-01-01T00:00:00Z;RUN;0;1;;2\n2026-01-01T00:00:01Z;0,5;0.1;3;"a; b";4\n'
+MODES = (
+    'stamp;mode;time;c1;note;c2\n2026-01-01T00:00:00Z;RUN;0;1;;2\n2026-01-01T00:00:01Z;0,5;0.1;3;"a;'
+    ' b";4\n'
+)
 
 
 def test_text_in_a_csv_matters_only_in_a_column_that_is_read(tmp_path):
-    """Stamps, modes, decimal commas and quoted separators elsewhere; so does a name that comes twice."""
+    """Stamps, modes, decimal commas and quoted separators elsewhere; so does a name that comes
+    twice.
+    """
     path = tmp_path / "log.csv"
     for text in (MODES, MODES.replace("mode", "stamp"), MODES.replace("note", "stamp")):
         path.write_text(text)
@@ -215,8 +272,14 @@ def test_text_in_a_csv_matters_only_in_a_column_that_is_read(tmp_path):
         np.testing.assert_array_equal(record.counts, [[1, 2], [3, 4]])
     path.write_text(MODES)
     assert set(read_table(path, prefix="c")) == {"1", "2"}
-    refused(lambda: read_table(path), "line 2 must be numbers; got '2026-01-01T00:00:00Z' in column 'stamp'")
-    refused(lambda: read_table(path, names=["mode"]), "line 2 must be numbers; got 'RUN' in column 'mode'")
+    refused(
+        lambda: read_table(path),
+        "line 2 must be numbers; got '2026-01-01T00:00:00Z' in column 'stamp'",
+    )
+    refused(
+        lambda: read_table(path, names=["mode"]),
+        "line 2 must be numbers; got 'RUN' in column 'mode'",
+    )
     refused(lambda: read_table(path, names=["d"]), "column 'd' must be there; got 6 others")
 
 
@@ -260,7 +323,10 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(isolation, "find_spec", lambda name: None)
     for kind, library in (("hdf5", "h5py"), ("parquet", "pyarrow")):
         write(kind, tmp_path / "log", log())
-        refused(lambda kind=kind: read(kind, tmp_path / "log"), rf"needs {library}.*pip install 'onepulse\[{kind}\]'")
+        refused(
+            lambda kind=kind: read(kind, tmp_path / "log"),
+            rf"needs {library}.*pip install 'onepulse\[{kind}\]'",
+        )
     assert importlib.util.find_spec("h5py")
 
 
@@ -274,7 +340,10 @@ def test_hdf5_that_points_into_another_file_is_refused(tmp_path):
     (tmp_path / "secret").write_bytes(np.arange(8.0).tobytes())
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("t", (8,), float, external=[(str(tmp_path / "secret"), 0, 64)])
-    refused(lambda: read_table(tmp_path / "a.h5"), "must hold its own data; column 't' points into another file")
+    refused(
+        lambda: read_table(tmp_path / "a.h5"),
+        "must hold its own data; column 't' points into another file",
+    )
 
 
 def test_links_to_another_file_are_refused_and_never_followed(tmp_path):
@@ -287,18 +356,29 @@ def test_links_to_another_file_are_refused_and_never_followed(tmp_path):
         file["c"] = np.arange(3)
     with WarmChildren():
         for names, link in ((["t"], "t"), (["deep/run/t"], "deep/run"), (None, "t")):
-            refused(lambda names=names: read_table(tmp_path / "a.h5", names=names), f"'{link}' is a link to another")
+            refused(
+                lambda names=names: read_table(tmp_path / "a.h5", names=names),
+                f"'{link}' is a link to another",
+            )
         np.testing.assert_array_equal(read_table(tmp_path / "a.h5", names=["c"])["c"], [0, 1, 2])
 
 
 def test_a_column_that_is_not_there_is_answered_by_those_that_are(tmp_path):
     """Fields of a structure by their whole names; and an empty file has none."""
-    scipy.io.savemat(tmp_path / "a.mat", {"run": {"time": [0, 1], "deep": {"c": [1, 2]}}, "x": [1, 2]})
+    scipy.io.savemat(
+        tmp_path / "a.mat", {"run": {"time": [0, 1], "deep": {"c": [1, 2]}}, "x": [1, 2]}
+    )
     h5py.File(tmp_path / "a.h5", "w").close()
     with WarmChildren():
-        expected = r"column 'time' must be there; got 3 others: 'x', 'run\.time', 'run\.deep\.c'\. Did you mean 'run"
+        expected = (
+            r"column 'time' must be there; got 3 others: 'x', 'run\.time', 'run\.deep\.c'\. Did you"
+            r" mean 'run"
+        )
         refused(lambda: read_table(tmp_path / "a.mat", names=["time"]), expected)
-        refused(lambda: read_table(tmp_path / "a.h5", names=["t"]), r"column 't' must be there; got none\. Correct")
+        refused(
+            lambda: read_table(tmp_path / "a.h5", names=["t"]),
+            r"column 't' must be there; got none\. Correct",
+        )
 
 
 def test_checksums_of_parquet_pages_are_compared(tmp_path):
@@ -309,15 +389,24 @@ def test_checksums_of_parquet_pages_are_compared(tmp_path):
     sound = path.read_bytes()
     at = sound.index(np.arange(40.0, 60.0).tobytes())
     path.write_bytes(sound[:at] + b"\x01" + sound[at + 1 :])
-    refused(lambda: read_table(path), "must be a sound file; reading it gave .*could not verify page integrity")
+    refused(
+        lambda: read_table(path),
+        "must be a sound file; reading it gave .*could not verify page integrity",
+    )
 
 
 def test_wrong_calls_are_refused_before_the_file_is_opened():
     for call, message in (
         (lambda: Record.read("log.npz", columns=COLUMNS), "missing a required argument: 'rig'"),
-        (lambda: Record.read("log.npz", rig=RIG, columns=COLUMNS, unit=UNITS), "Did you mean 'units'"),
+        (
+            lambda: Record.read("log.npz", rig=RIG, columns=COLUMNS, unit=UNITS),
+            "Did you mean 'units'",
+        ),
         (lambda: Record.read("log.mat", rig=RIG, columns=["t"]), "columns must be of type dict"),
-        (lambda: Record.read("log.mat", rig=RIG.drive, columns=COLUMNS, units=UNITS), "rig must be of type Rig"),
+        (
+            lambda: Record.read("log.mat", rig=RIG.drive, columns=COLUMNS, units=UNITS),
+            "rig must be of type Rig",
+        ),
         (lambda: Record.from_csv("log.csv", rig=RIG, units=UNITS), "Pass columns= as well"),
     ):
         with pytest.raises(ValueError, match=message) as refusal:
@@ -329,8 +418,14 @@ def test_limits_reach_the_child(tmp_path, monkeypatch):
     """What the child is told: its own time, memory and the size of the columns."""
     seen = {}
     run = isolation.run
-    monkeypatch.setattr(isolation, "run", lambda command, **options: seen.update(
-        order=json.loads(command[-1]), timeout=options["timeout"]) or run(command, **options))  # fmt: skip
+    monkeypatch.setattr(
+        isolation,
+        "run",
+        lambda command, **options: (
+            seen.update(order=json.loads(command[-1]), timeout=options["timeout"])
+            or run(command, **options)
+        ),
+    )
     write("hdf5", tmp_path / "log.h5", log())
     read_table(tmp_path / "log.h5")
     assert seen["timeout"] < 5
@@ -339,7 +434,7 @@ def test_limits_reach_the_child(tmp_path, monkeypatch):
     assert seen["order"]["bytes"] == 256 << 20
 
 
-# -- the page -------------------------------------------------------------------------------------------------------
+# -- the page ------------------------------------------------------------------------------------
 def test_the_page_on_your_own_log_is_true(tmp_path, monkeypatch, capsys):
     """Its code runs as it stands, in an empty folder, and prints what it says it prints."""
     page = (Path(__file__).parents[3] / "docs" / "guides" / "logs.md").read_text(encoding="utf-8")

@@ -1,4 +1,6 @@
-"""From named columns to a record: units, wrap, missing samples, repeated times; wrong units are named."""
+"""From named columns to a record: units, wrap, missing samples, repeated times; wrong units are
+named.
+"""
 
 import dataclasses
 import os
@@ -9,11 +11,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import Coupling, Drive, Encoder, Harmonics, LoadError, LoggedTorque, Record, Rig, puma560, read_table
+from plant import (
+    Coupling,
+    Drive,
+    Encoder,
+    Harmonics,
+    LoadError,
+    LoggedTorque,
+    Record,
+    Rig,
+    puma560,
+    read_table,
+)
 
 GEAR, RESOLUTION = np.array([60.0, -45.0]), np.array([1000.0, 2000.0])
-DRIVE = Drive(gear=GEAR, motor_inertia=(1e-4,) * 2, viscous=(0,) * 2, coulomb=(0,) * 2, motor_gain=(0.2, 0.3),
-              current_limit=(10, 8))  # fmt: skip
+DRIVE = Drive(
+    gear=GEAR,
+    motor_inertia=(1e-4,) * 2,
+    viscous=(0,) * 2,
+    coulomb=(0,) * 2,
+    motor_gain=(0.2, 0.3),
+    current_limit=(10, 8),
+)
 RIG = Rig(drive=DRIVE, encoder=Encoder(resolution=RESOLUTION), period=2e-3)
 N = 400
 T = RIG.period * np.arange(N)
@@ -29,7 +48,7 @@ def angles(unit, value=ANGLE, rig=RIG, **columns):
     return record({"q": value, **columns}, {"position": "q"}, {"position": unit}, rig=rig)
 
 
-# -- angles into counts ---------------------------------------------------------------------------------------------
+# -- angles into counts --------------------------------------------------------------------------
 @pytest.mark.parametrize(("field", "factor"), [("position", 1.0), ("motor_position", GEAR)])
 @pytest.mark.parametrize(("unit", "per"), [("rad", 1.0), ("deg", 180 / np.pi)])
 def test_angles_become_the_counts_they_came_from(field, factor, unit, per):
@@ -42,8 +61,9 @@ def test_angles_become_the_counts_they_came_from(field, factor, unit, per):
 @settings(derandomize=True, max_examples=50, deadline=None)
 @given(shift=st.floats(-3, 3))
 def test_a_grid_that_is_shifted_is_still_counted_without_a_miss(shift):
-    """Whatever the zero of the angle is, two neighbours on the grid are never counted as one, but for the cell of two
-    pulses around zero, and no count is a pulse from where it was measured."""
+    """Whatever the zero of the angle is, two neighbours on the grid are never counted as one, but
+    for the cell of two pulses around zero, and no count is a pulse from where it was measured.
+    """
     found = angles("rad", (COUNTS + shift) / RESOLUTION * 2 * np.pi / GEAR).counts
     assert (np.abs(found - (COUNTS + shift)) <= 1).all()
     away = np.abs(COUNTS + shift) > 1
@@ -53,7 +73,9 @@ def test_a_grid_that_is_shifted_is_still_counted_without_a_miss(shift):
 
 
 def test_the_middle_of_a_cell_is_the_count_of_that_cell():
-    """As the rig says it: angle() is the middle of the cell, and loading it gives the count back."""
+    """As the rig says it: angle() is the middle of the cell, and loading it gives the count
+    back.
+    """
     np.testing.assert_array_equal(angles("rad", RIG.cell_centre(COUNTS)).counts, COUNTS)
 
 
@@ -72,7 +94,8 @@ def test_coupled_joints_are_counted_on_their_motors():
 
 def test_a_resolution_that_is_not_the_log_s_is_noted():
     with pytest.warns(
-        UserWarning, match=r"not in whole pulses of rig.encoder.resolution \(smallest step 1\.31 pulses\)"
+        UserWarning,
+        match=r"not in whole pulses of rig.encoder.resolution \(smallest step 1\.31 pulses\)",
     ):
         found = angles("rad", ANGLE * np.array([1.31, 1.0]))
     np.testing.assert_array_equal(found.counts[:, 1], COUNTS[:, 1])
@@ -80,7 +103,9 @@ def test_a_resolution_that_is_not_the_log_s_is_noted():
 
 
 def test_a_resolution_with_too_few_digits_is_told_from_a_wrong_one():
-    """Steps of 25/65535 rad under a rig that says 3.815e-4 rad: 0.99994 pulses, which is not "1 pulse"."""
+    """Steps of 25/65535 rad under a rig that says 3.815e-4 rad: 0.99994 pulses, which is not "1
+    pulse".
+    """
     step = 25 / 65535
     encoder = Encoder(resolution=2 * np.pi / 3.815e-4 / np.abs(GEAR))
     said = r"smallest step 0\.999936 pulses: state the resolution more exactly"
@@ -111,19 +136,25 @@ def test_warnings_point_at_the_line_that_loads(tmp_path):
 def test_a_smooth_encoder_keeps_the_angle():
     rig = dataclasses.replace(RIG, encoder=Encoder(resolution=RESOLUTION, smooth=True))
     q = np.random.default_rng(0).normal(size=(N, 2))
-    np.testing.assert_allclose(angles("rad", q, rig=rig).counts, q * GEAR * RESOLUTION / (2 * np.pi), rtol=1e-14)
+    np.testing.assert_allclose(
+        angles("rad", q, rig=rig).counts, q * GEAR * RESOLUTION / (2 * np.pi), rtol=1e-14
+    )
 
 
-# -- other fields ---------------------------------------------------------------------------------------------------
+# -- other fields --------------------------------------------------------------------------------
 def test_torque_and_current_are_brought_to_the_joint_and_to_ampere():
     u = np.random.default_rng(0).normal(size=(N, 2)).clip(-1.5, 1.5)
     columns = {"counts": "c", "torque": "u"}
     table = {"c": COUNTS, "u": u}
-    np.testing.assert_allclose(record(table, columns, {"torque": "motor N m"}).torque, u * GEAR, rtol=1e-15)
+    np.testing.assert_allclose(
+        record(table, columns, {"torque": "motor N m"}).torque, u * GEAR, rtol=1e-15
+    )
     np.testing.assert_array_equal(record(table, columns, {"torque": "N m"}).torque, u)
     columns = {"counts": "c", "current": "u"}
     np.testing.assert_array_equal(record(table, columns, {"current": "A"}).current, u)
-    np.testing.assert_allclose(record({"c": COUNTS, "u": 1e3 * u}, columns, {"current": "mA"}).current, u, rtol=1e-15)
+    np.testing.assert_allclose(
+        record({"c": COUNTS, "u": 1e3 * u}, columns, {"current": "mA"}).current, u, rtol=1e-15
+    )
 
 
 def test_the_reference_comes_as_counts_as_angles_or_as_a_reference():
@@ -143,12 +174,18 @@ def test_the_reference_comes_as_counts_as_angles_or_as_a_reference():
 
 
 def test_a_second_sensor_on_the_links_is_kept_as_it_resolves():
-    """Angles of the joints, in pulses of the motors' shafts, unrounded: its grid is not the rig's."""
+    """Angles of the joints, in pulses of the motors' shafts, unrounded: its grid is not the
+    rig's.
+    """
     angle = np.linspace(0.1, 0.3, 7)[:, None] * [1, -2]
     table = {"counts": np.zeros((7, 2), int), "link": np.degrees(angle)}
     columns = {"counts": "counts", "link_position": "link"}
     record = Record.from_table(
-        table, rig=RIG, columns=columns, units={"link_position": "deg"}, reference=puma560.reference()
+        table,
+        rig=RIG,
+        columns=columns,
+        units={"link_position": "deg"},
+        reference=puma560.reference(),
     )
     np.testing.assert_allclose(record.link_counts, RIG.position_in_pulses(angle), rtol=1e-12)
     with pytest.raises(ValueError, match="units must state that of 'link_position'"):
@@ -156,24 +193,35 @@ def test_a_second_sensor_on_the_links_is_kept_as_it_resolves():
 
 
 def test_a_second_sensor_may_be_on_some_links_alone():
-    """None, or a column without numbers, of the others; a motor that turns several joints needs all of them."""
+    """None, or a column without numbers, of the others; a motor that turns several joints needs
+    all of them.
+    """
     angle = np.linspace(0.1, 0.3, 7)
     table = {"counts": np.zeros((7, 2), int), "link": angle, "empty": np.full(7, np.nan)}
     units = {"link_position": "rad", "torque": "N m"}
     for names in ([None, "link"], ["empty", "link"]):
         columns, own = {"counts": "counts", "link_position": names}, {"link_position": "rad"}
-        record = Record.from_table(table, rig=RIG, columns=columns, units=own, reference=puma560.reference())
+        record = Record.from_table(
+            table, rig=RIG, columns=columns, units=own, reference=puma560.reference()
+        )
         expected = RIG.position_in_pulses(np.column_stack([angle, angle]))
         np.testing.assert_allclose(record.link_counts, expected * (np.nan, 1), rtol=1e-12)
         assert record.valid.all()
-    coupled = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=Coupling(matrix=((1, 0), (1, 1)))))
+    coupled = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, coupling=Coupling(matrix=((1, 0), (1, 1))))
+    )
 
     def mapped(rig, names, field="link_position"):
         own = {name: unit for name, unit in units.items() if name in ("counts", field)}
         columns = {"counts": "counts", field: names}
-        return Record.from_table(table, rig=rig, columns=columns, units=own, reference=puma560.reference())
+        return Record.from_table(
+            table, rig=rig, columns=columns, units=own, reference=puma560.reference()
+        )
 
-    assert np.isfinite(mapped(coupled, ["link", None]).link_counts).all(axis=0).tolist() == [True, False]
+    assert np.isfinite(mapped(coupled, ["link", None]).link_counts).all(axis=0).tolist() == [
+        True,
+        False,
+    ]
     with pytest.raises(ValueError, match="link_counts must be of a joint at least"):
         mapped(coupled, [None, "link"])
     with pytest.raises(ValueError, match="'link_position' must name a column at least"):
@@ -187,11 +235,13 @@ def test_names_may_be_one_per_joint():
     np.testing.assert_array_equal(found.counts, COUNTS[:, ::-1])
 
 
-# -- time -----------------------------------------------------------------------------------------------------------
+# -- time ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("unit", "per"), [("s", 1.0), ("ms", 1e3), ("us", 1e6)])
 def test_time_starts_at_zero_in_seconds(unit, per):
     stamp = np.round(T * 1e6).astype(np.int64) if unit == "us" else T * per
-    found = record({"t": stamp + 1_700_000 * int(per), "c": COUNTS}, {"t": "t", "counts": "c"}, {"t": unit})
+    found = record(
+        {"t": stamp + 1_700_000 * int(per), "c": COUNTS}, {"t": "t", "counts": "c"}, {"t": unit}
+    )
     np.testing.assert_allclose(found.t, T, atol=1e-9)
     assert found.t[0] == 0
 
@@ -204,7 +254,10 @@ def test_whole_microseconds_since_1970_lose_nothing():
 
 def test_rows_that_repeat_a_time_are_left_out_and_said():
     rows = np.sort(np.append(np.arange(N), [3, 3, 9]))
-    with pytest.warns(UserWarning, match="3 rows repeat the time of the row before and are left out, from row 4 on"):
+    with pytest.warns(
+        UserWarning,
+        match="3 rows repeat the time of the row before and are left out, from row 4 on",
+    ):
         found = record({"t": T[rows], "c": COUNTS[rows]}, {"t": "t", "counts": "c"}, {"t": "s"})
     np.testing.assert_array_equal(found.counts, COUNTS)
 
@@ -214,7 +267,11 @@ def test_missing_cells_hold_the_row_before_and_weigh_nothing():
     c[0, 0], c[5:8, 1], u[20, 0] = np.nan, np.nan, np.nan
     weights = np.ones(N)
     weights[30], weights[31] = 0.25, np.nan
-    found = record({"c": c, "u": u, "w": weights}, {"counts": "c", "torque": "u", "valid": "w"}, {"torque": "N m"})
+    found = record(
+        {"c": c, "u": u, "w": weights},
+        {"counts": "c", "torque": "u", "valid": "w"},
+        {"torque": "N m"},
+    )
     np.testing.assert_array_equal(np.flatnonzero(found.valid < 1), [0, 5, 6, 7, 20, 30, 31])
     np.testing.assert_array_equal(found.valid[[5, 30, 31]], [0, 0.25, 0])
     np.testing.assert_array_equal(found.counts[5:9, 1], COUNTS[[4, 4, 4, 8], 1])
@@ -222,7 +279,7 @@ def test_missing_cells_hold_the_row_before_and_weigh_nothing():
     assert found.torque[20, 0] == 1
 
 
-# -- wrap -----------------------------------------------------------------------------------------------------------
+# -- wrap ----------------------------------------------------------------------------------------
 @settings(derandomize=True, max_examples=60, deadline=None)
 @given(
     steps=st.lists(st.integers(-2047, 2047), min_size=1, max_size=60),
@@ -243,13 +300,15 @@ def test_angles_are_unwrapped_before_they_are_counted():
     for unit, wrap in (("rad", 2 * np.pi), ("deg", 360.0)):
         wrapped = np.degrees(np.angle(np.exp(1j * motor)))
         wrapped = wrapped if unit == "deg" else np.radians(wrapped)
-        found = record({"q": wrapped}, {"motor_position": "q"}, {"motor_position": unit}, wrap=wrap).counts
+        found = record(
+            {"q": wrapped}, {"motor_position": "q"}, {"motor_position": unit}, wrap=wrap
+        ).counts
         whole = (found - COUNTS)[0] / RESOLUTION
         np.testing.assert_array_equal(whole, np.round(whole))
         np.testing.assert_array_equal(found - found[0], COUNTS - COUNTS[0])
 
 
-# -- refusals -------------------------------------------------------------------------------------------------------
+# -- refusals ------------------------------------------------------------------------------------
 COLUMNS = {"t": "t", "position": "q"}
 TABLE = {"t": T, "q": ANGLE, "u": np.full((N, 2), 20.0), "c": COUNTS, "s": np.full(N, "a")}
 
@@ -319,7 +378,7 @@ def test_wrong_units_and_mappings_are_refused_in_one_line(call, message):
     assert len(str(refusal.value)) < 400
 
 
-# -- resampling -----------------------------------------------------------------------------------------------------
+# -- resampling ----------------------------------------------------------------------------------
 def test_resampling_at_the_logged_times_changes_nothing():
     log = record(TABLE, {"t": "t", "counts": "c", "torque": "u"}, {"t": "s", "torque": "N m"})
     again = log.resampled(RIG.period)
@@ -328,8 +387,10 @@ def test_resampling_at_the_logged_times_changes_nothing():
 
 
 def test_resampled_counts_are_within_half_a_pulse_of_the_line():
-    """A ramp sampled with jitter is the same ramp at uniform times; half a pulse is the rounding. A torque is not
-    between its samples but held: the new ones have the same integral, sample by sample."""
+    """A ramp sampled with jitter is the same ramp at uniform times; half a pulse is the rounding. A
+    torque is not between its samples but held: the new ones have the same integral, sample by
+    sample.
+    """
     rng = np.random.default_rng(0)
     t = T + np.r_[0, rng.uniform(-3e-4, 3e-4, N - 1)]
     ramp = np.column_stack([5000 * t, -300 * t])
@@ -340,7 +401,8 @@ def test_resampled_counts_are_within_half_a_pulse_of_the_line():
     ends = np.append(again.t, again.t[-1] + 1e-3)
     total = np.vstack([[0, 0], np.cumsum(ramp * np.diff(t, append=ends[-1])[:, None], axis=0)])
     total = np.column_stack([np.interp(ends, np.append(t, ends[-1]), column) for column in total.T])
-    np.testing.assert_allclose(again.torque, np.diff(total, axis=0) / 1e-3, atol=1e-9)  # eps times 1e3 samples of 1e3
+    # eps times 1e3 samples of 1e3
+    np.testing.assert_allclose(again.torque, np.diff(total, axis=0) / 1e-3, atol=1e-9)
     np.testing.assert_allclose(np.diff(again.t), 1e-3)
     assert again.rig.period == 1e-3
     assert again.t[-1] <= t[-1] < again.t[-1] + 1e-3
@@ -352,11 +414,15 @@ def test_resampled_gaps_and_dropped_samples_weigh_nothing():
     log = Record(t=t, error_pulses=np.zeros((8, 2)), valid=valid, rig=RIG)
     again = log.resampled(1e-3)
     np.testing.assert_array_equal(again.t, 1e-3 * np.arange(19))
-    np.testing.assert_array_equal(again.valid, [1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0.5, 0.5])
+    np.testing.assert_array_equal(
+        again.valid, [1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0.5, 0.5]
+    )
 
 
 def test_resampled_torques_are_means_of_what_was_held():
-    """By hand: two to one gives means of pairs, one to two repeats, two to three mixes; the last is held on."""
+    """By hand: two to one gives means of pairs, one to two repeats, two to three mixes; the last
+    is held on.
+    """
     u = np.array([[1.0, -2], [3, 0], [5, 7], [-4, 1], [2, 2]])
     log = Record(t=T[:5], error_pulses=np.zeros((5, 2)), torque=u, current=-u, rig=RIG)
     for period, expected in (
@@ -380,20 +446,26 @@ def test_resampled_torques_go_straight_across_gaps():
 def test_resampling_needs_a_period():
     log = record(TABLE, {"counts": "c"})
     for period in (21 * RIG.period, RIG.period / 21, 2.0):
-        with pytest.raises(ValueError, match=r"period must be within 20 times the log's; got .* Give seconds"):
+        with pytest.raises(
+            ValueError, match=r"period must be within 20 times the log's; got .* Give seconds"
+        ):
             log.resampled(period)
     assert len(log.resampled(19 * RIG.period)) == -(-N // 19)
     with pytest.raises(ValueError, match="period must be a positive number; got 0"):
         log.resampled(0)
     gap = Record(t=[0, 2e-3, 4e-3, 1e6], error_pulses=np.zeros((4, 2)), rig=RIG)
-    with pytest.raises(ValueError, match=r"period must give at most 33554432 samples; got 0\.002 s"):
+    with pytest.raises(
+        ValueError, match=r"period must give at most 33554432 samples; got 0\.002 s"
+    ):
         gap.resampled(2e-3)
 
 
-# -- real logs ------------------------------------------------------------------------------------------------------
+# -- real logs -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("design", ["A.0", "C.0", "C.1"])
 def test_every_run_of_a_real_double_pendulum_is_read_to_the_last_count(design):
-    """Its position has steps of 25/65535 rad, logged in the middle of them: 6 motor turns per joint turn."""
+    """Its position has steps of 25/65535 rad, logged in the middle of them: 6 motor turns per
+    joint turn.
+    """
     folder = os.environ.get("CTC_DATA")
     if not folder:
         pytest.skip("CTC_DATA is not set: no real logs to read")
@@ -404,7 +476,11 @@ def test_every_run_of_a_real_double_pendulum_is_read_to_the_last_count(design):
     drive = Drive(gear=(6, 6), motor_inertia=(6.07e-5,) * 2, viscous=(0,) * 2, coulomb=(0,) * 2,
                   motor_gain=(0.091,) * 2, current_limit=(np.inf,) * 2)  # fmt: skip
     rig = Rig(drive=drive, encoder=Encoder(resolution=(2 * np.pi / step / 6,) * 2), period=2e-3)
-    columns = {"t": "time", "position": ["pos_meas1", "pos_meas2"], "torque": ["tau_meas1", "tau_meas2"]}
+    columns = {
+        "t": "time",
+        "position": ["pos_meas1", "pos_meas2"],
+        "torque": ["tau_meas1", "tau_meas2"],
+    }
     units = {"t": "s", "position": "rad", "torque": "N m"}
     table = read_table(path)
     runs = sorted({name.split("/")[0] for name in table})
@@ -416,29 +492,43 @@ def test_every_run_of_a_real_double_pendulum_is_read_to_the_last_count(design):
         np.testing.assert_allclose(log.counts, cells, atol=1e-6)
         np.testing.assert_array_equal(log.t, table[f"{run}/time"])
     with pytest.raises(LoadError, match="as 'position' in 'rad' they would be"):
-        Record.read(path, rig=rig, columns=columns, units=units | {"position": "deg"}, prefix=f"{run}/")
+        Record.read(
+            path, rig=rig, columns=columns, units=units | {"position": "deg"}, prefix=f"{run}/"
+        )
 
 
 def test_the_paper_s_rig_takes_a_log_in_degrees():
     rig = puma560.rig()
     counts = np.array([[0, 0], [100, -50], [260, -120]])
     q = np.degrees(rig.cell_centre(counts))
-    found = Record.from_table({"q": q}, rig=rig, columns={"position": "q"}, units={"position": "deg"})
+    found = Record.from_table(
+        {"q": q}, rig=rig, columns={"position": "q"}, units={"position": "deg"}
+    )
     np.testing.assert_array_equal(found.counts, counts)
 
 
-# -- joints that slide ----------------------------------------------------------------------------------------------
+# -- joints that slide ---------------------------------------------------------------------------
 def test_positions_in_m_and_mm_and_forces_in_n_of_joints_that_slide():
-    """By hand: counts are whole pulses of position times gear; one unit for all, or one per joint."""
+    """By hand: counts are whole pulses of position times gear; one unit for all, or one per
+    joint.
+    """
     t = RIG.period * np.arange(400)
     counts = np.round(RIG.counts(np.column_stack([0.3 * np.sin(9 * t), 0.2 * np.cos(7 * t)])))
     q = RIG.cell_centre(counts)
     torque = np.column_stack([np.sin(t), np.cos(t)])
     table = {"m": q, "mm": 1e3 * q, "mixed": q * (180 / np.pi, 1e3), "u": torque}
-    for name, unit in (("m", "m"), ("mm", "mm"), ("mixed", ("deg", "mm")), ("m", ["m", "m"]), ("m", ("rad", "m"))):
+    for name, unit in (
+        ("m", "m"),
+        ("mm", "mm"),
+        ("mixed", ("deg", "mm")),
+        ("m", ["m", "m"]),
+        ("m", ("rad", "m")),
+    ):
         for force in ("N", ("N m", "N"), "N m"):
             units = {"position": unit, "torque": force}
-            record = Record.from_table(table, rig=RIG, columns={"position": name, "torque": "u"}, units=units)
+            record = Record.from_table(
+                table, rig=RIG, columns={"position": name, "torque": "u"}, units=units
+            )
             np.testing.assert_array_equal(record.counts, counts)
             np.testing.assert_array_equal(record.torque, torque)
 
@@ -446,10 +536,22 @@ def test_positions_in_m_and_mm_and_forces_in_n_of_joints_that_slide():
 @pytest.mark.parametrize(
     ("unit", "message"),
     [
-        ("m", r"position in 'm' (spans 6\d\d m of .*; at most 50\. 'mm' would fit|must be whole pulses)"),
+        (
+            "m",
+            (
+                r"position in 'm' (spans 6\d\d m of .*; at most 50\. 'mm' would fit|must be whole"
+                r" pulses)"
+            ),
+        ),
         (("rad",), r"units of 'position' must be one, or 2, one per joint; got 1"),
-        (("rad", "pulses"), r"units of 'position' may differ between joints among 'rad', 'deg', 'm', 'mm'; got"),
-        (("rad", "inch"), r"unit of 'position' must be one of 'rad', 'deg', 'm', 'mm', 'pulses'; got 'inch'"),
+        (
+            ("rad", "pulses"),
+            r"units of 'position' may differ between joints among 'rad', 'deg', 'm', 'mm'; got",
+        ),
+        (
+            ("rad", "inch"),
+            r"unit of 'position' must be one of 'rad', 'deg', 'm', 'mm', 'pulses'; got 'inch'",
+        ),
     ],
 )
 def test_units_of_joints_that_slide_are_checked(unit, message):
@@ -459,7 +561,7 @@ def test_units_of_joints_that_slide_are_checked(unit, message):
         Record.from_table(table, rig=RIG, columns={"position": "q"}, units={"position": unit})
 
 
-# -- the path that was asked for ------------------------------------------------------------------------------------
+# -- the path that was asked for -----------------------------------------------------------------
 def _asked(kind):
     """Positions that a controller was asked for, at its samples."""
     t = np.arange(800) * RIG.period
@@ -473,7 +575,9 @@ def _asked(kind):
 
 @pytest.mark.parametrize("kind", ["smooth", "a step", "whole pulses", "one is missing"])
 def test_positions_without_rounding_are_the_path_where_they_are_smooth(kind):
-    """Counts at samples alone leave open what a P loop does between them: straight lines lag by half a pulse."""
+    """Counts at samples alone leave open what a P loop does between them: straight lines lag by
+    half a pulse.
+    """
     t, q = _asked(kind)
     counts = RIG.counts(q)
     q = np.where((np.arange(len(t)) == 50)[:, None] & (kind == "one is missing"), np.nan, q)
@@ -489,21 +593,34 @@ def test_positions_without_rounding_are_the_path_where_they_are_smooth(kind):
     loose = 1e3 if kind == "one is missing" else 1.0
     between = t[3:-3] + RIG.period / 3
     truth = puma560.reference()(between)
-    for got, expected, limit in zip(record.reference(between), truth, (1e-12, 1e-9, 1e-5), strict=True):
+    for got, expected, limit in zip(
+        record.reference(between), truth, (1e-12, 1e-9, 1e-5), strict=True
+    ):
         np.testing.assert_allclose(got, expected, rtol=0, atol=loose * limit)
 
 
 def test_a_commanded_position_in_pulses_with_fractions(tmp_path):
-    """The path that a controller was given, in its own units; as counts it is refused, with what to map it to."""
+    """The path that a controller was given, in its own units; as counts it is refused, with what
+    to map it to.
+    """
     t = RIG.period * np.arange(400)
     asked = 300 * np.sin(20 * t)[:, None] * (1.0, -0.7) + 0.25
     rows = np.column_stack([t, np.trunc(asked), asked])
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,c1,c2,r1,r2", comments="", fmt="%.17g")
+    np.savetxt(
+        tmp_path / "log.csv", rows, delimiter=",", header="t,c1,c2,r1,r2", comments="", fmt="%.17g"
+    )
     columns = {"t": "t", "counts": ["c1", "c2"], "reference_position": ["r1", "r2"]}
     units = {"t": "s", "reference_position": "pulses"}
-    record = Record.from_csv(tmp_path / "log.csv", rig=RIG, law=puma560.p_law(), columns=columns, units=units)
+    record = Record.from_csv(
+        tmp_path / "log.csv", rig=RIG, law=puma560.p_law(), columns=columns, units=units
+    )
     np.testing.assert_array_equal(record.reference_pulses, np.floor(asked))
     np.testing.assert_allclose(RIG.position_in_pulses(record.reference(t).q), asked, atol=1e-9)
     counted = {"t": "t", "counts": ["c1", "c2"], "reference_pulses": ["r1", "r2"]}
-    with pytest.raises(ValueError, match=r"must be whole pulses; .* Map it as 'reference_position', with its unit, 'p"):
-        Record.from_csv(tmp_path / "log.csv", rig=RIG, law=puma560.p_law(), columns=counted, units={"t": "s"})
+    with pytest.raises(
+        ValueError,
+        match=r"must be whole pulses; .* Map it as 'reference_position', with its unit, 'p",
+    ):
+        Record.from_csv(
+            tmp_path / "log.csv", rig=RIG, law=puma560.p_law(), columns=counted, units={"t": "s"}
+        )

@@ -1,4 +1,6 @@
-"""MCAP, bags of ROS 2 and LeRobot data sets: what their own libraries wrote is read; what is spoilt is one refusal."""
+"""MCAP, bags of ROS 2 and LeRobot data sets: what their own libraries wrote is read; what is
+spoilt is one refusal.
+"""
 
 import json
 import shutil
@@ -34,7 +36,9 @@ def children(server, monkeypatch):
 @pytest.mark.parametrize("compress", [True, False])
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_format_gives_back_what_was_written(tmp_path, children, kind, compress):
-    """By the joints' names, in whatever order; the command that held at each sample; every nanosecond of the stamps."""
+    """By the joints' names, in whatever order; the command that held at each sample; every
+    nanosecond of the stamps.
+    """
     columns, path = log(), tmp_path / f"log{SUFFIX.get(kind, '')}"
     write(kind, path, columns, compress)
     record = read(kind, path)
@@ -42,25 +46,34 @@ def test_every_format_gives_back_what_was_written(tmp_path, children, kind, comp
     np.testing.assert_array_equal(record.reference_pulses[1:], columns["commands"][1:])
     assert record.name.startswith(str(path))
     if kind == "lerobot":
-        np.testing.assert_allclose(record.t, columns["ns"] / 1e9, rtol=1e-7)  # float32, as the format has it
+        # float32, as the format has it
+        np.testing.assert_allclose(record.t, columns["ns"] / 1e9, rtol=1e-7)
         return
     np.testing.assert_array_equal(record.t, columns["ns"] / 1e9)
     np.testing.assert_array_equal(record.torque, columns["torque"])
-    np.testing.assert_array_equal(record.valid, np.arange(120) > 0)  # nothing was commanded before the first sample
+    # nothing was commanded before the first sample
+    np.testing.assert_array_equal(record.valid, np.arange(120) > 0)
 
 
 @pytest.mark.parametrize(("folder", "version"), [("v21", "v2.1"), ("v30", "v3.0")])
 def test_data_sets_that_lerobot_itself_wrote(children, folder, version):
     """By `tests/oracles/lerobot/make.py`, whose formula they repeat to the last bit."""
-    assert json.loads((LEROBOT / folder / "meta" / "info.json").read_text())["codebase_version"] == version
+    assert (
+        json.loads((LEROBOT / folder / "meta" / "info.json").read_text())["codebase_version"]
+        == version
+    )
     t = {0: np.arange(30) / 500, 1: np.arange(40) / 500}
     for episode in t:
         table = read_table(LEROBOT / folder, episode=episode)
-        q = np.column_stack([0.8 * np.sin(2 * t[episode] + episode), 0.5 * np.cos(3 * t[episode])]).astype(np.float32)
+        q = np.column_stack(
+            [0.8 * np.sin(2 * t[episode] + episode), 0.5 * np.cos(3 * t[episode])]
+        ).astype(np.float32)
         np.testing.assert_array_equal(table["observation.state"], q)
         np.testing.assert_array_equal(table["action"], q + np.float32(0.001))
         np.testing.assert_array_equal(table["timestamp"], t[episode].astype(np.float32))
-        one = read_table(LEROBOT / folder, episode=episode, names=["action.elbow.pos", "observation.state[0]"])
+        one = read_table(
+            LEROBOT / folder, episode=episode, names=["action.elbow.pos", "observation.state[0]"]
+        )
         np.testing.assert_array_equal(one["action.elbow.pos"], table["action"][:, 1])
         np.testing.assert_array_equal(one["observation.state[0]"], q[:, 0])
     with pytest.raises(LoadError, match="must hold episode 2; it has 0 to 1"):
@@ -70,11 +83,18 @@ def test_data_sets_that_lerobot_itself_wrote(children, folder, version):
 @pytest.mark.filterwarnings("ignore")
 def test_a_data_set_is_one_record_per_episode_and_a_pattern_one_per_file(tmp_path, children):
     columns = {"t": "timestamp", "position": "observation.state", "reference_position": "action"}
-    options = {"rig": RIG, "columns": columns, "units": {"t": "s", "position": "rad", "reference_position": "rad"}}
+    options = {
+        "rig": RIG,
+        "columns": columns,
+        "units": {"t": "s", "position": "rad", "reference_position": "rad"},
+    }
     records = read_records(LEROBOT / "v30", **options)
     assert [len(record) for record in records] == [30, 40]
     assert [record.name.rpartition(", ")[2] for record in records] == ["episode 0", "episode 1"]
-    assert [len(record) for record in read_records([LEROBOT / "v30", LEROBOT / "v21"], **options, episodes=[1])] == [
+    assert [
+        len(record)
+        for record in read_records([LEROBOT / "v30", LEROBOT / "v21"], **options, episodes=[1])
+    ] == [
         40,
         40,
     ]
@@ -99,7 +119,11 @@ def test_all_topics_as_a_table(tmp_path, children):
     assert table[f"{JOINTS}.position"].shape == (240, 3)  # of shoulder, elbow and finger
     assert np.isnan(table[f"{JOINTS}.position"]).sum() == 120 * 3
     assert table[f"{COMMANDS}.data"].shape == (119, 2)
-    assert set(read_table(tmp_path / "log.mcap", prefix=f"{COMMANDS}.")) == {"log_time", "layout.data_offset", "data"}
+    assert set(read_table(tmp_path / "log.mcap", prefix=f"{COMMANDS}.")) == {
+        "log_time",
+        "layout.data_offset",
+        "data",
+    }
 
 
 def test_json_in_mcap_is_read_and_other_encodings_are_named(tmp_path, children):
@@ -108,10 +132,13 @@ def test_json_in_mcap_is_read_and_other_encodings_are_named(tmp_path, children):
         writer.start()
         schema = writer.register_schema("drive", "jsonschema", b"{}")
         channels = [
-            writer.register_channel(topic, kind, schema) for topic, kind in (("/a", "json"), ("/b", "protobuf"))
+            writer.register_channel(topic, kind, schema)
+            for topic, kind in (("/a", "json"), ("/b", "protobuf"))
         ]
         for k in range(5):
-            message = json.dumps({"counts": [k, -k], "axis": {"names": ["x", "y"], "current": [0.5, k]}}).encode()
+            message = json.dumps(
+                {"counts": [k, -k], "axis": {"names": ["x", "y"], "current": [0.5, k]}}
+            ).encode()
             for channel in channels:
                 writer.add_message(channel, 1000 * k, message, 1000 * k)
         writer.finish()
@@ -121,7 +148,10 @@ def test_json_in_mcap_is_read_and_other_encodings_are_named(tmp_path, children):
     np.testing.assert_array_equal(table["/a.log_time"], 1000 * np.arange(5))
     with pytest.raises(LoadError, match=r"'/b' is protobuf with jsonschema. Convert it"):
         read_table(tmp_path / "a.mcap", names=["/b.counts"])
-    with pytest.raises(LoadError, match=r"column '/a.axis.current.z' must be there; .* Did you mean '/a.axis.current"):
+    with pytest.raises(
+        LoadError,
+        match=r"column '/a.axis.current.z' must be there; .* Did you mean '/a.axis.current",
+    ):
         read_table(tmp_path / "a.mcap", names=["/a.axis.current.z"])
 
 
@@ -168,7 +198,9 @@ def test_spoilt_files_in_children_of_their_own(tmp_path, kind):
         read(kind, path)
 
 
-@pytest.mark.parametrize(("kind", "library"), [("mcap", "mcap"), ("rosbag2", "rosbags"), ("lerobot", "pyarrow")])
+@pytest.mark.parametrize(
+    ("kind", "library"), [("mcap", "mcap"), ("rosbag2", "rosbags"), ("lerobot", "pyarrow")]
+)
 def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, kind, library):
     monkeypatch.setattr(isolation, "find_spec", lambda name: None)
     write(kind, tmp_path / "log", log(30))
@@ -187,7 +219,10 @@ def test_what_is_no_bag_and_no_data_set_says_what_it_lacks(tmp_path, children):
     ):
         with pytest.raises(LoadError, match=message):
             Record.read(tmp_path / name, rig=RIG, columns=COLUMNS, units=UNITS)
-    with pytest.raises(LoadError, match=r"must end in one of .* or be a folder with metadata.yaml or meta/info.json"):
+    with pytest.raises(
+        LoadError,
+        match=r"must end in one of .* or be a folder with metadata.yaml or meta/info.json",
+    ):
         read_table(tmp_path / "folder")
     (tmp_path / "text.mcap").write_text("time,c1\n")
     with pytest.raises(LoadError, match="must be an MCAP file; its first bytes are not"):
@@ -196,15 +231,21 @@ def test_what_is_no_bag_and_no_data_set_says_what_it_lacks(tmp_path, children):
     (tmp_path / "cut.mcap").write_bytes((tmp_path / "cut.mcap").read_bytes()[:-40])
     with pytest.raises(LoadError, match=r"must be complete; .* Run mcap recover on it"):
         read_table(tmp_path / "cut.mcap")
-    with pytest.raises(LoadError, match=r"has no episodes, as a LeRobot data set does; got episode=1"):
+    with pytest.raises(
+        LoadError, match=r"has no episodes, as a LeRobot data set does; got episode=1"
+    ):
         read_table(tmp_path / "cut.mcap", episode=1)
 
 
-@pytest.mark.parametrize("pattern", ["../{episode_index}.parquet", "/etc/passwd", "{episode_index.real.x}", "{nobody}"])
+@pytest.mark.parametrize(
+    "pattern", ["../{episode_index}.parquet", "/etc/passwd", "{episode_index.real.x}", "{nobody}"]
+)
 def test_data_outside_of_a_data_set_is_not_read(tmp_path, children, pattern):
     shutil.copytree(LEROBOT / "v21", tmp_path / "set")
     shutil.copy(next((tmp_path / "set").rglob("*.parquet")), tmp_path / "0.parquet")
     info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
     (tmp_path / "set" / "meta" / "info.json").write_text(json.dumps(info | {"data_path": pattern}))
-    with pytest.raises(LoadError, match=r"must have (its data inside of its folder|a data_path that names files)"):
+    with pytest.raises(
+        LoadError, match=r"must have (its data inside of its folder|a data_path that names files)"
+    ):
         read_table(tmp_path / "set")

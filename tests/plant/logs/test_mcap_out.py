@@ -1,4 +1,5 @@
-"""Records and running controllers as MCAP: read back by the format's own reader, and by two readers of CDR.
+"""Records and running controllers as MCAP: read back by the format's own reader, and by two readers
+of CDR.
 
 Kills at random times, and what a sample costs, are in tests/benchmarks/out_to_the_machine.py.
 """
@@ -35,14 +36,17 @@ UNITS = {"t": "ns", "torque": "N m"}
 
 
 def indexed(file, chunk):
-    """Messages that the index of a chunk points at, where other readers than this format's in Python look for them."""
+    """Messages that the index of a chunk points at, where other readers than this format's in
+    Python look for them.
+    """
     file.seek(chunk.chunk_start_offset + 9)
     data, count = Chunk.read(ReadDataStream(file)).data, 0
     for channel, offset in chunk.message_index_offsets.items():
         file.seek(offset + 9)
         for when, place in MessageIndex.read(ReadDataStream(file)).records:
             message = Message.read(
-                ReadDataStream(io.BytesIO(data[place + 9 :])), int.from_bytes(data[place + 1 : place + 9], "little")
+                ReadDataStream(io.BytesIO(data[place + 9 :])),
+                int.from_bytes(data[place + 1 : place + 9], "little"),
             )
             assert (message.channel_id, message.log_time) == (channel, when)
             count += 1
@@ -50,14 +54,19 @@ def indexed(file, chunk):
 
 
 def messages(path):
-    """Topic -> its messages, with their times [ns], through the index, each chunk held against its checksum."""
+    """Topic -> its messages, with their times [ns], through the index, each chunk held against
+    its checksum.
+    """
     found = {}
     with open(path, "rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         for _, channel, message, decoded in reader.iter_decoded_messages():
             found.setdefault(channel.topic, []).append((message.log_time, decoded))
-        assert sum(indexed(file, chunk) for chunk in summary.chunk_indexes) == summary.statistics.message_count
+        assert (
+            sum(indexed(file, chunk) for chunk in summary.chunk_indexes)
+            == summary.statistics.message_count
+        )
     assert summary.statistics.message_count == sum(map(len, found.values()))
     return found
 
@@ -74,21 +83,32 @@ def test_a_record_comes_back_in_all_its_columns(tmp_path):
     for name in ("reference_pulses", "error_pulses", "torque", "current", "true_q", "true_qd"):
         np.testing.assert_array_equal(array(found["/sample"], name), getattr(record, name))
     np.testing.assert_array_equal(array(found["/sample"], "valid").ravel(), record.valid)
-    np.testing.assert_array_equal(array(found["/joint_states"], "position"), RIG.cell_centre(record.counts))
+    np.testing.assert_array_equal(
+        array(found["/joint_states"], "position"), RIG.cell_centre(record.counts)
+    )
     np.testing.assert_array_equal(array(found["/joint_states"], "effort"), record.torque)
-    np.testing.assert_array_equal(array(found["/reference"], "position"), RIG.to_angle(record.reference_pulses))
+    np.testing.assert_array_equal(
+        array(found["/reference"], "position"), RIG.to_angle(record.reference_pulses)
+    )
     times = [when for when, _ in found["/sample"]]
     np.testing.assert_allclose(times, 1e9 * (record.t - 5), rtol=0, atol=1)
-    assert [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in found["/sample"]] == times
+    assert [
+        m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in found["/sample"]
+    ] == times
 
 
 def test_another_file_is_not_written_over(tmp_path):
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.01)
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.01
+    )
     for _ in range(2):
         record.to_mcap(tmp_path / "mine.mcap")
     (tmp_path / "mine.txt").write_text("mine")
-    for name, says in (("mine.txt", "must not exist, or be an MCAP file"), ("none/a.mcap", "in a folder that exists"),
-                       ("", "must not exist")):  # fmt: skip
+    for name, says in (
+        ("mine.txt", "must not exist, or be an MCAP file"),
+        ("none/a.mcap", "in a folder that exists"),
+        ("", "must not exist"),
+    ):
         with pytest.raises(ValueError, match=says):
             record.to_mcap(tmp_path / name)
     assert (tmp_path / "mine.txt").read_text() == "mine"
@@ -115,11 +135,17 @@ def test_another_reader_of_cdr_reads_names_of_any_length_and_arrays_without_numb
     for each in (record, bare):
         each.to_mcap(tmp_path / "a.mcap")
         with open(tmp_path / "a.mcap", "rb") as file:
-            kept = [(c.topic, s.name, m.data) for s, c, m in make_reader(file).iter_messages() if "Joint" in s.name]
+            kept = [
+                (c.topic, s.name, m.data)
+                for s, c, m in make_reader(file).iter_messages()
+                if "Joint" in s.name
+            ]
         read = [(topic, types.deserialize_cdr(data, kind)) for topic, kind, data in kept]
         assert all(tuple(message.name) == names for _, message in read)
         torques = [message.effort for topic, message in read if topic == "/joint_states"]
-        np.testing.assert_array_equal(torques, np.zeros((len(each), 0)) if each.torque is None else each.torque)
+        np.testing.assert_array_equal(
+            torques, np.zeros((len(each), 0)) if each.torque is None else each.torque
+        )
 
 
 def test_a_controller_logs_its_samples_and_its_status(tmp_path):
@@ -130,16 +156,25 @@ def test_a_controller_logs_its_samples_and_its_status(tmp_path):
     with controller.log_to(tmp_path / "run.mcap"):
         for k in range(400):
             motion = PATH([k * RIG.period])
-            q_r = motion.q[0] if k != 300 else motion.q[0] + 1.0  # a reference that leaps: a safe stop
+            # a reference that leaps: a safe stop
+            q_r = motion.q[0] if k != 300 else motion.q[0] + 1.0
             given.append(counts)
-            torques.append(controller.step(counts, q_r, motion.qd[0], motion.qdd[0], now=100 + k * RIG.period))
+            torques.append(
+                controller.step(counts, q_r, motion.qd[0], motion.qdd[0], now=100 + k * RIG.period)
+            )
             counts = robot.step(torques[-1])
-    controller.step(counts, motion.q[0], motion.qd[0], motion.qdd[0], now=100 + 400 * RIG.period)  # no longer logged
+    # no longer logged
+    controller.step(counts, motion.q[0], motion.qd[0], motion.qdd[0], now=100 + 400 * RIG.period)
     found = messages(tmp_path / "run.mcap")
     sample = found["/sample"]
     np.testing.assert_array_equal(array(sample, "torque"), torques)
-    np.testing.assert_array_equal(array(sample, "reference_pulses") - array(sample, "error_pulses"), given)
-    np.testing.assert_allclose(np.diff([when for when, _ in sample]), 1e9 * RIG.period, rtol=0, atol=300)  # of 1e18
+    np.testing.assert_array_equal(
+        array(sample, "reference_pulses") - array(sample, "error_pulses"), given
+    )
+    # of 1e18
+    np.testing.assert_allclose(
+        np.diff([when for when, _ in sample]), 1e9 * RIG.period, rtol=0, atol=300
+    )
     assert abs(sample[0][0] - time.time_ns()) < 600e9
     said = [message.data for _, message in found["/status"]]
     assert said[0] == "running"
@@ -153,13 +188,16 @@ def test_a_controller_logs_its_samples_and_its_status(tmp_path):
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e300, -5.0])
 @pytest.mark.parametrize("guards", [Guards(), None])
 def test_a_clock_that_fails_stops_no_log(tmp_path, wrong, guards):
-    """What the controller bridges, or takes as it comes, the log does too; what it refuses, it does not log."""
+    """What the controller bridges, or takes as it comes, the log does too; what it refuses, it
+    does not log.
+    """
     counts, zero = RIG.counts(PATH([0.0]).q[0]), np.zeros(2)
     controller, taken = LAW.start(RIG, counts, guards=guards), 0
     with controller.log_to(tmp_path / "run.mcap"):
         for k in range(6):
             now = wrong if k == 3 else k * RIG.period
-            with contextlib.suppress(ValueError):  # of a clock that does not advance, without guards
+            # of a clock that does not advance, without guards
+            with contextlib.suppress(ValueError):
                 controller.step(counts, PATH([0.0]).q[0], zero, zero, now=now)
                 taken += 1
     times = [when for when, _ in messages(tmp_path / "run.mcap")["/sample"]]
@@ -169,7 +207,9 @@ def test_a_clock_that_fails_stops_no_log(tmp_path, wrong, guards):
 
 
 def started(*arguments):
-    process = subprocess.Popen([sys.executable, SCRIPT, *map(str, arguments)], stdout=subprocess.PIPE, text=True)  # noqa: S603
+    process = subprocess.Popen(  # noqa: S603
+        [sys.executable, SCRIPT, *map(str, arguments)], stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout.readline() == "running\n"
     return process
 

@@ -10,8 +10,16 @@ from plant import P, Record, puma560
 
 RIG, LAW, PATH = puma560.rig(), puma560.p_law(), puma560.reference()
 FIELDS = (
-    "t", "reference_pulses", "error_pulses", "torque", "current", "initial", "link_counts", "true_q", "true_qd",
-)  # fmt: skip
+    "t",
+    "reference_pulses",
+    "error_pulses",
+    "torque",
+    "current",
+    "initial",
+    "link_counts",
+    "true_q",
+    "true_qd",
+)
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
@@ -24,7 +32,9 @@ def records(draw):
     for name in FIELDS[1:]:
         needed = name in ("reference_pulses", "error_pulses")
         if needed or draw(st.booleans()):
-            values[name] = draw(arrays(float, (2, 2) if name == "initial" else (N, 2), elements=finite))
+            values[name] = draw(
+                arrays(float, (2, 2) if name == "initial" else (N, 2), elements=finite)
+            )
     law = draw(st.sampled_from([None, LAW, P(gain=(1 / 3, 1e-300))]))
     return Record(**values, rig=RIG, law=law, reference=draw(st.sampled_from([None, PATH])))
 
@@ -68,13 +78,20 @@ def test_header_is_one_comment_line_and_names_carry_units(file):
 
 
 def some_record(**changes):
-    values = {"t": [0.0, 1.0, 2.0], "reference_pulses": np.ones((3, 2)), "error_pulses": np.arange(6).reshape(3, 2),
-              "torque": np.ones((3, 2)), "rig": RIG, "law": LAW}  # fmt: skip
+    values = {
+        "t": [0.0, 1.0, 2.0],
+        "reference_pulses": np.ones((3, 2)),
+        "error_pulses": np.arange(6).reshape(3, 2),
+        "torque": np.ones((3, 2)),
+        "rig": RIG,
+        "law": LAW,
+    }
     return Record(**values | changes)
 
 
 @pytest.mark.parametrize(
-    "heading", ["", "t,r1,r2,e1,e2\n", "# from my robot\nt;a,b,c,d,e\n", "# {not json\n", "# [1]\n\n"]
+    "heading",
+    ["", "t,r1,r2,e1,e2\n", "# from my robot\nt;a,b,c,d,e\n", "# {not json\n", "# [1]\n\n"],
 )
 def test_plain_file_needs_a_rig_and_takes_any_heading(file, heading):
     file.write_text(heading + "0,1,2,3,4\n0.1, 5,6,7,8\n")
@@ -108,8 +125,14 @@ def test_without_a_reference_the_errors_are_minus_the_counts():
         ({"t": [0.0, 2.0, 1.0]}, r"t must increase; got 1.0 after 2.0 at index 2"),
         ({"t": [0.0, np.nan, 1.0]}, r"t must be finite; got nan at index 1"),
         ({"t": [[0.0, 1.0, 2.0]]}, r"t must have shape \(N,\); got shape \(1, 3\)"),
-        ({"error_pulses": [[0, 0], [0, np.nan], [0, 0]]}, r"error_pulses must be finite; got nan at index \(1, 1\)"),
-        ({"error_pulses": np.zeros((2, 3))}, r"error_pulses must have shape \(3, 2\); got shape \(2, 3\)"),
+        (
+            {"error_pulses": [[0, 0], [0, np.nan], [0, 0]]},
+            r"error_pulses must be finite; got nan at index \(1, 1\)",
+        ),
+        (
+            {"error_pulses": np.zeros((2, 3))},
+            r"error_pulses must have shape \(3, 2\); got shape \(2, 3\)",
+        ),
         ({"error_pulses": None}, r"error_pulses must have shape \(3, 2\); got None"),
         ({"valid": np.ones(2)}, r"valid must have shape \(3,\); got shape \(2,\)"),
         ({"valid": [1, 2, 0]}, r"valid must be 0 to 1; got 2 at index 1"),
@@ -140,16 +163,32 @@ GOOD = "0,1,2,3,4\n0.1,5,6,7,8\n"
         ("t,a,b,c,d\n0,1,2,3\n", r"line 2 must have 5 cells; got 4"),
         (
             GOOD + "0.2,1,2,x,4\n",
-            r"line 3 must be numbers; got 'x' in column 4\. Correct it; of a log, map .* with columns=",
+            (
+                r"line 3 must be numbers; got 'x' in column 4\. Correct it; of a log, map .* with"
+                r" columns="
+            ),
         ),
         (GOOD + "0.2,1,2,,4\n", r"line 3 must be numbers"),
-        ("t,a,b,c,d\n" + GOOD + "0.2,1,2,RUN,4\n", r"line 4 must be numbers; got 'RUN' in column 'c'"),
+        (
+            "t,a,b,c,d\n" + GOOD + "0.2,1,2,RUN,4\n",
+            r"line 4 must be numbers; got 'RUN' in column 'c'",
+        ),
         (GOOD + "0.2,1,2,nan,4\n", r"line 3 must have finite numbers; got nan in column 4\. Cut"),
         (GOOD + "0.05,1,2,3,4\n", r"t must increase; got 0.05 after 0.1 at index 2"),
         ("0,1,2\n", r"must hold t, 2 reference and 2 error columns; got 3 columns"),
-        ("0,0.1,0.2\n1,2,3\n1,2,3\n4,5,6\n4,5,6\n", r"must hold t, 2 reference and 2 error columns; got 3 columns"),
-        ("t [s],reference_1 [pulses],speed_1 [rad/s],a [b],c [d]\n" + GOOD, r"unknown column 'speed_1 \[rad/s\]'"),
-        ("t [s],reference_1 [pulses],reference_2 [pulses],error_1 [pulses],error_1 [pulses]\n" + GOOD, r"error_"),
+        (
+            "0,0.1,0.2\n1,2,3\n1,2,3\n4,5,6\n4,5,6\n",
+            r"must hold t, 2 reference and 2 error columns; got 3 columns",
+        ),
+        (
+            "t [s],reference_1 [pulses],speed_1 [rad/s],a [b],c [d]\n" + GOOD,
+            r"unknown column 'speed_1 \[rad/s\]'",
+        ),
+        (
+            "t [s],reference_1 [pulses],reference_2 [pulses],error_1 [pulses],error_1 [pulses]\n"
+            + GOOD,
+            r"error_",
+        ),
         ('# {"onepulse": 2}\n' + GOOD, r"line 1 must be version 1; got 2\. Use a newer library"),
     ],
 )
@@ -168,12 +207,21 @@ def test_bad_file_is_refused_in_one_line(file, text, message):
         (lambda line: line[: len(line) // 2], "does not name its rig|header"),
         (lambda line: "# " + "[" * 100_000, "does not name its rig|header"),
         (lambda line: '# {"rig": ' + "[" * 900 + "]" * 900 + "}", "rig"),
-        (lambda line: line.replace("plant.P", "ctc.Magic"), r"got 'ctc\.Magic'\. Please import ctc first"),
+        (
+            lambda line: line.replace("plant.P", "ctc.Magic"),
+            r"got 'ctc\.Magic'\. Please import ctc first",
+        ),
         (lambda line: line.replace("plant.Rig", "plant.Wig"), r"got 'plant\.Wig'"),
-        (lambda line: line.replace('"period": 0.0007', '"period": -1'), "period must be a positive number"),
+        (
+            lambda line: line.replace('"period": 0.0007', '"period": -1'),
+            "period must be a positive number",
+        ),
         (lambda line: line.replace('"period"', '"perid"'), "Did you mean 'period'"),
         (lambda line: line.replace('"gear": [107.8, -53.7]', '"gear": [107.8]'), "must have shape"),
-        (lambda line: '# {"rig": {"kind": "plant.P", "gain": [1, 2]}}', "rig of a record must be a Rig"),
+        (
+            lambda line: '# {"rig": {"kind": "plant.P", "gain": [1, 2]}}',
+            "rig of a record must be a Rig",
+        ),
         (lambda line: '# {"rig": {"kind": {}}}', r"got \{\}\. Please check the file"),
         (lambda line: '# {"rig": 7}', "rig of a record must be a Rig"),
     ],

@@ -19,8 +19,10 @@ def symbolic(function, x):
     return ca.Function("f", [symbol], [function(symbol)])(x).full().ravel()
 
 
-# -- encoder ---------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("x", "whole"), [(0.0, 0), (0.99, 0), (-0.99, 0), (1.0, 1), (-1.0, -1), (2.7, 2), (-2.7, -2)])
+# -- encoder -------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("x", "whole"), [(0.0, 0), (0.99, 0), (-0.99, 0), (1.0, 1), (-1.0, -1), (2.7, 2), (-2.7, -2)]
+)
 def test_fix_rounds_towards_zero(x, whole):
     assert fix(np.array([x]))[0] == whole
     assert symbolic(fix, np.array([x]))[0] == whole
@@ -35,7 +37,8 @@ def test_fix_of_casadi_is_fix_of_numpy(x):
 def test_cell_around_zero_is_two_pulses_wide_and_the_others_one():
     position = np.arange(-4000, 4001) / 1000.0
     counts, sizes = np.unique(
-        RIG.encoder.counts(position[:, None] * 2 * np.pi / [800.0, 1000.0])[:, 0], return_counts=True
+        RIG.encoder.counts(position[:, None] * 2 * np.pi / [800.0, 1000.0])[:, 0],
+        return_counts=True,
     )
     np.testing.assert_array_equal(counts, np.arange(-4, 5))
     # Edges themselves may fall to either side (2 pi is rounded): a point or two of 1,000.
@@ -44,8 +47,11 @@ def test_cell_around_zero_is_two_pulses_wide_and_the_others_one():
 
 def test_one_pulse_is_as_large_as_the_errata_say():
     turn = 2 * np.pi / np.abs(RIG.position_in_pulses(np.ones(2))) / (2 * np.pi)
-    np.testing.assert_allclose(turn, [7.3e-5, 1.17e-4], rtol=5e-3)  # printed with two and three digits
-    np.testing.assert_allclose(turn, [2 * np.pi / (107.8 * 800), 2 * np.pi / (53.7 * 1000)], rtol=1e-15)
+    # printed with two and three digits
+    np.testing.assert_allclose(turn, [7.3e-5, 1.17e-4], rtol=5e-3)
+    np.testing.assert_allclose(
+        turn, [2 * np.pi / (107.8 * 800), 2 * np.pi / (53.7 * 1000)], rtol=1e-15
+    )
 
 
 def test_gear_sign_is_in_the_pulses():
@@ -78,7 +84,9 @@ def test_angle_at_count_zero_is_zero():
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-1e4, 1e4), st.sampled_from(["floor", "round"]))
 def test_counters_have_cells_of_one_width(position, rounding):
-    """No cell is wider, also around zero; the angle of a count is the middle of its cell; casadi counts alike."""
+    """No cell is wider, also around zero; the angle of a count is the middle of its cell; casadi
+    counts alike.
+    """
     encoder = Encoder(resolution=(1000,), rounding=rounding)
     begin = {"floor": 0.0, "round": -0.5}[rounding]
     x = np.array([position])
@@ -89,7 +97,9 @@ def test_counters_have_cells_of_one_width(position, rounding):
     middle = encoder.position_in_pulses(encoder.cell_centre(count))
     np.testing.assert_allclose(middle, count + begin + 0.5, atol=1e-9)
     np.testing.assert_allclose(
-        float(ca.evalf(encoder.cell_centre(ca.SX(count)))), encoder.cell_centre(count)[0], rtol=1e-12
+        float(ca.evalf(encoder.cell_centre(ca.SX(count)))),
+        encoder.cell_centre(count)[0],
+        rtol=1e-12,
     )
 
 
@@ -108,16 +118,21 @@ def test_smooth_encoder_counts_fractions_and_angle_inverts_it():
     np.testing.assert_allclose(encoder.cell_centre(encoder.counts(x)), x, rtol=1e-15)
 
 
-# -- drive -----------------------------------------------------------------------------------------------------------
+# -- drive ---------------------------------------------------------------------------------------
 def test_friction_is_positive_on_the_joint_side_whatever_the_gear_sign():
-    np.testing.assert_allclose(DRIVE.joint_viscous(), [0.817e-3 * 107.8**2, 1.38e-3 * 53.7**2], rtol=1e-15)
-    np.testing.assert_allclose(DRIVE.joint_viscous()[0], 9.5, rtol=1e-2)  # FINDINGS 1: "9.5 of friction"
+    np.testing.assert_allclose(
+        DRIVE.joint_viscous(), [0.817e-3 * 107.8**2, 1.38e-3 * 53.7**2], rtol=1e-15
+    )
+    # FINDINGS 1: "9.5 of friction"
+    np.testing.assert_allclose(DRIVE.joint_viscous()[0], 9.5, rtol=1e-2)
     np.testing.assert_allclose(DRIVE.joint_coulomb(), [0.124 * 107.8, 0.146 * 53.7], rtol=1e-15)
     qd = np.array([0.7, 0.7])
     np.testing.assert_allclose(
         symbolic(DRIVE.friction, qd), DRIVE.joint_viscous() * qd + DRIVE.joint_coulomb(), rtol=1e-15
     )
-    np.testing.assert_allclose(symbolic(DRIVE.friction, -qd), -symbolic(DRIVE.friction, qd), rtol=1e-15)
+    np.testing.assert_allclose(
+        symbolic(DRIVE.friction, -qd), -symbolic(DRIVE.friction, qd), rtol=1e-15
+    )
     np.testing.assert_array_equal(symbolic(DRIVE.friction, np.zeros(2)), [0, 0])
 
 
@@ -138,18 +153,34 @@ def test_amplifier_limits_the_torque_at_its_current():
 
 
 def test_unlimited_amplifier():
-    drive = Drive(gear=2.0 * np.ones(2), motor_inertia=np.zeros(2), viscous=np.zeros(2), coulomb=np.zeros(2),
-                  motor_gain=np.ones(2), current_limit=(np.inf, 1.0))  # fmt: skip
+    drive = Drive(
+        gear=2.0 * np.ones(2),
+        motor_inertia=np.zeros(2),
+        viscous=np.zeros(2),
+        coulomb=np.zeros(2),
+        motor_gain=np.ones(2),
+        current_limit=(np.inf, 1.0),
+    )
     np.testing.assert_array_equal(symbolic(drive.limited, np.array([1e9, 1e9])), [1e9, 2])
 
 
 def test_reflected_inertia_is_jm_k_squared():
-    np.testing.assert_allclose(DRIVE.reflected_inertia(), [2e-4 * 107.8**2, 2e-4 * 53.7**2], rtol=1e-15)
-    np.testing.assert_allclose(DRIVE.reflected_inertia(1e-4), [1e-4 * 107.8**2, 1e-4 * 53.7**2], rtol=1e-15)
+    np.testing.assert_allclose(
+        DRIVE.reflected_inertia(), [2e-4 * 107.8**2, 2e-4 * 53.7**2], rtol=1e-15
+    )
+    np.testing.assert_allclose(
+        DRIVE.reflected_inertia(1e-4), [1e-4 * 107.8**2, 1e-4 * 53.7**2], rtol=1e-15
+    )
 
 
-FIELDS = {"gear": (1, 1), "motor_inertia": (0, 0), "viscous": (0, 0), "coulomb": (0, 0), "motor_gain": (1, 1),
-          "current_limit": (1, 1)}  # fmt: skip
+FIELDS = {
+    "gear": (1, 1),
+    "motor_inertia": (0, 0),
+    "viscous": (0, 0),
+    "coulomb": (0, 0),
+    "motor_gain": (1, 1),
+    "current_limit": (1, 1),
+}
 
 
 @pytest.mark.parametrize(
@@ -159,7 +190,11 @@ FIELDS = {"gear": (1, 1), "motor_inertia": (0, 0), "viscous": (0, 0), "coulomb":
         ("viscous", (-1, 0), r"viscous must not be negative; got -1.0 at joint q\[0\]"),
         ("coulomb", (0, -1), r"coulomb must not be negative; got -1.0 at joint q\[1\]"),
         ("motor_gain", (0, 1), r"motor_gain must be positive; got 0.0 at joint q\[0\]"),
-        ("current_limit", (1, -np.inf), r"current_limit must be positive; got -inf at joint q\[1\]"),
+        (
+            "current_limit",
+            (1, -np.inf),
+            r"current_limit must be positive; got -inf at joint q\[1\]",
+        ),
         ("current_limit", (1, np.nan), r"current_limit of Drive must be numbers; got NaN"),
         ("coulomb", (0, np.inf), r"coulomb of Drive must be finite; got inf at index 1"),
         ("coulomb", (0, 0, 0), r"coulomb of Drive must have shape \(2,\); got shape \(3,\)"),
@@ -182,7 +217,8 @@ def test_rig_needs_a_period_and_as_many_encoders_as_drives():
 
 
 @pytest.mark.parametrize(
-    ("what", "value"), [("current", (1, 2, 3)), ("counts", (0, 0, 0)), ("current", "a"), ("counts", 0.1)]
+    ("what", "value"),
+    [("current", (1, 2, 3)), ("counts", (0, 0, 0)), ("current", "a"), ("counts", 0.1)],
 )
 def test_numbers_of_other_joints_are_refused_in_one_line(what, value):
     rig = puma560.rig()
@@ -206,7 +242,9 @@ def test_one_number_stands_for_all_joints_where_it_is_written_so():
     rig = Rig(drive=drive, encoder=Encoder(resolution=4096), period=1e-3)
     assert rig == Rig(drive=drive, encoder=Encoder(resolution=(4096, 4096)), period=1e-3)
     assert Encoder(resolution=4096).to_angle(1024) == pytest.approx(np.pi / 2)
-    with pytest.raises(ValueError, match=r"viscous of Drive must have shape \(2,\); got shape \(1,\)"):
+    with pytest.raises(
+        ValueError, match=r"viscous of Drive must have shape \(2,\); got shape \(1,\)"
+    ):
         Drive(**FIELDS | {"viscous": (0.5,)})
     with pytest.raises(ValueError, match="encoder must have 2 joints like the drive; got 1"):
         Rig(drive=drive, encoder=Encoder(resolution=(4096,)), period=1e-3)

@@ -1,4 +1,6 @@
-"""Friction impulses: against closed forms, against enumeration of the complementarity, and as an invariant."""
+"""Friction impulses: against closed forms, against enumeration of the complementarity, and as an
+invariant.
+"""
 
 from itertools import product
 
@@ -13,24 +15,32 @@ from plant.mechanics.symmetric_inverse import inverse
 
 
 def impulse_function(n, sweeps):
-    inertia, qd, impulse, bound = (ca.SX.sym(name, *shape) for name, shape in
-                                   (("inertia", (n, n)), ("qd", (n,)), ("impulse", (n,)), ("bound", (n,))))  # fmt: skip
+    inertia, qd, impulse, bound = (
+        ca.SX.sym(name, *shape)
+        for name, shape in (("inertia", (n, n)), ("qd", (n,)), ("impulse", (n,)), ("bound", (n,)))
+    )
     mobility = inverse(inertia)
     given = friction_impulse(mobility, -mobility.alone * qd, impulse, bound, sweeps)
     return ca.Function("f", [inertia, qd, impulse, bound], [given, qd + mobility.solve(given)])
 
 
-FUNCTIONS = {(n, sweeps): impulse_function(n, sweeps) for n, sweeps in ((1, 1), (1, 3), (2, 3), (2, 200))}
+FUNCTIONS = {
+    (n, sweeps): impulse_function(n, sweeps) for n, sweeps in ((1, 1), (1, 3), (2, 3), (2, 200))
+}
 
 
 def friction(mobility, qd, bound, impulse=None, sweeps=3):
     n = len(qd)
     given = np.zeros(n) if impulse is None else impulse
-    return [x.full().ravel() for x in FUNCTIONS[n, sweeps](np.linalg.inv(mobility), qd, given, bound)]
+    return [
+        x.full().ravel() for x in FUNCTIONS[n, sweeps](np.linalg.inv(mobility), qd, given, bound)
+    ]
 
 
 def enumerated(inverse, qd, bound):
-    """The impulses of all joints by trying out who stops and who slides which way; exactly one choice is consistent."""
+    """The impulses of all joints by trying out who stops and who slides which way; exactly one
+    choice is consistent.
+    """
     solutions = []
     for choice in product((0, 1, -1), repeat=len(qd)):
         modes = np.array(choice)
@@ -49,15 +59,26 @@ def enumerated(inverse, qd, bound):
 @pytest.mark.parametrize("start", [0.0, 0.3, -5.0])
 def test_one_joint_is_stopped_or_gets_the_largest_impulse_against_its_motion(sweeps, start):
     mass, bound = 2.0, np.array([0.5])
-    for qd, expected in ((0.1, -0.2), (-0.2, 0.4), (0.25, -0.5), (1.0, -0.5), (-3.0, 0.5), (0.0, 0.0)):
-        impulse, following = friction(np.array([[1 / mass]]), np.array([qd]), bound, np.array([start]), sweeps)
+    for qd, expected in (
+        (0.1, -0.2),
+        (-0.2, 0.4),
+        (0.25, -0.5),
+        (1.0, -0.5),
+        (-3.0, 0.5),
+        (0.0, 0.0),
+    ):
+        impulse, following = friction(
+            np.array([[1 / mass]]), np.array([qd]), bound, np.array([start]), sweeps
+        )
         # A handful of additions and products of numbers near 1.
         np.testing.assert_allclose(impulse, expected, rtol=0, atol=1e-15)
         np.testing.assert_allclose(following, qd + expected / mass, rtol=0, atol=1e-15)
 
 
 def test_frictionless_joint_gets_no_impulse():
-    impulse, following = friction(np.eye(2), np.array([1.0, -2.0]), np.zeros(2), np.array([3.0, 3.0]))
+    impulse, following = friction(
+        np.eye(2), np.array([1.0, -2.0]), np.zeros(2), np.array([3.0, 3.0])
+    )
     np.testing.assert_array_equal(impulse, [0, 0])
     np.testing.assert_array_equal(following, [1, -2])
 
@@ -80,8 +101,14 @@ def test_two_joints_converge_to_the_only_consistent_choice(qd, bound, coupling, 
 
 @settings(derandomize=True, max_examples=100, deadline=None)
 @given(st.tuples(speeds, speeds), st.floats(-0.9, 0.9), st.tuples(speeds, speeds))
-def test_impulses_stay_within_bounds_take_energy_and_change_the_speed_by_momentum(qd, coupling, start):
-    inverse, qd, bound = np.array([[1.0, coupling], [coupling, 1.0]]), np.array(qd), np.array([0.4, 0.7])
+def test_impulses_stay_within_bounds_take_energy_and_change_the_speed_by_momentum(
+    qd, coupling, start
+):
+    inverse, qd, bound = (
+        np.array([[1.0, coupling], [coupling, 1.0]]),
+        np.array(qd),
+        np.array([0.4, 0.7]),
+    )
     impulse, following = friction(inverse, qd, bound, np.array(start))
     assert (np.abs(impulse) <= bound).all()
     np.testing.assert_allclose(following, qd + inverse @ impulse, atol=1e-14)
@@ -92,7 +119,9 @@ def test_impulses_stay_within_bounds_take_energy_and_change_the_speed_by_momentu
 
 
 def test_right_impulse_is_kept_when_the_sweeps_start_from_it():
-    """A held arm stays held: the friction of the last step is a fixed point, whatever the coupling."""
+    """A held arm stays held: the friction of the last step is a fixed point, whatever the
+    coupling.
+    """
     inverse = np.array([[1.0, 0.95], [0.95, 1.0]])
     push = np.array([0.3, -0.2])
     held = -np.linalg.solve(inverse, push)

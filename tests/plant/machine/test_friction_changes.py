@@ -1,4 +1,6 @@
-"""Friction that depends on the load and on time: statics by hand, motions in closed form, rigid and elastic gears."""
+"""Friction that depends on the load and on time: statics by hand, motions in closed form, rigid
+and elastic gears.
+"""
 
 import dataclasses
 
@@ -17,14 +19,21 @@ def rig(*, level=LEVEL, viscous=0.0, stiffness=None, **options):
     if stiffness is not None:
         options["elasticity"] = Elasticity(stiffness=(stiffness,), damping=(60.0,))
     drive = Drive(
-        gear=(-GEAR,), motor_inertia=(ROTOR / GEAR**2,), viscous=(viscous / GEAR**2,), coulomb=(level / GEAR,),
-        motor_gain=(0.2,), current_limit=(np.inf,), **options,
-    )  # fmt: skip
+        gear=(-GEAR,),
+        motor_inertia=(ROTOR / GEAR**2,),
+        viscous=(viscous / GEAR**2,),
+        coulomb=(level / GEAR,),
+        motor_gain=(0.2,),
+        current_limit=(np.inf,),
+        **options,
+    )
     return Rig(drive=drive, encoder=Encoder(resolution=(1000,)), period=0.7e-3)
 
 
 def moved(rig, *, torque=0.0, speed=0.0, mass=0.0, duration=1.0):
-    """Time, angle and speed of a joint under a constant torque; of a mass, its weight WEIGHT pulls it down."""
+    """Time, angle and speed of a joint under a constant torque; of a mass, its weight WEIGHT
+    pulls it down.
+    """
     arm = joint(mass, 0.3, ROTOR + LINK + mass * 0.09)
     still = PointToPoint(start=(0.0,), goal=(0.0,), duration=duration)
     law = Constant(torque=torque, period=rig.period) if torque else NoTorque()
@@ -32,11 +41,13 @@ def moved(rig, *, torque=0.0, speed=0.0, mass=0.0, duration=1.0):
     return record.t, record.true_q[:, 0], record.true_qd[:, 0]
 
 
-# -- load -----------------------------------------------------------------------------------------------------------
+# -- load ----------------------------------------------------------------------------------------
 @pytest.mark.parametrize("stiffness", [None, 1e6])
 @pytest.mark.parametrize(("share", "holds"), [(0.04, False), (0.06, True)])
 def test_a_loaded_gear_holds_a_weight_by_its_own_friction(share, holds, stiffness):
-    """Nobody drives; at rest the gear transmits the weight, so friction holds up to level + share weight."""
+    """Nobody drives; at rest the gear transmits the weight, so friction holds up to level +
+    share weight.
+    """
     given = rig(level=0.95 * WEIGHT, stiffness=stiffness, load_friction=(share,))
     _, q, qd = moved(given, mass=5.0, duration=0.2)
     assert (abs(qd[-1]) < 1e-6) == holds
@@ -47,7 +58,12 @@ def test_a_loaded_gear_holds_a_weight_by_its_own_friction(share, holds, stiffnes
 @pytest.mark.parametrize("torque", [1.16, 1.14, 0.86, 0.84])
 def test_it_takes_so_much_torque_to_lift_and_to_let_go(torque):
     """Level 0.05 and share 0.1 of the weight: moves above 1.15 weights, and below 0.85."""
-    _, _, qd = moved(rig(level=0.05 * WEIGHT, load_friction=(0.1,)), mass=5.0, torque=torque * WEIGHT, duration=0.2)
+    _, _, qd = moved(
+        rig(level=0.05 * WEIGHT, load_friction=(0.1,)),
+        mass=5.0,
+        torque=torque * WEIGHT,
+        duration=0.2,
+    )
     moves = 1 if torque > 1.15 else -1 if torque < 0.85 else 0
     assert np.sign(np.round(qd[-1], 6)) == moves
 
@@ -63,12 +79,14 @@ def test_only_what_passes_the_gear_counts(torque, stiffness):
 
 
 def test_viscous_friction_and_offsets_load_no_gear():
-    """A joint that turns steadily against its own viscous friction carries nothing: T = level + viscous speed."""
+    """A joint that turns steadily against its own viscous friction carries nothing: T = level +
+    viscous speed.
+    """
     _, _, qd = moved(rig(viscous=2.0, load_friction=(0.3,)), torque=1.5, duration=12.0)
     assert qd[-1] == pytest.approx((1.5 - LEVEL) / 2.0, rel=1e-4)
 
 
-# -- drift ----------------------------------------------------------------------------------------------------------
+# -- drift ---------------------------------------------------------------------------------------
 @pytest.mark.parametrize("amount", [-0.4, 0.5])
 def test_coulomb_friction_drifts_from_its_level_towards_another(amount):
     """J dv/dt = -level (1 + amount (1 - exp(-t / T)))."""
@@ -82,7 +100,9 @@ def test_coulomb_friction_drifts_from_its_level_towards_another(amount):
 def test_viscous_friction_drifts_too():
     """The logarithm of the speed falls by the integral of the coefficient."""
     time, amount, viscous = 0.7, -0.4, 1.5
-    given = rig(level=0.0, viscous=viscous, friction_drift=FrictionDrift(amount=(amount,), time=(time,)))
+    given = rig(
+        level=0.0, viscous=viscous, friction_drift=FrictionDrift(amount=(amount,), time=(time,))
+    )
     t, _, qd = moved(given, speed=1.0, duration=2.0)
     spent = t + amount * (t - time * (1 - np.exp(-t / time)))
     np.testing.assert_allclose(np.log(qd), -viscous / (ROTOR + LINK) * spent, rtol=0, atol=2e-4)
@@ -97,7 +117,7 @@ def test_drift_is_exact_over_any_step():
     np.testing.assert_allclose(drift.factor(one), 1 + 0.3 * (1 - np.exp(-0.5)), rtol=1e-14)
 
 
-# -- refusals -------------------------------------------------------------------------------------------------------
+# -- refusals ------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("make", "said"),
     [
@@ -107,10 +127,15 @@ def test_drift_is_exact_over_any_step():
         (lambda: rig(load_friction=0.1), "share of LoadFriction must have shape"),
         (lambda: FrictionDrift(amount=(-1.0,), time=(1.0,)), "amount must be above -1"),
         (lambda: FrictionDrift(amount=(0.1,), time=(0.0,)), "time must be positive"),
-        (lambda: FrictionDrift(amount=(0.1,), time=(1.0, 1.0)), "time of FrictionDrift must have shape"),
+        (
+            lambda: FrictionDrift(amount=(0.1,), time=(1.0, 1.0)),
+            "time of FrictionDrift must have shape",
+        ),
         (lambda: rig(friction_drift=0.1), "friction_drift of Drive must be of type FrictionDrift"),
         (
-            lambda: dataclasses.replace(puma560.rig().drive, friction_drift=FrictionDrift(amount=(0.1,), time=(1.0,))),
+            lambda: dataclasses.replace(
+                puma560.rig().drive, friction_drift=FrictionDrift(amount=(0.1,), time=(1.0,))
+            ),
             "friction_drift.amount must have 2 joints; got 1",
         ),
     ],

@@ -12,8 +12,11 @@ from plant import Elasticity, Jitter, LoggedTorque, Rig, StatelessLaw, puma560, 
 from plant.parts.part import number, part, structure
 
 RIG, PERIOD, PATH = puma560.rig(), puma560.rig().period, puma560.reference()
-FREE = dataclasses.replace(RIG.drive, viscous=(0, 0), coulomb=(0, 0), current_limit=(np.inf, np.inf))
-STILL = puma560.dynamics().arm([1e6, 1e6, 0, 0, 0, 0, 3e6, 0, 0])  # so heavy that no torque moves it, and no gravity
+FREE = dataclasses.replace(
+    RIG.drive, viscous=(0, 0), coulomb=(0, 0), current_limit=(np.inf, np.inf)
+)
+# so heavy that no torque moves it, and no gravity
+STILL = puma560.dynamics().arm([1e6, 1e6, 0, 0, 0, 0, 3e6, 0, 0])
 
 
 @part
@@ -40,14 +43,17 @@ def lateness(jitter, *, every=1, drive=FREE, side="motor", arm=STILL, duration=0
     read, q, qd = record.torque[::every] / 1e-3, record.true_q[::every], record.true_qd[::every]
     late = (read - rig.position_in_pulses(q)) / rig.position_in_pulses(qd)
     moving = np.abs(qd).min(axis=1) > 1e-2
-    np.testing.assert_allclose(late[moving, 0], late[moving, 1], atol=1e-9)  # one instant for all joints
+    # one instant for all joints
+    np.testing.assert_allclose(late[moving, 0], late[moving, 1], atol=1e-9)
     return late[:, 0]
 
 
 def drawn(jitter, steps, period=PERIOD):
     """Lateness [s] of each step, by the part itself."""
     draw = ca.SX.sym("draw", 1, steps)
-    return ca.Function("late", [draw], [jitter.late(draw, period)])(jitter.draws(steps)[None]).full()[0]
+    return ca.Function("late", [draw], [jitter.late(draw, period)])(
+        jitter.draws(steps)[None]
+    ).full()[0]
 
 
 @pytest.mark.parametrize("every", [1, 2])
@@ -68,10 +74,14 @@ def test_the_draws_are_the_seed_s_and_the_stream_s():
 
 
 def test_an_encoder_on_the_link_moves_with_the_link():
-    """Motors that friction stops at once, links that swing on: what is read lies on the motion of the links."""
+    """Motors that friction stops at once, links that swing on: what is read lies on the motion
+    of the links.
+    """
     arm, jitter = puma560.literature_arm(1.5), Jitter(share=0.3, seed=2)
     elasticity = Elasticity.from_resonance(arm, 20, 0.005, drive=RIG.drive)
-    drive = dataclasses.replace(RIG.drive, coulomb=(5.0, 5.0), current_limit=(100, 100), elasticity=elasticity)
+    drive = dataclasses.replace(
+        RIG.drive, coulomb=(5.0, 5.0), current_limit=(100, 100), elasticity=elasticity
+    )
     late = lateness(jitter, drive=drive, side="link", arm=arm, duration=0.05)
     np.testing.assert_allclose(late[1:12], drawn(jitter, 12)[1:], atol=1e-9)
 
@@ -80,7 +90,8 @@ def test_streams_are_uniform_and_independent_of_each_other():
     """Loops side by side have one table of draws; forty of them, each with each."""
     steps = 5000
     instants = np.array([drawn(Jitter(share=0.5, stream=s), steps, 1.0) for s in range(40)]) + 0.5
-    assert min(stats.kstest(row, stats.uniform.cdf).pvalue for row in instants) > 1e-4  # forty tests
+    # forty tests
+    assert min(stats.kstest(row, stats.uniform.cdf).pvalue for row in instants) > 1e-4
     correlation = np.corrcoef(instants)[np.triu_indices(40, 1)]
     assert np.abs(correlation).max() < 4.5 / np.sqrt(steps)  # 780 pairs
     serial = [np.corrcoef(row[:-1], row[1:])[0, 1] for row in instants]
@@ -92,11 +103,15 @@ def test_no_jitter_changes_no_bit():
     one, other = (simulate(arm, rig, law, PATH, duration=0.1) for rig in (RIG, shaken(share=0.0)))
     np.testing.assert_array_equal(one.true_q, other.true_q)
     np.testing.assert_array_equal(one.torque, other.torque)
-    assert not np.array_equal(one.torque, simulate(arm, shaken(share=0.1), law, PATH, duration=0.1).torque)
+    assert not np.array_equal(
+        one.torque, simulate(arm, shaken(share=0.1), law, PATH, duration=0.1).torque
+    )
 
 
 def test_a_repeated_log_reads_nothing():
-    """The torque of a record with jitter moves the arm as in the record, with jitter in the rig or without."""
+    """The torque of a record with jitter moves the arm as in the record, with jitter in the rig
+    or without.
+    """
     arm, law = puma560.arm(), ComputedTorque(puma560.arm(), RIG)
     record = simulate(arm, shaken(share=0.2), law, PATH, duration=0.1)
     given = dataclasses.replace(record, law=LoggedTorque())
@@ -107,7 +122,10 @@ def test_a_repeated_log_reads_nothing():
 
 def test_casadi_gives_the_same():
     arm, law = puma560.arm(), ComputedTorque(puma560.arm(), RIG)
-    one, other = (simulate(arm, shaken(share=0.2), law, PATH, duration=0.2, backend=b) for b in ("numba", "casadi"))
+    one, other = (
+        simulate(arm, shaken(share=0.2), law, PATH, duration=0.2, backend=b)
+        for b in ("numba", "casadi")
+    )
     np.testing.assert_array_equal(one.error_pulses, other.error_pulses)
     np.testing.assert_allclose(one.true_q, other.true_q, atol=1e-10)
 

@@ -27,7 +27,8 @@ def test_sign_agrees_with_eigenvalues_for_random_candidates():
     f[:50] = puma560.PUBLISHED * random.uniform(0.5, 1.5, (50, 9))
     margins = least_inertia_margin(DYNAMICS, RIG, f)
     eigenvalues = np.array([smallest_eigenvalue(row) for row in f])
-    # The grids miss the worst angle by 0.25 and 0.5 deg, where D changes by less than 4e-5 of its range.
+    # The grids miss the worst angle by 0.25 and 0.5 deg, where D changes by less than 4e-5 of its
+    # range.
     clear = np.abs(eigenvalues) > 1e-2
     assert clear.sum() > 185
     assert (np.sign(margins[clear]) == np.sign(eigenvalues[clear])).all()
@@ -43,7 +44,8 @@ def test_positive_margin_is_the_smallest_pivot():
     M11, M12, M22 = f7 + 2 * f3 * c - 2 * f4 * s - LEAST[0], f2 + f3 * c - f4 * s, f1 - LEAST[1]
     expected = np.minimum(M11, M22 - M12**2 / M11).min()
     got = least_inertia_margin(DYNAMICS, RIG, puma560.PUBLISHED[None])
-    np.testing.assert_allclose(got, [expected], rtol=1e-12)  # 1e-15 times a loss of three digits in the subtraction
+    # 1e-15 times a loss of three digits in the subtraction
+    np.testing.assert_allclose(got, [expected], rtol=1e-12)
 
 
 def test_published_and_literature_arms_pass():
@@ -62,7 +64,8 @@ def test_impossible_arm_is_refused_in_one_line(index, value):
     f[index] = value
     assert smallest_eigenvalue(f) < 0
     with pytest.raises(
-        ValueError, match=r"D\(q\) must exceed the motors' own inertia .* falls short by [\d.e+-]+ kg m\^2"
+        ValueError,
+        match=r"D\(q\) must exceed the motors' own inertia .* falls short by [\d.e+-]+ kg m\^2",
     ) as error:
         require_inertia(DYNAMICS.arm(f), RIG)
     assert "\n" not in str(error.value)
@@ -89,7 +92,10 @@ def test_three_joints_are_looked_at_all_over():
     heavier = f.copy()
     heavier[dynamics.names.index("J1")] -= 1e3  # no link has such an inertia
     margins = least_inertia_margin(dynamics, Unloaded, np.array([f, heavier]))
-    smallest = min(np.linalg.eigvalsh(dynamics.D(q, f).full()).min() for q in random.uniform(-np.pi, np.pi, (200, 3)))
+    smallest = min(
+        np.linalg.eigvalsh(dynamics.D(q, f).full()).min()
+        for q in random.uniform(-np.pi, np.pi, (200, 3))
+    )
     assert smallest > 0
     assert margins[0] > 0
     assert margins[1] < 0

@@ -1,4 +1,6 @@
-"""Presliding friction of one joint against closed forms of Dahl's law, and Coulomb's law as its limit."""
+"""Presliding friction of one joint against closed forms of Dahl's law, and Coulomb's law as its
+limit.
+"""
 
 import dataclasses
 import itertools
@@ -32,10 +34,16 @@ def moved(rig, torque=0.0, *, speed=0.0, duration=1.0, steps=4, arm=None):
     return record.t, record.true_q[:, 0], record.true_qd[:, 0]
 
 
-@pytest.mark.parametrize(("share", "damping"), [(1e-3, None), (1e-3, 30.0), (0.5, None), (-0.9, 30.0)])
+@pytest.mark.parametrize(
+    ("share", "damping"), [(1e-3, None), (1e-3, 30.0), (0.5, None), (-0.9, 30.0)]
+)
 def test_a_torque_below_the_level_bends_the_bristles_and_no_more(share, damping):
     """Loaded slowly the way is -d ln(1 - T / level): T over the stiffness where T is small."""
-    _, q, qd = moved(rig(damping=damping, viscous=30.0), share * LEVEL, duration=20.0 if abs(share) < 0.9 else 100.0)
+    _, q, qd = moved(
+        rig(damping=damping, viscous=30.0),
+        share * LEVEL,
+        duration=20.0 if abs(share) < 0.9 else 100.0,
+    )
     assert q[-1] == pytest.approx(-np.sign(share) * DISTANCE * np.log1p(-abs(share)), rel=1e-3)
     assert abs(qd[-1]) < 1e-5 * DISTANCE
     if share == 1e-3:
@@ -80,7 +88,9 @@ def crossings(t, qd):
 
 @pytest.mark.parametrize("damping", [None, 0.4])
 def test_bristles_swing_with_their_stiffness_and_their_damping(damping):
-    """A deflection far below the distance: a spring of level / d, damped by what is stated, at least by k h / 2."""
+    """A deflection far below the distance: a spring of level / d, damped by what is stated, at
+    least by k h / 2.
+    """
     stiff = rig(damping=damping)
     t, q, qd = moved(stiff, speed=1e-4 * DISTANCE, duration=6.0)
     omega = np.sqrt(STIFFNESS / INERTIA)
@@ -94,7 +104,9 @@ def test_bristles_swing_with_their_stiffness_and_their_damping(damping):
 
 
 def test_bristles_hold_a_weight_without_creep():
-    """A hanging joint whose friction carries it, on bristles: it sinks by the way of the bristles, then stands."""
+    """A hanging joint whose friction carries it, on bristles: it sinks by the way of the
+    bristles, then stands.
+    """
     arm = joint(0.1, 0.3, INERTIA)
     weight = arm.h([0.0], [0.0])[0]
     assert weight < LEVEL
@@ -105,7 +117,9 @@ def test_bristles_hold_a_weight_without_creep():
     assert np.abs(qd[len(qd) // 2 :]).max() < 1e-4 * DISTANCE
 
 
-@pytest.mark.parametrize("law", [puma560.p_law(), ComputedTorque(puma560.arm(), puma560.rig())], ids=["P", "torque"])
+@pytest.mark.parametrize(
+    "law", [puma560.p_law(), ComputedTorque(puma560.arm(), puma560.rig())], ids=["P", "torque"]
+)
 def test_no_distance_is_coulomb_friction(law):
     arm, plain, path = puma560.arm(), puma560.rig(), puma560.reference()
     given = Presliding(distance=(0.0, 0.0))
@@ -117,7 +131,9 @@ def test_no_distance_is_coulomb_friction(law):
 
 def test_a_short_distance_ends_in_coulomb_friction():
     """The way to a standstill: v^2 J / (2 level), and for each distance so much more."""
-    stops = [moved(rig(distance), speed=0.1, duration=0.6)[1].max() for distance in (1e-4, 1e-6, 1e-12)]
+    stops = [
+        moved(rig(distance), speed=0.1, duration=0.6)[1].max() for distance in (1e-4, 1e-6, 1e-12)
+    ]
     coulomb = 0.1**2 * INERTIA / (2 * LEVEL)
     np.testing.assert_allclose(stops[1:], coulomb, rtol=1e-3)
     assert abs(stops[0] / coulomb - 1) < 2e-2
@@ -126,16 +142,22 @@ def test_a_short_distance_ends_in_coulomb_friction():
 @pytest.mark.parametrize("pulses", [1e-9, 1e-3, 0.1, 1.0, 5.0, 20.0])
 @pytest.mark.parametrize("damping", [None, (1e-2, 1e-2)])
 def test_the_default_step_is_stable_at_any_distance(pulses, damping):
-    """Errors of the P loop stay as they are with Coulomb friction, to within the way of the bristles."""
+    """Errors of the P loop stay as they are with Coulomb friction, to within the way of the
+    bristles.
+    """
     arm, plain, path = puma560.arm(), puma560.rig(), puma560.reference()
     given = Presliding(distance=plain.encoder.to_angle(np.full(2, pulses)), damping=damping)
     bristles = dataclasses.replace(plain, drive=dataclasses.replace(plain.drive, presliding=given))
-    one, other = (simulate(arm, each, puma560.p_law(), path, duration=1.0) for each in (plain, bristles))
+    one, other = (
+        simulate(arm, each, puma560.p_law(), path, duration=1.0) for each in (plain, bristles)
+    )
     assert np.abs(other.error_pulses).max() <= np.abs(one.error_pulses).max() + 2 * pulses + 2
 
 
 def test_a_level_that_falls_with_speed_takes_the_bristles_with_it():
-    """Sliding bristles carry the Stribeck curve: at constant speed their friction is the curve's."""
+    """Sliding bristles carry the Stribeck curve: at constant speed their friction is the
+    curve's.
+    """
     curve = FrictionCurve(offset=(0.0,), breakaway=(0.3,), speed=(0.05,))
     given = rig(viscous=3.0)
     given = dataclasses.replace(given, drive=dataclasses.replace(given.drive, curve=curve))
@@ -145,7 +167,9 @@ def test_a_level_that_falls_with_speed_takes_the_bristles_with_it():
 
 def smooth_run(rig, arm, count, **start):
     """Angle and speed after each of so many steps of the differentiable loop."""
-    loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=NoTorque(), steps_per_sample=4, smooth=True)
+    loop = ClosedLoop(
+        dynamics=arm.dynamics, rig=rig, law=NoTorque(), steps_per_sample=4, smooth=True
+    )
     state = loop.initial_state([0.0], [start.get("speed", 0.0)])
     row = np.append(np.zeros(len(loop.time_names) - 1), loop.h)
     columns = [ca.repmat(ca.DM(x), 1, count) for x in (row, loop.number_values(arm.f))]
@@ -161,13 +185,16 @@ def test_the_differentiable_step_has_the_same_bristles():
 
 @pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-7, 1e-10])
 def test_the_differentiable_step_holds_a_weight_at_any_distance(distance):
-    """It comes to rest where its bristles carry it, but for what it falls in a few steps before they are bent."""
+    """It comes to rest where its bristles carry it, but for what it falls in a few steps before
+    they are bent.
+    """
     arm = joint(0.1, 0.3, INERTIA)
     weight = arm.h([0.0], [0.0])[0]
     given = rig(distance, 4 * np.sqrt(LEVEL / distance * INERTIA))
     q, qd = smooth_run(given, arm, 40_000)
     expected, falls = distance * np.log1p(-weight / LEVEL), weight / INERTIA * H**2
-    assert q[-1] == pytest.approx(expected, rel=0.02, abs=10 * falls)  # of first order: viscous H / 2 J is 0.018
+    # of first order: viscous H / 2 J is 0.018
+    assert q[-1] == pytest.approx(expected, rel=0.02, abs=10 * falls)
     assert np.abs(qd[-100:]).max() < 1e-4 * distance
 
 
@@ -176,7 +203,8 @@ def test_casadi_and_the_kernel_agree():
     given = Presliding(distance=plain.encoder.to_angle(np.array([5.0, 5.0])), damping=(1e-3, 2e-3))
     bristles = dataclasses.replace(plain, drive=dataclasses.replace(plain.drive, presliding=given))
     one, other = (
-        simulate(arm, bristles, P(gain=(0.2, 0.15)), path, duration=0.5, backend=b) for b in ("numba", "casadi")
+        simulate(arm, bristles, P(gain=(0.2, 0.15)), path, duration=0.5, backend=b)
+        for b in ("numba", "casadi")
     )
     np.testing.assert_array_equal(one.error_pulses, other.error_pulses)
     np.testing.assert_allclose(one.true_q, other.true_q, rtol=0, atol=1e-10)
@@ -187,9 +215,15 @@ def test_casadi_and_the_kernel_agree():
     [
         (lambda: Presliding(distance=(-0.1,)), "distance must not be negative"),
         (lambda: Presliding(distance=(0.1,), damping=(-0.1,)), "damping must not be negative"),
-        (lambda: Presliding(distance=(0.1, 0.1), damping=(0.1,)), "damping of Presliding must have shape"),
+        (
+            lambda: Presliding(distance=(0.1, 0.1), damping=(0.1,)),
+            "damping of Presliding must have shape",
+        ),
         (lambda: Presliding(distance=(np.nan,)), "distance of Presliding must be finite"),
-        (lambda: dataclasses.replace(rig().drive, presliding=0.01), "presliding of Drive must be of type Presliding"),
+        (
+            lambda: dataclasses.replace(rig().drive, presliding=0.01),
+            "presliding of Drive must be of type Presliding",
+        ),
         (
             lambda: dataclasses.replace(rig().drive, presliding=Presliding(distance=(0.1, 0.1))),
             "presliding.distance must have 1 joints; got 2",

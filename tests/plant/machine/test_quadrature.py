@@ -1,4 +1,6 @@
-"""The quadrature error of an encoder: where its edges are, by hand; its period; that a controller does not know."""
+"""The quadrature error of an encoder: where its edges are, by hand; its period; that a
+controller does not know.
+"""
 
 import dataclasses
 
@@ -28,15 +30,23 @@ def edges(encoder, last):
 @pytest.mark.parametrize("amplitude", [0.05, 0.3, 0.6])
 @pytest.mark.parametrize("rounding", ["fix", "floor"])
 def test_every_second_edge_is_shifted_back_and_forth(amplitude, rounding):
-    """Phase 0: edges 2 and 4 stay; edge 1 comes early by s = amplitude cos(pi s / 2), edge 3 late by as much."""
-    encoder = Encoder(resolution=(1000,), rounding=rounding, quadrature=QuadratureError(amplitude=(amplitude,)))
+    """Phase 0: edges 2 and 4 stay; edge 1 comes early by s = amplitude cos(pi s / 2), edge 3
+    late by as much.
+    """
+    encoder = Encoder(
+        resolution=(1000,), rounding=rounding, quadrature=QuadratureError(amplitude=(amplitude,))
+    )
     shift = brentq(lambda s: s - amplitude * np.cos(np.pi * s / 2), 0, 1)
-    np.testing.assert_allclose(edges(encoder, 8), [1 - shift, 2, 3 + shift, 4, 5 - shift, 6, 7 + shift, 8], atol=1e-8)
+    np.testing.assert_allclose(
+        edges(encoder, 8), [1 - shift, 2, 3 + shift, 4, 5 - shift, 6, 7 + shift, 8], atol=1e-8
+    )
 
 
 def test_the_phase_says_which_edges():
     """A quarter turn on, the edges 1 and 3 stay."""
-    encoder = Encoder(resolution=(1000,), quadrature=QuadratureError(amplitude=(0.2,), phase=(np.pi / 2,)))
+    encoder = Encoder(
+        resolution=(1000,), quadrature=QuadratureError(amplitude=(0.2,), phase=(np.pi / 2,))
+    )
     shift = brentq(lambda s: s - 0.2 * np.cos(np.pi * s / 2), 0, 1)
     np.testing.assert_allclose(edges(encoder, 4), [1, 2 + shift, 3, 4 - shift], atol=1e-8)
 
@@ -57,7 +67,9 @@ def test_a_controller_does_not_know():
     q = plain.to_angle(np.array([0.8, -2.9]))
     np.testing.assert_array_equal(rig.counts(q), plain.counts(q))
     np.testing.assert_array_equal(rig.true_counts(q), [1, -2])
-    np.testing.assert_array_equal(rig.cell_centre(np.array([3.0, -1.0])), plain.cell_centre(np.array([3.0, -1.0])))
+    np.testing.assert_array_equal(
+        rig.cell_centre(np.array([3.0, -1.0])), plain.cell_centre(np.array([3.0, -1.0]))
+    )
     smooth = dataclasses.replace(rig.encoder, smooth=True)
     np.testing.assert_array_equal(smooth.true_counts(np.array([0.8, -2.9])), [0.8, -2.9])
 
@@ -67,10 +79,14 @@ def test_none_changes_no_count_and_casadi_gives_the_same():
 
     def counted(amplitude, backend="numba"):
         given = QuadratureError(amplitude=(amplitude, amplitude), phase=(0.5, 1.0))
-        rig = dataclasses.replace(plain, encoder=dataclasses.replace(plain.encoder, quadrature=given))
+        rig = dataclasses.replace(
+            plain, encoder=dataclasses.replace(plain.encoder, quadrature=given)
+        )
         return simulate(arm, rig, law, path, duration=0.3, backend=backend).error_pulses
 
-    np.testing.assert_array_equal(counted(0.0), simulate(arm, plain, law, path, duration=0.3).error_pulses)
+    np.testing.assert_array_equal(
+        counted(0.0), simulate(arm, plain, law, path, duration=0.3).error_pulses
+    )
     np.testing.assert_array_equal(counted(0.3), counted(0.3, "casadi"))
     assert not np.array_equal(counted(0.0), counted(0.3))
 
@@ -80,8 +96,14 @@ def test_none_changes_no_count_and_casadi_gives_the_same():
     [
         (lambda: QuadratureError(amplitude=(-0.1,)), "amplitude must be from 0 to below 2/pi"),
         (lambda: QuadratureError(amplitude=(0.64,)), "amplitude must be from 0 to below 2/pi"),
-        (lambda: QuadratureError(amplitude=(0.1,), phase=(0, 0)), "phase of QuadratureError must have shape"),
-        (lambda: Encoder(resolution=(1,), quadrature=0.2), "quadrature of Encoder must be of type QuadratureError"),
+        (
+            lambda: QuadratureError(amplitude=(0.1,), phase=(0, 0)),
+            "phase of QuadratureError must have shape",
+        ),
+        (
+            lambda: Encoder(resolution=(1,), quadrature=0.2),
+            "quadrature of Encoder must be of type QuadratureError",
+        ),
         (
             lambda: Encoder(resolution=(1, 1), quadrature=QuadratureError(amplitude=(0.1,))),
             "quadrature.amplitude must have 2 joints; got 1",

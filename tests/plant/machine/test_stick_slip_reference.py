@@ -1,6 +1,7 @@
 """The event-accurate friction solver against motions known in closed form.
 
-Unless a test says otherwise, the tolerance is 1e-9 relative: DOP853 at 1e-12 per step, times a few hundred steps.
+Unless a test says otherwise, the tolerance is 1e-9 relative: DOP853 at 1e-12 per step, times a few
+hundred steps.
 """
 
 import equation2
@@ -29,7 +30,11 @@ def kinds(events):
 def test_sliding_mass_comes_to_rest_after_v_squared_over_two_mu_g():
     m, mu, g, v = 2.0, 0.3, 9.81, 3.0
     q, events = simulate_events(
-        **mass(m, lambda t, x, v: np.zeros(1), mu * m * g), t_end=2.0, q0=[0.1], qd0=[v], t_eval=[0, 0.5, 2.0]
+        **mass(m, lambda t, x, v: np.zeros(1), mu * m * g),
+        t_end=2.0,
+        q0=[0.1],
+        qd0=[v],
+        t_eval=[0, 0.5, 2.0],
     )
     assert kinds(events) == ["stick"]
     # A parabola is integrated exactly: rounding over some 500 steps.
@@ -41,7 +46,9 @@ def test_sliding_mass_comes_to_rest_after_v_squared_over_two_mu_g():
 def test_viscous_and_coulomb_friction_stop_a_mass_in_logarithmic_time():
     m, b, C, v = 1.5, 0.7, 0.9, -4.0
     rest = m / b * np.log1p(b * abs(v) / C)
-    q, events = simulate_events(**mass(m, lambda t, x, v: np.zeros(1), C, b), t_end=9.0, q0=[0], qd0=[v], t_eval=[9.0])
+    q, events = simulate_events(
+        **mass(m, lambda t, x, v: np.zeros(1), C, b), t_end=9.0, q0=[0], qd0=[v], t_eval=[9.0]
+    )
     assert kinds(events) == ["stick"]
     np.testing.assert_allclose(events[0].t, rest, rtol=1e-9)
     np.testing.assert_allclose(q[0, 0], m * v / b + C / b * rest, rtol=1e-9)
@@ -55,14 +62,22 @@ def test_force_above_the_friction_turns_the_mass_round_without_a_pause():
     turn = m * v / (F + C)
     assert kinds(events) == ["slip-"]
     np.testing.assert_allclose(events[0].t, turn, rtol=1e-12)
-    np.testing.assert_allclose(q[0, 0], v * turn / 2 - (F - C) / m * (t_end - turn) ** 2 / 2, rtol=1e-12)
+    np.testing.assert_allclose(
+        q[0, 0], v * turn / 2 - (F - C) / m * (t_end - turn) ** 2 / 2, rtol=1e-12
+    )
 
 
-@pytest.mark.parametrize(("force", "moves"), [(0.999, False), (-0.999, False), (1.001, True), (-1.001, True)])
+@pytest.mark.parametrize(
+    ("force", "moves"), [(0.999, False), (-0.999, False), (1.001, True), (-1.001, True)]
+)
 def test_resting_mass_moves_only_if_the_force_exceeds_the_friction(force, moves):
     m, C = 2.0, 3.0
     q, events = simulate_events(
-        **mass(m, lambda t, x, v: np.array([force * C]), C), t_end=1.0, q0=[0], qd0=[0], t_eval=[1.0]
+        **mass(m, lambda t, x, v: np.array([force * C]), C),
+        t_end=1.0,
+        q0=[0],
+        qd0=[0],
+        t_eval=[1.0],
     )
     assert events == []
     exact = np.sign(force) * (abs(force) - 1) * C / m / 2 if moves else 0.0
@@ -74,7 +89,11 @@ def test_free_vibration_loses_the_same_amplitude_each_half_cycle_and_stops():
     omega, unit = np.sqrt(K / m), C / K
     turns = np.pi / omega * np.arange(1, 6)
     q, events = simulate_events(
-        **mass(m, lambda t, x, v: -K * x, C), t_end=1.2 * turns[-1], q0=[10.3 * unit], qd0=[0], t_eval=turns
+        **mass(m, lambda t, x, v: -K * x, C),
+        t_end=1.2 * turns[-1],
+        q0=[10.3 * unit],
+        qd0=[0],
+        t_eval=turns,
     )
     assert kinds(events) == ["slip+", "slip-", "slip+", "slip-", "stick"]
     np.testing.assert_allclose([event.t for event in events], turns, rtol=1e-9)
@@ -82,7 +101,9 @@ def test_free_vibration_loses_the_same_amplitude_each_half_cycle_and_stops():
 
 
 def test_mass_pulled_by_a_spring_sticks_and_slips_at_the_closed_form_times():
-    """m x'' + C sign x' = K (r - x), r = A (1 - cos w t): sticks, slips forwards, sticks, slips back."""
+    """m x'' + C sign x' = K (r - x), r = A (1 - cos w t): sticks, slips forwards, sticks, slips
+    back.
+    """
     m, K, C, A, w = 0.5, 80.0, 4.0, 0.2, 2.0
     omega = np.sqrt(K / m)
     kappa = omega**2 / (omega**2 - w**2)
@@ -99,9 +120,14 @@ def test_mass_pulled_by_a_spring_sticks_and_slips_at_the_closed_form_times():
     after = np.flatnonzero(forward(grid)[1] < 0)[0]
     t2 = brentq(lambda t: forward(t)[1], grid[after - 1], grid[after], xtol=1e-15)
     x2 = forward(t2)[0]
-    # Friction up to C both ways: the spring lets go where K (r - x2) first is +-C, on the way up or on the way back.
+    # Friction up to C both ways: the spring lets go where K (r - x2) first is +-C, on the way up or
+    # on the way back.
     up, back = 1 - (x2 + C / K) / A, 1 - (x2 - C / K) / A
-    t3 = np.arccos(up) / w if up >= -1 and np.arccos(up) / w > t2 else (2 * np.pi - np.arccos(back)) / w
+    t3 = (
+        np.arccos(up) / w
+        if up >= -1 and np.arccos(up) / w > t2
+        else (2 * np.pi - np.arccos(back)) / w
+    )
     third = "slip+" if up >= -1 and np.arccos(up) / w > t2 else "slip-"
 
     q, events = simulate_events(
@@ -113,12 +139,16 @@ def test_mass_pulled_by_a_spring_sticks_and_slips_at_the_closed_form_times():
     )
     assert kinds(events)[:3] == ["slip+", "stick", third]
     np.testing.assert_allclose([event.t for event in events[:3]], [t1, t2, t3], rtol=1e-9)
-    np.testing.assert_allclose(q[:, 0], [0, forward((t1 + t2) / 2)[0], x2, x2], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        q[:, 0], [0, forward((t1 + t2) / 2)[0], x2, x2], rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("C2", "torn_loose"), [(0.6, False), (0.4, True)])
 def test_sliding_joint_tears_a_resting_one_loose_only_beyond_its_friction(C2, torn_loose):
-    """Constant D = [[2, 1], [1, 3]], no torque: joint 1 slides to rest, its deceleration pulls joint 2 with 1/2 C1."""
+    """Constant D = [[2, 1], [1, 3]], no torque: joint 1 slides to rest, its deceleration pulls
+    joint 2 with 1/2 C1.
+    """
     inertia, C1, v = np.array([[2.0, 1.0], [1.0, 3.0]]), 1.0, 1.5
     zero = np.zeros(2)
     q, events = simulate_events(
@@ -136,13 +166,16 @@ def test_sliding_joint_tears_a_resting_one_loose_only_beyond_its_friction(C2, to
         rest = v * inertia[0, 0] / C1
         exact = [(rest, 0, "stick")], [v * rest / 2, 0]
     else:
-        # Together until joint 1 rests; then D21 qdd2 = -1/3 C2 holds joint 1, and joint 2 stops alone.
+        # Together until joint 1 rests; then D21 qdd2 = -1/3 C2 holds joint 1, and joint 2 stops
+        # alone.
         a1, a2 = np.linalg.solve(inertia, [-C1, -C2])
         t1 = v / -a1
         t2 = t1 + a2 * t1 * inertia[1, 1] / C2
         exact = [(t1, 0, "stick"), (t2, 1, "stick")], [v * t1 / 2, a2 * t1 * t2 / 2]
     assert [event[1:] for event in events] == [event[1:] for event in exact[0]]
-    np.testing.assert_allclose([event.t for event in events], [event[0] for event in exact[0]], rtol=1e-12)
+    np.testing.assert_allclose(
+        [event.t for event in events], [event[0] for event in exact[0]], rtol=1e-12
+    )
     np.testing.assert_allclose(q[0], exact[1], rtol=1e-12, atol=1e-15)
 
 
@@ -163,7 +196,8 @@ def test_geared_joint_stick_slips_where_its_reference_is_slow():
     joint = GearedJoint()
     t = np.linspace(0, 4, 4001)
     q, events = simulate_events(**joint.equations(), t_end=4.0, q0=[0], qd0=[0], t_eval=t)
-    # Sticks where the reference slows down, catches up once more, rests through the reversal, then the same downwards.
+    # Sticks where the reference slows down, catches up once more, rests through the reversal, then
+    # the same downwards.
     up, down = ["slip+", "stick", "slip+", "stick"], ["slip-", "stick", "slip-"]
     assert kinds(events)[:7] == up + down
     stuck = [event.t for event in events if event.kind == "stick"]
@@ -171,14 +205,17 @@ def test_geared_joint_stick_slips_where_its_reference_is_slow():
     for begin, end in zip(stuck, let_go, strict=False):
         resting = q[(t > begin) & (t < end), 0]
         assert np.ptp(resting) == 0  # stuck is exactly stuck, not creeping
-        # It lets go where the P loop's torque, less gravity, is C: the definition, checked at the event itself.
+        # It lets go where the P loop's torque, less gravity, is C: the definition, checked at the
+        # event itself.
         gravity = joint.mass * 9.81 * joint.radius * np.cos(resting[0])
         needed = joint.stiffness * (joint.reference(end) - resting[0]) - gravity
         np.testing.assert_allclose(abs(needed), joint.coulomb, rtol=1e-9)
 
 
 def test_smoothed_friction_converges_to_the_set_valued_solution():
-    """Two coupled links (the paper's arm, softer gains): C tanh(qd / eps) must approach this solver like eps."""
+    """Two coupled links (the paper's arm, softer gains): C tanh(qd / eps) must approach this
+    solver like eps.
+    """
     f = np.array([1.68, 1.39, -0.29, -1.4, -0.08, -1.94, 6.67, 0.06, 10.2])
     C, B, K = np.array([13.4, 7.8]), np.array([9.5, 4.0]), np.array([4000.0, 1500.0])
 
@@ -193,15 +230,24 @@ def test_smoothed_friction_converges_to_the_set_valued_solution():
 
     t = np.linspace(0, 0.5, 101)
     q, events = simulate_events(inertia, bias, C, B, torque, 0.5, [0.025, 0.0], [0, 0], t)
-    assert {(joint, kind) for _, joint, kind in events} >= {(0, "stick"), (1, "stick"), (0, "slip+"), (1, "slip-")}
+    assert {(joint, kind) for _, joint, kind in events} >= {
+        (0, "stick"),
+        (1, "stick"),
+        (0, "slip+"),
+        (1, "slip-"),
+    }
 
     def distance(eps):
         def rate(t, state):
             x, v = state[:2], state[2:]
             friction = B * v + C * np.tanh(v / eps)
-            return np.concatenate([v, np.linalg.solve(inertia(x), torque(t, x, v) - bias(x, v) - friction)])
+            return np.concatenate(
+                [v, np.linalg.solve(inertia(x), torque(t, x, v) - bias(x, v) - friction)]
+            )
 
-        smooth = solve_ivp(rate, (0, 0.5), [0.025, 0, 0, 0], "Radau", t, rtol=1e-9, atol=1e-11, max_step=5e-3)
+        smooth = solve_ivp(
+            rate, (0, 0.5), [0.025, 0, 0, 0], "Radau", t, rtol=1e-9, atol=1e-11, max_step=5e-3
+        )
         return abs(smooth.y[:2].T - q).max()
 
     coarse, fine = distance(1e-3), distance(1e-4)

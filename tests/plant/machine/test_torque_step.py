@@ -1,4 +1,6 @@
-"""Torques rounded by the drive: multiples of its step everywhere, to the nearest, in Python, C and the verdict."""
+"""Torques rounded by the drive: multiples of its step everywhere, to the nearest, in Python, C
+and the verdict.
+"""
 
 import ctypes
 import dataclasses
@@ -26,7 +28,10 @@ PATH = puma560.reference()
 
 
 def test_a_running_controller_gives_the_nearest_multiple_up_to_the_limit():
-    plain, controller = (ComputedTorque(ARM, PLAIN).start(rig, PLAIN.counts(PATH([0.0]).q[0])) for rig in (PLAIN, RIG))
+    plain, controller = (
+        ComputedTorque(ARM, PLAIN).start(rig, PLAIN.counts(PATH([0.0]).q[0]))
+        for rig in (PLAIN, RIG)
+    )
     robot = SteppedArm(ARM, PLAIN, PATH([0.0]).q[0])
     for k in range(300):
         motion = [each[0] for each in PATH([k * DT])]
@@ -46,7 +51,9 @@ def test_the_logged_torque_of_a_simulation_has_steps_and_a_robot_file_keeps_them
     steps = RIG.drive.motor_torque(record.torque) / STEP
     np.testing.assert_allclose(steps, np.round(steps), rtol=0, atol=1e-9)
     assert np.ptp(steps, axis=0).min() > 10
-    write_robot(Robot(name="stepped", dynamics=ARM.dynamics, rig=RIG, arm=ARM), tmp_path / "robot.toml")
+    write_robot(
+        Robot(name="stepped", dynamics=ARM.dynamics, rig=RIG, arm=ARM), tmp_path / "robot.toml"
+    )
     assert read_robot(tmp_path / "robot.toml").rig == RIG
 
 
@@ -65,7 +72,9 @@ def test_it_is_the_nearest_multiple_for_numbers_and_for_symbols():
 def test_the_verdict_has_it_by_both_backends_and_more_for_larger_steps(share):
     rig = stepped(share * STEP)
     law = ComputedTorque(ARM, rig)
-    casadi, numba = (evaluate(ARM, rig, law, PATH, duration=1.0, backend=each) for each in ("casadi", "numba"))
+    casadi, numba = (
+        evaluate(ARM, rig, law, PATH, duration=1.0, backend=each) for each in ("casadi", "numba")
+    )
     np.testing.assert_allclose(casadi.max_true_error_pulses, numba.max_true_error_pulses, rtol=1e-6)
     without = evaluate(ARM, PLAIN, ComputedTorque(ARM, PLAIN), PATH, duration=1.0)
     assert (casadi.max_true_error_pulses != without.max_true_error_pulses).all()
@@ -76,8 +85,14 @@ def test_c_gives_per_mille_of_the_rated_torque(tmp_path):
     law, pulses = ComputedTorque(ARM, RIG), RIG.counts((0.3, -0.4)).astype(np.int32)
     per_ampere = 1000 * RIG.drive.motor_gain / RATED
     law.start(RIG, pulses).to_c(tmp_path, name="arm", output="dac", counts_per_ampere=per_ampere)
-    library, flags = tmp_path / "arm.so", ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"]
-    subprocess.run(["cc", *flags, "-shared", "-fPIC", "-o", library, tmp_path / "arm.c", "-lm"], check=True)  # noqa: S603, S607
+    library, flags = (
+        tmp_path / "arm.so",
+        ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"],
+    )
+    subprocess.run(  # noqa: S603
+        ["cc", *flags, "-shared", "-fPIC", "-o", library, tmp_path / "arm.c", "-lm"],
+        check=True,
+    )
     c, state, given = ctypes.CDLL(str(library)), np.zeros(4000), np.zeros(2, np.int32)
 
     def at(values):
@@ -87,7 +102,10 @@ def test_c_gives_per_mille_of_the_rated_torque(tmp_path):
     python = law.start(RIG, pulses)
     for k in range(15):  # then a guard stops it: the counts stand still
         motion = [np.array(each) for each in ((0.3 + 1e-4 * k, -0.4), (0.1, 0.0), (0.5, -0.5))]
-        assert c.arm_step(at(state), at(pulses), *map(at, motion), ctypes.c_double(np.nan), at(given)) == 0
+        assert (
+            c.arm_step(at(state), at(pulses), *map(at, motion), ctypes.c_double(np.nan), at(given))
+            == 0
+        )
         np.testing.assert_allclose(
             given, RIG.drive.motor_torque(python.step(pulses, *motion)) / STEP, rtol=0, atol=1e-9
         )

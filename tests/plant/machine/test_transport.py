@@ -1,4 +1,6 @@
-"""Late torque, lost counts and the encoder's phase: against pencil and paper, and the same done by hand."""
+"""Late torque, lost counts and the encoder's phase: against pencil and paper, and the same done
+by hand.
+"""
 
 import dataclasses
 
@@ -7,7 +9,20 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from plant import PD, Encoder, Law, P, Phase, Record, Rig, StatelessLaw, Transport, puma560, simulate, to_control
+from plant import (
+    PD,
+    Encoder,
+    Law,
+    P,
+    Phase,
+    Record,
+    Rig,
+    StatelessLaw,
+    Transport,
+    puma560,
+    simulate,
+    to_control,
+)
 from plant.parts.part import number, part, structure
 from plant.parts.plain import from_plain
 
@@ -61,18 +76,27 @@ class Late(Law):
         return state[-rig.n :], ca.vertcat(following, asked)
 
 
-# -- delay ----------------------------------------------------------------------------------------------------------
+# -- delay ---------------------------------------------------------------------------------------
 @pytest.mark.parametrize("delay", [0.0, 1e-4, 1.75e-4, 3.3e-4, PERIOD])
 def test_the_impulse_of_a_late_torque(delay):
-    """No friction, no gravity: D qd = torque (t - delay), for any delay, also a part of a sub-step (0.175 ms)."""
+    """No friction, no gravity: D qd = torque (t - delay), for any delay, also a part of a
+    sub-step (0.175 ms).
+    """
     rig = carrying(dataclasses.replace(RIG, drive=SMOOTH), delay=delay)
-    record = simulate(STILL, rig, Push(torque=(3.0, 2.0)), PATH, duration=0.02, initial=np.zeros((2, 2)))
-    expected = np.maximum(record.t - delay, 0)[:, None] * np.linalg.solve(STILL.D(np.zeros(2)), (3.0, 2.0))
+    record = simulate(
+        STILL, rig, Push(torque=(3.0, 2.0)), PATH, duration=0.02, initial=np.zeros((2, 2))
+    )
+    expected = np.maximum(record.t - delay, 0)[:, None] * np.linalg.solve(
+        STILL.D(np.zeros(2)), (3.0, 2.0)
+    )
     np.testing.assert_allclose(record.true_qd, expected, atol=1e-13)  # rounding
 
 
 def test_a_delay_of_one_sample_is_a_law_that_waits_for_one():
-    arm, law = puma560.arm(), PD(gain=(0.3, 0.2), derivative=(3e-4, 2e-4), filter=1000.0, period=PERIOD)
+    arm, law = (
+        puma560.arm(),
+        PD(gain=(0.3, 0.2), derivative=(3e-4, 2e-4), filter=1000.0, period=PERIOD),
+    )
     late = simulate(arm, carrying(delay=PERIOD), law, PATH, duration=0.1)
     waits = simulate(arm, RIG, Late(law=law), PATH, duration=0.1)
     np.testing.assert_array_equal(late.true_q, waits.true_q)
@@ -87,7 +111,7 @@ def test_no_delay_and_no_loss_change_no_bit():
     np.testing.assert_array_equal(one.torque, other.torque)
 
 
-# -- lost counts ----------------------------------------------------------------------------------------------------
+# -- lost counts ---------------------------------------------------------------------------------
 def test_the_law_reads_the_counts_before_where_they_are_lost():
     rig = carrying(dataclasses.replace(RIG, drive=SMOOTH), lost=(5, 6, 20))
     start = [[0.003, -0.004], [2.0, 3.0]]
@@ -101,14 +125,18 @@ def test_the_law_reads_the_counts_before_where_they_are_lost():
 def test_casadi_gives_the_same():
     arm, law = puma560.arm(), ComputedTorque(puma560.arm(), RIG)
     rig = carrying(delay=2e-4, lost=(40, 41, 90))
-    one, other = (simulate(arm, rig, law, PATH, duration=0.1, backend=name) for name in ("numba", "casadi"))
+    one, other = (
+        simulate(arm, rig, law, PATH, duration=0.1, backend=name) for name in ("numba", "casadi")
+    )
     np.testing.assert_array_equal(one.error_pulses, other.error_pulses)
     np.testing.assert_allclose(one.true_q, other.true_q, atol=1e-10)
 
 
-# -- the encoder's phase --------------------------------------------------------------------------------------------
+# -- the encoder's phase -------------------------------------------------------------------------
 def test_a_shifted_encoder_is_a_shifted_arm():
-    """Where no equation knows the position, a shift of the counters' zero is one of the arm, by so many pulses."""
+    """Where no equation knows the position, a shift of the counters' zero is one of the arm, by
+    so many pulses.
+    """
     shift = np.array([0.375, -0.25])
     encoder = Encoder(resolution=RIG.encoder.resolution, rounding="fix", phase=Phase(shift=shift))
     law, q, qd = ComputedTorque(STILL, RIG), *(x[0] for x in PATH(np.zeros(1))[:2])
@@ -121,25 +149,32 @@ def test_a_shifted_encoder_is_a_shifted_arm():
 
 
 def test_a_controller_does_not_know_the_phase():
-    encoder = Encoder(resolution=RIG.encoder.resolution, rounding="fix", phase=Phase(shift=(0.5, 0.5)))
+    encoder = Encoder(
+        resolution=RIG.encoder.resolution, rounding="fix", phase=Phase(shift=(0.5, 0.5))
+    )
     rig, q = dataclasses.replace(RIG, encoder=encoder), RIG.to_angle(np.array([7.75, -7.75]))
     np.testing.assert_array_equal(rig.counts(q), [7, -7])
     np.testing.assert_array_equal(rig.true_counts(q), [8, -7])
     np.testing.assert_array_equal(RIG.true_counts(q), RIG.counts(q))
-    np.testing.assert_array_equal(rig.cell_centre(np.array([7.0, -7.0])), RIG.cell_centre(np.array([7.0, -7.0])))
+    np.testing.assert_array_equal(
+        rig.cell_centre(np.array([7.0, -7.0])), RIG.cell_centre(np.array([7.0, -7.0]))
+    )
 
 
-# -- descriptions and refusals --------------------------------------------------------------------------------------
+# -- descriptions and refusals -------------------------------------------------------------------
 def test_a_record_keeps_them(tmp_path):
     rig = carrying(delay=2e-4, lost=(3, 5))
-    rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, phase=Phase(shift=(0.1, 0.2))))
+    rig = dataclasses.replace(
+        rig, encoder=dataclasses.replace(rig.encoder, phase=Phase(shift=(0.1, 0.2)))
+    )
     law = ComputedTorque(puma560.arm(), RIG)
     record = simulate(puma560.arm(), rig, law, PATH, duration=0.02)
     record.to_csv(tmp_path / "log.csv")
     assert Record.from_csv(tmp_path / "log.csv").rig == from_plain(rig.describe()) == rig
     assert {"encoder.phase.shift[1]", "transport.delay"} < set(rig.number_names())
     assert to_control(rig).name == "rig"
-    assert to_control(puma560.arm(), rig, sampled=True).name == "arm"  # torque comes from outside: no way to be late
+    # torque comes from outside: no way to be late
+    assert to_control(puma560.arm(), rig, sampled=True).name == "arm"
 
 
 WRONG = {
@@ -151,7 +186,10 @@ WRONG = {
         lambda: Rig(drive=RIG.drive, encoder=RIG.encoder, period=PERIOD, transport=1e-4),
         "transport of Rig must be of type Transport",
     ),
-    "a number, not a phase": (lambda: Encoder(resolution=(1, 1), phase=0.5), "phase of Encoder must be of type Phase"),
+    "a number, not a phase": (
+        lambda: Encoder(resolution=(1, 1), phase=0.5),
+        "phase of Encoder must be of type Phase",
+    ),
     "a phase too few": (
         lambda: Encoder(resolution=(1, 1), phase=Phase(shift=(0.5,))),
         "phase.shift must have 2 joints",

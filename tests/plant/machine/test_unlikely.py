@@ -13,7 +13,9 @@ ARM, RIG, LAW, PATH = puma560.arm(), puma560.rig(), puma560.p_law(), puma560.ref
 
 
 def moved(factor=1.0):
-    numbers = {name: factor * np.array(getattr(PATH, name)) for name in ("offset", "cosine", "sine")}
+    numbers = {
+        name: factor * np.array(getattr(PATH, name)) for name in ("offset", "cosine", "sine")
+    }
     return Harmonics(period=PATH.period, **numbers)
 
 
@@ -36,7 +38,11 @@ def of_drive(**changes):
             PATH,
             "Coulomb friction of joint .* is 13.4 N m",
         ),
-        (of_drive(motor_inertia=(2.0, 2e-4)), PATH, r"rotor alone 1.4 rad/s\^2 at most: motor_inertia is in kg m\^2"),
+        (
+            of_drive(motor_inertia=(2.0, 2e-4)),
+            PATH,
+            r"rotor alone 1.4 rad/s\^2 at most: motor_inertia is in kg m\^2",
+        ),
     ],
 )
 def test_what_no_arm_has_is_said_before_it_is_simulated(rig, path, said):

@@ -1,4 +1,6 @@
-"""Geometry against pinocchio: prismatic joints, the standard table, free frames, tilt and loads; then bad input."""
+"""Geometry against pinocchio: prismatic joints, the standard table, free frames, tilt and loads;
+then bad input.
+"""
 
 import casadi as ca
 import numpy as np
@@ -31,22 +33,33 @@ def compared(chain, other, rotors):
         got = dynamics.gravity(q, f).full().ravel()
         np.testing.assert_allclose(got, gravity, rtol=0, atol=1e-10 * np.abs(tau).max())
         acceleration = pin.aba(other, data, q, qd, tau)  # articulated bodies, no D at all
-        by_factor = inverse(ca.SX(dynamics.D(q, f))).solve(tau - dynamics.h(q, qd, f).full().ravel())
+        by_factor = inverse(ca.SX(dynamics.D(q, f))).solve(
+            tau - dynamics.h(q, qd, f).full().ravel()
+        )
         for got in (dynamics.arm(f).forward(q, qd, tau), ca.DM(by_factor).full().ravel()):
-            np.testing.assert_allclose(got, acceleration, rtol=0, atol=1e-10 * np.abs(acceleration).max())
+            np.testing.assert_allclose(
+                got, acceleration, rtol=0, atol=1e-10 * np.abs(acceleration).max()
+            )
 
 
 @pytest.mark.parametrize("frames", [False, True])
 @pytest.mark.parametrize(("n", "seed"), [(1, 0), (2, 1), (2, 2), (3, 3), (5, 4), (7, 5)])
 def test_revolute_and_prismatic_joints_agree_with_pinocchio(n, seed, frames):
     chain = random_chain(n, seed, frames=frames)
-    compared(chain, pinocchio_model(chain, chain.bodies), np.array([body.rotor for body in chain.bodies]))
+    compared(
+        chain, pinocchio_model(chain, chain.bodies), np.array([body.rotor for body in chain.bodies])
+    )
 
 
 def test_standard_table_agrees_with_pinocchio():
-    """The joint turns about z of the previous frame; the body is given in the frame at the far end of the link."""
+    """The joint turns about z of the previous frame; the body is given in the frame at the far
+    end of the link.
+    """
     random = np.random.default_rng(7)
-    rows = [dict(zip(("alpha", "a", "d", "theta"), random.uniform(-1, 1, 4), strict=True)) for _ in range(5)]
+    rows = [
+        dict(zip(("alpha", "a", "d", "theta"), random.uniform(-1, 1, 4), strict=True))
+        for _ in range(5)
+    ]
     rows[2]["prismatic"] = True
     bodies = tuple(random_body(random) for _ in rows)
     chain = Chain.standard(rows, bodies=bodies)
@@ -71,9 +84,12 @@ def test_tilted_base_is_gravity_from_another_side():
     for angle in (0.0, 0.3, np.pi / 2):
         tilted = chain.tilted(turn((1, 0, 0), angle))
         dynamics = Dynamics(chain=tilted, lumping=Lumping.standard(tilted))
-        # Seen from the base, gravity points to -y by sin(angle): it pulls on the arm at q = 0, which lies along x.
+        # Seen from the base, gravity points to -y by sin(angle): it pulls on the arm at q = 0,
+        # which lies along x.
         expected = 2.0 * 9.81 * 0.5 * np.sin(angle)
-        np.testing.assert_allclose(float(dynamics.gravity([0.0], dynamics.f())), expected, atol=1e-14)
+        np.testing.assert_allclose(
+            float(dynamics.gravity([0.0], dynamics.f())), expected, atol=1e-14
+        )
 
 
 def test_a_load_is_one_body_with_its_link():

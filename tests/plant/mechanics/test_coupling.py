@@ -1,4 +1,6 @@
-"""Couplings between motors and joints: power, decoupled rotors as an exact solution, the gate, bad input."""
+"""Couplings between motors and joints: power, decoupled rotors as an exact solution, the gate,
+bad input.
+"""
 
 import dataclasses
 
@@ -42,10 +44,15 @@ C = np.array(MATRIX)
 def rig_of(coupling=WRIST, *, n=3, smooth=False, curve=True, current=20.0):
     excess = FrictionCurve(offset=(0.01, -0.02, 0.005)[:n], breakaway=(0.05,) * n, speed=(3.0,) * n)
     drive = Drive(
-        gear=(80.0, -60.0, 50.0)[:n], motor_inertia=(2e-4,) * n, viscous=(1e-3, 2e-3, 1e-3)[:n],
-        coulomb=(0.1, 0.08, 0.05)[:n], motor_gain=(0.2,) * n, current_limit=(current,) * n, coupling=coupling,
+        gear=(80.0, -60.0, 50.0)[:n],
+        motor_inertia=(2e-4,) * n,
+        viscous=(1e-3, 2e-3, 1e-3)[:n],
+        coulomb=(0.1, 0.08, 0.05)[:n],
+        motor_gain=(0.2,) * n,
+        current_limit=(current,) * n,
+        coupling=coupling,
         curve=excess if curve else None,
-    )  # fmt: skip
+    )
     return Rig(drive=drive, encoder=Encoder(resolution=(1000,) * n, smooth=smooth), period=0.7e-3)
 
 
@@ -53,10 +60,12 @@ def path_of(matrix=((1, 0, 0), (0, 1, 0), (0, 0, 1)), *, period=3.0):
     matrix, offset = np.array(matrix), np.array([0.3, -0.2, 0.1])
     cosine = np.array([[-0.5, -0.1, 0.2], [0.4, -0.5, 0.1], [0.3, 0.4, -0.6]])
     sine = np.array([[0.3, 0.2, -0.3], [-0.4, 0.3, 0.2], [0.5, -0.2, 0.3]])
-    return Harmonics(period=period, offset=matrix @ offset, cosine=matrix @ cosine, sine=matrix @ sine)
+    return Harmonics(
+        period=period, offset=matrix @ offset, cosine=matrix @ cosine, sine=matrix @ sine
+    )
 
 
-# -- the two sides ---------------------------------------------------------------------------------------------------
+# -- the two sides -------------------------------------------------------------------------------
 def test_motor_angles_are_gear_times_matrix_times_joints():
     """The TX40's wrist: motor = R q with R = diag(N) but for R[6, 5] = 32; tau = R^T u."""
     gear = np.array([32, 32, 45, -48, 45, 32.0])
@@ -79,9 +88,16 @@ def test_motor_angles_are_gear_times_matrix_times_joints():
 def test_casadi_and_numpy_cross_alike():
     drive, random = rig_of().drive, np.random.default_rng(1)
     crossings = (
-        drive.motor_angle, drive.joint_angle, drive.joint_torque, drive.motor_torque, drive.current, drive.limited,
-        drive.friction, rig_of(smooth=True).counts, rig_of(smooth=True).cell_centre,
-    )  # fmt: skip
+        drive.motor_angle,
+        drive.joint_angle,
+        drive.joint_torque,
+        drive.motor_torque,
+        drive.current,
+        drive.limited,
+        drive.friction,
+        rig_of(smooth=True).counts,
+        rig_of(smooth=True).cell_centre,
+    )
     for crossing in crossings:
         for scale in (1.0, 1e3):
             x, column = scale * random.normal(size=3), ca.SX.sym("x", 3)
@@ -92,14 +108,18 @@ def test_casadi_and_numpy_cross_alike():
 def test_power_is_the_same_on_both_sides():
     drive, random = rig_of().drive, np.random.default_rng(2)
     qd, tau_m = random.normal(size=(2, 3))
-    np.testing.assert_allclose(qd @ drive.joint_torque(tau_m), drive.motor_angle(qd) @ tau_m, rtol=1e-13)
+    np.testing.assert_allclose(
+        qd @ drive.joint_torque(tau_m), drive.motor_angle(qd) @ tau_m, rtol=1e-13
+    )
 
 
 def test_friction_takes_the_power_that_the_motors_lose():
     drive = rig_of(curve=False).drive
     for qd in np.random.default_rng(3).normal(size=(20, 3)):
         speed = drive.gear * (C @ qd)
-        np.testing.assert_allclose(qd @ drive.friction(qd), drive.viscous @ speed**2 + drive.coulomb @ abs(speed))
+        np.testing.assert_allclose(
+            qd @ drive.friction(qd), drive.viscous @ speed**2 + drive.coulomb @ abs(speed)
+        )
 
 
 def test_amplifiers_limit_motors_not_joints():
@@ -109,15 +129,20 @@ def test_amplifiers_limit_motors_not_joints():
     np.testing.assert_allclose(drive.limited(limited), limited, rtol=1e-13)
 
 
-# -- the equations of motion -----------------------------------------------------------------------------------------
+# -- the equations of motion ---------------------------------------------------------------------
 @pytest.mark.parametrize("seed", [0, 1])
 def test_motor_inertias_move_with_the_shafts(seed):
-    """Their kinetic energy is sum of J (C q)_i^2 / 2, so D gains C^T diag(J) C and nothing else changes."""
+    """Their kinetic energy is sum of J (C q)_i^2 / 2, so D gains C^T diag(J) C and nothing else
+    changes.
+    """
     plain = random_chain(3, seed, frames=False)
     coupled = plain.coupled(WRIST)
     random = np.random.default_rng(seed)
     rotor = random.uniform(0.5, 2, 3)
-    bodies = [dataclasses.replace(body, rotor=value) for body, value in zip(plain.bodies, rotor, strict=True)]
+    bodies = [
+        dataclasses.replace(body, rotor=value)
+        for body, value in zip(plain.bodies, rotor, strict=True)
+    ]
     without = [dataclasses.replace(body, rotor=0.0) for body in plain.bodies]
     alone, together = Dynamics.from_chain(plain), Dynamics.from_chain(coupled)
     q, qd, qdd = random.normal(size=(3, 3))
@@ -129,24 +154,37 @@ def test_motor_inertias_move_with_the_shafts(seed):
 def rotors_alone(coupling):
     """Three joints without links: all inertia is in the motors, so every shaft turns on its own."""
     links = tuple(Link(name=str(i + 1)) for i in range(3))
-    bodies = tuple(Body(mass=0.0, com=(0, 0, 0), inertia=(0,) * 6, rotor=j) for j in (1.5, 1.0, 0.7))
+    bodies = tuple(
+        Body(mass=0.0, com=(0, 0, 0), inertia=(0,) * 6, rotor=j) for j in (1.5, 1.0, 0.7)
+    )
     dynamics = Dynamics.from_chain(Chain(links=links, bodies=bodies, coupling=coupling))
     return dynamics.arm(dynamics.f())
 
 
 @pytest.mark.parametrize("smooth", [False, True])
 def test_shafts_without_links_turn_as_if_there_were_no_coupling(smooth):
-    """Exact: in shaft angles y = C q the coupled loop is three loops that know nothing of each other."""
+    """Exact: in shaft angles y = C q the coupled loop is three loops that know nothing of each
+    other.
+    """
     law = P(gain=(0.1, 0.08, 0.05))
     start = np.array([[0.1, 0.0, -0.1], [0.2, -0.3, 0.1]])
     options = {"steps_per_sample": 4, "duration": 0.5, "sweeps": 1}
-    coupled = simulate(rotors_alone(WRIST), rig_of(smooth=smooth), law, path_of(), initial=start, **options)
+    coupled = simulate(
+        rotors_alone(WRIST), rig_of(smooth=smooth), law, path_of(), initial=start, **options
+    )
     single = Coupling()
     plain = simulate(
-        rotors_alone(single), rig_of(single, smooth=smooth), law, path_of(C), initial=start @ C.T, **options
+        rotors_alone(single),
+        rig_of(single, smooth=smooth),
+        law,
+        path_of(C),
+        initial=start @ C.T,
+        **options,
     )
     assert np.abs(plain.error_pulses).max() > 20  # it moves, sticks and saturates
-    np.testing.assert_allclose(coupled.error_pulses, plain.error_pulses, rtol=0, atol=1e-6 if smooth else 1)
+    np.testing.assert_allclose(
+        coupled.error_pulses, plain.error_pulses, rtol=0, atol=1e-6 if smooth else 1
+    )
     np.testing.assert_allclose(coupled.true_q @ C.T, plain.true_q, rtol=0, atol=2e-5)
     if smooth:
         np.testing.assert_allclose(coupled.true_q @ C.T, plain.true_q, rtol=0, atol=1e-9)
@@ -154,29 +192,41 @@ def test_shafts_without_links_turn_as_if_there_were_no_coupling(smooth):
 
 
 def coupled_planar(seed):
-    """A planar arm of random bodies with motors that turn with several joints, and what is guessed of it."""
+    """A planar arm of random bodies with motors that turn with several joints, and what is
+    guessed of it.
+    """
     random, rig = np.random.default_rng(seed), rig_of()
     chain = planar(3).coupled(WRIST)
     rotors = rig.drive.reflected_inertia()
-    guess = [dataclasses.replace(b, rotor=float(j)) for b, j in zip(chain.bodies, rotors, strict=True)]
-    bodies = [dataclasses.replace(body, mass=body.mass * random.uniform(0.6, 1.4)) for body in guess]
+    guess = [
+        dataclasses.replace(b, rotor=float(j)) for b, j in zip(chain.bodies, rotors, strict=True)
+    ]
+    bodies = [
+        dataclasses.replace(body, mass=body.mass * random.uniform(0.6, 1.4)) for body in guess
+    ]
     dynamics = Dynamics.from_chain(chain)
     return dynamics, rig, dynamics.f(bodies), dynamics.f(guess)
 
 
 def test_free_coupled_arm_moves_as_its_equations_say():
-    """No torque, no friction: the loop's steps, taken on the shafts, against the joints' own equations integrated."""
+    """No torque, no friction: the loop's steps, taken on the shafts, against the joints' own
+    equations integrated.
+    """
     dynamics, rig, f, _ = coupled_planar(6)
     zero = (0.0, 0.0, 0.0)
     drive = dataclasses.replace(rig.drive, coulomb=zero, viscous=zero, curve=None)
     arm, start = dynamics.arm(f), np.array([[0.3, -0.4, 0.5], [2.0, -3.0, 1.5]])
     rig = dataclasses.replace(rig, drive=drive)
-    record = simulate(arm, rig, NoTorque(), path_of(), duration=0.4, initial=start, steps_per_sample=16)
+    record = simulate(
+        arm, rig, NoTorque(), path_of(), duration=0.4, initial=start, steps_per_sample=16
+    )
     exact = solve_ivp(
         lambda t, x: np.append(x[3:], arm.forward(x[:3], x[3:], np.zeros(3))),
         (0, 0.4), start.ravel(), method="DOP853", rtol=1e-10, atol=1e-10, t_eval=record.t[::50],
     ).y.T  # fmt: skip
-    np.testing.assert_allclose(np.hstack([record.true_q, record.true_qd])[::50], exact, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(
+        np.hstack([record.true_q, record.true_qd])[::50], exact, rtol=0, atol=1e-5
+    )
 
 
 def test_casadi_referees_the_kernel_of_a_coupled_arm():
@@ -199,31 +249,50 @@ def test_casadi_referees_the_kernel_of_a_coupled_arm():
 def test_coupled_arm_of_random_truth_is_identified_and_tracked_within_one_pulse():
     dynamics, rig, f, guess = coupled_planar(1)
     width = np.maximum(0.5 * np.abs(guess), 0.1)
-    measured = simulate(dynamics.arm(f), rig, P(gain=(0.1, 0.08, 0.05)), path_of(), steps_per_sample=16)
-    found = identify(dynamics, measured, ranges=np.column_stack([guess - width, guess + width]), progress=False)
-    report = evaluate(dynamics.arm(f), rig, ComputedTorque(found.arm, found.rig), path_of(), backend="numba")
+    measured = simulate(
+        dynamics.arm(f), rig, P(gain=(0.1, 0.08, 0.05)), path_of(), steps_per_sample=16
+    )
+    found = identify(
+        dynamics, measured, ranges=np.column_stack([guess - width, guess + width]), progress=False
+    )
+    report = evaluate(
+        dynamics.arm(f), rig, ComputedTorque(found.arm, found.rig), path_of(), backend="numba"
+    )
     assert report.within(1), report
     assert (report.saturation == 0).all()
 
 
 def test_p_loop_of_a_coupled_arm_linearised_swings_as_simulated():
-    """Small deviations without friction: the linear model's first swing against the simulation's."""
+    """Small deviations without friction: the linear model's first swing against the
+    simulation's.
+    """
     dynamics, rig, f, _ = coupled_planar(2)
     zero = (0.0, 0.0, 0.0)
     drive = dataclasses.replace(rig.drive, coulomb=zero, curve=None)
     rig, law = dataclasses.replace(rig, drive=drive), P(gain=(0.1, 0.08, 0.05))
     rig = dataclasses.replace(rig, encoder=dataclasses.replace(rig.encoder, smooth=True))
     arm, pose = dynamics.arm(f), np.array([0.2, -0.3, 0.4])
-    stiffness = C.T @ np.diag(law.gain * drive.gear * rig.encoder.position_in_pulses(drive.gear)) @ C
+    stiffness = (
+        C.T @ np.diag(law.gain * drive.gear * rig.encoder.position_in_pulses(drive.gear)) @ C
+    )
     goal = pose + np.linalg.solve(stiffness, arm.h(pose, np.zeros(3)))
     still = Harmonics(period=0.1, offset=goal, cosine=np.zeros((3, 1)), sine=np.zeros((3, 1)))
     deviation = np.array([1e-5, -2e-5, 1e-5, 0, 0, 0])
-    record = simulate(arm, rig, law, still, initial=(np.append(pose, zero) + deviation).reshape(2, 3), duration=0.05)
+    record = simulate(
+        arm,
+        rig,
+        law,
+        still,
+        initial=(np.append(pose, zero) + deviation).reshape(2, 3),
+        duration=0.05,
+    )
     system = linearise(arm, rig, law, pose)
     expected = [expm(system.A * t) @ deviation for t in record.t]
     got = np.hstack([record.true_q - pose, record.true_qd])
     assert (np.abs(got - expected).max(axis=0) < 0.02 * np.abs(expected).max(axis=0)).all()
-    np.testing.assert_allclose(system.C[:, :3] @ deviation[:3], -rig.position_in_pulses(deviation[:3]), rtol=1e-13)
+    np.testing.assert_allclose(
+        system.C[:, :3] @ deviation[:3], -rig.position_in_pulses(deviation[:3]), rtol=1e-13
+    )
 
 
 def test_p_gains_of_a_coupled_arm_keep_the_stated_peak():
@@ -235,7 +304,9 @@ def test_p_gains_of_a_coupled_arm_keep_the_stated_peak():
 
 
 def test_gate_looks_at_the_shafts():
-    """The smallest pivot is negative exactly where D - C^T diag(least) C is indefinite somewhere."""
+    """The smallest pivot is negative exactly where D - C^T diag(least) C is indefinite
+    somewhere.
+    """
     dynamics, rig, f, _ = coupled_planar(4)
     least = 0.5 * rig.drive.reflected_inertia()
     random = np.random.default_rng(0)
@@ -243,7 +314,10 @@ def test_gate_looks_at_the_shafts():
     margins = least_inertia_margin(dynamics, rig, candidates)
     poses = random.uniform(-np.pi, np.pi, (300, 3))
     smallest = [
-        min(np.linalg.eigvalsh(dynamics.D(q, one).full() - C.T @ np.diag(least) @ C)[0] for q in poses)
+        min(
+            np.linalg.eigvalsh(dynamics.D(q, one).full() - C.T @ np.diag(least) @ C)[0]
+            for q in poses
+        )
         for one in candidates
     ]
     clear = np.abs(smallest) > 0.02
@@ -255,18 +329,27 @@ def test_record_without_reference_replays_its_counts():
     dynamics, rig, f, _ = coupled_planar(5)
     law = P(gain=(0.1, 0.08, 0.05))
     made = simulate(dynamics.arm(f), rig, law, path_of(), duration=0.3)
-    counted = Record(t=made.t, reference_pulses=made.reference_pulses, error_pulses=made.error_pulses, rig=rig, law=law)
+    counted = Record(
+        t=made.t,
+        reference_pulses=made.reference_pulses,
+        error_pulses=made.error_pulses,
+        rig=rig,
+        law=law,
+    )
     path = followed_path.path_of(counted)
     motion, pulses = path(made.t)
     np.testing.assert_array_equal(pulses, made.reference_pulses)
-    np.testing.assert_allclose(rig.position_in_pulses(motion.q), made.reference_pulses, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        rig.position_in_pulses(motion.q), made.reference_pulses, rtol=0, atol=1e-8
+    )
     moved = dataclasses.replace(counted, error_pulses=made.error_pulses + np.array([0, 0, 30]))
     q, _ = followed_path.start_of(moved, path)
     off = rig.position_in_pulses(q) - made.reference_pulses[0]
-    np.testing.assert_allclose(off, [0, 0, -30], atol=0.6)  # only the joints behind motor 3 start elsewhere
+    # only the joints behind motor 3 start elsewhere
+    np.testing.assert_allclose(off, [0, 0, -30], atol=0.6)
 
 
-# -- bad input -------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 def test_identity_is_no_coupling():
     assert Coupling(matrix=np.eye(3)) == Coupling()
     assert Coupling().shaft(3.0) == 3.0

@@ -1,8 +1,10 @@
-"""Equations of motion: against closed forms, Lagrange's equations, equation (2), invariants and another engine.
+"""Equations of motion: against closed forms, Lagrange's equations, equation (2), invariants and
+another engine.
 
-Tolerances. Two ways to write the same few hundred additions and multiplications differ by some ten roundings, 1e-15
-of the largest term; 1e-12 leaves room for three digits of cancellation and none for an error in a formula. `close`
-measures differences against the largest *term* where a test knows it, else against the largest value.
+Tolerances. Two ways to write the same few hundred additions and multiplications differ by some ten
+roundings, 1e-15 of the largest term; 1e-12 leaves room for three digits of cancellation and none
+for an error in a formula. `close` measures differences against the largest *term* where a test
+knows it, else against the largest value.
 """
 
 import re
@@ -49,13 +51,17 @@ def column(dm):
     return dm.full().ravel()
 
 
-# -- closed forms --------------------------------------------------------------------------------------------------
+# -- closed forms --------------------------------------------------------------------------------
 def test_pendulum():
-    """One link, axis horizontal, x level at q = 0 and upwards for q > 0: m r^2 + I + J, and m g r cos q."""
+    """One link, axis horizontal, x level at q = 0 and upwards for q > 0: m r^2 + I + J, and m g
+    r cos q.
+    """
     m, r, izz, rotor, q, qd = 3.0, 0.4, 0.2, 0.7, 0.6, -1.3
     chain = Chain(links=(Link(name="1", alpha=np.pi / 2, a=0.0, d=0.0),))
     model = Dynamics(chain=chain, lumping=Lumping.standard(chain))
-    f = model.f([Body(mass=m, com=(r, 0.0, 0.0), inertia=(0.0, 0.0, 0.0, 0.0, 0.0, izz), rotor=rotor)])
+    f = model.f(
+        [Body(mass=m, com=(r, 0.0, 0.0), inertia=(0.0, 0.0, 0.0, 0.0, 0.0, izz), rotor=rotor)]
+    )
     close(model.D([q], f), [[m * r**2 + izz + rotor]])
     close(column(model.h([q], [qd], f)), [m * 9.81 * r * np.cos(q)])
 
@@ -67,8 +73,10 @@ def test_horizontal_axis_points_such_that_positive_q2_lowers_the_arm():
     close(gravity, [-9.81 * (f[4] + f[8]), -9.81 * f[4]])
 
 
-# -- Lagrange ------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("n", "seed"), [(n, seed) for n in (1, 2, 3) for seed in range(4)] + [(6, 0)])
+# -- Lagrange ------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("n", "seed"), [(n, seed) for n in (1, 2, 3) for seed in range(4)] + [(6, 0)]
+)
 def test_random_chain_agrees_with_lagranges_equations(n, seed):
     chain, bodies, model = random_arm(n, seed)
     exact, f = by_lagrange(chain, bodies), model.f(bodies)
@@ -77,14 +85,16 @@ def test_random_chain_agrees_with_lagranges_equations(n, seed):
         q, qd, qdd = random.uniform(-3, 3, (3, n))
         close(model.D(q, f), exact.D(q))
         close(column(model.h(q, qd, f)), exact.h(q, qd))
-        # Column by column: `exact.Y` takes differences of torques of a unit body, so its own rounding is 1e-15 of the
-        # largest column.
+        # Column by column: `exact.Y` takes differences of torques of a unit body, so its own
+        # rounding is 1e-15 of the largest column.
         close(model.Y(q, qd, qdd), exact.Y(q, qd, qdd))
         close(model.Y(q, qd, qdd) @ f, exact.tau(q, qd, qdd)[:, None])
 
 
 def test_puma_with_the_literatures_links_agrees_with_lagranges_equations():
-    """Equation (3) corrected, (3) in the model, and the same bodies in Lagrange's equations: three ways, one arm."""
+    """Equation (3) corrected, (3) in the model, and the same bodies in Lagrange's equations:
+    three ways, one arm.
+    """
     m, x, y, izz = (17.4, 4.8), (0.068, 0.0), (0.006, -0.070), (0.539, 0.086)
     wrist = np.array([(0.82, -0.0203, -0.414), (0.34, -0.0203, -0.4331), (0.09, -0.0203, -0.465)])
     jm, k, a = (2e-4, 2e-4), (107.8, -53.7), 0.4318
@@ -111,14 +121,18 @@ def test_puma_with_the_literatures_links_agrees_with_lagranges_equations():
 
 
 def test_two_bodies_joined_weigh_what_both_do():
-    """A tool fixed to a link: energies add, so the standard parameters of the joined body are the sum."""
+    """A tool fixed to a link: energies add, so the standard parameters of the joined body are
+    the sum.
+    """
     random, (_, _, model) = np.random.default_rng(5), random_arm(1, 0)
     link, tool = random_body(random), random_body(random)
     close(model.f([link.joined(tool)]), model.f([link]) + model.f([tool]))
 
 
 def test_equation_3_as_printed_swaps_the_motors():
-    """With unequal motors only the corrected (3) gives the inertia that Lagrange's equations give."""
+    """With unequal motors only the corrected (3) gives the inertia that Lagrange's equations
+    give.
+    """
     jm, k, a = (1e-3, 1e-4), (107.8, -53.7), 0.4318
     bodies = [(10.0, (0.1, 0.05, 0.0), (0, 0, 0, 0, 0, 0.5), jm[0] * k[0] ** 2)]
     bodies += [(5.0, (0.02, -0.1, 0.0), (0, 0, 0, 0, 0, 0.2), jm[1] * k[1] ** 2)]
@@ -126,13 +140,16 @@ def test_equation_3_as_printed_swaps_the_motors():
     physical = ((10.0, 5.0), (0.1, 0.02), (0.05, -0.1), (0.5, 0.2), jm, k, a)
     close(puma().D((0.3, 0.4), equation2.equation3(*physical)), exact)
     wrong = puma().D((0.3, 0.4), equation2.equation3(*physical, printed=True)).full()
-    assert abs(wrong - exact).max() > 1.0  # [kg m^2]; the swapped motors differ by 9e-4 k^2 = 2.6 and 10.5
+    # [kg m^2]; the swapped motors differ by 9e-4 k^2 = 2.6 and 10.5
+    assert abs(wrong - exact).max() > 1.0
 
 
-# -- equation (2) --------------------------------------------------------------------------------------------------
+# -- equation (2) --------------------------------------------------------------------------------
 @pytest.mark.parametrize("seed", range(10))
 def test_puma_is_equation_2_corrected_for_any_f(seed):
-    """All nine f independent, as the paper searches them; they need not be those of physical links."""
+    """All nine f independent, as the paper searches them; they need not be those of physical
+    links.
+    """
     random = np.random.default_rng(seed)
     f, (q, qd, qdd) = random.normal(size=9) * 3, random.uniform(-3, 3, (3, 2))
     D, h = equation2.D(q, f), equation2.C(q, qd, f) + equation2.G(q, f)
@@ -143,7 +160,8 @@ def test_puma_is_equation_2_corrected_for_any_f(seed):
 
 def equation_2_power(q, qd, f, printed):
     """qd' (Ddot qd - 2 c), zero for every matrix C with C qd = c that makes Ddot - 2 C skew."""
-    rate = -2 * f[2] * np.sin(q[1]) - 2 * f[3] * np.cos(q[1])  # d/dq3 of 2 f3 c3 - 2 f4 s3, printed or not
+    # d/dq3 of 2 f3 c3 - 2 f4 s3, printed or not
+    rate = -2 * f[2] * np.sin(q[1]) - 2 * f[3] * np.cos(q[1])
     Ddot = np.array([[rate, rate / 2], [rate / 2, 0.0]]) * qd[1]
     return qd @ (Ddot @ qd - 2 * equation2.C(q, qd, f, printed))
 
@@ -156,7 +174,11 @@ def test_equation_2_as_printed_breaks_skew_symmetry_and_forgets_f7():
         assert abs(equation_2_power(q, qd, f, printed=False)) < 100 * 1e-14
         gap = 2 * f[3] * qd[1] * qd[0] ** 2 * (np.sin(q[1]) - np.cos(q[1]))
         assert equation_2_power(q, qd, f, printed=True) == pytest.approx(-gap, rel=1e-9)
-        close(equation2.D(q, more, printed=True) - equation2.D(q, f, printed=True), np.zeros((2, 2)), scale=1)
+        close(
+            equation2.D(q, more, printed=True) - equation2.D(q, f, printed=True),
+            np.zeros((2, 2)),
+            scale=1,
+        )
         close(puma().D(q, more) - puma().D(q, f), [[10, 0], [0, 0]])
     # [W], where the terms are of the order of 2 f4 qd2^2 qd3 = 4 W: no rounding.
     assert abs(equation_2_power((0.3, -0.8), (1.0, 1.5), f, printed=True)) > 1
@@ -164,13 +186,15 @@ def test_equation_2_as_printed_breaks_skew_symmetry_and_forgets_f7():
 
 def test_published_f_keeps_the_inertia_positive_definite():
     """ERRATA: smallest eigenvalue 0.77 over all q3 (0.7721 at q3 = 1.775)."""
-    inertias = [puma().D([0, q3], puma560.PUBLISHED).full() for q3 in np.linspace(-np.pi, np.pi, 721)]
+    inertias = [
+        puma().D([0, q3], puma560.PUBLISHED).full() for q3 in np.linspace(-np.pi, np.pi, 721)
+    ]
     smallest = np.linalg.eigvalsh(inertias)[:, 0]
     # On a grid of half a degree the minimum is missed by less than 1e-4.
     assert min(smallest) == pytest.approx(0.7721, abs=1e-4)
 
 
-# -- invariants ----------------------------------------------------------------------------------------------------
+# -- invariants ----------------------------------------------------------------------------------
 @cache
 def numeric_arm(name):
     """Dynamics, f and a function (q, qd, f) -> Ddot by casadi's directional derivative."""
@@ -186,10 +210,14 @@ def numeric_arm(name):
 
 @st.composite
 def motions(draw, count):
-    """An arm and `count` vectors per joint: q over more than a turn, rates and accelerations up to 5 in SI units."""
+    """An arm and `count` vectors per joint: q over more than a turn, rates and accelerations up
+    to 5 in SI units.
+    """
     model, f, rate = numeric_arm(draw(st.sampled_from(["puma", "1 link", "3 links"])))
     numbers = st.floats(-5, 5, allow_subnormal=False)
-    vectors = [np.array(draw(st.lists(numbers, min_size=model.n, max_size=model.n))) for _ in range(count)]
+    vectors = [
+        np.array(draw(st.lists(numbers, min_size=model.n, max_size=model.n))) for _ in range(count)
+    ]
     return model, f, rate, *vectors
 
 
@@ -250,9 +278,17 @@ def test_forward_of_inverse_is_the_identity(motion):
     model, f, _, q, qd, qdd = motion
     arm = model.arm(f)
     D, tau = arm.D(q), arm.inverse(q, qd, qdd)
-    # Solving with D loses its condition number (below 1e4 here) of the torque's rounding, 1e-16 of its terms.
-    terms = np.abs(D).max() * (1 + np.abs(qdd).max()) + np.abs(tau).max() + np.abs(arm.h(q, qd)).max()
-    close(arm.forward(q, qd, tau), qdd, scale=1, tolerance=1e-14 * terms * np.linalg.norm(np.linalg.inv(D)))
+    # Solving with D loses its condition number (below 1e4 here) of the torque's rounding, 1e-16 of
+    # its terms.
+    terms = (
+        np.abs(D).max() * (1 + np.abs(qdd).max()) + np.abs(tau).max() + np.abs(arm.h(q, qd)).max()
+    )
+    close(
+        arm.forward(q, qd, tau),
+        qdd,
+        scale=1,
+        tolerance=1e-14 * terms * np.linalg.norm(np.linalg.inv(D)),
+    )
 
 
 @invariant
@@ -263,11 +299,13 @@ def test_power_of_the_torque_beyond_gravity_is_the_rate_of_kinetic_energy(motion
     terms = [qd @ D @ qdd, qd @ h, qd @ gravity, qd @ rate(q, qd, f).full() @ qd / 2]
     power, kinetic = terms[0] + terms[1] - terms[2], terms[0] + terms[3]
     # Products of three vectors: the terms may cancel inside as well, so measure them by norms.
-    scale = np.linalg.norm(qd) * (np.linalg.norm(D) * np.linalg.norm(qdd) + np.linalg.norm(h) + np.linalg.norm(gravity))
+    scale = np.linalg.norm(qd) * (
+        np.linalg.norm(D) * np.linalg.norm(qdd) + np.linalg.norm(h) + np.linalg.norm(gravity)
+    )
     close(power, kinetic, scale=scale)
 
 
-# -- another engine ------------------------------------------------------------------------------------------------
+# -- another engine ------------------------------------------------------------------------------
 def test_six_joint_chain_agrees_with_pinocchio():
     pin = pytest.importorskip("pinocchio")
     from pinocchio_arm import pinocchio_model
@@ -276,7 +314,8 @@ def test_six_joint_chain_agrees_with_pinocchio():
     other = pinocchio_model(chain, bodies)
     data, f, rotors = other.createData(), model.f(bodies), np.array([body.rotor for body in bodies])
     random = np.random.default_rng(0)
-    # pinocchio works with rotations, not with sines and cosines of q: 1e-10 is generous for six joints.
+    # pinocchio works with rotations, not with sines and cosines of q: 1e-10 is generous for six
+    # joints.
     for q, qd, qdd in random.uniform(-3, 3, (5, 3, 6)):
         D = pin.crba(other, data, q)
         D = np.triu(D) + np.triu(D, 1).T + np.diag(rotors)
@@ -287,7 +326,7 @@ def test_six_joint_chain_agrees_with_pinocchio():
         close(model.arm(f).forward(q, qd, tau), qdd, tolerance=1e-10)
 
 
-# -- bad input -----------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 Q = (0.1, 0.2)
 F = tuple(puma560.PUBLISHED)
 
@@ -300,24 +339,46 @@ F = tuple(puma560.PUBLISHED)
         pytest.param(lambda: puma().D(np.array([Q]), F), r"\(2,\)", r"\(1, 2\)", id="q transposed"),
         pytest.param(lambda: puma().D(0.1, F), r"\(2,\)", r"\(\)", id="q scalar"),
         pytest.param(lambda: puma().C(Q, 0.1, F), r"\(2,\)", r"\(\)", id="qd scalar"),
-        pytest.param(lambda: puma().Y(Q, Q, (0.1, 0.2, 0.3)), r"\(2,\)", r"\(3,\)", id="qdd too long"),
+        pytest.param(
+            lambda: puma().Y(Q, Q, (0.1, 0.2, 0.3)), r"\(2,\)", r"\(3,\)", id="qdd too long"
+        ),
         pytest.param(lambda: puma().Y(Q, Q, Q, 0.1), r"\(2,\)", r"\(\)", id="qdd_r scalar"),
         pytest.param(lambda: puma().D((0.1, np.nan), F), "finite", "nan at index 1", id="q NaN"),
         pytest.param(lambda: puma().D(Q, (*F[:8], np.nan)), "finite", "nan at index 8", id="f NaN"),
-        pytest.param(lambda: puma().h(Q, (np.inf, 0.0), F), "finite", "inf at index 0", id="qd infinite"),
+        pytest.param(
+            lambda: puma().h(Q, (np.inf, 0.0), F), "finite", "inf at index 0", id="qd infinite"
+        ),
         pytest.param(lambda: puma().D(("a", "b"), F), r"numbers", "'a'", id="q text"),
         pytest.param(lambda: puma().arm(F[:8]), "9", "8", id="arm with f too short"),
-        pytest.param(lambda: puma().arm((*F[:8], np.nan)), "must be", "(?i)nan", id="arm with f NaN"),
+        pytest.param(
+            lambda: puma().arm((*F[:8], np.nan)), "must be", "(?i)nan", id="arm with f NaN"
+        ),
         pytest.param(lambda: puma560.arm().D(0.1), r"\(2,\)", r"\(\)", id="arm, q scalar"),
-        pytest.param(lambda: puma560.arm().h(Q, np.array([Q])), r"\(2,\)", r"\(1, 2\)", id="arm, qd transposed"),
-        pytest.param(lambda: puma560.arm().inverse(Q, Q, 0.1), r"\(2,\)", r"\(\)", id="arm, qdd scalar"),
-        pytest.param(lambda: puma560.arm().forward(Q, Q, (1.0, np.nan)), "finite", "nan at index 1", id="arm, tau NaN"),
-        pytest.param(lambda: puma560.arm().forward(Q, Q, 1.0), r"\(2,\)", r"\(\)", id="arm, tau scalar"),
+        pytest.param(
+            lambda: puma560.arm().h(Q, np.array([Q])),
+            r"\(2,\)",
+            r"\(1, 2\)",
+            id="arm, qd transposed",
+        ),
+        pytest.param(
+            lambda: puma560.arm().inverse(Q, Q, 0.1), r"\(2,\)", r"\(\)", id="arm, qdd scalar"
+        ),
+        pytest.param(
+            lambda: puma560.arm().forward(Q, Q, (1.0, np.nan)),
+            "finite",
+            "nan at index 1",
+            id="arm, tau NaN",
+        ),
+        pytest.param(
+            lambda: puma560.arm().forward(Q, Q, 1.0), r"\(2,\)", r"\(\)", id="arm, tau scalar"
+        ),
         pytest.param(lambda: puma().D(Q), r"q, f", "1", id="argument missing"),
         pytest.param(lambda: puma().Y(Q, Q), r"q, qd, qdd", "2", id="accelerations missing"),
     ],
 )
-def test_bad_input_is_refused_in_one_line_that_says_what_was_expected_and_given(call, expected, given_):
+def test_bad_input_is_refused_in_one_line_that_says_what_was_expected_and_given(
+    call, expected, given_
+):
     with pytest.raises(ValueError, match=expected) as caught:
         call()
     message = str(caught.value)
@@ -330,4 +391,6 @@ def test_numpy_goes_in_and_casadi_comes_out():
     assert isinstance(puma().D(np.array(Q), np.array(F)), ca.DM)
     assert isinstance(puma().D(ca.SX.sym("q", 2), ca.SX.sym("f", 9)), ca.SX)
     arm = puma560.arm()
-    assert [type(x) for x in (arm.D(Q), arm.h(Q, Q), arm.inverse(Q, Q, Q), arm.forward(Q, Q, Q))] == [np.ndarray] * 4
+    assert [
+        type(x) for x in (arm.D(Q), arm.h(Q, Q), arm.inverse(Q, Q, Q), arm.forward(Q, Q, Q))
+    ] == [np.ndarray] * 4

@@ -1,4 +1,6 @@
-"""Forward kinematics against pinocchio, and against gravity of the dynamics, whose frames they are."""
+"""Forward kinematics against pinocchio, and against gravity of the dynamics, whose frames they
+are.
+"""
 
 import dataclasses
 
@@ -18,7 +20,12 @@ CHAINS = {
     "paper": puma560.dynamics().chain,
     "six joints": whole_puma560(),
     "tx40": tx40(),
-    "slides": Chain(links=(Link(name="1", alpha=0.4, theta=0.2, before=PLACED), Link(name="2", a=0.3, prismatic=True))),
+    "slides": Chain(
+        links=(
+            Link(name="1", alpha=0.4, theta=0.2, before=PLACED),
+            Link(name="2", a=0.3, prismatic=True),
+        )
+    ),
 }
 
 
@@ -30,17 +37,25 @@ def test_joints_and_tip_are_where_pinocchio_has_them(name):
     data, positions = model.createData(), joint_positions(chain, tip)
     for q in random.uniform(-np.pi, np.pi, (10, chain.n)):
         pin.forwardKinematics(model, data, q)
-        expected = [np.zeros(3), *(data.oMi[i].translation for i in range(1, chain.n + 1)), data.oMi[chain.n].act(tip)]
+        expected = [
+            np.zeros(3),
+            *(data.oMi[i].translation for i in range(1, chain.n + 1)),
+            data.oMi[chain.n].act(tip),
+        ]
         np.testing.assert_allclose(positions(q).full().T, expected, rtol=0, atol=1e-13)
 
 
 def test_gravity_of_a_point_mass_is_its_weight_on_the_slope_of_its_height():
     """Virtual work: tau = m g dz/dq, by central differences of steps 1e-6."""
     weightless = Body(mass=0.0, com=(0, 0, 0), inertia=(0,) * 6)
-    chain = dataclasses.replace(planar(3), bodies=(weightless, weightless, Body(mass=2.0, com=(0.25, 0.1, 0))))
+    chain = dataclasses.replace(
+        planar(3), bodies=(weightless, weightless, Body(mass=2.0, com=(0.25, 0.1, 0)))
+    )
     dynamics, height = Dynamics.from_chain(chain), joint_positions(chain, (0.25, 0.1, 0))
     q, step = np.array([0.3, -0.8, 1.1]), 1e-6
-    slope = [float(height(q + e)[2, -1] - height(q - e)[2, -1]) / (2 * step) for e in step * np.eye(3)]
+    slope = [
+        float(height(q + e)[2, -1] - height(q - e)[2, -1]) / (2 * step) for e in step * np.eye(3)
+    ]
     torque = dynamics.gravity(q, dynamics.f()).full().ravel()
     np.testing.assert_allclose(torque, 2.0 * 9.81 * np.array(slope), atol=1e-8)
 

@@ -1,4 +1,6 @@
-"""A load as physics: increments of f against eq. (3), against whole chains with the load joined, and the way back."""
+"""A load as physics: increments of f against eq. (3), against whole chains with the load joined,
+and the way back.
+"""
 
 import dataclasses
 from types import SimpleNamespace
@@ -13,7 +15,9 @@ from plant.mechanics.lumping import LOAD
 
 
 def test_the_increments_are_those_of_equation_3():
-    """A body on link 3 by the paper's own formula, with and without it; eq. (3) takes Izz about the centre of mass."""
+    """A body on link 3 by the paper's own formula, with and without it; eq. (3) takes Izz about
+    the centre of mass.
+    """
     a3, com, mass, izz = puma560.LINK_LENGTH, (0.03, -0.4, 0.1), 2.5, 0.02
     nothing = SimpleNamespace(m=0.0, x=0.0, y=0.0, Izz=0.0, J=0.0)
     load = SimpleNamespace(m=mass, x=com[0], y=com[1], Izz=izz, J=0.0)
@@ -23,7 +27,9 @@ def test_the_increments_are_those_of_equation_3():
     np.testing.assert_allclose(got, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize(("joints", "link", "frames"), [(2, -1, False), (4, 1, True), (6, -1, True), (6, "3", False)])
+@pytest.mark.parametrize(
+    ("joints", "link", "frames"), [(2, -1, False), (4, 1, True), (6, -1, True), (6, "3", False)]
+)
 def test_any_chain_any_link(joints, link, frames):
     """The torque of the chain that has the body joined is that of the empty one with f + B phi."""
     chain, random = random_chain(joints, seed=joints, frames=frames), np.random.default_rng(joints)
@@ -54,12 +60,15 @@ def test_what_cannot_be():
 
 
 def test_the_whole_arm_weighs_what_it_carries():
-    """Held level at its joints' zero, 3 kg at the flange change the torque of joint 2 by weight times distance."""
+    """Held level at its joints' zero, 3 kg at the flange change the torque of joint 2 by weight
+    times distance.
+    """
     chain = whole_puma560()
     dynamics = Dynamics.from_chain(chain)
     increment = dynamics.load_matrix() @ Body(mass=3.0, com=(0.0, 0.0, 0.2)).standard_parameters
     rest = np.zeros(6)
     torque = dynamics.Y(rest, rest, rest).full() @ increment
     assert len(LOAD) == 10
-    # The flange is 0.0203 + 0.4318 m from axis 2, level; the forearm hangs down, so the 0.2 m of the tool are plumb.
+    # The flange is 0.0203 + 0.4318 m from axis 2, level; the forearm hangs down, so the 0.2 m of
+    # the tool are plumb.
     assert torque[1] == pytest.approx(3.0 * 9.81 * (0.4318 + 0.0203), rel=1e-9)

@@ -18,7 +18,9 @@ def written(tmp_path, text, name="robot.xml"):
 
 @pytest.mark.parametrize(("seed", "sequence"), [(0, "xyz"), (1, "ZYX"), (2, "XYz")])
 def test_agrees_with_mujoco(tmp_path, seed, sequence):
-    """Rounding of MuJoCo's own diagonalisation and quaternions leaves 1e-9 of the largest torque."""
+    """Rounding of MuJoCo's own diagonalisation and quaternions leaves 1e-9 of the largest
+    torque.
+    """
     path = written(tmp_path, mjcf(seed, sequence=sequence))
     chain = Chain.from_mjcf(path)
     names = [link.name for link in chain.links]
@@ -47,8 +49,14 @@ def with_joint(text):
 def test_limits_armature_and_degrees(tmp_path):
     text = with_joint('<joint name="j" range="-90 45" armature="0.3" actuatorfrcrange="-5 7"/>')
     chain = Chain.from_mjcf(written(tmp_path, text))
-    np.testing.assert_allclose([chain.limits.lower[0], chain.limits.upper[0]], [-np.pi / 2, np.pi / 4], rtol=1e-15)
-    assert (chain.limits.effort[0], chain.limits.velocity[0], chain.bodies[0].rotor) == (7, np.inf, 0.3)
+    np.testing.assert_allclose(
+        [chain.limits.lower[0], chain.limits.upper[0]], [-np.pi / 2, np.pi / 4], rtol=1e-15
+    )
+    assert (chain.limits.effort[0], chain.limits.velocity[0], chain.bodies[0].rotor) == (
+        7,
+        np.inf,
+        0.3,
+    )
     text = text.replace("<mujoco>", '<mujoco><compiler angle="radian" autolimits="false"/>')
     assert np.isinf(Chain.from_mjcf(written(tmp_path, text)).limits.lower[0])
     assert Chain.from_mjcf(written(tmp_path, GOOD)).gravity == (0, 0, -9.81)
@@ -69,17 +77,32 @@ def test_included_files_are_read(tmp_path):
         (with_top('<option density="1.2"/>'), "density of <option> must be zero: a fluid"),
         (with_top('<compiler inertiafromgeom="true"/>'), "inertiafromgeom must not be true"),
         (with_top('<compiler angle="grad"/>'), "angle of <compiler> must be one of"),
-        (with_top('<include file="gone.xml"/>'), "<include> must name a file that is there; .*gone.xml is not"),
+        (
+            with_top('<include file="gone.xml"/>'),
+            "<include> must name a file that is there; .*gone.xml is not",
+        ),
         (with_joint("<freejoint/>"), "<freejoint> must not be in b"),
-        (with_joint('<joint name="j" type="ball"/>'), "joint j must be a hinge or a slide; it is <joint type='ball'>"),
+        (
+            with_joint('<joint name="j" type="ball"/>'),
+            "joint j must be a hinge or a slide; it is <joint type='ball'>",
+        ),
         (with_joint('<joint name="j" type="free"/>'), "it is <joint type='free'>"),
-        (with_joint('<joint name="j" stiffness="3"/>'), "stiffness of <joint> must be zero: a spring"),
+        (
+            with_joint('<joint name="j" stiffness="3"/>'),
+            "stiffness of <joint> must be zero: a spring",
+        ),
         (with_joint('<joint name="j" class="amr"/>'), "class of joint j must be one of"),
         (with_joint('<joint name="j" axis="0 0 0"/>'), "axis that is not zero"),
         (with_joint(JOINT + '<joint name="k"/>'), "body b must have one joint; it has 2"),
         (with_joint(JOINT + "<composite/>"), "<composite> must not be in b"),
-        (GOOD.replace('<body name="b">', '<body name="b" gravcomp="1">'), "gravcomp of <body> must be zero"),
-        (GOOD.replace("<inertial", "<geom/><site").replace("mass", "name"), "body b must have one <inertial>"),
+        (
+            GOOD.replace('<body name="b">', '<body name="b" gravcomp="1">'),
+            "gravcomp of <body> must be zero",
+        ),
+        (
+            GOOD.replace("<inertial", "<geom/><site").replace("mass", "name"),
+            "body b must have one <inertial>",
+        ),
         (
             GOOD.replace('diaginertia="1 1 1"', 'diaginertia="1 1 3"'),
             "link behind joint j .* must have an inertia that a body can have",

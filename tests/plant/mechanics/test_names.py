@@ -1,20 +1,36 @@
-"""Names of f for tables and figures, and representations that stay short, on arms with short and with long names."""
+"""Names of f for tables and figures, and representations that stay short, on arms with short and
+with long names.
+"""
 
 import numpy as np
 import pytest
 
 from plant import Body, Chain, Dynamics, Link, Lumping, puma560
 
-JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
+JOINTS = [
+    f"{name}_joint"
+    for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+]
 
 
 @pytest.fixture(scope="module")
 def six():
     """A chain shaped like a UR5, with invented bodies."""
-    rows = [(0, 0, 0.089), (np.pi / 2, 0, 0), (0, -0.425, 0), (0, -0.392, 0.109), (np.pi / 2, 0, 0.095),
-            (-np.pi / 2, 0, 0.082)]  # fmt: skip
-    links = [Link(name=name, alpha=alpha, a=a, d=d) for name, (alpha, a, d) in zip(JOINTS, rows, strict=True)]
-    body = Body(mass=2.0, com=(0.05, 0.01, 0.02), inertia=(0.02, 0.001, 0, 0.03, 0, 0.02), rotor=0.1)
+    rows = [
+        (0, 0, 0.089),
+        (np.pi / 2, 0, 0),
+        (0, -0.425, 0),
+        (0, -0.392, 0.109),
+        (np.pi / 2, 0, 0.095),
+        (-np.pi / 2, 0, 0.082),
+    ]
+    links = [
+        Link(name=name, alpha=alpha, a=a, d=d)
+        for name, (alpha, a, d) in zip(JOINTS, rows, strict=True)
+    ]
+    body = Body(
+        mass=2.0, com=(0.05, 0.01, 0.02), inertia=(0.02, 0.001, 0, 0.03, 0, 0.02), rotor=0.1
+    )
     return Dynamics.from_chain(Chain(links=tuple(links), bodies=(body,) * 6))
 
 
@@ -46,9 +62,14 @@ def test_representations_stay_short(six):
 
 
 def test_refusals_stay_short(six):
-    with pytest.raises(ValueError, match=rf"this arm has {six.p} parameters \(f1\.\.f{six.p}\)\. Pass found\.arm\.f"):
+    with pytest.raises(
+        ValueError,
+        match=rf"this arm has {six.p} parameters \(f1\.\.f{six.p}\)\. Pass found\.arm\.f",
+    ):
         six.arm(np.ones(3))
     same = {"names": ("a" * 90, "b" * 90), "matrix": np.ones((2, 11)), "inertial": (True, True)}
     lumping = Lumping(**same, gravitational=(False, False))
-    with pytest.raises(ValueError, match=r"^f must be independent; the 2 of one torque are not\. Leave some out\.$"):
+    with pytest.raises(
+        ValueError, match=r"^f must be independent; the 2 of one torque are not\. Leave some out\.$"
+    ):
         lumping.inertial_section()

@@ -1,4 +1,6 @@
-"""The Robotics Toolbox as a second engine: its PUMA 560, and random arms of six and seven joints in both tables."""
+"""The Robotics Toolbox as a second engine: its PUMA 560, and random arms of six and seven joints
+in both tables.
+"""
 
 import dataclasses
 
@@ -8,7 +10,9 @@ from packaged_arms import puma560
 
 from plant import Body, Chain, Dynamics, Link
 
-toolbox = pytest.importorskip("roboticstoolbox", reason="the Robotics Toolbox is not installed (Linux only)")
+toolbox = pytest.importorskip(
+    "roboticstoolbox", reason="the Robotics Toolbox is not installed (Linux only)"
+)
 
 
 def random_links(n, seed):
@@ -16,7 +20,8 @@ def random_links(n, seed):
     random = np.random.default_rng(seed)
     links = []
     for _ in range(n):
-        points = random.uniform(-0.2, 0.2, (12, 3))  # a body of twelve points has an inertia that a body can have
+        # a body of twelve points has an inertia that a body can have
+        points = random.uniform(-0.2, 0.2, (12, 3))
         com = points.mean(axis=0)
         mass, centred = random.uniform(1, 5), points - com
         inertia = mass * (np.sum(centred**2) / 12 * np.eye(3) - centred.T @ centred / 12)
@@ -44,10 +49,15 @@ def theirs(links, modified):
 
 def ours(links, modified):
     upper = np.triu_indices(3)
-    bodies = tuple(Body(mass=k["m"], com=k["r"], inertia=k["I"][upper], rotor=k["Jm"] * k["G"] ** 2) for k in links)
+    bodies = tuple(
+        Body(mass=k["m"], com=k["r"], inertia=k["I"][upper], rotor=k["Jm"] * k["G"] ** 2)
+        for k in links
+    )
     rows = [{"alpha": k["alpha"], "a": k["a"], "d": k["d"], "theta": k["offset"]} for k in links]
     if modified:
-        return Chain(links=tuple(Link(name=str(i + 1), **row) for i, row in enumerate(rows)), bodies=bodies)
+        return Chain(
+            links=tuple(Link(name=str(i + 1), **row) for i, row in enumerate(rows)), bodies=bodies
+        )
     return Chain.standard(rows, bodies=bodies)
 
 
@@ -76,7 +86,9 @@ def test_random_arms_move_as_the_toolbox_says(n, modified):
 
 
 def test_puma_560_moves_as_the_toolbox_s():
-    """Its own table and bodies, friction left out. It stands on a post of 0.67 m, which no torque shows."""
+    """Its own table and bodies, friction left out. It stands on a post of 0.67 m, which no
+    torque shows.
+    """
     robot = toolbox.models.DH.Puma560().nofriction(coulomb=True, viscous=True)
     chain = puma560()
     agree(chain, robot)

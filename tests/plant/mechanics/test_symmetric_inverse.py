@@ -14,7 +14,10 @@ def evaluated(matrix, right):
     outputs = [made.diagonal, made.alone, made.share, ca.vertcat(*made.minors), made.solve(x)]
     lower, pivots = eliminated(symbol)
     function = ca.Function("f", [symbol, x], [*outputs, ca.vertcat(*pivots), lower])
-    return [value.full().squeeze(axis=1) if value.shape[1] == 1 else value.full() for value in function(matrix, right)]
+    return [
+        value.full().squeeze(axis=1) if value.shape[1] == 1 else value.full()
+        for value in function(matrix, right)
+    ]
 
 
 @pytest.mark.parametrize("n", range(1, 8))
@@ -28,13 +31,21 @@ def test_inverse_of_a_positive_matrix(n):
     np.testing.assert_allclose(diagonal, np.diag(exact), rtol=accuracy)
     np.testing.assert_allclose(alone, 1 / np.diag(exact), rtol=accuracy)
     expected = -exact / np.diag(exact)[:, None] + np.eye(n)
-    np.testing.assert_allclose(np.reshape(share, (n, n)), expected, atol=accuracy * np.abs(expected).max())
-    np.testing.assert_allclose(solved, np.linalg.solve(matrix, right), atol=accuracy * np.abs(solved).max())
+    np.testing.assert_allclose(
+        np.reshape(share, (n, n)), expected, atol=accuracy * np.abs(expected).max()
+    )
+    np.testing.assert_allclose(
+        solved, np.linalg.solve(matrix, right), atol=accuracy * np.abs(solved).max()
+    )
     assert (minors > 0).all()
     lower = np.reshape(lower, (n, n))
-    np.testing.assert_allclose(lower * found @ lower.T, matrix, atol=accuracy * np.abs(matrix).max())
+    np.testing.assert_allclose(
+        lower * found @ lower.T, matrix, atol=accuracy * np.abs(matrix).max()
+    )
     assert (np.triu(lower) == np.eye(n)).all()
-    np.testing.assert_allclose(np.cumprod(found), [np.linalg.det(matrix[:k, :k]) for k in range(1, n + 1)], rtol=1e-9)
+    np.testing.assert_allclose(
+        np.cumprod(found), [np.linalg.det(matrix[:k, :k]) for k in range(1, n + 1)], rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("n", range(1, 8))

@@ -32,9 +32,13 @@ def compared(chain, model, locked=()):
         q[:] = pin.neutral(model)
         for value, speed, rate, name in zip(*state, names, strict=True):
             other = model.joints[model.getJointId(name)]
-            q[other.idx_q : other.idx_q + other.nq] = [value] if other.nq == 1 else [np.cos(value), np.sin(value)]
+            q[other.idx_q : other.idx_q + other.nq] = (
+                [value] if other.nq == 1 else [np.cos(value), np.sin(value)]
+            )
             v[other.idx_v], a[other.idx_v] = speed, rate
-        tau = pin.rnea(model, data, q, v, a)[[model.joints[model.getJointId(name)].idx_v for name in names]]
+        tau = pin.rnea(model, data, q, v, a)[
+            [model.joints[model.getJointId(name)].idx_v for name in names]
+        ]
         np.testing.assert_allclose(arm.inverse(*state), tau, rtol=0, atol=1e-10 * np.abs(tau).max())
 
 
@@ -45,7 +49,9 @@ def test_agrees_with_pinocchio_s_reader(tmp_path, seed):
 
 
 def test_named_joints_leave_the_others_at_zero(tmp_path):
-    """j3 slides in the file; left out, it is a fixed joint, and its masses hang on the link before it."""
+    """j3 slides in the file; left out, it is a fixed joint, and its masses hang on the link
+    before it.
+    """
     text = urdf(9)
     chain = Chain.from_urdf(written(tmp_path, text), ["j1", "j4", "j6"])
     assert [link.prismatic for link in chain.links] == [False, False, False]
@@ -63,7 +69,12 @@ def test_axes_along_each_direction(tmp_path):
 BALL = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 LINK = '<link name="{0}"><inertial><mass value="1"/>' + BALL + "</inertial></link>"
 ENDS = '<parent link="{}"/><child link="{}"/>'
-GOOD = '<robot name="r">' + LINK.format("base") + LINK.format("arm") + '<joint name="shoulder" type="revolute">'
+GOOD = (
+    '<robot name="r">'
+    + LINK.format("base")
+    + LINK.format("arm")
+    + '<joint name="shoulder" type="revolute">'
+)
 GOOD += ENDS.format("base", "arm") + '<axis xyz="0 0 1"/></joint></robot>'
 MORE = '<joint name="elbow" type="revolute">' + ENDS + "</joint></robot>"
 
@@ -78,7 +89,10 @@ def pose(*angles, position="0.1 0.2 0.3"):
     return f'<origin rpy="{" ".join(map(repr, angles))}" xyz="{position}"/>'
 
 
-@drawn(st.lists(st.integers(-2, 2), min_size=3, max_size=3), st.lists(st.floats(-9e-4, 9e-4), min_size=3, max_size=3))
+@drawn(
+    st.lists(st.integers(-2, 2), min_size=3, max_size=3),
+    st.lists(st.floats(-9e-4, 9e-4), min_size=3, max_size=3),
+)
 def test_right_angles_that_a_file_rounds_are_put_right(quarters, off):
     """Any of roll, pitch and yaw, and all three; what is no right angle stays as it is."""
     exact = Placement.of_angles(*(np.pi / 2 * np.array(quarters)))
@@ -93,38 +107,51 @@ def test_right_angles_that_a_file_rounds_are_put_right(quarters, off):
 def test_rounded_right_angles_are_said_and_give_no_parameter_more(tmp_path):
     def text(angle):
         joints = [
-            f'<joint name="{name}" type="revolute">{ENDS.format(parent, name)}{pose(angle, 0.0, 0.0)}'
-            '<axis xyz="0 0 1"/></joint>' for parent, name in (("base", "a"), ("a", "b"), ("b", "c"))
-        ]  # fmt: skip
+            f'<joint name="{name}"'
+            f' type="revolute">{ENDS.format(parent, name)}{pose(angle, 0.0, 0.0)}<axis xyz="0 0'
+            ' 1"/></joint>'
+            for parent, name in (("base", "a"), ("a", "b"), ("b", "c"))
+        ]
         return (
-            f'<robot name="r">{"".join(LINK.format(name) for name in ("base", "a", "b", "c"))}{"".join(joints)}</robot>'
+            "<robot"
+            f' name="r">{"".join(LINK.format(name) for name in ("base", "a", "b", "c"))}{"".join(joints)}</robot>'
         )
 
     exact = Dynamics.from_chain(Chain.from_urdf(written(tmp_path, text(np.pi / 2))))
-    with pytest.warns(UserWarning, match="rounds right angles, that before joint a by 3.7e-06 rad; they are put right"):
+    with pytest.warns(
+        UserWarning,
+        match="rounds right angles, that before joint a by 3.7e-06 rad; they are put right",
+    ):
         chain = Chain.from_urdf(written(tmp_path, text(1.5708)))
     assert Dynamics.from_chain(chain).names == exact.names
 
 
 TREE = (
     '<robot name="r">'
-    + "".join(LINK.format(name) for name in ("base", "torso", "arm", "hand", "left", "right", "other"))
     + "".join(
-        f'<joint name="to_{child}" type="{kind}">{ENDS.format(parent, child)}<axis xyz="0 0 1"/>{more}</joint>'
+        LINK.format(name) for name in ("base", "torso", "arm", "hand", "left", "right", "other")
+    )
+    + "".join(
+        f'<joint name="to_{child}" type="{kind}">{ENDS.format(parent, child)}<axis xyz="0 0'
+        f' 1"/>{more}</joint>'
         for parent, child, kind, more in (
-            ("base", "torso", "revolute", ""), ("torso", "arm", "revolute", ""), ("arm", "hand", "revolute", ""),
-            ("hand", "left", "prismatic", ""), ("hand", "right", "prismatic", '<mimic joint="to_left"/>'),
+            ("base", "torso", "revolute", ""),
+            ("torso", "arm", "revolute", ""),
+            ("arm", "hand", "revolute", ""),
+            ("hand", "left", "prismatic", ""),
+            ("hand", "right", "prismatic", '<mimic joint="to_left"/>'),
             ("base", "other", "fixed", ""),
         )
     )
     + "</robot>"
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize(
     ("given", "joints"),
     [
-        ({}, ["to_torso", "to_arm", "to_hand"]),  # without the gripper, one finger of which follows the other
+        # without the gripper, one finger of which follows the other
+        ({}, ["to_torso", "to_arm", "to_hand"]),
         ({"tip": "left"}, ["to_torso", "to_arm", "to_hand", "to_left"]),
         ({"tip": "arm"}, ["to_torso", "to_arm"]),
         ({"base": "torso", "tip": "right"}, ["to_arm", "to_hand"]),
@@ -219,7 +246,9 @@ def test_bad_names_of_joints_are_refused(tmp_path, joints, said):
 
 
 def test_fixed_joint_is_no_joint_of_a_chain_and_text_is_no_file(tmp_path):
-    text = GOOD.replace("</robot>", LINK.format("b") + MORE.format("arm", "b").replace("revolute", "fixed"))
+    text = GOOD.replace(
+        "</robot>", LINK.format("b") + MORE.format("arm", "b").replace("revolute", "fixed")
+    )
     with pytest.raises(ValueError, match="joints must move; elbow is fixed"):
         Chain.from_urdf(written(tmp_path, text), ["elbow"])
     with pytest.raises(ValueError, match=r"none.urdf must be a file; there is none"):
@@ -230,12 +259,16 @@ def test_fixed_joint_is_no_joint_of_a_chain_and_text_is_no_file(tmp_path):
 
 def test_billion_laughs_in_another_encoding(tmp_path):
     path = tmp_path / "robot.urdf"
-    path.write_bytes(('<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE r [<!ENTITY a "b">]>' + GOOD).encode("utf-16"))
+    path.write_bytes(
+        ('<?xml version="1.0" encoding="UTF-16"?><!DOCTYPE r [<!ENTITY a "b">]>' + GOOD).encode(
+            "utf-16"
+        )
+    )
     with pytest.raises(ValueError, match="must not declare"):
         Chain.from_urdf(path)
 
 
-# -- limits and xacro -----------------------------------------------------------------------------------------------
+# -- limits and xacro ----------------------------------------------------------------------------
 def test_limits_are_kept(tmp_path):
     limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="2" velocity="3" effort="4"/>'
     text = GOOD.replace('<axis xyz="0 0 1"/>', limit)
@@ -253,7 +286,8 @@ def test_limits_are_kept(tmp_path):
 
 XACRO = GOOD.replace(
     '<robot name="r">',
-    '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="mass" value="3"/>',
+    '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="mass"'
+    ' value="3"/>',
 ).replace('mass value="1"', 'mass value="${mass}"')
 
 
@@ -273,11 +307,14 @@ def test_xacro_without_its_tool_is_said(tmp_path, monkeypatch):
         Chain.from_urdf(written(tmp_path, XACRO))
 
 
-# -- friction and efforts -------------------------------------------------------------------------------------------
+# -- friction and efforts ------------------------------------------------------------------------
 MOTORS = {"gear": (100, -50), "motor_inertia": 1e-4, "motor_gain": 0.2}
 STATED = (
     '<limit lower="-1" upper="2" velocity="3" effort="40"/><dynamics damping="2" friction="0.5"/>',
-    '<limit lower="-2" upper="1" velocity="4" effort="30"/><dynamics damping="0.7" friction="0.3"/>',
+    (
+        '<limit lower="-2" upper="1" velocity="4" effort="30"/><dynamics damping="0.7"'
+        ' friction="0.3"/>'
+    ),
 )
 
 
@@ -312,20 +349,30 @@ def test_a_drive_has_the_friction_and_the_efforts_of_pinocchio_s_reader(tmp_path
             {},
             "effort of joint j2 in robot.urdf must be stated; .* Give current_limit",
         ),
-        (STATED[1].split("<dyn")[0], {}, "damping of joint j2 in robot.urdf must be stated; .* Give viscous"),
+        (
+            STATED[1].split("<dyn")[0],
+            {},
+            "damping of joint j2 in robot.urdf must be stated; .* Give viscous",
+        ),
         (STATED[1].split("<dyn")[0], {"viscous": 1e-3}, "friction of joint j2 .* Give coulomb"),
         (
             STATED[1].replace(' friction="0.3"', ""),
             {},
             r"Give coulomb motor side \(friction: or None\)",
         ),
-        (STATED[1].replace('"0.3"', '"-0.3"'), {}, "joint j2 must not have negative friction; got 0.7 and -0.3"),
+        (
+            STATED[1].replace('"0.3"', '"-0.3"'),
+            {},
+            "joint j2 must not have negative friction; got 0.7 and -0.3",
+        ),
         (STATED[1], {"gear": (100, 0)}, "gear must not be zero; got 0.0 at joint j2"),
         (STATED[1], {"gear": (1, 2, 3)}, "joints must be 3 names"),
         (STATED[1], {"gears": 1}, "an option of Drive must be one of .*Did you mean 'gear'"),
     ],
 )
-def test_what_a_file_does_not_state_of_a_drive_is_said_with_its_joint(tmp_path, second, given, said):
+def test_what_a_file_does_not_state_of_a_drive_is_said_with_its_joint(
+    tmp_path, second, given, said
+):
     path = written(tmp_path, two_joints(STATED[0], second))
     with pytest.raises(ValueError, match=said) as error:
         Drive.from_urdf(path, **MOTORS | given)
@@ -335,11 +382,17 @@ def test_what_a_file_does_not_state_of_a_drive_is_said_with_its_joint(tmp_path, 
 def test_a_link_without_mass_between_two_joints_is_that_of_pinocchio(tmp_path):
     """As files write ball joints; the last link has a mass, or moves nothing."""
     kinds = ("revolute", "revolute", "revolute")
-    text = re.sub(r'(<link name="l1">)<inertial>.*?</inertial>', r"\1", urdf(3, kinds=kinds), count=1)
+    text = re.sub(
+        r'(<link name="l1">)<inertial>.*?</inertial>', r"\1", urdf(3, kinds=kinds), count=1
+    )
     assert text != urdf(3, kinds=kinds)
     chain = Chain.from_urdf(written(tmp_path, text))
     assert [body.mass > 0 for body in chain.bodies] == [False, True, True]
     compared(chain, pin.buildModelFromXML(text))
-    bare = GOOD[: GOOD.rindex("<inertial>")] + GOOD[GOOD.rindex("</inertial>") + len("</inertial>") :]
-    with pytest.raises(ValueError, match="links must state their masses; of links arm to arm none does"):
+    bare = (
+        GOOD[: GOOD.rindex("<inertial>")] + GOOD[GOOD.rindex("</inertial>") + len("</inertial>") :]
+    )
+    with pytest.raises(
+        ValueError, match="links must state their masses; of links arm to arm none does"
+    ):
         Chain.from_urdf(written(tmp_path, bare))

@@ -1,4 +1,6 @@
-"""The doctor: mistakes of every kind are found and undone, sound files are left alone, and only repairs are written."""
+"""The doctor: mistakes of every kind are found and undone, sound files are left alone, and only
+repairs are written.
+"""
 
 import importlib.util
 import re
@@ -48,7 +50,9 @@ def test_sound_files_of_ours(tmp_path):
     ],
 )  # fmt: skip
 def test_a_link_alone_that_is_impossible_in_its_shape(tmp_path, wrong, said):
-    """Then the repaired file is the sound one to the last digit of its numbers, and to the byte elsewhere."""
+    """Then the repaired file is the sound one to the last digit of its numbers, and to the byte
+    elsewhere.
+    """
     sound = (FOLDER / "ur5e.urdf").read_text()
     path = tmp_path / "broken.urdf"
     path.write_text(wrong(sound))
@@ -57,8 +61,13 @@ def test_a_link_alone_that_is_impossible_in_its_shape(tmp_path, wrong, said):
     assert [finding.link for finding in check.findings] == ["upper_arm"]
     assert re.search(said, str(check))
     check.write(tmp_path / "repaired.urdf")
-    got, expected = Chain.from_urdf(tmp_path / "repaired.urdf"), Chain.from_urdf(FOLDER / "ur5e.urdf")
-    np.testing.assert_allclose(got.bodies[1].number_values(), expected.bodies[1].number_values(), rtol=1e-9, atol=1e-12)
+    got, expected = (
+        Chain.from_urdf(tmp_path / "repaired.urdf"),
+        Chain.from_urdf(FOLDER / "ur5e.urdf"),
+    )
+    np.testing.assert_allclose(
+        got.bodies[1].number_values(), expected.bodies[1].number_values(), rtol=1e-9, atol=1e-12
+    )
     strip = re.compile(r"<inertial>.*?</inertial>", re.DOTALL)
     assert strip.sub("", (tmp_path / "repaired.urdf").read_text()) == strip.sub("", sound)
     with pytest.raises(ValueError, match="target must be a new file"):
@@ -81,11 +90,11 @@ def test_matter_is_not_so_dense_without_a_shape_either(tmp_path):
     """A ball of its mass and second moments would have 1,000 times the density of steel."""
     path = tmp_path / "robot.urdf"
     path.write_text(
-        '<robot name="r"><link name="a"><inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" '
-        'iyy="0.02" iyz="0" izz="0.01"/></inertial></link><link name="b"><inertial><origin xyz="0 0 0.1"/>'
-        '<mass value="300"/>'
-        '<inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.1"/></inertial></link>'
-        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 1"/></joint></robot>'
+        '<robot name="r"><link name="a"><inertial><mass value="2"/><inertia ixx="0.02" ixy="0"'
+        ' ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial></link><link name="b"><inertial><origin'
+        ' xyz="0 0 0.1"/><mass value="300"/><inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0"'
+        ' izz="0.1"/></inertial></link><joint name="j" type="revolute"><parent link="a"/><child'
+        ' link="b"/><origin xyz="0 0 1"/></joint></robot>'
     )
     check = check_model(path)
     assert [finding.link for finding in check.findings] == ["b"]

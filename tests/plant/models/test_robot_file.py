@@ -1,4 +1,6 @@
-"""Robot files: the same bits on a round trip, the packaged robots, every key checked, no package imported."""
+"""Robot files: the same bits on a round trip, the packaged robots, every key checked, no package
+imported.
+"""
 
 import dataclasses
 import re
@@ -48,16 +50,26 @@ def rich_rig():
     """With every kind of part within parts."""
     rig = puma560.rig()
     drive = dataclasses.replace(
-        rig.drive, curve=FrictionCurve(offset=(0.1, 0), breakaway=(0.2, 0.1), speed=(1, 2)), load_friction=(0.01, 0.02),
-        elasticity=Elasticity(stiffness=(1e4 / 3, 2e4), damping=(1, 2), backlash=(1e-4, 0)), current_lag=2e-4 / 3,
-        presliding=Presliding(distance=(1e-3, 1e-3)), joints=("upper", "fore \"arm\""),
-    )  # fmt: skip
+        rig.drive,
+        curve=FrictionCurve(offset=(0.1, 0), breakaway=(0.2, 0.1), speed=(1, 2)),
+        load_friction=(0.01, 0.02),
+        elasticity=Elasticity(stiffness=(1e4 / 3, 2e4), damping=(1, 2), backlash=(1e-4, 0)),
+        current_lag=2e-4 / 3,
+        presliding=Presliding(distance=(1e-3, 1e-3)),
+        joints=("upper", 'fore "arm"'),
+    )
     encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.1, 1 / 3)))
     springs = (
         JointSpring(stiffness=(1, 2), angle=(0, 0.1), preload=(0, 0)),
         CosineTorque(amplitude=(1, 0), phase=(0, 0)),
     )
-    return Rig(drive=drive, encoder=encoder, period=0.7e-3, transport=Transport(delay=1e-4), springs=springs)
+    return Rig(
+        drive=drive,
+        encoder=encoder,
+        period=0.7e-3,
+        transport=Transport(delay=1e-4),
+        springs=springs,
+    )
 
 
 def robots():
@@ -66,16 +78,26 @@ def robots():
     rig = puma560.rig()
     coupled = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, coupling=wrist))
     return {
-        "f of the paper": Robot(name="a \u00e9", arm=puma560.arm(), rig=puma560.rig(), law=puma560.p_law(),
-                                columns=COLUMNS, units=UNITS),
+        "f of the paper": Robot(
+            name="a \u00e9",
+            arm=puma560.arm(),
+            rig=puma560.rig(),
+            law=puma560.p_law(),
+            columns=COLUMNS,
+            units=UNITS,
+        ),
         "computed torque": Robot(arm=whole, rig=six, law=ComputedTorque(whole, six)),
-        "no bodies": Robot(dynamics=Dynamics.from_chain(packaged_arms.tx40()), rig=packaged_arms.tx40_rig()),
+        "no bodies": Robot(
+            dynamics=Dynamics.from_chain(packaged_arms.tx40()), rig=packaged_arms.tx40_rig()
+        ),
         "every part": Robot(arm=puma560.literature_arm(), rig=rich_rig()),
-        "coupled": Robot(arm=base(packaged_arms.planar(2).coupled(wrist), rotors=False), rig=coupled),
-    }  # fmt: skip
+        "coupled": Robot(
+            arm=base(packaged_arms.planar(2).coupled(wrist), rotors=False), rig=coupled
+        ),
+    }
 
 
-@pytest.mark.parametrize(("robot"), robots().values(), ids=robots().keys())
+@pytest.mark.parametrize("robot", robots().values(), ids=robots().keys())
 def test_the_same_bits_on_a_round_trip(tmp_path, robot):
     write_robot(robot, tmp_path / "robot.toml")
     again = read_robot(tmp_path / "robot.toml")
@@ -89,7 +111,8 @@ def test_the_same_bits_on_a_round_trip(tmp_path, robot):
 scalars = st.floats(allow_nan=False) | st.integers(-(2**60), 2**60) | st.booleans() | st.text()
 values = st.recursive(scalars, lambda inner: st.lists(inner, max_size=3), max_leaves=8)
 tables = st.recursive(
-    st.dictionaries(st.text(), values, max_size=4), lambda inner: st.dictionaries(st.text(), inner | values, max_size=3)
+    st.dictionaries(st.text(), values, max_size=4),
+    lambda inner: st.dictionaries(st.text(), inner | values, max_size=3),
 )
 
 
@@ -99,16 +122,25 @@ def test_any_table_is_read_back_by_tomllib(table):
 
 
 def test_packaged_robots_are_what_their_sources_say():
-    paper, whole, tx40, ur5e = (read_robot(name) for name in ("paper_puma560", "puma560", "tx40", "ur5e"))
+    paper, whole, tx40, ur5e = (
+        read_robot(name) for name in ("paper_puma560", "puma560", "tx40", "ur5e")
+    )
     assert (paper.arm, paper.rig, paper.law) == (puma560.arm(), puma560.rig(), puma560.p_law())
     assert whole.arm.dynamics.lumping == Dynamics.from_chain(whole.dynamics.chain).lumping
     assert whole.rig.encoder.resolution.tolist() == [1000, 800, 1000, 1000, 1000, 500]
     assert tx40.arm is None
     assert tx40.dynamics.chain.coupling == tx40.rig.drive.coupling
     assert ur5e.arm.dynamics.chain.links[1].name == "shoulder_lift"
-    assert sorted(path.stem for path in FOLDER.glob("*.toml")) == ["paper_puma560", "puma560", "tx40", "ur5e"]
+    assert sorted(path.stem for path in FOLDER.glob("*.toml")) == [
+        "paper_puma560",
+        "puma560",
+        "tx40",
+        "ur5e",
+    ]
     # published: 150 and 28 N m; the arm is 0.85 m long, and holds itself level
-    np.testing.assert_allclose(ur5e.rig.drive.torque_limit(), ur5e.dynamics.chain.limits.effort, rtol=4e-3)
+    np.testing.assert_allclose(
+        ur5e.rig.drive.torque_limit(), ur5e.dynamics.chain.limits.effort, rtol=4e-3
+    )
     held = np.abs(ur5e.arm.h(np.zeros(6), np.zeros(6)))
     assert 40 < held[1] < 80
     assert (np.linalg.eigvalsh(ur5e.arm.D(np.zeros(6))) > 0).all()
@@ -118,7 +150,9 @@ def test_an_arm_may_lie_in_a_model_file_beside_it(tmp_path):
     (tmp_path / "arm.urdf").write_text(urdf(1, kinds=("revolute", "revolute")))
     text = (FOLDER / "paper_puma560.toml").read_text()
     start, end = text.index("[arm]"), text.index("[law]")
-    (tmp_path / "r.toml").write_text(text[:start] + '[arm]\nurdf = "arm.urdf"\nrotors = "drive"\n\n' + text[end:])
+    (tmp_path / "r.toml").write_text(
+        text[:start] + '[arm]\nurdf = "arm.urdf"\nrotors = "drive"\n\n' + text[end:]
+    )
     robot = read_robot(tmp_path / "r.toml")
     chain = Chain.from_urdf(tmp_path / "arm.urdf").with_rotors(puma560.rig().drive)
     assert robot.arm.dynamics.chain == chain
@@ -173,7 +207,10 @@ def test_units_of_inherited_numbers_are_those_of_the_base():
 
 
 def test_refusals(tmp_path):
-    with pytest.raises(ValueError, match=r"there is none. Give its path, or one of paper_puma560, puma560, tx40, ur5e"):
+    with pytest.raises(
+        ValueError,
+        match=r"there is none. Give its path, or one of paper_puma560, puma560, tx40, ur5e",
+    ):
         read_robot("ur6e")
     robot = read_robot("paper_puma560")
     write_robot(robot, tmp_path / "r.toml")

@@ -1,4 +1,6 @@
-"""What a motion demands: against inverse dynamics at each point, and an arm of one joint by hand."""
+"""What a motion demands: against inverse dynamics at each point, and an arm of one joint by
+hand.
+"""
 
 import dataclasses
 
@@ -16,19 +18,28 @@ LIMIT = 12 * np.array([0.228 * 107.8, 0.238 * 53.7])
 
 @pytest.mark.parametrize("period", [3.65, 2.0])
 def test_share_of_the_limit_by_inverse_dynamics(period):
-    """Largest of 800 points against largest of 5,215: near its peak torque bends by less than 1e-5 of it."""
+    """Largest of 800 points against largest of 5,215: near its peak torque bends by less than
+    1e-5 of it.
+    """
     path = puma560.reference(period)
     torque = joint_torque(ARM, RIG, path(np.linspace(0, period, 801)))
-    np.testing.assert_allclose(path.torque_share(ARM, RIG), np.abs(torque).max(axis=0) / LIMIT, rtol=1e-3)
+    np.testing.assert_allclose(
+        path.torque_share(ARM, RIG), np.abs(torque).max(axis=0) / LIMIT, rtol=1e-3
+    )
 
 
 def test_share_of_coupled_motors_is_that_of_their_currents():
     belt = Coupling(matrix=((1, 0), (1, 1)))
     dynamics = Dynamics.from_chain(planar(2).coupled(belt))
-    arm, rig = dynamics.arm(dynamics.f()), dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=belt))
+    arm, rig = (
+        dynamics.arm(dynamics.f()),
+        dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=belt)),
+    )
     path = PointToPoint(start=(0.0, 0.3), goal=(1.0, -0.5), duration=1.0)
     current = rig.drive.current(joint_torque(arm, rig, path(np.linspace(0, 1, 801))))
-    np.testing.assert_allclose(path.torque_share(arm, rig), np.abs(current).max(axis=0) / 12, rtol=1e-3)
+    np.testing.assert_allclose(
+        path.torque_share(arm, rig), np.abs(current).max(axis=0) / 12, rtol=1e-3
+    )
 
 
 def test_shortest_duration_of_one_joint_by_hand():
@@ -41,7 +52,9 @@ def test_shortest_duration_of_one_joint_by_hand():
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_shortest_duration_takes_just_that_share(share):
-    """Both look once per sample, at other points of the path: near its peak torque bends by 1e-6 of it."""
+    """Both look once per sample, at other points of the path: near its peak torque bends by 1e-6
+    of it.
+    """
     path = puma560.reference()
     shortest = fastest(ARM, RIG, path, share=share, uniform=True)
     assert shortest.torque_share(ARM, RIG).max() == pytest.approx(share, rel=1e-6)

@@ -1,4 +1,6 @@
-"""Everyday motions: inside limits and torque by another engine, from rest to rest, one joint alone, for any arm."""
+"""Everyday motions: inside limits and torque by another engine, from rest to rest, one joint
+alone, for any arm.
+"""
 
 import dataclasses
 
@@ -67,11 +69,14 @@ def test_gravity_loads_the_pose_of_an_arm_without_limits():
     poses = np.random.default_rng(5).uniform(-np.pi / 2, np.pi / 2, (2000, 2))
     largest = np.abs([ARM.h(pose, (0, 0)) for pose in poses]).max(axis=0)
     share = np.abs(ARM.h(MOTIONS["creep"]([0.0]).q[0], (0, 0))) / largest
-    assert (np.abs(share - 0.5) < 0.27).all()  # a quarter, and what the largest of other poses differs by
+    # a quarter, and what the largest of other poses differs by
+    assert (np.abs(share - 0.5) < 0.27).all()
 
 
 def test_the_same_motions_whatever_the_log():
-    """Of f that differ by the deviations of an identification the rows of two tables are comparable."""
+    """Of f that differ by the deviations of an identification the rows of two tables are
+    comparable.
+    """
     robot, random = read_robot("ur5e"), np.random.default_rng(0)
     start = everyday_motions(robot.arm, robot.rig)["creep"]([0.0]).q
     for _ in range(2):
@@ -88,7 +93,9 @@ def test_torques_by_pinocchio_and_limits_of_a_chain_of_six():
     rng = np.random.default_rng(1)
     middle, half = rng.uniform(-1, 1, 6), rng.uniform(0.1, 0.8, 6)
     effort = (60.0, 130.0, 60.0, 12.0, 12.0, 12.0)
-    limits = Limits(lower=middle - half, upper=middle + half, velocity=(0.2, 0.5, 1, 1, 0.1, 2), effort=effort)
+    limits = Limits(
+        lower=middle - half, upper=middle + half, velocity=(0.2, 0.5, 1, 1, 0.1, 2), effort=effort
+    )
     dynamics = Dynamics.from_chain(dataclasses.replace(chain, limits=limits).with_rotors(rig.drive))
     motions = everyday_motions(dynamics.arm(dynamics.f()), rig)
     assert len(motions) == 12
@@ -98,7 +105,8 @@ def test_torques_by_pinocchio_and_limits_of_a_chain_of_six():
         q, qd, qdd = sampled(motion, 201)
         np.testing.assert_allclose(q[0], middle, atol=1e-12)
         assert (np.abs(q - middle) <= 0.9 * half + 1e-9).all(), name
-        assert (np.abs(qd) <= 0.8 * limits.velocity * (1 + 1e-6)).all(), name  # planned at 4,000 instants
+        # planned at 4,000 instants
+        assert (np.abs(qd) <= 0.8 * limits.velocity * (1 + 1e-6)).all(), name
         torque = np.array([pin.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)])
         torque += rotors * qdd + rig.drive.friction(qd)
         allowed = np.minimum(effort, rig.drive.torque_limit())
@@ -111,10 +119,14 @@ def test_weak_drives_make_them_slow_and_short():
     motions = everyday_motions(ARM, rig)
     limit = rig.drive.torque_limit()
     for name, motion in motions.items():
-        assert (np.abs(joint_torque(ARM, RIG, sampled(motion, 201))) <= 0.8 * limit + 1e-6).all(), name
+        assert (np.abs(joint_torque(ARM, RIG, sampled(motion, 201))) <= 0.8 * limit + 1e-6).all(), (
+            name
+        )
     assert np.ptp(sampled(motions["far and fast"]).q[:, 0]) < 1.2
     assert motions["far and fast"].duration >= MOTIONS["far and fast"].duration
-    fast = everyday_motions(ARM, RIG, limits=Limits(**WIDE | {"velocity": (0.1, 9)}))["far and fast"]
+    fast = everyday_motions(ARM, RIG, limits=Limits(**WIDE | {"velocity": (0.1, 9)}))[
+        "far and fast"
+    ]
     assert np.abs(sampled(fast).qd).max(axis=0)[0] == pytest.approx(0.08)
 
 
@@ -132,13 +144,21 @@ def test_the_amplifiers_stay_below_their_limits_in_a_simulation():
 def test_any_arm_stays_inside_its_limits(n, seed):
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-2, 0, n)
-    limits = Limits(lower=lower, upper=lower + rng.uniform(0, 3, n), velocity=rng.uniform(0.05, 3, n),
-                    effort=np.full(n, np.inf))  # fmt: skip
+    limits = Limits(
+        lower=lower,
+        upper=lower + rng.uniform(0, 3, n),
+        velocity=rng.uniform(0.05, 3, n),
+        effort=np.full(n, np.inf),
+    )
     dynamics = Dynamics.from_chain(planar(n))
     drive = type(RIG.drive)(
-        gear=(-90.0,) * n, motor_inertia=(1e-4,) * n, viscous=(1e-4,) * n, coulomb=(0.05,) * n, motor_gain=(0.2,) * n,
+        gear=(-90.0,) * n,
+        motor_inertia=(1e-4,) * n,
+        viscous=(1e-4,) * n,
+        coulomb=(0.05,) * n,
+        motor_gain=(0.2,) * n,
         current_limit=(60.0,) * n,
-    )  # fmt: skip
+    )
     rig = dataclasses.replace(RIG, drive=drive, encoder=type(RIG.encoder)(resolution=(1000,) * n))
     for name, motion in everyday_motions(dynamics.arm(dynamics.f()), rig, limits=limits).items():
         q, qd, _ = sampled(motion, 301)
@@ -154,9 +174,11 @@ def test_limits_beyond_a_turn_are_no_middle():
     assert np.abs(start[1:3]).min() > 0.1  # 0 is an arm stretched out, gravity at its largest
 
 
-# -- what a user gives ----------------------------------------------------------------------------------------------
+# -- what a user gives ---------------------------------------------------------------------------
 FAR = PointToPoint(start=(0, 0), goal=(1.0, -1.0), duration=0.2)
-LIMITED = dataclasses.replace(ARM.dynamics.chain, limits=Limits(**WIDE | {"upper": (0.5, 3), "velocity": (1, 9)}))
+LIMITED = dataclasses.replace(
+    ARM.dynamics.chain, limits=Limits(**WIDE | {"upper": (0.5, 3), "velocity": (1, 9)})
+)
 
 
 def limited():
@@ -165,7 +187,9 @@ def limited():
 
 
 def test_the_factor_that_is_named_is_the_one_that_is_needed():
-    with pytest.raises(ValueError, match=r"motion 'quick' must be .* Slow it down by \.slowed\(") as refusal:
+    with pytest.raises(
+        ValueError, match=r"motion 'quick' must be .* Slow it down by \.slowed\("
+    ) as refusal:
         motions_of(ARM, RIG, {"quick": FAR}, "")
     factor = float(str(refusal.value).split("slowed(")[1].rstrip(")."))
     assert factor > 1.1
@@ -176,7 +200,9 @@ def test_the_factor_that_is_named_is_the_one_that_is_needed():
 
 WRONG = {
     "limits of another arm": (
-        lambda: everyday_motions(ARM, RIG, limits=Limits(lower=(0,), upper=(1,), velocity=(1,), effort=(1,))),
+        lambda: everyday_motions(
+            ARM, RIG, limits=Limits(lower=(0,), upper=(1,), velocity=(1,), effort=(1,))
+        ),
         "limits must have 2 joints like the rig; got 1",
     ),
     "no limits": (lambda: everyday_motions(ARM, RIG, limits=3), "limits must be of type Limits"),
@@ -185,9 +211,15 @@ WRONG = {
         lambda: everyday_motions(ARM, weak(0.05)),
         "motion '.*': path must be one along which the drives can hold the arm",
     ),
-    "no motions": (lambda: motions_of(ARM, RIG, {}, ""), "motions must have texts as names; got none"),
+    "no motions": (
+        lambda: motions_of(ARM, RIG, {}, ""),
+        "motions must have texts as names; got none",
+    ),
     "no name": (lambda: motions_of(ARM, RIG, {"": FAR}, ""), "motions must have texts as names"),
-    "no reference": (lambda: motions_of(ARM, RIG, {"a": 3}, ""), "motion 'a' must be of type Reference"),
+    "no reference": (
+        lambda: motions_of(ARM, RIG, {"a": 3}, ""),
+        "motion 'a' must be of type Reference",
+    ),
     "other joints": (
         lambda: motions_of(ARM, RIG, {"a": PointToPoint(start=(0,), goal=(1,), duration=1)}, ""),
         "motion 'a': reference must have 2 joints",
@@ -197,7 +229,9 @@ WRONG = {
         r"motion 'near': path must stay within the limits; joint 1 \(q\[0\]\) exceeds",
     ),
     "too fast for a joint": (
-        lambda: motions_of(limited(), RIG, {"a": PointToPoint(start=(0, 0), goal=(0.4, 0), duration=0.5)}, ""),
+        lambda: motions_of(
+            limited(), RIG, {"a": PointToPoint(start=(0, 0), goal=(0.4, 0), duration=0.5)}, ""
+        ),
         r"too fast by a factor of 1\.5\. ",
     ),
 }

@@ -1,4 +1,6 @@
-"""The fastest motion along a path: what is known by hand, limits by inverse dynamics, the same path, and pulses."""
+"""The fastest motion along a path: what is known by hand, limits by inverse dynamics, the same
+path, and pulses.
+"""
 
 import dataclasses
 import functools
@@ -23,7 +25,9 @@ from plant import (
 ARM, RIG = puma560.arm(), puma560.rig()
 MOVE = PointToPoint(start=(0.0, 0.0), goal=(-1.0, 1.0), duration=1.0)
 SPLINE = Spline(times=(0, 0.5, 1, 1.5), points=((0, 0), (-0.5, 0.8), (-1, 0.2), (-0.3, 1.0)))
-WAVE = Harmonics(period=2.0, offset=(-0.5, 0.2), cosine=((0.3, 0.1), (0.0, -0.2)), sine=((0.0, 0.2), (0.4, 0.0)))
+WAVE = Harmonics(
+    period=2.0, offset=(-0.5, 0.2), cosine=((0.3, 0.1), (0.0, -0.2)), sine=((0.0, 0.2), (0.4, 0.0))
+)
 PATHS = [puma560.reference(), MOVE, SPLINE, WAVE]
 REST = (MOVE, SPLINE)
 ONE = PointToPoint(start=(0.2,), goal=(1.7,), duration=1.0)
@@ -35,9 +39,11 @@ def quick(path, **options):
     return fastest(ARM, RIG, path, intervals=60, **options)
 
 
-# -- by hand --------------------------------------------------------------------------------------------------------
+# -- by hand -------------------------------------------------------------------------------------
 def test_one_joint_is_bang_bang():
-    """Source: 2 sqrt(d I / tau); from above, nearer with every refinement, and within 1 % at the default."""
+    """Source: 2 sqrt(d I / tau); from above, nearer with every refinement, and within 1 % at the
+    default.
+    """
     arm, inertia, rig = one_joint(limit=10.0)
     known = 2 * np.sqrt(1.5 * inertia / (0.9 * 10.0))
     ratio = [fastest(arm, rig, ONE, intervals=k).duration / known for k in (15, 30, 60, 120)]
@@ -47,8 +53,9 @@ def test_one_joint_is_bang_bang():
 
 
 def test_dry_friction_brakes_with_the_motor():
-    """Accelerates with tau - C, brakes with tau + C: T = sqrt(2 d (1 / a + 1 / b)). The wrong sign changes nothing in
-    T, but the torque: the peak must be at both signs of the motor."""
+    """Accelerates with tau - C, brakes with tau + C: T = sqrt(2 d (1 / a + 1 / b)). The wrong sign
+    changes nothing in T, but the torque: the peak must be at both signs of the motor.
+    """
     arm, inertia, rig = one_joint(limit=10.0, coulomb=4.0)
     law = fastest(arm, rig, ONE)
     known = np.sqrt(2 * 1.5 * inertia * (1 / (9.0 - 4.0) + 1 / (9.0 + 4.0)))
@@ -69,7 +76,9 @@ def test_a_speed_limit_makes_a_trapezoid():
 
 
 def test_limits_of_a_model_file_are_those_of_its_joints():
-    """Speed and effort as by motor_speed and by an amplifier of that torque; a position is refused where it is left."""
+    """Speed and effort as by motor_speed and by an amplifier of that torque; a position is
+    refused where it is left.
+    """
     arm, _, rig = one_joint(limit=10.0)
     limits = Limits(lower=(0.0,), upper=(2.0,), velocity=(1.2,), effort=(6.0,))
     weaker = dataclasses.replace(rig, drive=rig.drive.limited_to((6.0,)))
@@ -77,10 +86,17 @@ def test_limits_of_a_model_file_are_those_of_its_joints():
     got = fastest(arm, rig, ONE, limits=limits, intervals=30)
     assert got.duration == pytest.approx(expected.duration, rel=1e-9)
     assert got.duration > 1.05 * fastest(arm, rig, ONE, intervals=30).duration
-    with pytest.raises(ValueError, match=r"path must stay within the limits; .* exceeds \[0, 1.6\] by 0.1"):
+    with pytest.raises(
+        ValueError, match=r"path must stay within the limits; .* exceeds \[0, 1.6\] by 0.1"
+    ):
         fastest(arm, rig, ONE, limits=dataclasses.replace(limits, upper=(1.6,)))
     with pytest.raises(ValueError, match="limits must have 1 joints like the rig; got 2"):
-        fastest(arm, rig, ONE, limits=Limits(**dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))))
+        fastest(
+            arm,
+            rig,
+            ONE,
+            limits=Limits(**dict.fromkeys(("lower", "upper", "velocity", "effort"), (1, 1))),
+        )
 
 
 def test_four_times_the_torque_is_twice_as_fast():
@@ -88,17 +104,20 @@ def test_four_times_the_torque_is_twice_as_fast():
     dynamics = Dynamics.from_chain(dataclasses.replace(planar(2), gravity=(0.0, 0.0, 0.0)))
     drive = dataclasses.replace(RIG.drive, viscous=(0, 0), coulomb=(0, 0))
     weak, strong = (
-        dataclasses.replace(RIG, drive=dataclasses.replace(drive, current_limit=(k, 0.6 * k))) for k in (1.0, 4.0)
+        dataclasses.replace(RIG, drive=dataclasses.replace(drive, current_limit=(k, 0.6 * k)))
+        for k in (1.0, 4.0)
     )
     arm = dynamics.arm(dynamics.f())
     slow, fast = (fastest(arm, rig, SPLINE, intervals=60) for rig in (weak, strong))
     assert slow.duration == pytest.approx(2 * fast.duration, rel=1e-5)
 
 
-# -- limits ---------------------------------------------------------------------------------------------------------
+# -- limits --------------------------------------------------------------------------------------
 @pytest.mark.parametrize("path", PATHS, ids=lambda p: type(p).__name__)
 def test_the_torque_keeps_its_limit_everywhere(path):
-    """By inverse dynamics at 2,000 random times; the share was held at 4,001 points, between them it is 1e-3 larger."""
+    """By inverse dynamics at 2,000 random times; the share was held at 4,001 points, between
+    them it is 1e-3 larger.
+    """
     law = quick(path)
     t = np.random.default_rng(0).uniform(0, law.duration, 2000)
     share = np.abs(RIG.drive.current(joint_torque(ARM, RIG, law(t)))).max(axis=1) / 12
@@ -110,17 +129,24 @@ def test_the_torque_keeps_its_limit_everywhere(path):
 def test_the_limit_of_coupled_motors_is_that_of_their_currents():
     belt = Coupling(matrix=((1, 0), (1, 1)))
     dynamics = Dynamics.from_chain(planar(2).coupled(belt))
-    arm, rig = dynamics.arm(dynamics.f()), dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=belt))
+    arm, rig = (
+        dynamics.arm(dynamics.f()),
+        dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coupling=belt)),
+    )
     law = fastest(arm, rig, MOVE, intervals=60)
     current = rig.drive.current(joint_torque(arm, rig, law(np.linspace(0, law.duration, 1501))))
     assert np.abs(current).max() / 12 == pytest.approx(0.9, rel=1e-3)
 
 
 def test_the_torque_changes_no_faster_than_asked():
-    """But for dry friction; between the points where it is held the rate is a few per cent larger."""
+    """But for dry friction; between the points where it is held the rate is a few per cent
+    larger.
+    """
     smooth = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0, 0)))
     bound = np.array([5e3, 3e3])
-    free, law = (fastest(ARM, smooth, SPLINE, torque_rate=rate, intervals=60) for rate in (None, bound))
+    free, law = (
+        fastest(ARM, smooth, SPLINE, torque_rate=rate, intervals=60) for rate in (None, bound)
+    )
     assert law.duration > free.duration
 
     def rate(law):
@@ -131,7 +157,7 @@ def test_the_torque_changes_no_faster_than_asked():
     assert (rate(free) > 4 * bound).any()
 
 
-# -- the motion -----------------------------------------------------------------------------------------------------
+# -- the motion ----------------------------------------------------------------------------------
 def test_a_line_stays_a_line():
     q = (law := fastest(ARM, RIG, MOVE))(np.linspace(0, law.duration, 777)).q
     np.testing.assert_allclose(q[:, 0], -q[:, 1], atol=1e-15)
@@ -139,24 +165,31 @@ def test_a_line_stays_a_line():
 
 
 def test_trajectory_6_stays_on_its_curve():
-    """Source: paper eq. (6): with c = 1 + 4 q2 / pi, the cosine of the phase, q3 = pi/4 - pi/4 (2 c^2 - 1)."""
+    """Source: paper eq. (6): with c = 1 + 4 q2 / pi, the cosine of the phase, q3 = pi/4 - pi/4
+    (2 c^2 - 1).
+    """
     law = quick(PATHS[0])
     q = law(np.linspace(0, law.duration, 777)).q
     c = 1 + 4 * q[:, 0] / np.pi
     np.testing.assert_allclose(q[:, 1], np.pi / 2 * (1 - c**2), atol=1e-13)
-    assert np.ptp(q, axis=0) == pytest.approx([np.pi / 2, np.pi / 2], rel=1e-4)  # both ways, all of it
+    # both ways, all of it
+    assert np.ptp(q, axis=0) == pytest.approx([np.pi / 2, np.pi / 2], rel=1e-4)
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda p: type(p).__name__)
 def test_it_goes_from_rest_to_rest_without_a_jump(path):
-    """Where the acceleration moves most between 2,001 times, it moves 100 times less in a 1,000th of the step."""
+    """Where the acceleration moves most between 2,001 times, it moves 100 times less in a
+    1,000th of the step.
+    """
     law = quick(path)
     t = np.linspace(0, law.duration, 2001)
     motion = law(t)
     np.testing.assert_allclose(motion.qd[[0, -1]], 0, atol=1e-9 * np.abs(motion.qd).max())
     if path in REST:
         np.testing.assert_allclose(motion.qdd[[0, -1]], 0, atol=1e-6 * np.abs(motion.qdd).max())
-    np.testing.assert_allclose(law([0.0, law.duration, 9.0]).q, path([0.0, path.duration, path.duration]).q, atol=1e-12)
+    np.testing.assert_allclose(
+        law([0.0, law.duration, 9.0]).q, path([0.0, path.duration, path.duration]).q, atol=1e-12
+    )
     move = np.abs(np.diff(motion.qdd, axis=0)).max(axis=1)
     k = np.argmax(move)
     closer = law(np.linspace(t[k], t[k + 1], 1001)).qdd
@@ -164,7 +197,9 @@ def test_it_goes_from_rest_to_rest_without_a_jump(path):
 
 
 def test_with_a_torque_rate_the_acceleration_rises_no_faster_than_that():
-    """At the start of a motion from rest, D changes little: 5 kN m/s over D22, at least 1.4 kg m^2 for joint 3."""
+    """At the start of a motion from rest, D changes little: 5 kN m/s over D22, at least 1.4 kg
+    m^2 for joint 3.
+    """
     law = quick(MOVE, torque_rate=(5e3, 5e3))
     t = np.linspace(0, law.duration, 4001)
     assert np.abs(np.gradient(law(t).qdd, t, axis=0)).max() < 5e3 / 1.4
@@ -180,7 +215,7 @@ def test_it_is_never_slower_than_uniform_scaling(seed):
     assert law.torque_share(ARM, RIG).max() <= 0.9 * (1 + 1e-9)
 
 
-# -- pulses ---------------------------------------------------------------------------------------------------------
+# -- pulses --------------------------------------------------------------------------------------
 @pytest.mark.parametrize("path", PATHS[:3], ids=lambda p: type(p).__name__)
 def test_it_is_tracked_within_one_pulse_where_the_uniform_motion_of_its_duration_is_not(path):
     law = ComputedTorque(ARM, RIG, bandwidth=150)
@@ -193,13 +228,16 @@ def test_it_is_tracked_within_one_pulse_where_the_uniform_motion_of_its_duration
     assert lost.max_error_pulses.max() > 100
 
 
-# -- bad input ------------------------------------------------------------------------------------------------------
+# -- bad input -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (
             {"share": 0.1},
-            r"path must be one along which the drives can hold the arm and creep; joint 2 \(q\[0\]\) needs",
+            (
+                r"path must be one along which the drives can hold the arm and creep; joint 2"
+                r" \(q\[0\]\) needs"
+            ),
         ),
         ({"motor_speed": (100, 0)}, "motor_speed must be positive"),
         ({"motor_speed": 100}, r"motor_speed must have shape \(2,\)"),

@@ -1,4 +1,6 @@
-"""References: derivatives by complex steps and differences, the paper's equation (6), rest at the ends, bad input."""
+"""References: derivatives by complex steps and differences, the paper's equation (6), rest at
+the ends, bad input.
+"""
 
 import numpy as np
 import pytest
@@ -7,8 +9,12 @@ from hypothesis import strategies as st
 
 from plant import Harmonics, PointToPoint, Spline, Table, puma560
 
-HARMONICS = Harmonics(period=2.0, offset=(0.1, -0.2, 0.3), cosine=((0.3, 0.1), (0.0, -0.2), (0.05, 0.0)),
-                      sine=((0.0, 0.2), (0.4, 0.0), (0.1, 0.1)))  # fmt: skip
+HARMONICS = Harmonics(
+    period=2.0,
+    offset=(0.1, -0.2, 0.3),
+    cosine=((0.3, 0.1), (0.0, -0.2), (0.05, 0.0)),
+    sine=((0.0, 0.2), (0.4, 0.0), (0.1, 0.1)),
+)
 MOVE = PointToPoint(start=(0.1, -1.0), goal=(1.3, 0.5), duration=0.8)
 SPLINE = Spline(times=(0, 0.4, 0.5, 1.1), points=((0.0, 1.0), (0.5, 0.2), (0.6, -0.3), (0.1, 0.4)))
 TABLE = Table(times=(0.0, 0.5, 0.6, 1.0), points=((0.0, 1.0), (1.0, 0.0), (1.1, 0.5), (0.7, 0.5)))
@@ -16,7 +22,9 @@ ALL = [HARMONICS, MOVE, SPLINE, TABLE]
 
 
 def test_equation_6():
-    """Source: paper eq. (6), q_r2 = -pi/4 + pi/4 cos(2 pi t / T), q_r3 = pi/4 - pi/4 cos(4 pi t / T); T = 3.65 s."""
+    """Source: paper eq. (6), q_r2 = -pi/4 + pi/4 cos(2 pi t / T), q_r3 = pi/4 - pi/4 cos(4 pi t
+    / T); T = 3.65 s.
+    """
     reference = puma560.reference()
     t = np.linspace(0, 3.65, 41)
     w = 2 * np.pi / 3.65
@@ -24,13 +32,19 @@ def test_equation_6():
     quarter = np.pi / 4
     # The amplitude is below 4 w^2 pi/4 = 9.3: a few roundings.
     np.testing.assert_allclose(
-        motion.q, np.c_[-quarter + quarter * np.cos(w * t), quarter - quarter * np.cos(2 * w * t)], atol=1e-14
+        motion.q,
+        np.c_[-quarter + quarter * np.cos(w * t), quarter - quarter * np.cos(2 * w * t)],
+        atol=1e-14,
     )
     np.testing.assert_allclose(
-        motion.qd, np.c_[-quarter * w * np.sin(w * t), 2 * quarter * w * np.sin(2 * w * t)], atol=1e-14
+        motion.qd,
+        np.c_[-quarter * w * np.sin(w * t), 2 * quarter * w * np.sin(2 * w * t)],
+        atol=1e-14,
     )
     np.testing.assert_allclose(
-        motion.qdd, np.c_[-quarter * w**2 * np.cos(w * t), 4 * quarter * w**2 * np.cos(2 * w * t)], atol=1e-13
+        motion.qdd,
+        np.c_[-quarter * w**2 * np.cos(w * t), 4 * quarter * w**2 * np.cos(2 * w * t)],
+        atol=1e-13,
     )
     np.testing.assert_allclose(motion.q[0], 0, atol=1e-15)
     assert reference.duration == 3.65
@@ -51,16 +65,20 @@ def test_harmonics_have_the_derivatives_of_their_complex_extension():
 
     motion = HARMONICS(t)
     np.testing.assert_allclose(motion.q, q(t), atol=1e-14)
-    np.testing.assert_allclose(motion.qd, q(t + 1j * step).imag / step, atol=1e-13)  # exact: no subtraction
-    np.testing.assert_allclose(HARMONICS(t + 2.0).q, motion.q, atol=1e-13)  # goes on after its period
+    # exact: no subtraction
+    np.testing.assert_allclose(motion.qd, q(t + 1j * step).imag / step, atol=1e-13)
+    # goes on after its period
+    np.testing.assert_allclose(HARMONICS(t + 2.0).q, motion.q, atol=1e-13)
 
 
-# Central differences with steps of 1e-4 of a motion of size 1 and time scale 0.1: 1e-8 / 6 * third derivative (1e3).
+# Central differences with steps of 1e-4 of a motion of size 1 and time scale 0.1: 1e-8 / 6 * third
+# derivative (1e3).
 @pytest.mark.parametrize("reference", ALL, ids=lambda r: type(r).__name__)
 def test_velocity_and_acceleration_are_derivatives(reference):
     random = np.random.default_rng(0)
     t, step = random.uniform(0.01, reference.duration - 0.01, 50), 1e-4
-    t = t[[np.abs(np.asarray(getattr(reference, "times", (9.0,))) - x).min() > 2 * step for x in t]]  # no corners
+    # no corners
+    t = t[[np.abs(np.asarray(getattr(reference, "times", (9.0,))) - x).min() > 2 * step for x in t]]
     before, now, after = (reference(t + k * step) for k in (-1, 0, 1))
     np.testing.assert_allclose((after.q - before.q) / (2 * step), now.qd, rtol=0, atol=2e-5)
     if reference is TABLE:
@@ -69,21 +87,29 @@ def test_velocity_and_acceleration_are_derivatives(reference):
         np.testing.assert_allclose((after.qd - before.qd) / (2 * step), now.qdd, rtol=0, atol=1e-3)
 
 
-# Central differences with steps of 1e-5: rounding, and 1e-10 / 6 times the second derivative of what they are of.
+# Central differences with steps of 1e-5: rounding, and 1e-10 / 6 times the second derivative of
+# what they are of.
 @pytest.mark.parametrize("reference", [HARMONICS, MOVE, SPLINE], ids=lambda r: type(r).__name__)
 def test_jerk_and_snap_are_derivatives(reference):
     t, step = np.random.default_rng(0).uniform(0.01, reference.duration - 0.01, 50), 1e-5
     t = t[[np.abs(np.asarray(getattr(reference, "times", (9.0,))) - x).min() > 2 * step for x in t]]
     before, after = (reference(t + k * step).qdd for k in (-1, 1))
     jerk, snap = reference.higher(t)
-    np.testing.assert_allclose((after - before) / (2 * step), jerk, rtol=0, atol=1e-6 * np.abs(jerk).max())
+    np.testing.assert_allclose(
+        (after - before) / (2 * step), jerk, rtol=0, atol=1e-6 * np.abs(jerk).max()
+    )
     before, after = (reference.higher(t + k * step)[0] for k in (-1, 1))
-    np.testing.assert_allclose((after - before) / (2 * step), snap, rtol=0, atol=1e-6 * np.abs(snap).max())
+    np.testing.assert_allclose(
+        (after - before) / (2 * step), snap, rtol=0, atol=1e-6 * np.abs(snap).max()
+    )
     assert np.abs(snap).max() > 10
 
 
 def test_a_table_has_no_jerk():
-    with pytest.raises(ValueError, match=r"Table gives none. Put a Spline through its points, or define Table.higher"):
+    with pytest.raises(
+        ValueError,
+        match=r"Table gives none. Put a Spline through its points, or define Table.higher",
+    ):
         TABLE.higher(np.zeros(1))
 
 
@@ -94,14 +120,16 @@ def test_motion_begins_and_ends_at_rest_and_stays(reference):
         getattr(reference, "goal", None) or reference.points[-1])  # fmt: skip
     motion = reference(np.array([0.0, end, end + 1, 100.0, -1.0]))
     np.testing.assert_allclose(motion.q, [first, last, last, last, first], atol=1e-13)
-    np.testing.assert_allclose(motion.qd, 0, atol=1e-11)  # a quintic's derivatives at its last knot: cancelling terms
+    # a quintic's derivatives at its last knot: cancelling terms
+    np.testing.assert_allclose(motion.qd, 0, atol=1e-11)
     np.testing.assert_allclose(motion.qdd, 0, atol=1e-9)
 
 
 def test_point_to_point_is_half_way_at_half_time_and_fastest_there():
     motion = MOVE(np.array([0.4]))
     np.testing.assert_allclose(motion.q[0], [0.7, -0.25], rtol=1e-14)
-    np.testing.assert_allclose(motion.qd[0], 15 / 8 * np.array([1.2, 1.5]) / 0.8, rtol=1e-14)  # 15/8 of the mean speed
+    # 15/8 of the mean speed
+    np.testing.assert_allclose(motion.qd[0], 15 / 8 * np.array([1.2, 1.5]) / 0.8, rtol=1e-14)
     np.testing.assert_allclose(motion.qdd[0], 0, atol=1e-12)
 
 
@@ -111,8 +139,12 @@ def test_spline_goes_through_its_points():
 
 def test_table_is_straight_between_its_points_and_rests_outside():
     motion = TABLE(np.array([0.25, 0.5, 0.55, 1.0, 3.0, -1.0]))
-    np.testing.assert_allclose(motion.q, [[0.5, 0.5], [1, 0], [1.05, 0.25], [0.7, 0.5], [0.7, 0.5], [0, 1]], atol=1e-15)
-    np.testing.assert_allclose(motion.qd, [[2, -2], [1, 5], [1, 5], [0, 0], [0, 0], [0, 0]], atol=1e-13)
+    np.testing.assert_allclose(
+        motion.q, [[0.5, 0.5], [1, 0], [1.05, 0.25], [0.7, 0.5], [0.7, 0.5], [0, 1]], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        motion.qd, [[2, -2], [1, 5], [1, 5], [0, 0], [0, 0], [0, 0]], atol=1e-13
+    )
 
 
 @settings(derandomize=True, max_examples=30)
@@ -128,10 +160,13 @@ def test_shapes_and_independence_of_the_other_times(times, which):
             np.testing.assert_allclose(value[i], alone[0], atol=1e-14)
 
 
-# -- files and bad input ---------------------------------------------------------------------------------------------
+# -- files and bad input -------------------------------------------------------------------------
 def test_table_from_csv(tmp_path):
     path = tmp_path / "path.csv"
-    path.write_text("# a comment, of items 2, 1\nt [s],q_1,q_2\n\n0,0.0,1e0\n0.5, 1.0 ,0\n0.6,1.1,0.5\n1.0,0.7,0.5\n")
+    path.write_text(
+        "# a comment, of items 2, 1\nt [s],q_1,q_2\n\n0,0.0,1e0\n0.5, 1.0"
+        " ,0\n0.6,1.1,0.5\n1.0,0.7,0.5\n"
+    )
     assert Table.from_csv(path) == TABLE
 
 
@@ -140,7 +175,9 @@ def test_a_table_whose_heading_has_the_joints_in_another_order_is_refused(tmp_pa
     path.write_text("time,shoulder,elbow\n0,1,2\n1,2,3\n")
     assert Table.from_csv(path, joints=joints).points[0] == (1, 2)
     path.write_text("time,elbow,shoulder\n0,1,2\n1,2,3\n")
-    with pytest.raises(ValueError, match=r"joints in order; its columns are time, elbow, shoulder\. Reorder them"):
+    with pytest.raises(
+        ValueError, match=r"joints in order; its columns are time, elbow, shoulder\. Reorder them"
+    ):
         Table.from_csv(path, joints=joints)
 
 
@@ -154,8 +191,14 @@ def test_a_table_whose_heading_has_the_joints_in_another_order_is_refused(tmp_pa
         ("0,1\n0,2\n", r"times must increase; got 0.0 after 0.0 at index 1"),
         ("0,1\n1,nan\n", r"points must be finite; got nan at index \(1, 0\)"),
         ("0,1\n", r"times must be two or more; got 1"),
-        ("t,q_2,q_1\n0,1,2\n1,2,3\n", r"must have the joints in order; its columns are t, q_2, q_1"),
-        ("# t_ms,q_1,q_2\n0,1,2\n1,2,3\n", r"must be in s and rad; its heading has 't_ms'\. Convert it"),
+        (
+            "t,q_2,q_1\n0,1,2\n1,2,3\n",
+            r"must have the joints in order; its columns are t, q_2, q_1",
+        ),
+        (
+            "# t_ms,q_1,q_2\n0,1,2\n1,2,3\n",
+            r"must be in s and rad; its heading has 't_ms'\. Convert it",
+        ),
         ("t,q1 [deg]\n0,1\n1,2\n", r"its heading has 'q1 \[deg\]'"),
     ],
 )
@@ -178,17 +221,32 @@ def test_bad_table_file_is_refused_in_one_line(tmp_path, text, message):
             lambda: Harmonics(period=1, offset=(0, 0), cosine=((1,),), sine=((0,),)),
             r"cosine must have shape \(2, H\)",
         ),
-        (lambda: Harmonics(period=1, offset=(0,), cosine=((1,),), sine=((0, 1),)), r"sine must have shape \(1, 1\)"),
-        (lambda: Harmonics(period=1, offset=(np.nan,), cosine=((1,),), sine=((0,),)), "offset must be finite"),
+        (
+            lambda: Harmonics(period=1, offset=(0,), cosine=((1,),), sine=((0, 1),)),
+            r"sine must have shape \(1, 1\)",
+        ),
+        (
+            lambda: Harmonics(period=1, offset=(np.nan,), cosine=((1,),), sine=((0,),)),
+            "offset must be finite",
+        ),
         (lambda: PointToPoint(start=(0, 0), goal=(1,), duration=1), r"goal must have shape \(2,\)"),
-        (lambda: PointToPoint(start=(0,), goal=(1,), duration="1"), "duration .*must be a (positive|finite) number"),
-        (lambda: PointToPoint(start=(0,), goal=(1,), duration=-1), "duration .*must be a (positive|finite) number"),
+        (
+            lambda: PointToPoint(start=(0,), goal=(1,), duration="1"),
+            "duration .*must be a (positive|finite) number",
+        ),
+        (
+            lambda: PointToPoint(start=(0,), goal=(1,), duration=-1),
+            "duration .*must be a (positive|finite) number",
+        ),
         (
             lambda: Spline(times=(0, 2, 1), points=((0,), (1,), (2,))),
             "times must increase; got 1.0 after 2.0 at index 2",
         ),
         (lambda: Spline(times=(1, 2), points=((0,), (1,))), r"times must be two or more, from 0"),
-        (lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=False), r"points must be 6 or more"),
+        (
+            lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=False),
+            r"points must be 6 or more",
+        ),
         (lambda: Spline(times=(0, 1), points=((0,), (1,)), at_rest=2), r"at_rest"),
         (
             lambda: Spline(times=(0, 1), points=((0,),)),
@@ -208,9 +266,14 @@ def test_bad_reference_is_refused(make, message):
 def test_a_spline_whose_ends_are_free_goes_on_as_its_points_do():
     """A quintic polynomial, which does not begin at rest, is its own spline."""
     t = np.linspace(0, 2, 9)
-    polynomials = [np.polynomial.Polynomial(c) for c in ((1, 2, -1, 0.3, 0.1, -0.05), (0, -1, 0.5, 0, 0.2, 0.01))]
+    polynomials = [
+        np.polynomial.Polynomial(c)
+        for c in ((1, 2, -1, 0.3, 0.1, -0.05), (0, -1, 0.5, 0, 0.2, 0.01))
+    ]
     spline = Spline(times=t, points=np.column_stack([p(t) for p in polynomials]), at_rest=False)
     asked = np.linspace(0, 2, 33)
     for order, got in enumerate(spline(asked)):
-        expected = np.column_stack([p.deriv(order)(asked) if order else p(asked) for p in polynomials])
+        expected = np.column_stack(
+            [p.deriv(order)(asked) if order else p(asked) for p in polynomials]
+        )
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)

@@ -1,4 +1,6 @@
-"""A path in another time: the chain rule, slower motions, what happens after the end, and the way through a file."""
+"""A path in another time: the chain rule, slower motions, what happens after the end, and the
+way through a file.
+"""
 
 import json
 
@@ -11,7 +13,9 @@ from plant.parts.plain import from_plain
 
 MOVE = PointToPoint(start=(0.1, -1.0), goal=(1.3, 0.5), duration=0.8)
 SPLINE = Spline(times=(0, 0.4, 0.5, 1.1), points=((0.0, 1.0), (0.5, 0.2), (0.6, -0.3), (0.1, 0.4)))
-WAVE = Harmonics(period=2.0, offset=(0.1, -0.2), cosine=((0.3, 0.1), (0.0, -0.2)), sine=((0.0, 0.2), (0.4, 0.0)))
+WAVE = Harmonics(
+    period=2.0, offset=(0.1, -0.2), cosine=((0.3, 0.1), (0.0, -0.2)), sine=((0.0, 0.2), (0.4, 0.0))
+)
 PATHS = [MOVE, SPLINE, WAVE]
 
 
@@ -20,14 +24,20 @@ def warped(path, stays=True):
     end, t = path.duration, np.linspace(0, 1.7, 25)
     w = 2 * np.pi / 1.7
     return Scaled(
-        path=path, times=t, places=end * (t / 1.7 + 0.1 * np.sin(w * t)), stays=stays,
-        speeds=end * (1 / 1.7 + 0.1 * w * np.cos(w * t)), accelerations=-end * 0.1 * w**2 * np.sin(w * t),
-    )  # fmt: skip
+        path=path,
+        times=t,
+        places=end * (t / 1.7 + 0.1 * np.sin(w * t)),
+        stays=stays,
+        speeds=end * (1 / 1.7 + 0.1 * w * np.cos(w * t)),
+        accelerations=-end * 0.1 * w**2 * np.sin(w * t),
+    )
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda p: type(p).__name__)
 def test_it_is_the_path_at_other_times(path):
-    """Degree 5 between 25 points of a sine: its sixth derivative times (spacing / 2)^6 / 720, 1e-9 of its size."""
+    """Degree 5 between 25 points of a sine: its sixth derivative times (spacing / 2)^6 / 720,
+    1e-9 of its size.
+    """
     t = np.linspace(0, 1.7, 400)
     expected = path(path.duration * (t / 1.7 + 0.1 * np.sin(2 * np.pi / 1.7 * t)))
     np.testing.assert_allclose(warped(path)(t).q, expected.q, rtol=0, atol=1e-7)
@@ -35,7 +45,9 @@ def test_it_is_the_path_at_other_times(path):
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda p: type(p).__name__)
 def test_velocity_and_acceleration_are_derivatives(path):
-    """Central differences with steps of 1e-5 of a motion whose third derivative is below 1e4: 1e-10 / 6 * 1e4."""
+    """Central differences with steps of 1e-5 of a motion whose third derivative is below 1e4:
+    1e-10 / 6 * 1e4.
+    """
     t, step = np.random.default_rng(0).uniform(0.01, 1.69, 60), 1e-5
     before, now, after = (warped(path)(t + k * step) for k in (-1, 0, 1))
     np.testing.assert_allclose((after.q - before.q) / (2 * step), now.qd, rtol=0, atol=1e-6)
@@ -44,30 +56,42 @@ def test_velocity_and_acceleration_are_derivatives(path):
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda p: type(p).__name__)
 def test_jerk_and_snap_are_derivatives(path):
-    """Central differences with steps of 1e-5, away from the points of the time law, where they jump."""
+    """Central differences with steps of 1e-5, away from the points of the time law, where they
+    jump.
+    """
     t, step, motion = np.random.default_rng(0).uniform(0.01, 1.69, 60), 1e-5, warped(path)
     corners = [*motion.times, *(motion.times[-1] * np.asarray(getattr(path, "times", (9.0,))))]
     t = t[[np.abs(np.array(corners) - x).min() > 1e-3 for x in t]]
     before, after = (motion(t + k * step).qdd for k in (-1, 1))
     jerk, snap = motion.higher(t)
-    np.testing.assert_allclose((after - before) / (2 * step), jerk, rtol=0, atol=1e-5 * np.abs(jerk).max())
+    np.testing.assert_allclose(
+        (after - before) / (2 * step), jerk, rtol=0, atol=1e-5 * np.abs(jerk).max()
+    )
     before, after = (motion.higher(t + k * step)[0] for k in (-1, 1))
-    np.testing.assert_allclose((after - before) / (2 * step), snap, rtol=0, atol=1e-5 * np.abs(snap).max())
+    np.testing.assert_allclose(
+        (after - before) / (2 * step), snap, rtol=0, atol=1e-5 * np.abs(snap).max()
+    )
 
 
 def test_jerk_and_snap_beyond_the_ends():
-    """At rest where the motion stays; along a path that goes on, those of the path at that speed."""
+    """At rest where the motion stays; along a path that goes on, those of the path at that
+    speed.
+    """
     t = np.array([-0.2, 1.9])
     assert not np.any(warped(WAVE).higher(t))
     on = WAVE.slowed(1.7)
-    for k, (got, expected) in enumerate(zip(on.higher(t * 9), WAVE.higher(t * 9 / 1.7), strict=True), 3):
+    for k, (got, expected) in enumerate(
+        zip(on.higher(t * 9), WAVE.higher(t * 9 / 1.7), strict=True), 3
+    ):
         np.testing.assert_allclose(got, expected / 1.7**k, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("path", [*PATHS, warped(WAVE)], ids=lambda p: type(p).__name__)
 @pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])
 def test_slowed_is_the_motion_in_another_time(path, factor):
-    """Also before its start and long after its end; a polynomial of degree 5 rounds at 1e-15 of its coefficients."""
+    """Also before its start and long after its end; a polynomial of degree 5 rounds at 1e-15 of
+    its coefficients.
+    """
     got, t = path.slowed(factor), np.array([-0.3, 0.0, 0.2, 0.77, 1.0, 2.5, 7.3])
     expected = path(t / factor)
     assert got.duration == pytest.approx(path.duration * factor, rel=1e-15)
@@ -104,7 +128,9 @@ def test_after_its_end_it_stays_or_goes_on():
 
 
 def test_after_its_end_nothing_accelerates():
-    """A law that comes to rest with an acceleration drops it there, and keeps none of its polynomial's."""
+    """A law that comes to rest with an acceleration drops it there, and keeps none of its
+    polynomial's.
+    """
     law = Scaled(path=WAVE, times=(0, 1), places=(0, 0.5), speeds=(0, 0), accelerations=(2, -2))
     assert np.abs(law([1.0]).qdd).max() > 0.1
     for motion in (law([1.001, 2.0]), law([-0.001, -2.0])):

@@ -30,14 +30,25 @@ def test_array_keeps_every_finite_number_and_copies(values):
         (
             [[1], [2]],
             (1, 2),
-            r"^x must have shape \(1, 2\); .* lies on its side: give its transpose \(\.T\)\. Do so\.$",
+            (
+                r"^x must have shape \(1, 2\); .* lies on its side: give its transpose \(\.T\)\. Do"
+                r" so\.$"
+            ),
         ),
         ([1, 2], (), r"^x must have shape \(\); got shape \(2,\)\. Do so\.$"),
-        ([[1, 2], [3]], (2, 2), r"^x must be numbers of shape \(2, 2\); got \[\[1, 2\], \[3\]\]\. Do so\.$"),
+        (
+            [[1, 2], [3]],
+            (2, 2),
+            r"^x must be numbers of shape \(2, 2\); got \[\[1, 2\], \[3\]\]\. Do so\.$",
+        ),
         ("one", (1,), r"^x must be numbers of shape \(1,\); got 'one'\. Do so\.$"),
         (None, (1,), r"got shape \(\)|got NoneType None"),
         ([1, np.nan], (2,), r"^x must be finite; got nan at index 1\. Do so\.$"),
-        ([[1, 2], [-np.inf, 3]], (2, 2), r"^x must be finite; got -inf at index \(1, 0\)\. Do so\.$"),
+        (
+            [[1, 2], [-np.inf, 3]],
+            (2, 2),
+            r"^x must be finite; got -inf at index \(1, 0\)\. Do so\.$",
+        ),
         ([1j], (1,), r"must be numbers"),
     ],
 )
@@ -54,7 +65,8 @@ def test_array_lets_infinity_pass_when_asked_to():
 def test_choice_offers_the_nearest():
     assert choice("backend", "numba", ("numba", "casadi")) == "numba"
     with pytest.raises(
-        ValueError, match=r"^backend must be one of 'numba', 'casadi'; got 'nubma'\. Did you mean 'numba'\?$"
+        ValueError,
+        match=r"^backend must be one of 'numba', 'casadi'; got 'nubma'\. Did you mean 'numba'\?$",
     ):
         choice("backend", "nubma", ("numba", "casadi"))
     with pytest.raises(ValueError, match=r"got 'q'\. Use 'numba'\.$"):
@@ -80,11 +92,13 @@ def test_misspelt_keyword_is_a_value_error_with_the_nearest_name():
     assert function.__doc__ == "Doc."
     assert Options(gain=2.0).gain == 2.0
     with pytest.raises(
-        ValueError, match=r"an option of function must be one of .*; got 'gian'\. Did you mean 'gain'\?"
+        ValueError,
+        match=r"an option of function must be one of .*; got 'gian'\. Did you mean 'gain'\?",
     ):
         function(1, gian=5)
     with pytest.raises(
-        ValueError, match=r"an option of Options must be one of 'gain'; got 'gains'\. Did you mean 'gain'\?"
+        ValueError,
+        match=r"an option of Options must be one of 'gain'; got 'gains'\. Did you mean 'gain'\?",
     ):
         Options(gains=1)
     with pytest.raises(ValueError, match="takes any keyword"):
@@ -96,7 +110,10 @@ def test_singular_matrices_are_refused_in_words():
     def solve(matrix):
         return np.linalg.solve(matrix, np.ones(2))
 
-    with pytest.raises(ValueError, match=r"solve needs equations with one solution; they have none or many \(Singular"):
+    with pytest.raises(
+        ValueError,
+        match=r"solve needs equations with one solution; they have none or many \(Singular",
+    ):
         solve(np.zeros((2, 2)))
 
 
@@ -105,7 +122,8 @@ def test_what_cannot_be_written_to_is_shared_where_that_is_wanted_and_checked_as
     frozen.setflags(write=False)
     assert array("x", frozen, (3,), advice="", shared=True) is frozen
     assert array("x", frozen, (3,), advice="").flags.writeable
-    for open_ in (np.arange(3.0), np.broadcast_to(np.arange(3.0), (3,))):  # its base can be written to
+    # its base can be written to
+    for open_ in (np.arange(3.0), np.broadcast_to(np.arange(3.0), (3,))):
         assert not np.shares_memory(array("x", open_, (3,), advice="", shared=True), open_)
     bad = np.array([0.0, np.nan])
     bad.setflags(write=False)

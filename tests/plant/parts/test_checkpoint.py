@@ -1,4 +1,6 @@
-"""Checkpoints: what is finished is not made again, what is of other inputs is refused, and no write loses anything."""
+"""Checkpoints: what is finished is not made again, what is of other inputs is refused, and no
+write loses anything.
+"""
 
 import dataclasses
 import json
@@ -31,7 +33,11 @@ class Counted:
         return self.value
 
 
-VALUES = {"array": np.array([[0.1, -0.0], [np.inf, 1e-300]]), "none": None, "pair": (puma560.rig(), [1, 2.5])}
+VALUES = {
+    "array": np.array([[0.1, -0.0], [np.inf, 1e-300]]),
+    "none": None,
+    "pair": (puma560.rig(), [1, 2.5]),
+}
 
 
 def test_a_finished_stage_is_taken_from_the_file_bit_for_bit(path):
@@ -94,7 +100,7 @@ def test_threads_finish_stages_side_by_side(path):
     assert sorted(json.loads(path.read_text())["stages"].values()) == list(range(8))
 
 
-# -- refusals --------------------------------------------------------------------------------------------------------
+# -- refusals ------------------------------------------------------------------------------------
 def refused(path, call):
     with pytest.raises(ValueError, match=re.escape(f"checkpoint {path}")) as error:
         call()
@@ -106,7 +112,11 @@ def test_other_inputs_are_refused_by_name(path):
     inputs = {"log": puma560.rig(), "seed": 3, "settings": (1.0, np.ones(3))}
     Checkpoint(path, "work").bind(lambda: inputs)
     Checkpoint(path, "work").bind(lambda: inputs)
-    others = {"seed": 4, "log": P(gain=(1.0,)), "settings": (1.0, np.array([1, 1, np.nextafter(1, 2)]))}
+    others = {
+        "seed": 4,
+        "log": P(gain=(1.0,)),
+        "settings": (1.0, np.array([1, 1, np.nextafter(1, 2)])),
+    }
     for name, other in others.items():
         changed = inputs | {name: other}
         said = refused(path, lambda changed=changed: Checkpoint(path, "work").bind(lambda: changed))
@@ -115,28 +125,40 @@ def test_other_inputs_are_refused_by_name(path):
 
 def test_another_work_version_or_processor_is_refused(path, monkeypatch):
     Checkpoint(path, "work")
-    assert "must be of the work 'other'; got 'work'" in refused(path, lambda: Checkpoint(path, "other"))
+    assert "must be of the work 'other'; got 'work'" in refused(
+        path, lambda: Checkpoint(path, "other")
+    )
     with monkeypatch.context() as patched:
         patched.setattr(module, "get_host_cpu_name", lambda: "z80")
         assert "must be of the processor 'z80'" in refused(path, lambda: Checkpoint(path, "work"))
     monkeypatch.setattr(module, "versions", lambda: {"onepulse": "9"})
-    assert "must be of the versions onepulse 9; got onepulse" in refused(path, lambda: Checkpoint(path, "work"))
+    assert "must be of the versions onepulse 9; got onepulse" in refused(
+        path, lambda: Checkpoint(path, "work")
+    )
 
 
 def test_files_that_are_none_or_spoilt_are_refused(path, tmp_path):
-    for text in ("", "{", "[]", '{"kind": "plant.Rig"}', '{"kind": "checkpoint", "format": 2, "stages": {}}'):
+    for text in (
+        "",
+        "{",
+        "[]",
+        '{"kind": "plant.Rig"}',
+        '{"kind": "checkpoint", "format": 2, "stages": {}}',
+    ):
         path.write_text(text)
         refused(path, lambda: Checkpoint(path, "work"))
     path.unlink()
     with Checkpoint(path, "work") as kept:
         kept.stage("x", Counted(np.ones(3)))
     path.write_text(path.read_text().replace("[1.0, 1.0, 1.0]", "[1.0, 1.5, 1.0]"))
-    assert "it has been changed. Delete it, and begin anew" in refused(path, lambda: Checkpoint(path, "work"))
+    assert "it has been changed. Delete it, and begin anew" in refused(
+        path, lambda: Checkpoint(path, "work")
+    )
     refused(tmp_path, lambda: Checkpoint(tmp_path, "work"))
     refused(tmp_path / "no" / "file", lambda: Checkpoint(tmp_path / "no" / "file", "work"))
 
 
-# -- disks that are full ---------------------------------------------------------------------------------------------
+# -- disks that are full -------------------------------------------------------------------------
 def test_on_a_full_disk_the_work_goes_on_and_what_was_there_stays(path, monkeypatch):
     with Checkpoint(path, "work") as kept:
         kept.stage("first", Counted(1))
@@ -149,7 +171,11 @@ def test_on_a_full_disk_the_work_goes_on_and_what_was_there_stays(path, monkeypa
     with monkeypatch.context() as patched:
         patched.setattr(files.os, "fsync", full)
         with pytest.warns(UserWarning, match=said) as warned, Checkpoint(path, "work") as kept:
-            assert [kept.stage(name, Counted(name)) for name in ("first", "second", "x")] == [1, "second", "x"]
+            assert [kept.stage(name, Counted(name)) for name in ("first", "second", "x")] == [
+                1,
+                "second",
+                "x",
+            ]
         assert len(warned) == 1
     assert path.read_bytes() == before
     assert os.listdir(path.parent) == [path.name]
@@ -160,7 +186,8 @@ def test_on_a_full_disk_the_work_goes_on_and_what_was_there_stays(path, monkeypa
 def test_remains_of_killed_processes_go_and_fresh_ones_stay(path):
     Checkpoint(path, "work")
     old, fresh, other = (
-        path.with_name(name) for name in (f".work.json.{'0' * 16}", f".work.json.{'1' * 16}", ".work.json.x")
+        path.with_name(name)
+        for name in (f".work.json.{'0' * 16}", f".work.json.{'1' * 16}", ".work.json.x")
     )
     for left in (old, fresh, other):
         left.write_text("")
@@ -188,7 +215,9 @@ def test_writes_take_a_bounded_share_of_the_time(path, monkeypatch):
 
 
 def test_inputs_of_records_do_not_hang_on_the_file_s_name(path):
-    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.01)
+    record = simulate(
+        puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.01
+    )
     with Checkpoint(path, "work") as kept:
         kept.bind(lambda: {"log": record})
         kept.stage("one", Counted(1))
@@ -197,7 +226,9 @@ def test_inputs_of_records_do_not_hang_on_the_file_s_name(path):
     assert again.stage("one", made) == 1  # the file's own, not made again
     assert made.made == 0
     with pytest.raises(ValueError, match="inputs"):
-        Checkpoint(path, "work").bind(lambda: {"log": dataclasses.replace(record, error_pulses=-record.error_pulses)})
+        Checkpoint(path, "work").bind(
+            lambda: {"log": dataclasses.replace(record, error_pulses=-record.error_pulses)}
+        )
 
 
 def test_the_log_says_which_stages_ended(caplog):

@@ -1,22 +1,48 @@
-"""What all figures share: axes that a caller gives, colours for any colour vision, texts as they are."""
+"""What all figures share: axes that a caller gives, colours for any colour vision, texts as they
+are.
+"""
 
 import itertools
 
 import numpy as np
 import pytest
 
-from plant.parts.figures import COLOURS, axes_of, colour_of, dressed, legend_above, literal, row_by_row
+from plant.parts.figures import (
+    COLOURS,
+    axes_of,
+    colour_of,
+    dressed,
+    legend_above,
+    literal,
+    row_by_row,
+)
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 plt = pytest.importorskip("matplotlib.pyplot")
 
 DEFICIENT = {  # Source: G. M. Machado et al., IEEE TVCG 15 (2009), severity 1
-    "protanopia": ((0.152286, 1.052583, -0.204868), (0.114503, 0.786281, 0.099216), (-0.003882, -0.048116, 1.051998)),
-    "deuteranopia": ((0.367322, 0.860646, -0.227968), (0.280085, 0.672501, 0.047413), (-0.011820, 0.042940, 0.968881)),
-    "tritanopia": ((1.255528, -0.076749, -0.178779), (-0.078411, 0.930809, 0.147602), (0.004733, 0.691367, 0.303900)),
+    "protanopia": (
+        (0.152286, 1.052583, -0.204868),
+        (0.114503, 0.786281, 0.099216),
+        (-0.003882, -0.048116, 1.051998),
+    ),
+    "deuteranopia": (
+        (0.367322, 0.860646, -0.227968),
+        (0.280085, 0.672501, 0.047413),
+        (-0.011820, 0.042940, 0.968881),
+    ),
+    "tritanopia": (
+        (1.255528, -0.076749, -0.178779),
+        (-0.078411, 0.930809, 0.147602),
+        (0.004733, 0.691367, 0.303900),
+    ),
 }
-TO_XYZ = ((0.4124564, 0.3575761, 0.1804375), (0.2126729, 0.7151522, 0.0721750), (0.0193339, 0.1191920, 0.9503041))
+TO_XYZ = (
+    (0.4124564, 0.3575761, 0.1804375),
+    (0.2126729, 0.7151522, 0.0721750),
+    (0.0193339, 0.1191920, 0.9503041),
+)
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +63,10 @@ def lab(colour, vision):
 @pytest.mark.parametrize("vision", ["normal", *DEFICIENT])
 def test_colours_differ_with_any_colour_vision_and_from_the_ground(vision):
     seen = [lab(colour, DEFICIENT.get(vision, np.eye(3))) for colour in (*COLOURS, "white")]
-    least = min((np.linalg.norm(a - b), i, j) for (i, a), (j, b) in itertools.combinations(enumerate(seen), 2))
+    least = min(
+        (np.linalg.norm(a - b), i, j)
+        for (i, a), (j, b) in itertools.combinations(enumerate(seen), 2)
+    )
     assert least[0] > 15, least
     assert colour_of(len(COLOURS)) == COLOURS[0]
 
@@ -69,7 +98,11 @@ def test_without_them_a_figure_is_made():
             r"ax must be 4 matplotlib Axes; got 3. Make them by plt.subplots",
         ),
         (lambda: plt.subplots()[1], (2, 1), "ax must be 2 matplotlib Axes; got 1"),
-        (lambda: plt.subplots(1, 2)[1], (), r"ax must be a matplotlib Axes; got 2. Make them by plt.subplots\(\)"),
+        (
+            lambda: plt.subplots(1, 2)[1],
+            (),
+            r"ax must be a matplotlib Axes; got 2. Make them by plt.subplots\(\)",
+        ),
         (lambda: plt.figure(), (2, 1), "ax must be 2 matplotlib Axes; got Figure"),
         (lambda: "no axes", (), "ax must be a matplotlib Axes; got str"),
         (lambda: [1, 2], (2,), "ax must be 2 matplotlib Axes; got list"),

@@ -22,7 +22,12 @@ def result(**changes):
     values = np.array([1.0, np.nan, -0.0])
     values.setflags(write=False)
     return Result(
-        **{"name": "a", "values": values, "more": {"x": [1, (2.0, np.array([3]))], "y": float("nan")}} | changes
+        **{
+            "name": "a",
+            "values": values,
+            "more": {"x": [1, (2.0, np.array([3]))], "y": float("nan")},
+        }
+        | changes
     )
 
 

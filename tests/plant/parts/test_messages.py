@@ -1,4 +1,6 @@
-"""Progress bars on a terminal, and not one byte of them in a file or a pipe; the one name of a joint."""
+"""Progress bars on a terminal, and not one byte of them in a file or a pipe; the one name of a
+joint.
+"""
 
 import io
 import re
@@ -19,7 +21,12 @@ class Terminal(io.StringIO):
 
 @pytest.mark.parametrize(
     ("kind", "shown", "drawn"),
-    [(Terminal, True, True), (Terminal, False, False), (io.StringIO, True, False), (io.StringIO, False, False)],
+    [
+        (Terminal, True, True),
+        (Terminal, False, False),
+        (io.StringIO, True, False),
+        (io.StringIO, False, False),
+    ],
 )
 def test_a_bar_is_drawn_on_a_terminal_alone(monkeypatch, kind, shown, drawn):
     stream = kind()
@@ -33,8 +40,16 @@ def test_a_bar_is_drawn_on_a_terminal_alone(monkeypatch, kind, shown, drawn):
 
 
 def test_no_other_file_makes_bars():
-    paths = [path for package in ("plant", "identification", "ctc") for path in (ROOT / package).rglob("*.py")]
-    makers = [path.name for path in paths if re.search(r"^\s*(import|from) tqdm\b", path.read_text(), re.MULTILINE)]
+    paths = [
+        path
+        for package in ("plant", "identification", "ctc")
+        for path in (ROOT / package).rglob("*.py")
+    ]
+    makers = [
+        path.name
+        for path in paths
+        if re.search(r"^\s*(import|from) tqdm\b", path.read_text(), re.MULTILINE)
+    ]
     assert makers == ["messages.py"]
 
 

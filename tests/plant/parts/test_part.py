@@ -52,7 +52,10 @@ from plant.parts.part import Part, number, part, structure
 from plant.parts.plain import from_plain
 from plant.simulation.layout import Correction
 
-LINKS = (Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4), Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0))
+LINKS = (
+    Link(name="1", alpha=0.1, a=0.2, d=0.3, theta=0.4),
+    Link(name="2", alpha=-np.pi / 2, a=1 / 3, d=0.0),
+)
 CHAIN = Chain(links=LINKS, gravity=(0.1, 0.2, -9.7))
 GEARS = Elasticity.from_resonance(puma560.arm(), (50, 60), 0.02)
 EXAMPLES = {
@@ -95,10 +98,14 @@ EXAMPLES = {
     "LoggedTorque": LoggedTorque(),
     "LoggedCurrent": LoggedCurrent(),
     "PD": PD(gain=(0.2, 0.15), derivative=(1e-3, 0), filter=2000.0),
-    "PID": PID(gain=(0.2, 0.15), integral=(2, 0), derivative=(1e-3, 0), filter=2000.0, period=0.7e-3),
+    "PID": PID(
+        gain=(0.2, 0.15), integral=(2, 0), derivative=(1e-3, 0), filter=2000.0, period=0.7e-3
+    ),
     "Cascade": Cascade(position=(50, 60), speed=(2e-3, 1e-3), integral=(0.1, 0), filter=2000.0),
     "Resumed": Resumed(law=puma560.p_law(), state=()),
-    "AlongLog": AlongLog(law=PD(gain=(0.2,), derivative=(1e-3,), filter=2000.0), state=(1.0, 1 / 3), whole=False),
+    "AlongLog": AlongLog(
+        law=PD(gain=(0.2,), derivative=(1e-3,), filter=2000.0), state=(1.0, 1 / 3), whole=False
+    ),
     "Harmonics": puma560.reference(),
     "Later": puma560.reference().later(1 / 3),
     "PointToPoint": PointToPoint(start=(0.0, 0.1), goal=(1.0, 2.0), duration=0.3),
@@ -106,7 +113,9 @@ EXAMPLES = {
     "Scaled": PointToPoint(start=(0.0,), goal=(1.0,), duration=0.3).slowed(2.0),
     "LinkReference": LinkReference(
         puma560.arm(),
-        dataclasses.replace(puma560.rig(), drive=dataclasses.replace(puma560.rig().drive, elasticity=GEARS)),
+        dataclasses.replace(
+            puma560.rig(), drive=dataclasses.replace(puma560.rig().drive, elasticity=GEARS)
+        ),
         puma560.reference(),
     ),
     "Table": Table(times=(0.1, 1), points=((0,), (0.1,))),
@@ -127,7 +136,11 @@ def nested():
 
 
 def test_every_kind_of_the_package_is_among_the_examples():
-    kinds = {kind.split(".")[1] for kind in PARTS if kind.startswith("plant.") and not kind.startswith("plant._")}
+    kinds = {
+        kind.split(".")[1]
+        for kind in PARTS
+        if kind.startswith("plant.") and not kind.startswith("plant._")
+    }
     assert kinds - {"P"} <= set(EXAMPLES), "add an example for the new part"
 
 
@@ -208,14 +221,15 @@ def test_parts_are_frozen_and_do_not_keep_the_caller_s_array():
         law.gain = gain
 
 
-# -- refusals --------------------------------------------------------------------------------------------------------
+# -- refusals ------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("package", "hint"), [("ctc", "import ctc first"), ("identification", "import identification first"),
                           ("mine", "check the file")]
 )  # fmt: skip
 def test_unknown_kind_says_which_package_to_import(package, hint):
     with pytest.raises(
-        ValueError, match=rf"kind must be a known one, such as .*; got '{package}\.Magic'\. Please {hint}\."
+        ValueError,
+        match=rf"kind must be a known one, such as .*; got '{package}\.Magic'\. Please {hint}\.",
     ) as error:
         from_plain({"kind": f"{package}.Magic"})
     assert "\n" not in str(error.value)
@@ -227,39 +241,78 @@ def test_description_with_missing_or_unknown_fields_is_refused():
     with pytest.raises(ValueError, match="Did you mean 'gain'"):
         from_plain({"kind": "plant.P", "gains": [1.0]})
     for kind in (None, 7, ["plant.P"]):
-        with pytest.raises(ValueError, match=r"kind must be a known one, such as .*; got .*\. Please check the file\."):
+        with pytest.raises(
+            ValueError,
+            match=r"kind must be a known one, such as .*; got .*\. Please check the file\.",
+        ):
             from_plain({"kind": kind, "gain": [1.0]})
 
 
 MISSPELT = {
     "Limits": "velocty",
-    "Link": "alhpa", "Chain": "gravitiy", "Body": "inertai", "Lumping": "matirx", "Dynamics": "range", "Arm": "ff",
-    "Drive": "gaer", "Encoder": "smoth", "Rig": "priod", "P": "gian", "Harmonics": "cosin", "PointToPoint": "gaol",
-    "Spline": "point", "Table": "time", "Placement": "positon", "FrictionCurve": "ofset",
-    "Coupling": "matirx", "Phase": "shfit", "Transport": "dealy", "Correction": "positoin", "Scaled": "palces",
-    "Resumed": "stat", "AlongLog": "whol", "Later": "tim",
-    "PD": "derivativ", "PID": "intergal", "Cascade": "sped", "Elasticity": "stifness", "Resonance": "hx",
-    "CurrentLag": "tmie", "QuadratureError": "amplitud", "Jitter": "shrae", "JointSpring": "stifness",
-    "Counterbalance": "tensoin", "CosineTorque": "amplitud", "Presliding": "distence",
-    "LoadFriction": "shrae", "FrictionDrift": "amuont", "TorqueRipple": "cylces",
+    "Link": "alhpa",
+    "Chain": "gravitiy",
+    "Body": "inertai",
+    "Lumping": "matirx",
+    "Dynamics": "range",
+    "Arm": "ff",
+    "Drive": "gaer",
+    "Encoder": "smoth",
+    "Rig": "priod",
+    "P": "gian",
+    "Harmonics": "cosin",
+    "PointToPoint": "gaol",
+    "Spline": "point",
+    "Table": "time",
+    "Placement": "positon",
+    "FrictionCurve": "ofset",
+    "Coupling": "matirx",
+    "Phase": "shfit",
+    "Transport": "dealy",
+    "Correction": "positoin",
+    "Scaled": "palces",
+    "Resumed": "stat",
+    "AlongLog": "whol",
+    "Later": "tim",
+    "PD": "derivativ",
+    "PID": "intergal",
+    "Cascade": "sped",
+    "Elasticity": "stifness",
+    "Resonance": "hx",
+    "CurrentLag": "tmie",
+    "QuadratureError": "amplitud",
+    "Jitter": "shrae",
+    "JointSpring": "stifness",
+    "Counterbalance": "tensoin",
+    "CosineTorque": "amplitud",
+    "Presliding": "distence",
+    "LoadFriction": "shrae",
+    "FrictionDrift": "amuont",
+    "TorqueRipple": "cylces",
     "LinkReference": "refrence",
-}  # fmt: skip
+}
 
 
 @EVERY
 def test_misspelt_field_is_a_value_error_with_the_nearest_name(example):
     if not dataclasses.fields(example):
-        with pytest.raises(ValueError, match=rf"{type(example).__name__} has no options; got 'hold'. Leave it out."):
+        with pytest.raises(
+            ValueError, match=rf"{type(example).__name__} has no options; got 'hold'. Leave it out."
+        ):
             type(example)(hold=1.0)
         return
     wrong = MISSPELT[type(example).__name__]
-    with pytest.raises(ValueError, match=rf"an option of {type(example).__name__} .*got '{wrong}'\. Did you mean '"):
+    with pytest.raises(
+        ValueError, match=rf"an option of {type(example).__name__} .*got '{wrong}'\. Did you mean '"
+    ):
         type(example)(**{wrong: 1.0})
 
 
 def test_misspelt_option_of_simulate():
     with pytest.raises(ValueError, match="Did you mean 'steps_per_sample'"):
-        simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), step_per_sample=4)
+        simulate(
+            puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), step_per_sample=4
+        )
 
 
 @pytest.mark.parametrize(
@@ -267,14 +320,23 @@ def test_misspelt_option_of_simulate():
     [
         (lambda: P(gain=(1.0, np.nan)), "gain of P must be finite; got nan at index 1"),
         (lambda: P(gain=1.0), r"gain of P must have shape \(n,\); got shape \(\)"),
-        (lambda: Nested(rig=puma560.rig(), scale=(1, 2), table=(1,)), r"scale of Nested must have shape \(\)"),
-        (lambda: Nested(rig=puma560.rig(), scale=1, table=(np.nan,)), "table of Nested must be numbers; got NaN"),
+        (
+            lambda: Nested(rig=puma560.rig(), scale=(1, 2), table=(1,)),
+            r"scale of Nested must have shape \(\)",
+        ),
+        (
+            lambda: Nested(rig=puma560.rig(), scale=1, table=(np.nan,)),
+            "table of Nested must be numbers; got NaN",
+        ),
         (lambda: Link(name="1", alpha="x", a=0, d=0), "alpha of Link must be a finite number"),
         (lambda: Chain(links=()), r"links must be at least one Link; got \(\)"),
         (lambda: Chain(links=(1, 2)), "links must be at least one Link"),
         (lambda: Chain(links=LINKS, gravity=(0, 0)), "gravity must have shape"),
         (lambda: Body(mass=1, com=(0, 0), inertia=(0,) * 6), r"com of Body must have shape \(3,\)"),
-        (lambda: puma560.dynamics().arm(np.ones(8)), re.escape("f has shape (8,); this arm has 9 parameters (f1..f9)")),
+        (
+            lambda: puma560.dynamics().arm(np.ones(8)),
+            re.escape("f has shape (8,); this arm has 9 parameters (f1..f9)"),
+        ),
     ],
 )
 def test_bad_field_is_refused_by_name(make, message):
@@ -290,5 +352,8 @@ def test_the_numbers_of_several_parts_in_one_field_count_by_their_place():
     assert rig.number_names()[-10] == "springs[0].stiffness[0]"
     assert rig.number_names()[-1] == "springs[1].phase[1]"
     symbols = ca.SX.sym("numbers", len(rig.number_names()))
-    assert str(rig.with_numbers(symbols).springs[1].phase[1]) == f"numbers_{len(rig.number_names()) - 1}"
+    assert (
+        str(rig.with_numbers(symbols).springs[1].phase[1])
+        == f"numbers_{len(rig.number_names()) - 1}"
+    )
     assert rig.with_numbers(rig.number_values()) == rig == from_plain(rig.describe())

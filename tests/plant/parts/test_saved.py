@@ -39,7 +39,9 @@ def through_text(value):
     return from_plain(parsed("".join(written(to_plain(value))).encode()))
 
 
-@pytest.mark.parametrize("thing", [ARM, RIG, LAW, PATH, ARM.dynamics], ids=lambda thing: type(thing).__name__)
+@pytest.mark.parametrize(
+    "thing", [ARM, RIG, LAW, PATH, ARM.dynamics], ids=lambda thing: type(thing).__name__
+)
 def test_a_part_comes_back_equal_and_is_written_again_in_the_same_bytes(path, thing):
     thing.save(path)
     again = type(thing).load(path)
@@ -94,7 +96,9 @@ def test_the_text_is_json_for_any_reader_and_a_row_of_numbers_is_a_line(path):
 def test_a_part_of_the_user_s_own_is_refused_before_anything_is_written(path):
     own = Own(gain=(1.0,))
     for thing in (own, Resumed(law=own, state=())):
-        with pytest.raises(ValueError, match=r"cannot be saved: .* Own is a class of .*, whose equations"):
+        with pytest.raises(
+            ValueError, match=r"cannot be saved: .* Own is a class of .*, whose equations"
+        ):
             thing.save(path)
     assert not path.exists()
 
@@ -107,7 +111,7 @@ def test_fingerprints_tell_settings_and_the_text_of_own_classes_apart():
     assert isinstance(record, Record)
 
 
-# -- refusals --------------------------------------------------------------------------------------------------------
+# -- refusals ------------------------------------------------------------------------------------
 def edited(path, change):
     data = json.loads(path.read_text())
     change(data)
@@ -126,7 +130,10 @@ def refused(path, kind=Rig):
     ("change", "message"),
     [
         (lambda d: d.update(format=2), "must be of format 1; got 2. Use version '0.1.0' or later."),
-        (lambda d: d.update(format=0), "must be of format 1; got 0. Save it again with this version."),
+        (
+            lambda d: d.update(format=0),
+            "must be of format 1; got 0. Save it again with this version.",
+        ),
         (lambda d: d.update(format=True), "must be of format 1; got True."),
         (lambda d: d.pop("onepulse"), "must be a file of this library"),
         (lambda d: d.update(extra=1), "a key must be one of .*; got 'extra'"),
@@ -135,14 +142,33 @@ def refused(path, kind=Rig):
         (lambda d: d.update(kind="os.system"), "kind must be a known one"),
         (lambda d: d.update(kind="ctc.Magic"), "Please import ctc first."),
         (lambda d: d["content"].update(kind="plant.P"), "must hold what its head says"),
-        (lambda d: d["content"].update(perod=1.0), "an option of Rig .*'perod'.*Did you mean 'period'"),
+        (
+            lambda d: d["content"].update(perod=1.0),
+            "an option of Rig .*'perod'.*Did you mean 'period'",
+        ),
         (lambda d: d["content"].pop("period"), "missing a required argument: 'period'"),
         (lambda d: d["content"]["drive"].update(gear=[1.0]), "shape"),
         (lambda d: d["content"].update(period=None), "period"),
-        (lambda d: d["content"].update(period={"array": [1.0], "dtype": "object", "shape": [1]}), "dtype"),
-        (lambda d: d["content"].update(period={"array": [1.0], "dtype": "float64", "shape": [2]}), "got 1 of .2."),
-        (lambda d: d["content"].update(period={"array": ["1"], "dtype": "float64", "shape": [1]}), "hold numbers"),
-        (lambda d: d["content"].update(period={"array": [300], "dtype": "uint8", "shape": [1]}), "range"),
+        (
+            lambda d: d["content"].update(period={"array": [1.0], "dtype": "object", "shape": [1]}),
+            "dtype",
+        ),
+        (
+            lambda d: d["content"].update(
+                period={"array": [1.0], "dtype": "float64", "shape": [2]}
+            ),
+            "got 1 of .2.",
+        ),
+        (
+            lambda d: d["content"].update(
+                period={"array": ["1"], "dtype": "float64", "shape": [1]}
+            ),
+            "hold numbers",
+        ),
+        (
+            lambda d: d["content"].update(period={"array": [300], "dtype": "uint8", "shape": [1]}),
+            "range",
+        ),
         (lambda d: d["content"].update(period={"dict": [[[1], 2]]}), "must be a kind, array"),
     ],
 )
@@ -184,7 +210,7 @@ def test_a_file_beyond_the_limit_is_not_read(path):
     assert "must have at most 1024 MiB; got 1048576" in refused(path)
 
 
-# -- written whole ---------------------------------------------------------------------------------------------------
+# -- written whole -------------------------------------------------------------------------------
 def test_a_write_that_fails_leaves_what_was_there(path, monkeypatch):
     RIG.save(path)
     before = path.read_bytes()

@@ -54,11 +54,27 @@ def test_html_is_well_formed_escaped_and_self_contained():
     html = Example()._repr_html_()
     page = Page(html)
     assert {tag for tag, _ in page.tags} == {
-        "div", "style", "p", "b", "table", "thead", "tbody", "tr", "th", "td", "ul", "li", "details", "summary", "pre",
-    }  # fmt: skip
+        "div",
+        "style",
+        "p",
+        "b",
+        "table",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+        "ul",
+        "li",
+        "details",
+        "summary",
+        "pre",
+    }
     assert "".join(page.words).count(NASTY) == 7
     assert "<script" not in html
-    assert not any(name in ("src", "href", "onclick") for _, attributes in page.tags for name in attributes)
+    assert not any(
+        name in ("src", "href", "onclick") for _, attributes in page.tags for name in attributes
+    )
     assert "http" not in html
     assert "@import" not in html
     assert len(html) < 4000
@@ -79,7 +95,9 @@ def test_the_page_decides_on_the_colours_of_text_and_ground():
 
 
 def test_numbers_stand_to_the_right():
-    kinds = [attributes.get("class") for tag, attributes in Page(body(Example())).tags if tag == "td"]
+    kinds = [
+        attributes.get("class") for tag, attributes in Page(body(Example())).tags if tag == "td"
+    ]
     assert kinds == [None, "number", None, "number"]
 
 
@@ -95,7 +113,10 @@ def test_text_is_80_columns_wide_and_its_warnings_are_called_so():
     lines = str(Example()).splitlines()
     assert max(map(len, lines)) <= 80
     assert lines[0] == f"It holds {NASTY}"
-    assert [line for line in lines if line.startswith("warning: ")] == [f"warning: {NASTY}", "warning: a second one"]
+    assert [line for line in lines if line.startswith("warning: ")] == [
+        f"warning: {NASTY}",
+        "warning: a second one",
+    ]
     assert lines[-1] == f"f1 = {NASTY}"
 
 

@@ -1,4 +1,6 @@
-"""Sums in a fixed order: right, and the same bits for any number of threads of the linear algebra library."""
+"""Sums in a fixed order: right, and the same bits for any number of threads of the linear
+algebra library.
+"""
 
 import os
 import subprocess
@@ -25,10 +27,14 @@ def test_triangle_is_that_of_a_qr_decomposition(shape):
 
 def test_least_squares_are_numpy_s_also_where_columns_are_dependent():
     rows, target = RANDOM.normal(size=(400, 6)), RANDOM.normal(size=400)
-    np.testing.assert_allclose(least(rows, target), np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-11)
+    np.testing.assert_allclose(
+        least(rows, target), np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-11
+    )
     rows[:, 4] = rows[:, 0] + rows[:, 1]
     rows[:, 5] = 0
-    np.testing.assert_allclose(least(rows, target), np.linalg.lstsq(rows, target, rcond=None)[0], atol=1e-11)
+    np.testing.assert_allclose(
+        least(rows, target), np.linalg.lstsq(rows, target, rcond=None)[0], atol=1e-11
+    )
     assert least(rows[:, :0], target).shape == (0,)
 
 
@@ -38,7 +44,9 @@ def test_products_and_lengths():
     assert dot(a, b) == pytest.approx(a @ b, rel=1e-12)
     assert norm(rows) == pytest.approx(np.linalg.norm(rows), rel=1e-14)
     np.testing.assert_allclose(product(rows, columns), rows @ columns, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(product(rows, columns[:, 0]), rows @ columns[:, 0], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(
+        product(rows, columns[:, 0]), rows @ columns[:, 0], rtol=1e-12, atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("shape", [(3000, 21), (50, 8), (5, 1), (4, 0)])
@@ -64,8 +72,14 @@ def test_an_identification_has_the_same_bits_for_any_number_of_threads():
     for threads in ("1", "2"):
         done = subprocess.run(  # noqa: S603 - the script above
             [sys.executable, "-c", SCRIPT],
-            env={**os.environ, "OPENBLAS_NUM_THREADS": threads, "PYTHONPATH": str(Path(__file__).parents[3])},
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
+            env={
+                **os.environ,
+                "OPENBLAS_NUM_THREADS": threads,
+                "PYTHONPATH": str(Path(__file__).parents[3]),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         said.append(done.stdout)
     assert said[0] == said[1]

@@ -8,9 +8,21 @@ from hypothesis import strategies as st
 
 from plant.parts.tables import WIDTH, Table, by_joint, wrapped
 
-NAMES = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+NAMES = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
 LABELS = [f"{name} (q[{i}])" for i, name in enumerate(NAMES)]
-QUANTITIES = ["encoder error, peak [pulses]", "torque, peak [N m]", "torque chatter per sample [N m]", "at the limit"]
+QUANTITIES = [
+    "encoder error, peak [pulses]",
+    "torque, peak [N m]",
+    "torque chatter per sample [N m]",
+    "at the limit",
+]
 
 
 def test_columns_are_as_wide_as_their_cells():
@@ -27,9 +39,12 @@ def test_titles_wrap_before_anything_else_does_and_units_stay_whole():
     assert max(map(len, head)) <= WIDTH
     assert row.split() == ["j" * 30, *"1234"]
     assert "[N m]" in head[-1]
-    assert [line.split() for line in Table(("", "chatter per sample [N m]"), [("a", "1")]).lines(18)[:2]] == [
-        ["chatter", "per"], ["sample", "[N", "m]"],
-    ]  # fmt: skip
+    assert [
+        line.split() for line in Table(("", "chatter per sample [N m]"), [("a", "1")]).lines(18)[:2]
+    ] == [
+        ["chatter", "per"],
+        ["sample", "[N", "m]"],
+    ]
 
 
 def test_what_is_still_too_wide_goes_below_with_its_labels():
@@ -44,7 +59,11 @@ def test_what_is_still_too_wide_goes_below_with_its_labels():
 
 
 def test_words_wrap_in_their_column_the_last_first():
-    table = Table(("check", "joint", "why"), [("lag", LABELS[1], "one two three " * 6), ("x", "all", "no")], (1, 2))
+    table = Table(
+        ("check", "joint", "why"),
+        [("lag", LABELS[1], "one two three " * 6), ("x", "all", "no")],
+        (1, 2),
+    )
     lines = table.lines()
     assert max(map(len, lines)) <= WIDTH
     at = lines[0].index("why")
@@ -89,12 +108,15 @@ text = st.text("ab c_", max_size=30)
 @given(data=st.data(), rows=st.integers(1, 3), columns=st.integers(2, 8))
 def test_no_table_is_wider_than_80_and_none_loses_a_letter(data, rows, columns):
     head = data.draw(st.lists(text, min_size=columns, max_size=columns))
-    body = data.draw(st.lists(st.lists(text, min_size=columns, max_size=columns), min_size=rows, max_size=rows))
+    body = data.draw(
+        st.lists(st.lists(text, min_size=columns, max_size=columns), min_size=rows, max_size=rows)
+    )
     words = tuple(data.draw(st.sets(st.integers(1, columns - 1))))
     lines = Table(head, body, words).lines()
     assert max(map(len, lines)) <= WIDTH
     letters = Counter("".join(cell for row in [head, *body] for cell in row))
-    shown = Counter("".join(lines))  # names of rows more than once, where columns go below each other
+    # names of rows more than once, where columns go below each other
+    shown = Counter("".join(lines))
     assert all(shown[letter] >= letters[letter] for letter in "abc_")
 
 

@@ -1,4 +1,6 @@
-"""The exported C against the simulation, whose torque comes from casadi and from LLVM instructions, not from C."""
+"""The exported C against the simulation, whose torque comes from casadi and from LLVM
+instructions, not from C.
+"""
 
 import ctypes
 import dataclasses
@@ -33,7 +35,9 @@ from plant.simulation.followed_path import write_replay
 STRICT = "-std=c99 -O2 -Wall -Wextra -Werror -pedantic"
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 CC = shutil.which("cc")
-needs_c = pytest.mark.skipif(CC is None or shutil.which("make") is None, reason="no C compiler (cc) or no make here")
+needs_c = pytest.mark.skipif(
+    CC is None or shutil.which("make") is None, reason="no C compiler (cc) or no make here"
+)
 
 
 def elastic_rig():
@@ -44,7 +48,11 @@ def elastic_rig():
 SPRINGS = (
     JointSpring(stiffness=(80.0, 30.0), angle=(0.3, -0.5)),
     Counterbalance(
-        stiffness=(800.0, 300.0), base_arm=(0.3, 0.2), link_arm=(0.1, 0.1), free_length=(0.1, 0.1), angle=(1.0, 0.0)
+        stiffness=(800.0, 300.0),
+        base_arm=(0.3, 0.2),
+        link_arm=(0.1, 0.1),
+        free_length=(0.1, 0.1),
+        angle=(1.0, 0.0),
     ),
 )
 LAWS = {
@@ -68,7 +76,9 @@ def simulated(name):
 
 
 def run(*command, cwd=None, check=True):
-    return subprocess.run([str(each) for each in command], cwd=cwd, capture_output=True, text=True, check=check)  # noqa: S603
+    return subprocess.run(  # noqa: S603
+        [str(each) for each in command], cwd=cwd, capture_output=True, text=True, check=check
+    )
 
 
 def built(folder, law, rig=RIG, guards=None, **options):
@@ -83,32 +93,45 @@ def replayed(program, record):
     return np.loadtxt(run(program, path).stdout.splitlines(), delimiter=",", ndmin=2)
 
 
-# -- the same torque ------------------------------------------------------------------------------------------------
+# -- the same torque -----------------------------------------------------------------------------
 @needs_c
 @pytest.mark.parametrize("name", LAWS)
 def test_the_same_pulses_give_the_torque_of_the_simulation(tmp_path, name):
-    """All of (6), to 1e-12 of the largest torque: some thousand roundings, which the observer's gains amplify."""
+    """All of (6), to 1e-12 of the largest torque: some thousand roundings, which the observer's
+    gains amplify.
+    """
     record = simulated(name)
     torque = replayed(built(tmp_path, LAWS[name]), record)
-    off = 1e-11 if name == "elastic gears" else 1e-12  # links that swing on their gears sum rounding up
-    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=off * np.abs(record.torque).max())
+    # links that swing on their gears sum rounding up
+    off = 1e-11 if name == "elastic gears" else 1e-12
+    np.testing.assert_allclose(
+        torque, record.torque, rtol=0, atol=off * np.abs(record.torque).max()
+    )
 
 
 @needs_c
 def test_the_limit_of_the_amplifier_is_in_the_controller(tmp_path):
-    """Started 0.02 rad off, the loop saturates, and the observer must know of it; the same as in the simulation."""
-    record = simulate(ARM, RIG, LAWS["computed torque"], PATH, duration=0.5, initial=[[0.02, -0.02], [0, 0]])
+    """Started 0.02 rad off, the loop saturates, and the observer must know of it; the same as in
+    the simulation.
+    """
+    record = simulate(
+        ARM, RIG, LAWS["computed torque"], PATH, duration=0.5, initial=[[0.02, -0.02], [0, 0]]
+    )
     at_limit = np.abs(record.torque) >= RIG.drive.torque_limit() * (1 - 1e-12)
     assert at_limit.any(axis=0).all()
     torque = replayed(built(tmp_path, LAWS["computed torque"]), record)
-    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max())
+    np.testing.assert_allclose(
+        torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max()
+    )
 
 
 @needs_c
 def test_counts_of_the_converter_are_the_rounded_current(tmp_path):
     """Where the scaled current is within 1e-9 of a half, rounding may go either way."""
     scale, record = np.array([2500.0, -1234.5]), simulated("computed torque")
-    counts = replayed(built(tmp_path, LAWS["computed torque"], output="dac", counts_per_ampere=scale), record)
+    counts = replayed(
+        built(tmp_path, LAWS["computed torque"], output="dac", counts_per_ampere=scale), record
+    )
     exact = record.current * scale
     clear = np.abs(exact - np.floor(exact) - 0.5) > 1e-9
     assert clear.mean() > 0.99
@@ -135,26 +158,54 @@ class Everything(Law):
 
     def equations(self, rig, state, setpoint, pulses, torque, dt):
         x, y = setpoint.q, setpoint.qd
-        terms = [ca.sin(x), ca.cos(x) * ca.tan(y / 9), ca.exp(-x * x), ca.sqrt(1 + x * x), ca.atan2(x, 1 + y * y),
-                 ca.if_else(x > y, x - (y - (x - y)), x / (1 + y * y) / 3), ca.fabs(x) ** 1.5, ca.tanh(x),
-                 ca.if_else(ca.logic_and(x > 0, ca.logic_not(y <= 0)), 2, -3) / (1 + (x < y)), ca.copysign(2, y),
-                 ca.ceil(x) - ca.floor(y), ca.fmin(x, y), 1 / (x * x + 1) + 2 / (x * x + 1), ca.sign(y),
-                 ca.if_else(ca.logic_or(x > 1, y > 1), x, y), ca.log(1 + x * x),
-                 ca.asin(x / 9) + ca.acos(y / 9)]  # fmt: skip
-        return self.weight * sum(terms, 0 * x) + state + 1e-3 * pulses, ca.tanh(state + x * y + torque * 1e-3)
+        terms = [
+            ca.sin(x),
+            ca.cos(x) * ca.tan(y / 9),
+            ca.exp(-x * x),
+            ca.sqrt(1 + x * x),
+            ca.atan2(x, 1 + y * y),
+            ca.if_else(x > y, x - (y - (x - y)), x / (1 + y * y) / 3),
+            ca.fabs(x) ** 1.5,
+            ca.tanh(x),
+            ca.if_else(ca.logic_and(x > 0, ca.logic_not(y <= 0)), 2, -3) / (1 + (x < y)),
+            ca.copysign(2, y),
+            ca.ceil(x) - ca.floor(y),
+            ca.fmin(x, y),
+            1 / (x * x + 1) + 2 / (x * x + 1),
+            ca.sign(y),
+            ca.if_else(ca.logic_or(x > 1, y > 1), x, y),
+            ca.log(1 + x * x),
+            ca.asin(x / 9) + ca.acos(y / 9),
+        ]
+        return self.weight * sum(terms, 0 * x) + state + 1e-3 * pulses, ca.tanh(
+            state + x * y + torque * 1e-3
+        )
 
 
 @needs_c
 def test_every_operation_is_casadis(tmp_path):
-    """A law made of all of them, against casadi evaluating its block: to rounding, 1e-13 of the largest."""
+    """A law made of all of them, against casadi evaluating its block: to rounding, 1e-13 of the
+    largest.
+    """
     law = Everything(weight=(1.0, -2.0))
     record = simulate(ARM, RIG, LAWS["P"], PATH, duration=0.28)
     torque = replayed(built(tmp_path, law), record)
     block, motion = law.block(RIG), PATH(record.t)
-    counts, state, given, expected = record.reference_pulses - record.error_pulses, block.initial, np.zeros(2), []
+    counts, state, given, expected = (
+        record.reference_pulses - record.error_pulses,
+        block.initial,
+        np.zeros(2),
+        [],
+    )
     for k in range(len(record)):
         step = block.step(
-            state, *(x[k] for x in motion), RIG.counts(motion.q[k]), counts[k], given, RIG.period, block.values
+            state,
+            *(x[k] for x in motion),
+            RIG.counts(motion.q[k]),
+            counts[k],
+            given,
+            RIG.period,
+            block.values,
         )
         asked, state = (x.full().ravel() for x in step)
         given = RIG.drive.limited(asked)
@@ -163,7 +214,9 @@ def test_every_operation_is_casadis(tmp_path):
 
 
 def test_an_expression_keeps_its_order():
-    """Brackets stand where C would otherwise join the operations in another order, and nowhere else."""
+    """Brackets stand where C would otherwise join the operations in another order, and nowhere
+    else.
+    """
     x = ca.SX.sym("x", 3)
     a, b, c = ca.vertsplit(x)
     results = [
@@ -194,7 +247,7 @@ def test_an_expression_keeps_its_order():
     np.testing.assert_array_equal(got, function([*values.values()]).full().ravel())
 
 
-# -- a good citizen -------------------------------------------------------------------------------------------------
+# -- a good citizen ------------------------------------------------------------------------------
 def library(folder, law):
     law.to_c(folder, RIG, guards=None)
     run(CC, *STRICT.split(), "-fPIC", "-shared", "-o", "lib.so", "controller.c", "-lm", cwd=folder)
@@ -211,7 +264,9 @@ class Controller:
     def step(self, pulses, q, qd, qdd):
         torque = (ctypes.c_double * 2)()
         motion = [(ctypes.c_double * 2)(*each) for each in (q, qd, qdd)]
-        refused = self.library.controller_step(self.memory, (ctypes.c_int32 * 2)(*pulses), *motion, torque)
+        refused = self.library.controller_step(
+            self.memory, (ctypes.c_int32 * 2)(*pulses), *motion, torque
+        )
         return refused, list(torque)
 
 
@@ -249,7 +304,9 @@ def test_a_reference_that_is_no_number_changes_nothing(tmp_path, bad):
 def test_the_object_needs_only_mathematics_and_has_no_memory_of_its_own(tmp_path):
     """Nothing from outside but functions of <math.h>; no writable data."""
     built(tmp_path, LAWS["measured and delayed"])
-    symbols = [line.split()[-2:] for line in run("nm", tmp_path / "controller.o").stdout.splitlines()]
+    symbols = [
+        line.split()[-2:] for line in run("nm", tmp_path / "controller.o").stdout.splitlines()
+    ]
     needed = {name.split("@")[0].lstrip("_") for kind, name in symbols if kind == "U"}
     known = {"sin", "cos", "sincos", "sqrt", "trunc", "floor", "GLOBAL_OFFSET_TABLE_"}
     assert needed <= known
@@ -273,7 +330,7 @@ def test_every_number_of_the_controller_has_a_name_and_a_comment(tmp_path):
     assert "ComputedTorque" in header
 
 
-# -- the program that replays a record ------------------------------------------------------------------------------
+# -- the program that replays a record -----------------------------------------------------------
 @needs_c
 def test_the_program_refuses_what_is_no_record_and_says_where(tmp_path):
     program = built(tmp_path, LAWS["P"])
@@ -296,17 +353,25 @@ def test_the_program_refuses_what_is_no_record_and_says_where(tmp_path):
     assert run(program, check=False).returncode == 2
     (tmp_path / "good.csv").write_text(f"# names follow\n{row}\r\n\n{row}")
     assert len(run(program, tmp_path / "good.csv").stdout.splitlines()) == 2
-    assert re.fullmatch(r"[\d.]+ ns per step\n", run(program, "--time", tmp_path / "good.csv").stdout)
+    assert re.fullmatch(
+        r"[\d.]+ ns per step\n", run(program, "--time", tmp_path / "good.csv").stdout
+    )
 
 
-# -- what is refused ------------------------------------------------------------------------------------------------
+# -- what is refused -----------------------------------------------------------------------------
 def test_files_that_are_not_its_own_stay(tmp_path):
     law = LAWS["P"]
     (tmp_path / "notes.txt").write_text("mine")
     law.to_c(tmp_path, RIG)
     law.to_c(tmp_path, RIG)  # over its own
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "CMakeLists.txt", "Makefile", "controller.c", "controller.h", "main.c", "notes.txt"]  # fmt: skip
+        "CMakeLists.txt",
+        "Makefile",
+        "controller.c",
+        "controller.h",
+        "main.c",
+        "notes.txt",
+    ]
     with pytest.raises(ValueError, match=r"main.c must not exist, or be an export of left"):
         law.to_c(tmp_path, RIG, name="left")
     assert not (tmp_path / "left.c").exists()
@@ -331,7 +396,10 @@ def test_files_that_are_not_its_own_stay(tmp_path):
         ({"outptu": "torque"}, "Did you mean 'output'"),
         ({"output": "dac"}, "counts_per_ampere must be numbers|counts_per_ampere must have shape"),
         ({"output": "dac", "counts_per_ampere": (1, 0)}, "must not be zero"),
-        ({"output": "dac", "counts_per_ampere": (1, 5000)}, r"must reach the current limit, 12 A at joint q\[1\]"),
+        (
+            {"output": "dac", "counts_per_ampere": (1, 5000)},
+            r"must reach the current limit, 12 A at joint q\[1\]",
+        ),
         ({"output": "dac", "counts_per_ampere": (1, 1), "largest_count": 20.5}, "must be whole"),
         ({"output": "dac", "counts_per_ampere": (1, 1), "largest_count": 2**31}, "below 2.31"),
         ({"counts_per_ampere": (1, 1)}, "Choose output='dac'"),
@@ -339,7 +407,14 @@ def test_files_that_are_not_its_own_stay(tmp_path):
         ({"guard": None}, "Did you mean 'guards'"),
         ({"folder": 3}, "folder must be a path"),
         ({"folder": __file__}, "is a file. Name another"),
-        ({"rig": dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True))}, "got a smooth one"),
+        (
+            {
+                "rig": dataclasses.replace(
+                    RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True)
+                )
+            },
+            "got a smooth one",
+        ),
     ],
     ids=str,
 )
@@ -352,13 +427,18 @@ def test_bad_input_is_refused_in_one_line(tmp_path, options, said):
 
 def test_a_smooth_record_has_no_counts(tmp_path):
     rig = dataclasses.replace(RIG, encoder=dataclasses.replace(RIG.encoder, smooth=True))
-    record = dataclasses.replace(simulated("P"), error_pulses=simulated("P").error_pulses + 0.25, rig=rig)
+    record = dataclasses.replace(
+        simulated("P"), error_pulses=simulated("P").error_pulses + 0.25, rig=rig
+    )
     with pytest.raises(ValueError, match="pulses of the record must be whole"):
         write_replay(record, tmp_path / "record.csv")
 
 
-# -- under sanitizers: ordinary samples, and whatever a caller may give -----------------------------------------------
-SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer"
+# -- under sanitizers: ordinary samples, and whatever a caller may give --------------------------
+SANITIZERS = (
+    "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all"
+    " -fno-omit-frame-pointer"
+)
 
 DRIVER = r"""
 #include <math.h>
@@ -408,9 +488,23 @@ int main(void)
 
 STATED = LAWS | {
     "PD": PD(gain=(0.1, 0.08), derivative=(1e-3, 8e-4), filter=2000.0, period=RIG.period),
-    "cascade": Cascade(position=(20, 20), speed=(200, 80), integral=(1000.0, 400.0), filter=2000.0, period=RIG.period),
-    "plain PID": PID(gain=(0.1, 0.08), integral=(0.5, 0.4), derivative=(1e-3, 8e-4), filter=2000.0, period=RIG.period),
-    "adaptive": Adaptive(ARM, RIG, bandwidth=60.0, gain=(60.0, 30.0), adaptation=np.full(9, 0.01), filter=1000.0),
+    "cascade": Cascade(
+        position=(20, 20),
+        speed=(200, 80),
+        integral=(1000.0, 400.0),
+        filter=2000.0,
+        period=RIG.period,
+    ),
+    "plain PID": PID(
+        gain=(0.1, 0.08),
+        integral=(0.5, 0.4),
+        derivative=(1e-3, 8e-4),
+        filter=2000.0,
+        period=RIG.period,
+    ),
+    "adaptive": Adaptive(
+        ARM, RIG, bandwidth=60.0, gain=(60.0, 30.0), adaptation=np.full(9, 0.01), filter=1000.0
+    ),
 }
 
 
@@ -451,6 +545,8 @@ def test_a_replay_of_a_record_is_sound_too(tmp_path, sanitized):
 
 
 def test_the_sanitizers_would_say_so(tmp_path, sanitized):
-    (tmp_path / "a.c").write_text("int main(int n, char **v) { int a[2] = {0}; (void)v; return a[n + 4]; }\n")
+    (tmp_path / "a.c").write_text(
+        "int main(int n, char **v) { int a[2] = {0}; (void)v; return a[n + 4]; }\n"
+    )
     run(CC, "-O1", *SANITIZERS.split(), "-o", "a", "a.c", cwd=tmp_path)
     assert run(tmp_path / "a", check=False).returncode != 0

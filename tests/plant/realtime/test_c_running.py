@@ -1,5 +1,7 @@
 # ruff: noqa: S603 - the compiler, and what it made
-"""The running controller in C: sample by sample that of Python, whatever happens to it; and under the sanitizers."""
+"""The running controller in C: sample by sample that of Python, whatever happens to it; and
+under the sanitizers.
+"""
 
 import ast
 import ctypes
@@ -22,7 +24,8 @@ CC = shutil.which("cc") or shutil.which("gcc")
 pytestmark = pytest.mark.skipif(CC is None, reason="needs a C compiler")
 MAKE = shutil.which("make")
 needs_make = pytest.mark.skipif(MAKE is None, reason="no make here")
-ROUNDING = 1e-9  # relative: of compilers that contract products and sums, over a thousand samples of a closed loop
+# relative: of compilers that contract products and sums, over a thousand samples of a closed loop
+ROUNDING = 1e-9
 
 
 class InC:
@@ -31,8 +34,19 @@ class InC:
     def __init__(self, controller, folder, counts, *flags):
         controller.to_c(folder, name="arm")
         library = folder / "arm.so"
-        strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-pedantic", "-Werror", "-ffp-contract=off"]
-        subprocess.run([CC, *strict, *flags, "-shared", "-fPIC", "-o", library, folder / "arm.c", "-lm"], check=True)
+        strict = [
+            "-std=c99",
+            "-O1",
+            "-Wall",
+            "-Wextra",
+            "-pedantic",
+            "-Werror",
+            "-ffp-contract=off",
+        ]
+        subprocess.run(
+            [CC, *strict, *flags, "-shared", "-fPIC", "-o", library, folder / "arm.c", "-lm"],
+            check=True,
+        )
         self.c, self.n = ctypes.CDLL(str(library)), controller.n
         self.c.arm_step.argtypes = [ctypes.c_void_p] * 5 + [ctypes.c_double, ctypes.c_void_p]
         self.state = np.zeros(len(controller.core.memory))
@@ -43,10 +57,15 @@ class InC:
         return self.given.ctypes.data_as(ctypes.c_void_p)
 
     def step(self, counts, *motion, now=np.nan):
-        torque, motion = np.full(self.n, 7.0), [np.ascontiguousarray(each, float) for each in motion]
+        torque, motion = (
+            np.full(self.n, 7.0),
+            [np.ascontiguousarray(each, float) for each in motion],
+        )
         places = [each.ctypes.data_as(ctypes.c_void_p) for each in motion]
         state = self.state.ctypes.data_as(ctypes.c_void_p)
-        code = self.c.arm_step(state, self._counts(counts), *places, now, torque.ctypes.data_as(ctypes.c_void_p))
+        code = self.c.arm_step(
+            state, self._counts(counts), *places, now, torque.ctypes.data_as(ctypes.c_void_p)
+        )
         return code, torque
 
     @property
@@ -61,7 +80,9 @@ class InC:
 COUNTED = [name for name in LIES if name != "nan"]  # NaN is no int32_t
 
 
-@pytest.mark.parametrize("when", ["motion", *(pytest.param(when, marks=pytest.mark.slow) for when in ("rest", "hold"))])
+@pytest.mark.parametrize(
+    "when", ["motion", *(pytest.param(when, marks=pytest.mark.slow) for when in ("rest", "hold"))]
+)
 def test_it_does_what_python_does_whatever_happens(tmp_path, when):
     law = ComputedTorque(puma560.literature_arm(1.5), RIG, bandwidth=250.0)
     start = np.array([0.3, -0.4]) if when == "rest" else PATH(np.zeros(1)).q[0]
@@ -78,7 +99,11 @@ def test_it_does_what_python_does_whatever_happens(tmp_path, when):
             if lie.spoil is not None and k >= BEGIN:
                 lie.spoil(call, k - BEGIN, seen)
             at = np.array([(BEGIN + call.sample) * DT])
-            motion = (start, np.zeros(2), np.zeros(2)) if when == "rest" else tuple(each[0] for each in PATH(at))
+            motion = (
+                (start, np.zeros(2), np.zeros(2))
+                if when == "rest"
+                else tuple(each[0] for each in PATH(at))
+            )
             if when == "hold" and k >= BEGIN - BRAKED:
                 motion = (np.full(2, np.nan),) * 3
             clock = {} if call.now is None else {"now": call.now}
@@ -86,7 +111,9 @@ def test_it_does_what_python_does_whatever_happens(tmp_path, when):
                 torque = running.step(call.counts, *motion, **clock)
                 code, own = twin.step(call.counts, *motion, **clock)
                 assert code == 0
-                np.testing.assert_allclose(own, torque, rtol=0, atol=ROUNDING * LIMIT.max(), err_msg=f"{lie.says} {k}")
+                np.testing.assert_allclose(
+                    own, torque, rtol=0, atol=ROUNDING * LIMIT.max(), err_msg=f"{lie.says} {k}"
+                )
             robot.step(np.clip(torque, -call.limit, call.limit))
         assert bool(twin.stopped) == running.stopped
         assert twin.brake == running.status.brake
@@ -108,9 +135,10 @@ def test_a_call_that_nothing_can_answer_changes_nothing(tmp_path):
 def test_it_is_sound_under_the_sanitizers(tmp_path):
     """A program of its own, since a sanitizer has to be there before all else."""
     law = ComputedTorque(puma560.literature_arm(1.5), RIG, bandwidth=60.0)
-    law.start(RIG, (0, 0), guards=Guards(position=((-2, -2), (2, 2)), torque_rate=1e5)).to_c(tmp_path)
-    (tmp_path / "main.c").write_text(
-        """
+    law.start(RIG, (0, 0), guards=Guards(position=((-2, -2), (2, 2)), torque_rate=1e5)).to_c(
+        tmp_path
+    )
+    (tmp_path / "main.c").write_text("""
 #include "controller.h"
 #include <math.h>
 #include <stdio.h>
@@ -136,11 +164,21 @@ int main(void)
     printf("%d\\n", stops);
     return 0;
 }
-"""
+""")
+    flags = [
+        "-std=c99",
+        "-g",
+        "-O1",
+        "-fsanitize=address,undefined",
+        "-fno-sanitize-recover=all",
+        "-Werror",
+        "-Wall",
+    ]
+    made = subprocess.run(
+        [CC, *flags, "-o", tmp_path / "run", tmp_path / "main.c", tmp_path / "controller.c", "-lm"],
+        capture_output=True,
+        text=True,
     )
-    flags = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-Werror", "-Wall"]
-    made = subprocess.run([CC, *flags, "-o", tmp_path / "run", tmp_path / "main.c", tmp_path / "controller.c", "-lm"],
-                          capture_output=True, text=True)  # fmt: skip
     if "sanitize" in made.stderr or "libasan" in made.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert made.returncode == 0, made.stderr
@@ -158,25 +196,43 @@ def unstable():
 
 
 def made(folder, law, counts, motion, **options):
-    """What the program that `Law.to_c` writes, made by its Makefile, gives for these counts, and what it says."""
+    """What the program that `Law.to_c` writes, made by its Makefile, gives for these counts, and
+    what it says.
+    """
     law.to_c(folder, RIG, **options)
     strict = "CFLAGS=-std=c99 -O2 -Wall -Wextra -Werror -pedantic -ffp-contract=off"
     subprocess.run([MAKE, strict], cwd=folder, check=True)
-    np.savetxt(folder / "rows.csv", np.hstack([counts, *motion]), delimiter=",", fmt=["%d"] * 2 + ["%.17g"] * 6)
-    said = subprocess.run([folder / "controller", folder / "rows.csv"], capture_output=True, text=True, check=True)
+    np.savetxt(
+        folder / "rows.csv",
+        np.hstack([counts, *motion]),
+        delimiter=",",
+        fmt=["%d"] * 2 + ["%.17g"] * 6,
+    )
+    said = subprocess.run(
+        [folder / "controller", folder / "rows.csv"], capture_output=True, text=True, check=True
+    )
     return np.loadtxt(said.stdout.splitlines(), delimiter=","), said.stderr
 
 
 @needs_make
-@pytest.mark.parametrize("options", [{}, {"chatter": None}, {"stop": "zero", "duration": 0.1}], ids=str)
-def test_the_program_stops_at_the_same_sample_and_gives_the_same_torques_from_then_on(tmp_path, options):
+@pytest.mark.parametrize(
+    "options", [{}, {"chatter": None}, {"stop": "zero", "duration": 0.1}], ids=str
+)
+def test_the_program_stops_at_the_same_sample_and_gives_the_same_torques_from_then_on(
+    tmp_path, options
+):
     law, counts = unstable()
-    guards, motion = Guards(jump=np.inf, stuck=np.inf, error=np.inf, **options), PATH(np.arange(len(counts)) * DT)
+    guards, motion = (
+        Guards(jump=np.inf, stuck=np.inf, error=np.inf, **options),
+        PATH(np.arange(len(counts)) * DT),
+    )
     torque, said = made(tmp_path, law, counts, motion, guards=guards)
     controller, stop = law.start(RIG, counts[0], guards=guards), None
     for k in range(len(counts)):
         expected = controller.step(counts[k], *(x[k] for x in motion))
-        np.testing.assert_allclose(torque[k], expected, rtol=0, atol=ROUNDING * LIMIT.max(), err_msg=str(k))
+        np.testing.assert_allclose(
+            torque[k], expected, rtol=0, atol=ROUNDING * LIMIT.max(), err_msg=str(k)
+        )
         stop = k + 1 if stop is None and controller.stopped else stop
     cause = memory.IS_SATURATED if options == {"chatter": None} else memory.CHATTERS
     assert said == f"safe stop in row {stop}: cause {cause} of controller.h\n"
@@ -188,9 +244,13 @@ def test_a_healthy_record_is_replayed_and_counts_of_a_converter_are_the_rounded_
     law, scale = ComputedTorque(puma560.arm(), RIG), np.array([2500.0, -1234.5])
     record = simulate(puma560.arm(), RIG, law, PATH, duration=0.5)
     torque, said = made(tmp_path / "torque", law, record.counts, PATH(record.t))
-    np.testing.assert_allclose(torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max())
+    np.testing.assert_allclose(
+        torque, record.torque, rtol=0, atol=1e-12 * np.abs(record.torque).max()
+    )
     assert said == ""
-    counts, _ = made(tmp_path / "dac", law, record.counts, PATH(record.t), output="dac", counts_per_ampere=scale)
+    counts, _ = made(
+        tmp_path / "dac", law, record.counts, PATH(record.t), output="dac", counts_per_ampere=scale
+    )
     exact = record.current * scale
     clear = np.abs(exact - np.floor(exact) - 0.5) > 1e-9
     assert clear.mean() > 0.99
@@ -216,7 +276,9 @@ def test_a_law_without_a_period_and_a_bad_name(tmp_path):
     running = P(gain=(0.2, 0.15)).start(RIG, (0, 0))
     for k in range(100):
         given = ((k, -k), (0.001 * k, 0), (0.1, 0), (0, 0))
-        np.testing.assert_allclose(twin.step(*given, now=1e-4 * k)[1], running.step(*given, now=1e-4 * k), rtol=1e-12)
+        np.testing.assert_allclose(
+            twin.step(*given, now=1e-4 * k)[1], running.step(*given, now=1e-4 * k), rtol=1e-12
+        )
     with pytest.raises(ValueError, match="name must be a small letter"):
         running.to_c(tmp_path, name="No")
     (tmp_path / "p" / "arm.c").write_text("mine")
@@ -224,8 +286,12 @@ def test_a_law_without_a_period_and_a_bad_name(tmp_path):
         running.to_c(tmp_path / "p", name="arm")
 
 
-@pytest.mark.parametrize("text", ["x = {}", "while x:\n    x = 0", "x = a @ b", "x = own[1:2:3]", "x = sorted(own)"])
+@pytest.mark.parametrize(
+    "text", ["x = {}", "while x:\n    x = 0", "x = a @ b", "x = own[1:2:3]", "x = sorted(own)"]
+)
 def test_what_it_does_not_know_is_refused(text):
-    node = ast.parse("def f(own):\n    'Say.'\n" + "\n".join(f"    {line}" for line in text.split("\n"))).body[0]
+    node = ast.parse(
+        "def f(own):\n    'Say.'\n" + "\n".join(f"    {line}" for line in text.split("\n"))
+    ).body[0]
     with pytest.raises(ValueError, match="must be numbers, arrays and branches"):
         CFunction(node, NAMES)

@@ -1,4 +1,6 @@
-"""What a running controller makes of encoders, clocks and calls that lie, and of arguments that cannot be."""
+"""What a running controller makes of encoders, clocks and calls that lie, and of arguments that
+cannot be.
+"""
 
 import threading
 
@@ -30,15 +32,19 @@ def played(torques, counts=None, **options):
     """Call of the stop, from 1, or None, and the controller."""
     running = Played().start(RIG, (0, 0), guards=Guards(**options))
     for k, torque in enumerate(torques):
-        running.step(np.zeros(2) if counts is None else counts[k], ZERO, ZERO, np.array([torque, 0.0]))
+        running.step(
+            np.zeros(2) if counts is None else counts[k], ZERO, ZERO, np.array([torque, 0.0])
+        )
         if running.stopped:
             return k + 1, running
     return None, running
 
 
-# -- an encoder that dies at rest ------------------------------------------------------------------------------------
+# -- an encoder that dies at rest ----------------------------------------------------------------
 def test_torque_beyond_friction_without_a_count_stops_at_rest():
-    """Friction of 13.4 N m holds a band of 26.7: 60 N m of ramp leave a tenth more, without a reference."""
+    """Friction of 13.4 N m holds a band of 26.7: 60 N m of ramp leave a tenth more, without a
+    reference.
+    """
     ramp = np.minimum(60.0, 0.2 * np.arange(800))
     stop, running = played(ramp)
     assert "the encoder of joint q[0] stands still while its torque changed by" in running.status
@@ -68,7 +74,9 @@ def test_a_joint_that_moves_by_a_pulse_now_and_then_is_not_dead():
 
 
 def test_a_joint_whose_neighbour_needs_the_torque_is_not_dead():
-    """The model of the law explains the change of torque: gravity of joint 2 while joint 3 goes by 1 rad."""
+    """The model of the law explains the change of torque: gravity of joint 2 while joint 3 goes
+    by 1 rad.
+    """
     law = ComputedTorque(puma560.arm(), RIG)
     running, q = law.start(RIG, RIG.counts(ZERO)), ZERO
     for k in range(1000):
@@ -78,10 +86,13 @@ def test_a_joint_whose_neighbour_needs_the_torque_is_not_dead():
     assert running.status == "running"
 
 
-# -- a stop that drives ----------------------------------------------------------------------------------------------
+# -- a stop that drives --------------------------------------------------------------------------
 def test_speed_that_rises_in_a_ramp_ends_in_no_torque_and_asks_for_the_brake():
     """Counts of a joint that runs away, with the sign against the damping."""
-    running, counts = LAW.start(RIG, (0, 0), guards=Guards(stop="zero", jump=np.inf, patience=0)), 0.0
+    running, counts = (
+        LAW.start(RIG, (0, 0), guards=Guards(stop="zero", jump=np.inf, patience=0)),
+        0.0,
+    )
     running.step((0, 0), ZERO, ZERO, ZERO)
     running.step((0, 0), np.full(2, np.nan), ZERO, ZERO)
     assert (running.stopped, running.status.brake) == (True, False)
@@ -107,12 +118,14 @@ def test_torque_at_its_limit_in_a_hold_ends_after_the_stated_time():
         for k in range(500):  # pushed off by 0.05 rad, slowly enough
             torque = running.step(np.array([-min(2.0 * k, 700.0), 0.0]), ZERO, ZERO, ZERO)
             at += abs(torque[0]) >= LIMIT[0] * (1 - 1e-9)
-        assert running.status.startswith("safe stop, no torque since joint q[0] stayed at its torque limit: ")
+        assert running.status.startswith(
+            "safe stop, no torque since joint q[0] stayed at its torque limit: "
+        )
         assert at * DT == pytest.approx(braking, abs=2 * DT)
         np.testing.assert_array_equal(torque, 0)
 
 
-# -- clocks and calls ------------------------------------------------------------------------------------------------
+# -- clocks and calls ----------------------------------------------------------------------------
 @pytest.mark.parametrize("wrong", [3600.0, -3600.0, np.inf, np.nan, 0.0], ids=str)
 def test_one_glitch_of_the_clock_is_bridged_and_gives_the_torque_of_a_period(wrong):
     plain, glitched = LAW.start(RIG, (0, 0)), LAW.start(RIG, (0, 0))
@@ -125,7 +138,9 @@ def test_one_glitch_of_the_clock_is_bridged_and_gives_the_torque_of_a_period(wro
 
 
 @pytest.mark.parametrize(
-    "clock", [lambda k: 0.0, lambda k: -k * DT, lambda k: 3600.0 * k], ids=["stands", "back", "fast"]
+    "clock",
+    [lambda k: 0.0, lambda k: -k * DT, lambda k: 3600.0 * k],
+    ids=["stands", "back", "fast"],
 )
 def test_a_clock_that_stays_wrong_stops_the_arm(clock):
     running = LAW.start(RIG, (0, 0))
@@ -136,17 +151,22 @@ def test_a_clock_that_stays_wrong_stops_the_arm(clock):
 
 @pytest.mark.parametrize(("pace", "said"), [(0.5, "0.5"), (2.0, "1.69"), (1.0, None)])
 def test_calls_doubled_or_lost_are_seen_without_a_clock(pace, said):
-    """A reference of time at 1 rad/s, called so many periods apart; 0.1 rad/s is below a pulse a sample."""
+    """A reference of time at 1 rad/s, called so many periods apart; 0.1 rad/s is below a pulse a
+    sample.
+    """
     for speed, seen in ((1.0, said), (0.05, None)):
         running = LAW.start(RIG, (0, 0), guards=Guards(error=1e6))
         for k in range(60):
             q = np.array([speed, 0]) * pace * k * DT
             running.step(RIG.counts(q), q, np.array([speed, 0]), ZERO)
         assert running.stopped == (seen is not None)
-        assert seen is None or f"calls lost or doubled: the reference moves at {seen}" in running.status
+        assert (
+            seen is None
+            or f"calls lost or doubled: the reference moves at {seen}" in running.status
+        )
 
 
-# -- values never raise ----------------------------------------------------------------------------------------------
+# -- values never raise --------------------------------------------------------------------------
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300, 0.5], ids=str)
 def test_counts_that_are_no_numbers_are_bridged_and_then_stop(wrong):
     running = LAW.start(RIG, (0, 0))
@@ -156,8 +176,12 @@ def test_counts_that_are_no_numbers_are_bridged_and_then_stop(wrong):
     assert "bridged counts of joint q[0] that are no whole numbers" in running.status
     for _ in range(10):
         assert np.isfinite(running.step((wrong, np.nan), ZERO, ZERO, ZERO)).all()
-    assert running.status.startswith("safe stop, ramp to zero: counts of joint q[0] that are no whole numbers, 4 times")
-    assert np.isfinite(running.core.memory[layout.SCALARS : layout.SCALARS + layout.GIVEN * 2]).all()
+    assert running.status.startswith(
+        "safe stop, ramp to zero: counts of joint q[0] that are no whole numbers, 4 times"
+    )
+    assert np.isfinite(
+        running.core.memory[layout.SCALARS : layout.SCALARS + layout.GIVEN * 2]
+    ).all()
 
 
 @pytest.mark.parametrize(
@@ -208,11 +232,13 @@ def test_a_second_thread_is_refused_while_the_first_is_in_a_step():
         refused.append(str(refusal))
     leave.set()
     first.join()
-    assert refused == ["step must be called by one thread at a time; another is in it. Start one controller each."]
+    assert refused == [
+        "step must be called by one thread at a time; another is in it. Start one controller each."
+    ]
     running.step(ZERO, ZERO, ZERO, ZERO)
 
 
-# -- limits ----------------------------------------------------------------------------------------------------------
+# -- limits --------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -232,14 +258,19 @@ def test_limits_of_position_and_speed_stop(options, said):
 
 def test_limits_of_a_model_file_are_guards():
     limits = Limits(lower=(-1, -1), upper=(0.01, 1), velocity=(0.9, np.inf), effort=(50, 50))
-    assert np.array_equal(Guards(limits_of=limits).motion_limits(RIG)[:3], [[-1, -1], [0.01, 1], [0.9, np.inf]])
+    assert np.array_equal(
+        Guards(limits_of=limits).motion_limits(RIG)[:3], [[-1, -1], [0.01, 1], [0.9, np.inf]]
+    )
     own = Guards(limits_of=limits, speed=2.0).motion_limits(RIG)
     np.testing.assert_array_equal(own[2], 2.0)
     assert Guards().motion_limits(RIG)[2].tolist() == [np.inf, np.inf]
 
 
 def test_a_limit_of_the_torques_rate_is_kept_and_stops_if_it_is_needed_for_long():
-    running, torque = Played().start(RIG, (0, 0), guards=Guards(torque_rate=1e4, rest=np.inf)), [0.0]
+    running, torque = (
+        Played().start(RIG, (0, 0), guards=Guards(torque_rate=1e4, rest=np.inf)),
+        [0.0],
+    )
     for asked in (0.0, 15.0, 0.0, 0.0, 100.0, 100.0, 100.0):
         torque.append(running.step(ZERO, ZERO, ZERO, np.array([asked, 0.0]))[0])
     np.testing.assert_allclose(np.array(torque)[1:], (0, 7, 0, 0, 7, 14, 21), atol=1e-9)

@@ -1,4 +1,6 @@
-"""Parts of the torque that the firmware adds: what is left, in Python and in C, and those parts are the whole."""
+"""Parts of the torque that the firmware adds: what is left, in Python and in C, and those parts
+are the whole.
+"""
 
 import ctypes
 import shutil
@@ -18,13 +20,19 @@ needs_c = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (
 
 
 def parts(pulses, qd, qdd):
-    """The parts by the arm's own numbers, not by the law: inverse dynamics less what each motion lacks."""
+    """The parts by the arm's own numbers, not by the law: inverse dynamics less what each motion
+    lacks.
+    """
     q = np.asarray(RIG.cell_centre(np.asarray(pulses, float))).ravel()
     rest = np.zeros(2)
     gravity = ARM.inverse(q, rest, rest)
     drive = RIG.drive
     friction = drive.gear**2 * drive.viscous * qd + np.abs(drive.gear) * drive.coulomb * np.sign(qd)
-    return {"gravity": gravity, "friction": friction, "inertia": ARM.inverse(q, rest, qdd) - gravity}
+    return {
+        "gravity": gravity,
+        "friction": friction,
+        "inertia": ARM.inverse(q, rest, qdd) - gravity,
+    }
 
 
 @pytest.mark.parametrize(
@@ -33,7 +41,9 @@ def parts(pulses, qd, qdd):
      (FeedForward(ARM, RIG, feedback=SIMPLE), PARTS)],
 )  # fmt: skip
 def test_what_is_left_and_the_parts_are_the_whole(law, without):
-    path = next(each for name, each in everyday_motions(ARM, RIG).items() if "there and back" in name)
+    path = next(
+        each for name, each in everyday_motions(ARM, RIG).items() if "there and back" in name
+    )
     robot = SteppedArm(ARM, RIG, path([0.0]).q[0])
     whole, left = law.start(RIG, robot.pulses), law.start(RIG, robot.pulses, without=without)
     for k in range(400):
@@ -42,7 +52,9 @@ def test_what_is_left_and_the_parts_are_the_whole(law, without):
         of = parts(robot.pulses, qd, qdd)
         added = sum(of[each] for each in without)
         if "friction" not in without or (np.abs(qd) > 1e-3).all():
-            np.testing.assert_allclose(left.step(robot.pulses, q, qd, qdd) + added, torque, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(
+                left.step(robot.pulses, q, qd, qdd) + added, torque, rtol=0, atol=1e-12
+            )
         else:  # the law's Coulomb friction does not jump
             left.step(robot.pulses, q, qd, qdd)
         np.testing.assert_array_equal(left.torque, whole.torque)  # the law knows the whole
@@ -67,10 +79,15 @@ def test_in_a_stop_the_firmware_goes_on_with_what_it_adds():
 @pytest.mark.parametrize("output", ["torque", "dac"])
 def test_in_c_it_is_that_of_python(tmp_path, guards, output):
     scale = {"counts_per_ampere": (800.0, -900.0)} if output == "dac" else {}
-    LAW.to_c(tmp_path, name="arm", guards=guards, without=("friction", "gravity"), output=output, **scale)
+    LAW.to_c(
+        tmp_path, name="arm", guards=guards, without=("friction", "gravity"), output=output, **scale
+    )
     library = tmp_path / "arm.so"
     strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-pedantic", "-Werror", "-ffp-contract=off"]
-    subprocess.run(["cc", *strict, "-shared", "-fPIC", "-o", library, tmp_path / "arm.c", "-lm"], check=True)  # noqa: S603, S607
+    subprocess.run(  # noqa: S603
+        ["cc", *strict, "-shared", "-fPIC", "-o", library, tmp_path / "arm.c", "-lm"],
+        check=True,
+    )
     c, state = ctypes.CDLL(str(library)), np.zeros(4000)
     pulses = RIG.counts((0.3, -0.4)).astype(np.int32)
 
@@ -93,7 +110,11 @@ def test_in_c_it_is_that_of_python(tmp_path, guards, output):
 @pytest.mark.parametrize(
     ("law", "without", "why"),
     [
-        (LAW, ("weight",), r"sequence of parts of ComputedTorque \(gravity, friction, inertia\), each once"),
+        (
+            LAW,
+            ("weight",),
+            r"sequence of parts of ComputedTorque \(gravity, friction, inertia\), each once",
+        ),
         (LAW, "gravity", "each once; got 'gravity'"),
         (LAW, ("gravity", "gravity"), "each once"),
         (ComputedTorque(ARM, RIG, friction=False), ("friction",), r"\(gravity, inertia\)"),

@@ -1,4 +1,6 @@
-"""The first motion: wires that are turned, swapped or dead are named; torque, motion and time are bounded."""
+"""The first motion: wires that are turned, swapped or dead are named; torque, motion and time
+are bounded.
+"""
 
 import dataclasses
 
@@ -28,7 +30,9 @@ def dead(counts):
 
 
 def run(read=as_they_are, *, arm=ARM, known=ARM, rig=RIG, pose=POSE, drive=np.array, **options):
-    """The test on a simulated arm: what it says, its largest torque, and how far [pulses] and fast the arm went."""
+    """The test on a simulated arm: what it says, its largest torque, and how far [pulses] and
+    fast the arm went.
+    """
     robot = SteppedArm(arm, rig, pose)
     begin, fastest, most = robot.pulses, 0.0, 0.0
 

@@ -1,4 +1,5 @@
-"""The running controller: its compiled core, what it costs, what it refuses, and guards and safe stop by themselves.
+"""The running controller: its compiled core, what it costs, what it refuses, and guards and safe
+stop by themselves.
 
 What the guards do to an arm is in tests/ctc/laws/test_faults.py.
 """
@@ -57,7 +58,7 @@ def step_all(step, memory, counts, q, qd, qdd, torques):
     return len(counts)
 
 
-# -- the core -------------------------------------------------------------------------------------------------------
+# -- the core ------------------------------------------------------------------------------------
 def test_the_core_in_a_compiled_loop_gives_the_same_bits():
     """And twice: same inputs, same bits."""
     counts, motion = recorded()
@@ -80,7 +81,9 @@ def test_guards_that_see_nothing_change_no_bit():
 
 
 def test_the_core_allocates_nothing():
-    """By numba's own count, over a loop with a jump in it: 400 samples take what none take, for what is passed in."""
+    """By numba's own count, over a loop with a jump in it: 400 samples take what none take, for
+    what is passed in.
+    """
     counts, motion = recorded()
     counts[200] += 900
     running, torques = LAW.start(RIG, counts[0]), np.empty((len(counts), 2))
@@ -118,24 +121,38 @@ def test_calls_from_python_leave_nothing_behind():
     assert after - before < 20_000
 
 
-@pytest.mark.parametrize("make", [list, tuple, lambda x: np.asarray(x, np.float32), lambda x: np.asarray(x)[::1]])
+@pytest.mark.parametrize(
+    "make", [list, tuple, lambda x: np.asarray(x, np.float32), lambda x: np.asarray(x)[::1]]
+)
 def test_arguments_of_any_kind_give_the_same(make):
     values = ((5, -3), (0.25, -0.5), (0.5, 1.0), (-1.0, 2.0))  # all exact in single precision
     expected = LAW.start(RIG, (0, 0)).step(*(np.array(v, float) for v in values))
     np.testing.assert_array_equal(LAW.start(RIG, (0, 0)).step(*map(make, values)), expected)
 
 
-# -- limits ---------------------------------------------------------------------------------------------------------
+# -- limits --------------------------------------------------------------------------------------
 def test_a_torque_limit_of_ones_own_is_told_to_the_law():
-    """Filtered subtracts 0.02 of the torque applied last: the second torque shows which one it was told."""
+    """Filtered subtracts 0.02 of the torque applied last: the second torque shows which one it
+    was told.
+    """
     limit = np.array([40.0, 30.0])
     far = ((0, 0), (0.02, -0.02), (0, 0), (0, 0))
     running = LAW.start(RIG, (0, 0), torque_limit=limit, guards=None)
     np.testing.assert_allclose(running.step(*far), limit * (1, -1), rtol=1e-15)
     block = LAW.block(RIG)
-    state = block.step(block.initial, *far[1:], RIG.counts(np.array(far[1])), far[0], ZERO, RIG.period, block.values)[1]
+    state = block.step(
+        block.initial,
+        *far[1:],
+        RIG.counts(np.array(far[1])),
+        far[0],
+        ZERO,
+        RIG.period,
+        block.values,
+    )[1]
     back = (RIG.counts(np.array(far[1])), *far[1:])
-    expected = block.step(state, *far[1:], back[0], back[0], limit * (1, -1), RIG.period, block.values)[0]
+    expected = block.step(
+        state, *far[1:], back[0], back[0], limit * (1, -1), RIG.period, block.values
+    )[0]
     got = running.step(*back)
     inside = np.abs(expected.full().ravel()) < limit
     assert inside.any()
@@ -148,9 +165,11 @@ def test_a_torque_limit_above_the_amplifiers_changes_nothing():
     np.testing.assert_allclose(np.abs(running.step(*far)), LIMIT, rtol=1e-12)
 
 
-# -- guards and safe stop by themselves ------------------------------------------------------------------------------
+# -- guards and safe stop by themselves ----------------------------------------------------------
 def test_a_law_without_a_torque_is_refused_or_stopped():
-    """Without guards nothing changes; with them the torque goes to zero within a tenth of the duration."""
+    """Without guards nothing changes; with them the torque goes to zero within a tenth of the
+    duration.
+    """
     good, bad = ((0, 0), ZERO, ZERO, ZERO), ((3, 4), ZERO, ZERO, (50.0, 50.0))
     law = Root(gain=(9.0, 16.0))
     bare = law.start(RIG, (0, 0), guards=None)
@@ -158,7 +177,9 @@ def test_a_law_without_a_torque_is_refused_or_stopped():
     with pytest.raises(ValueError, match="the law must give finite torques; it does not at pulses"):
         bare.step(*bad, now=1.0)
     for kept in ("pulses", "torque", "state"):
-        np.testing.assert_array_equal(getattr(bare, kept), {"pulses": (0, 0), "torque": (3, 4), "state": ZERO}[kept])
+        np.testing.assert_array_equal(
+            getattr(bare, kept), {"pulses": (0, 0), "torque": (3, 4), "state": ZERO}[kept]
+        )
     np.testing.assert_array_equal(bare.step(*good, now=1.0), (3, 4))
 
     guarded = law.start(RIG, (0, 0), guards=Guards(duration=0.07))
@@ -173,9 +194,11 @@ def test_a_law_without_a_torque_is_refused_or_stopped():
 
 
 def test_the_braking_of_a_stop_is_a_motion():
-    """q, qd and qdd that the law is given belong together: from the speed at the stop to rest within the duration.
+    """q, qd and qdd that the law is given belong together: from the speed at the stop to rest
+    within the duration.
 
-    Differences of q over a sample against the mean of qd: an error of dt^2/12 times the jerk, here 6 qd / T^2.
+    Differences of q over a sample against the mean of qd: an error of dt^2/12 times the jerk, here
+    6 qd / T^2.
     """
     running = LAW.start(RIG, (0, 0), guards=Guards(patience=0, duration=0.1))
     dt, speed = RIG.period, np.array([0.5, -0.25])
@@ -191,7 +214,9 @@ def test_the_braking_of_a_stop_is_a_motion():
     np.testing.assert_allclose(qd[0], speed)
     slack = 2 * dt**2 * 6 * 0.5 / 0.1**2
     np.testing.assert_allclose(np.diff(q, axis=0) / dt, (qd[1:] + qd[:-1]) / 2, atol=slack)
-    np.testing.assert_allclose(np.diff(qd, axis=0) / dt, (qdd[1:] + qdd[:-1]) / 2, atol=20 * slack / dt / 100)
+    np.testing.assert_allclose(
+        np.diff(qd, axis=0) / dt, (qdd[1:] + qdd[:-1]) / 2, atol=20 * slack / dt / 100
+    )
     np.testing.assert_allclose(q[-1] - q[0], speed * 0.1 / 2, rtol=1e-12)
     np.testing.assert_array_equal(qd[-1], 0)
 
@@ -199,12 +224,18 @@ def test_the_braking_of_a_stop_is_a_motion():
 def test_a_bridged_reference_goes_on_with_its_acceleration():
     """Against the parabola itself, over three samples, to rounding; then the reference is back."""
     running, dt = LAW.start(RIG, (0, 0)), RIG.period
-    speed, acceleration, nothing = np.array([0.05, -0.02]), np.array([30.0, -40.0]), np.full(2, np.nan)
+    speed, acceleration, nothing = (
+        np.array([0.05, -0.02]),
+        np.array([30.0, -40.0]),
+        np.full(2, np.nan),
+    )
     running.step((0, 0), ZERO, speed, acceleration)
     for k in (1, 2, 3):
         t = k * dt
         running.step((0, 0), nothing, speed, acceleration)
-        np.testing.assert_allclose(running.reference, speed * t + acceleration * t**2 / 2, rtol=1e-12)
+        np.testing.assert_allclose(
+            running.reference, speed * t + acceleration * t**2 / 2, rtol=1e-12
+        )
     running.step((0, 0), ZERO, ZERO, ZERO)
     np.testing.assert_array_equal(running.reference, 0)
     assert (running.bridged, running.stopped) == (3, False)
@@ -217,13 +248,16 @@ def test_a_late_call_is_told_to_the_law():
     state = running.state
     running.step((0, 0), ZERO, ZERO, ZERO, now=10.0 + 3 * RIG.period)
     assert running.status == "running; bridged a call that came 1.4 ms late at call 2"
-    expected = block.step(state, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, 3 * RIG.period, block.values)[1]
+    expected = block.step(state, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, 3 * RIG.period, block.values)[
+        1
+    ]
     np.testing.assert_allclose(running.state, expected.full().ravel(), rtol=1e-9)
 
 
 @pytest.mark.parametrize(("gain", "stops"), [(0.003, False), (0.2, True)])
 def test_a_joint_that_its_friction_holds_is_not_stuck(gain, stops):
-    """Counts stand still while the reference goes 60 pulses, under P: 19 N m on joint 2, or as much as there is.
+    """Counts stand still while the reference goes 60 pulses, under P: 19 N m on joint 2, or as much
+    as there is.
 
     Static friction of 13.4 N m holds a joint over a band of 26.7 N m; the guard waits for 40.
     """
@@ -232,11 +266,15 @@ def test_a_joint_that_its_friction_holds_is_not_stuck(gain, stops):
         running.step((0, 0), RIG.to_angle(np.array([pulses + 0.5, 0.0])), ZERO, ZERO)
     assert running.stopped == stops
     if stops:
-        assert running.status.startswith("safe stop, ramp to zero: the encoder of joint q[0] stands still")
+        assert running.status.startswith(
+            "safe stop, ramp to zero: the encoder of joint q[0] stands still"
+        )
 
 
 def test_a_stop_at_the_arm_begins_with_the_law_as_new():
-    """State after the call that stops: one step of the law from its initial state, on the arm, with nothing applied."""
+    """State after the call that stops: one step of the law from its initial state, on the arm,
+    with nothing applied.
+    """
     counts, motion = recorded()
     running, block = LAW.start(RIG, counts[0]), LAW.block(RIG)
     run(running, counts[:50], [x[:50] for x in motion])
@@ -245,7 +283,8 @@ def test_a_stop_at_the_arm_begins_with_the_law_as_new():
     assert running.status.startswith("safe stop, holding: joint q[0] is 27")
     q, qd, qdd = (running._row(i) for i in (5, 6, 7))
     np.testing.assert_allclose(q, RIG.cell_centre(counts[50]), rtol=1e-12)
-    np.testing.assert_allclose(qd, motion.qd[50], atol=0.2)  # three pulses of noise a sample, smoothed: 0.1 rad/s
+    # three pulses of noise a sample, smoothed: 0.1 rad/s
+    np.testing.assert_allclose(qd, motion.qd[50], atol=0.2)
     given = (q, qd, qdd, RIG.counts(q), counts[50], ZERO, RIG.period, block.values)
     asked, following = (x.full().ravel() for x in block.step(block.initial, *given))
     np.testing.assert_allclose(running.torque, np.clip(asked, -LIMIT, LIMIT), rtol=1e-9)
@@ -253,7 +292,9 @@ def test_a_stop_at_the_arm_begins_with_the_law_as_new():
 
 
 def test_what_is_wrong_now_and_then_does_not_add_up():
-    """Every third sample is wrong, in turn by a late call, by NaN and by a jump: bridged each, thirty of them."""
+    """Every third sample is wrong, in turn by a late call, by NaN and by a jump: bridged each,
+    thirty of them.
+    """
     running, now = LAW.start(RIG, (0, 0), guards=Guards(patience=1)), 0.0
     for k in range(91):
         wrong = k // 3 % 3 if k and k % 3 == 0 else None
@@ -273,8 +314,14 @@ def test_what_is_wrong_twice_in_a_row_stops_with_a_patience_of_one():
         gap.step((0, 0), np.full(2, np.nan if k else 0.0), ZERO, ZERO)
         jump.step((k, 500 + k if k else 0), ZERO, ZERO, ZERO)
     assert late.status == "safe stop, holding: a call that came 0.7 ms late, at call 3"
-    assert gap.status == ("safe stop, holding: a reference that is no finite position, 2 times in a row, at call 3")
-    assert jump.status == "safe stop, holding: a jump of 502 pulses of joint q[1], 2 times in a row, at call 3"
+    assert (
+        gap.status
+        == "safe stop, holding: a reference that is no finite position, 2 times in a row, at call 3"
+    )
+    assert (
+        jump.status
+        == "safe stop, holding: a jump of 502 pulses of joint q[1], 2 times in a row, at call 3"
+    )
 
 
 def test_a_counter_that_has_jumped_has_lost_counts_and_one_that_stands_there_is_not_held_by():
@@ -296,13 +343,15 @@ def test_a_joint_with_an_unlimited_amplifier_may_jump_by_a_tenth_of_a_turn():
 
 
 def test_the_default_bound_for_jumps_is_what_the_amplifier_can_do():
-    """By hand for joint 2: J = 2e-4 * 107.8^2 and 2e-4 * 53.7^2, torques 12 A each, 13,725 pulses per radian."""
+    """By hand for joint 2: J = 2e-4 * 107.8^2 and 2e-4 * 53.7^2, torques 12 A each, 13,725
+    pulses per radian.
+    """
     (J2, J3), (t2, t3) = 2e-4 * np.array([107.8, 53.7]) ** 2, LIMIT
     added = (t2 / J2 + t3 / np.sqrt(J2 * J3)) * 0.7e-3**2
     assert Guards().limits(RIG)[0, 0] == pytest.approx(8 + 4 * added * 107.8 * 800 / (2 * np.pi))
 
 
-# -- what cannot be -------------------------------------------------------------------------------------------------
+# -- what cannot be ------------------------------------------------------------------------------
 def started(**options):
     return LAW.start(RIG, (0, 0), **options)
 
@@ -313,19 +362,34 @@ def started(**options):
         (lambda: started().step(), "step takes .*; pulses is missing"),
         (lambda: started().step((0, 0), ZERO, ZERO), "qdd_r is missing"),
         (lambda: started().step((0, 0), ZERO, ZERO, qddr=ZERO), "Did you mean 'qdd_r'"),
-        (lambda: started().step((0, 0), ZERO, ZERO, ZERO, time=1.0), "an argument of step must be one of"),
-        (lambda: started().step((0, 0), ZERO, ZERO, ZERO, now="soon"), "now must be a number; got 'soon'"),
+        (
+            lambda: started().step((0, 0), ZERO, ZERO, ZERO, time=1.0),
+            "an argument of step must be one of",
+        ),
+        (
+            lambda: started().step((0, 0), ZERO, ZERO, ZERO, now="soon"),
+            "now must be a number; got 'soon'",
+        ),
         (lambda: started().step(np.array([0.5, 0]), ZERO, ZERO, ZERO), "whole encoder counts"),
         (lambda: started().step(np.array([np.inf, 0]), ZERO, ZERO, ZERO), "pulses must be finite"),
-        (lambda: started().step(np.zeros(3), ZERO, ZERO, ZERO), r"pulses must have shape \(2,\); got shape \(3,\)"),
+        (
+            lambda: started().step(np.zeros(3), ZERO, ZERO, ZERO),
+            r"pulses must have shape \(2,\); got shape \(3,\)",
+        ),
         (lambda: started().step(np.zeros((2, 1)), ZERO, ZERO, ZERO), "pulses must have shape"),
-        (lambda: started().step((0, 0), ZERO, ZERO, np.array([0, np.nan])), "qdd_r must be finite; got nan at index 1"),
+        (
+            lambda: started().step((0, 0), ZERO, ZERO, np.array([0, np.nan])),
+            "qdd_r must be finite; got nan at index 1",
+        ),
         (lambda: started(guards="none"), "guards must be of type Guards"),
         (lambda: started(guard=None), "Did you mean 'guards'"),
         (lambda: started(torque_limit=(1.0,)), "torque_limit must have shape"),
         (lambda: started(torque_limit=(1.0, 0.0)), "torque_limit must be positive"),
         (lambda: started(guards=Guards(jump=(1, 2, 3))), r"jump must have shape \(2,\)"),
-        (lambda: started(guards=Guards(stop="gravity")), "law without an arm; got 'gravity' for Filtered"),
+        (
+            lambda: started(guards=Guards(stop="gravity")),
+            "law without an arm; got 'gravity' for Filtered",
+        ),
         (lambda: Guards(stop="brake"), "stop must be one of"),
         (lambda: Guards(patience=1.5), "patience must be a whole number"),
         (lambda: Guards(error=-1), "error must be positive"),

@@ -1,4 +1,5 @@
-"""Guards of the torque by themselves: sustained saturation and chatter of a law that plays what a test asks for.
+"""Guards of the torque by themselves: sustained saturation and chatter of a law that plays what a
+test asks for.
 
 Which loops they stop, and what becomes of the arm, is in tests/ctc/laws/test_guards.py.
 """
@@ -29,7 +30,9 @@ class Played(StatelessLaw):
 
 
 def play(torque, *, law=Played(), times=None, **options):  # noqa: B008 - frozen
-    """Play torques (N, 2) [N m]: the controller, the applied ones (N, 2), and the call of the stop, from 1, or None."""
+    """Play torques (N, 2) [N m]: the controller, the applied ones (N, 2), and the call of the
+    stop, from 1, or None.
+    """
     running, applied, stop = law.start(RIG, (0, 0), **options), np.empty((len(torque), 2)), None
     for k, asked in enumerate(np.asarray(torque, float)):
         now = {} if times is None else {"now": times[k]}
@@ -39,9 +42,13 @@ def play(torque, *, law=Played(), times=None, **options):  # noqa: B008 - frozen
 
 
 def at_limit(pattern, joint=0, share=1.0):
-    """Torques of one joint: so much of its limit, of alternating sign, where the pattern says so; else nothing."""
+    """Torques of one joint: so much of its limit, of alternating sign, where the pattern says
+    so; else nothing.
+    """
     torque = np.zeros((len(pattern), 2))
-    torque[:, joint] = share * LIMIT[joint] * np.asarray(pattern, float) * (-1.0) ** np.arange(len(pattern))
+    torque[:, joint] = (
+        share * LIMIT[joint] * np.asarray(pattern, float) * (-1.0) ** np.arange(len(pattern))
+    )
     return torque
 
 
@@ -49,7 +56,7 @@ SATURATION, CHATTER = Guards(chatter=np.inf, rest=np.inf), Guards(saturation=np.
 """Each of the two alone; the counts of these tests stand still, whatever the torque."""
 
 
-# -- saturation ------------------------------------------------------------------------------------------------------
+# -- saturation ----------------------------------------------------------------------------------
 def duty(seed, share):
     """A random pattern in which exactly this share of the samples of 100 ms is at the limit."""
     pattern = np.arange(SAMPLES + 1) < share * (SAMPLES + 1)
@@ -68,7 +75,9 @@ PATTERNS = {
 @pytest.mark.parametrize("before", [0, 17, 1000])
 @pytest.mark.parametrize("name", PATTERNS)
 def test_half_of_the_samples_of_any_100_ms_stop_the_arm_within_them(name, before):
-    """Whatever their order, and wherever the 100 ms lie on the slots in which the time is counted."""
+    """Whatever their order, and wherever the 100 ms lie on the slots in which the time is
+    counted.
+    """
     torque = np.vstack([np.zeros((before, 2)), at_limit(PATTERNS[name])])
     *_, stop = play(torque, guards=SATURATION)
     assert stop is not None
@@ -121,7 +130,9 @@ def test_a_torque_limit_of_ones_own_is_the_limit():
 
 
 def test_the_limit_of_coupled_motors_is_on_their_shafts():
-    """Motor 2 turns joint 1 as well, so it pushes both: its limit is reached with half of it on each joint."""
+    """Motor 2 turns joint 1 as well, so it pushes both: its limit is reached with half of it on
+    each joint.
+    """
     coupling = Coupling(matrix=((1.0, 0.0), (1.0, 1.0)))
     drive = dataclasses.replace(RIG.drive, coupling=coupling)
     rig = dataclasses.replace(RIG, drive=drive)
@@ -143,11 +154,13 @@ def test_an_unlimited_amplifier_is_never_at_its_limit():
     assert running.status == "running"
 
 
-# -- chatter ---------------------------------------------------------------------------------------------------------
+# -- chatter -------------------------------------------------------------------------------------
 def critical(hz):
-    """Amplitude of a sine [share of the limit] whose mean distance from its running mean is the limit, 0.45.
+    """Amplitude of a sine [share of the limit] whose mean distance from its running mean is the
+    limit, 0.45.
 
-    The mean of abs(sin) is 2 / pi; the running mean passes a / (1 - (1 - a) / z) of the sine, a = dt / (dt + 10 ms).
+    The mean of abs(sin) is 2 / pi; the running mean passes a / (1 - (1 - a) / z) of the sine, a =
+    dt / (dt + 10 ms).
     """
     a = DT / (DT + 0.01)
     z = np.exp(2j * np.pi * hz * DT)
@@ -157,7 +170,9 @@ def critical(hz):
 @pytest.mark.parametrize("hz", [23, 60, 101, 211, 307])
 @pytest.mark.parametrize("joint", [0, 1])
 def test_an_oscillation_stops_the_arm_from_its_amplitude_on(hz, joint):
-    """7 % below it never does, over a second; above it does. Where that is, linear theory says; the ripple is less."""
+    """7 % below it never does, over a second; above it does. Where that is, linear theory says;
+    the ripple is less.
+    """
     t = DT * np.arange(round(1 / DT))
     for limit in (LIMIT, LIMIT / 3):
         for share, stops in ((0.93, False), (1.07, True)):
@@ -166,7 +181,10 @@ def test_an_oscillation_stops_the_arm_from_its_amplitude_on(hz, joint):
             running, _, stop = play(torque, guards=CHATTER, torque_limit=limit)
             assert (stop is not None) == stops
             if stops:
-                assert f"the torque of joint q[{joint}] swings by {0.45 * limit[joint]:.0f} N m about" in running.status
+                assert (
+                    f"the torque of joint q[{joint}] swings by {0.45 * limit[joint]:.0f} N m about"
+                    in running.status
+                )
                 assert stop * DT < 0.2
 
 
@@ -176,13 +194,17 @@ def test_growth_to_the_limit_is_stopped_before_it_saturates_much():
     torque = np.zeros((len(t), 2))
     torque[:, 0] = 0.05 * LIMIT[0] * 10 ** (t / 0.2) * np.sin(2 * np.pi * 100 * t)
     running, _, stop = play(torque)
-    assert running.status.startswith("safe stop, ramp to zero: the torque of joint q[0] swings by 133 N m")
+    assert running.status.startswith(
+        "safe stop, ramp to zero: the torque of joint q[0] swings by 133 N m"
+    )
     assert (np.abs(torque[:stop, 0]) >= LIMIT[0]).sum() * DT < 5e-3
     assert play(torque, guards=SATURATION)[2] > stop
 
 
 def test_a_path_moves_the_mean_instead():
-    """From limit to limit and back twice a second, in straight lines or at once: neither is chatter."""
+    """From limit to limit and back twice a second, in straight lines or at once: neither is
+    chatter.
+    """
     t = DT * np.arange(3000)
     triangle = 2 * np.abs(2 * ((2 * t) % 1) - 1) - 1
     steps = np.where((4 * t).astype(int) % 2, 1.0, -1.0)
@@ -196,9 +218,11 @@ def test_the_first_torque_is_no_swing():
     np.testing.assert_allclose(running._row(safety.SWING), 0, atol=1e-9)
 
 
-# -- the stop --------------------------------------------------------------------------------------------------------
+# -- the stop ------------------------------------------------------------------------------------
 def test_the_torque_goes_from_its_mean_to_the_end_within_a_tenth_of_the_duration():
-    """Alternating about 100 N m with the amplitude of its limit: neither end of that is given once more."""
+    """Alternating about 100 N m with the amplitude of its limit: neither end of that is given
+    once more.
+    """
     torque = np.zeros((400, 2))
     torque[:, 0] = 100 + 400 * (-1.0) ** np.arange(400)
     running, applied, stop = play(torque, guards=Guards(duration=0.14))
@@ -218,14 +242,18 @@ def test_one_sided_saturation_ends_at_zero_too():
 
 @pytest.mark.parametrize("off", [None, np.inf, (np.inf, np.inf)])
 def test_switched_off_it_goes_on(off):
-    running, applied, stop = play(at_limit(np.ones(1000)), guards=Guards(saturation=off, chatter=off))
+    running, applied, stop = play(
+        at_limit(np.ones(1000)), guards=Guards(saturation=off, chatter=off)
+    )
     assert (stop, running.status) == (None, "running")
     assert play(at_limit(np.ones(1000)), guards=None)[2] is None
     np.testing.assert_allclose(np.abs(applied[:, 0]), LIMIT[0])
 
 
 def test_a_hold_that_saturates_becomes_a_ramp():
-    """Braking from 20 rad/s within 20 ms takes 1,500 rad/s^2, which this law plays as a torque. The cause stays."""
+    """Braking from 20 rad/s within 20 ms takes 1,500 rad/s^2, which this law plays as a torque.
+    The cause stays.
+    """
     guards = Guards(jump=np.inf, error=1e4, duration=0.02, saturation=0.1)
     running, motion, torque = Played().start(RIG, (0, 0), guards=guards), (20.0, 0.0), []
     for k in range(100):
@@ -252,7 +280,7 @@ def test_after_a_reset_the_counting_begins_anew():
     assert running.stopped
 
 
-# -- time ------------------------------------------------------------------------------------------------------------
+# -- time ----------------------------------------------------------------------------------------
 def test_a_late_call_stands_for_the_time_that_passed():
     """Every second call comes two periods late: the time at the limit is that of the clock."""
     steps = np.where(np.arange(200) % 2, 3, 1) * DT
@@ -263,7 +291,9 @@ def test_a_late_call_stands_for_the_time_that_passed():
 
 
 def test_a_law_without_a_period_is_monitored_by_the_clock():
-    """Sixteen calls per sample of the rig: at the limit always it stops after 50 ms; without a clock never."""
+    """Sixteen calls per sample of the rig: at the limit always it stops after 50 ms; without a
+    clock never.
+    """
     law, calls = Played(period=None), 16 * 200
     times, torque = DT / 16 * np.arange(calls), np.tile([1e6, 0.0], (calls, 1))
     *_, stop = play(torque, law=law, times=times, guards=SATURATION)
@@ -278,13 +308,16 @@ def test_pulses_that_take_such_a_law_to_its_limit_for_a_moment_do_not_count():
     pattern = np.arange(calls) % 11 < 10
     torque = np.zeros((calls, 2))
     torque[:, 0] = 1e6 * pattern
-    *_, stop = play(torque, law=Played(period=None), times=DT / 16 * np.arange(calls), guards=SATURATION)
+    *_, stop = play(
+        torque, law=Played(period=None), times=DT / 16 * np.arange(calls), guards=SATURATION
+    )
     assert stop is None
     *_, stop = play(torque, law=Played(period=DT / 16), guards=SATURATION)
-    assert stop * DT / 16 == pytest.approx(0.055, abs=1e-3)  # but of a sampled law every sample does
+    # but of a sampled law every sample does
+    assert stop * DT / 16 == pytest.approx(0.055, abs=1e-3)
 
 
-# -- what cannot be --------------------------------------------------------------------------------------------------
+# -- what cannot be ------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -297,8 +330,14 @@ def test_pulses_that_take_such_a_law_to_its_limit_for_a_moment_do_not_count():
         (lambda: Guards(chatter=1.5), "chatter must be above 0 and at most 1; got 1.5"),
         (lambda: Guards(chatter=[[0.5, 0.5]]), "chatter must have shape"),
         (lambda: Guards(saturaton=0.5), "Did you mean 'saturation'"),
-        (lambda: Played().start(RIG, (0, 0), guards=Guards(saturation=(0.5, 0.5, 0.5))), r"shape \(2,\)"),
-        (lambda: Played().start(RIG, (0, 0), guards=Guards(chatter=(0.5,))), r"chatter must have shape \(2,\)"),
+        (
+            lambda: Played().start(RIG, (0, 0), guards=Guards(saturation=(0.5, 0.5, 0.5))),
+            r"shape \(2,\)",
+        ),
+        (
+            lambda: Played().start(RIG, (0, 0), guards=Guards(chatter=(0.5,))),
+            r"chatter must have shape \(2,\)",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call, said):

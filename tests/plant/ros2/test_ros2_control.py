@@ -1,4 +1,6 @@
-"""The exported controller of ros2_control: compiled, taken through its lifecycle, and the torques of `.step`."""
+"""The exported controller of ros2_control: compiled, taken through its lifecycle, and the
+torques of `.step`.
+"""
 
 import dataclasses
 import os
@@ -22,7 +24,9 @@ needs_cxx = pytest.mark.skipif(CXX is None and "CI_CXX" not in os.environ, reaso
 
 
 def assert_equal(torques, share=1e-12):
-    """Torques of both to a share of the largest: sines of C's library are not those of the kernel."""
+    """Torques of both to a share of the largest: sines of C's library are not those of the
+    kernel.
+    """
     ours, theirs = torques[:, 0], torques[:, 1]
     np.testing.assert_allclose(theirs, ours, rtol=0, atol=share * np.abs(ours).max())
 
@@ -45,7 +49,9 @@ def angle(counts):
 
 
 def followed(controller, path, samples, spoil=lambda k, at: at, start=0.0):
-    """Run Python's controller on an arm, and the plugin on what that one reads: states of `update`, both torques."""
+    """Run Python's controller on an arm, and the plugin on what that one reads: states of
+    `update`, both torques.
+    """
     robot = SteppedArm(ARM, RIG, path([start]).q[0])
     running = LAW.start(RIG, robot.pulses)
     codes, torques, now = [], [], 0.0
@@ -76,7 +82,9 @@ def test_in_a_chain_it_gives_the_torques_of_step_and_allocates_nothing(controlle
     begin = angle(RIG.counts(path([0.0]).q[0]))
     assert controller.begin(begin, chained=True) == [0, INACTIVE, ACTIVE]
     names = [controller.c.reference_name(i).decode() for i in range(controller.c.reference_count())]
-    assert names == [f"arm_controller/{j}/{p}" for p in ("position", "velocity", "acceleration") for j in JOINTS]
+    assert names == [
+        f"arm_controller/{j}/{p}" for p in ("position", "velocity", "acceleration") for j in JOINTS
+    ]
     before = controller.c.allocations()
     codes, torques, running = in_chain(controller, path, 700)
     assert controller.c.allocations() == before
@@ -113,8 +121,10 @@ def test_between_points_it_follows_the_polynomial_of_fifth_degree_and_then_holds
 
     def path(t):
         at = np.minimum(t, knots[-1])
-        return tuple(np.stack([each(at, nu=order) * (order == 0 or t[0] < knots[-1]) for each in exact], 1)
-                     for order in range(3))  # fmt: skip
+        return tuple(
+            np.stack([each(at, nu=order) * (order == 0 or t[0] < knots[-1]) for each in exact], 1)
+            for order in range(3)
+        )
 
     class Begun(tuple):
         q = property(lambda self: self[0])
@@ -131,13 +141,17 @@ def test_between_points_it_follows_the_polynomial_of_fifth_degree_and_then_holds
 
 @needs_cxx
 def test_a_trajectory_that_begins_later_is_joined_from_the_motion_before_it(controller):
-    """At rest the arm waits for its start; in motion it goes to its first point at once, to be there in time."""
+    """At rest the arm waits for its start; in motion it goes to its first point at once, to be
+    there in time.
+    """
     goal, other, still = np.array((0.25, -0.35)), np.array((0.22, -0.36)), np.zeros((2, 2))
     start = np.asarray(RIG.cell_centre(RIG.counts((0.2, -0.3)))).ravel()  # where it stands
     wait, sent, first, later = 40, 190, 0.3, 0.1 + 0.2
 
     def moved(begun, ended, span, at):
-        curves = [BPoly.from_derivatives([0.0, span], np.stack([begun, ended])[:, :, j]) for j in range(2)]
+        curves = [
+            BPoly.from_derivatives([0.0, span], np.stack([begun, ended])[:, :, j]) for j in range(2)
+        ]
         return np.array([[each(min(at, span), nu=order) for each in curves] for order in range(3)])
 
     def path(t):
@@ -145,7 +159,9 @@ def test_a_trajectory_that_begins_later_is_joined_from_the_motion_before_it(cont
         if k < wait:
             return tuple(rest[:, None])
         if k < sent:
-            return tuple(moved(rest, np.vstack([goal[None], still]), first, (k - wait) * DT)[:, None])
+            return tuple(
+                moved(rest, np.vstack([goal[None], still]), first, (k - wait) * DT)[:, None]
+            )
         begun = moved(rest, np.vstack([goal[None], still]), first, (sent - 1 - wait) * DT)
         return tuple(moved(begun, np.vstack([other[None], still]), later, (k - sent) * DT)[:, None])
 
@@ -194,7 +210,9 @@ def test_without_a_reference_it_holds_and_its_lifecycle_can_be_run_through_again
         held = np.asarray(RIG.cell_centre(counts)).ravel()
         for _ in range(50):
             code, torque = controller.update(at)
-            np.testing.assert_allclose(torque, running.step(counts, held, (0, 0), (0, 0)), rtol=0, atol=1e-12)
+            np.testing.assert_allclose(
+                torque, running.step(counts, held, (0, 0), (0, 0)), rtol=0, atol=1e-12
+            )
             assert code == 0
         assert controller.c.deactivate() == INACTIVE
         assert controller.c.cleanup() == UNCONFIGURED
@@ -203,7 +221,9 @@ def test_without_a_reference_it_holds_and_its_lifecycle_can_be_run_through_again
 
 
 @needs_cxx
-def test_deactivated_it_commands_nothing_and_a_value_that_cannot_be_written_is_an_error_in_the_end(controller):
+def test_deactivated_it_commands_nothing_and_a_value_that_cannot_be_written_is_an_error_in_the_end(
+    controller,
+):
     counts = np.array([2000.0, -1500.0])
     controller.begin(counts, unit="counts")
     controller.update(counts)
@@ -268,7 +288,9 @@ def test_a_trajectory_that_cannot_be_is_refused_and_changes_nothing(controller, 
     running, held = LAW.start(RIG, counts), np.asarray(RIG.cell_centre(counts)).ravel()
     for _ in range(5):
         torque = controller.update(counts)[1]
-        np.testing.assert_allclose(torque, running.step(counts, held, (0, 0), (0, 0)), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            torque, running.step(counts, held, (0, 0), (0, 0)), rtol=0, atol=1e-12
+        )
     controller.c.deactivate()
     assert "not active" in controller.send(JOINTS, (0.5, 1.0), GOOD)
 
@@ -286,7 +308,8 @@ def test_the_package_is_what_ros_reads(tmp_path):
     compile((tmp_path / "new" / "arm.launch.py").read_text(), "arm.launch.py", "exec")
     assert '"shoulder", "elbow"' in (tmp_path / "new" / "arm.yaml").read_text()
     assert (tmp_path / "new" / "arm.yaml").read_text().count("type: arm/Controller") == 2
-    to_ros2_control(LAW, tmp_path / "new", name="arm", without=("gravity",))  # over an export of its own
+    # over an export of its own
+    to_ros2_control(LAW, tmp_path / "new", name="arm", without=("gravity",))
     header = " ".join((tmp_path / "new" / "arm.h").read_text().replace(" * ", "").split())
     assert "is without gravity: the firmware adds that" in header
 
@@ -332,6 +355,8 @@ def test_its_c_is_that_of_the_running_controller_with_the_same_limits(tmp_path):
 
 def test_a_folder_with_something_else_in_it_is_left_as_it_is(tmp_path):
     (tmp_path / "README.md").write_text("mine\n")
-    with pytest.raises(ValueError, match=r"README.md must not exist, or be an export of arm_controller"):
+    with pytest.raises(
+        ValueError, match=r"README.md must not exist, or be an export of arm_controller"
+    ):
         to_ros2_control(LAW, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["README.md"]

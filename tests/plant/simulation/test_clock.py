@@ -28,13 +28,21 @@ def test_time_stamps_next_to_the_period_are_even():
     np.testing.assert_array_equal(clock.t, t)
     places = np.arange(200)
     np.testing.assert_array_equal(clock.starts(4, places), places * (RIG.period / 4))
-    np.testing.assert_array_equal(clock.starts(4, places[::8], 8), np.arange(25) * (RIG.period / 4 * 8))
+    np.testing.assert_array_equal(
+        clock.starts(4, places[::8], 8), np.arange(25) * (RIG.period / 4 * 8)
+    )
 
 
 @settings(max_examples=50, deadline=None)
-@given(st.lists(st.floats(0.92, 1.08), min_size=5, max_size=30), st.integers(1, 5), st.floats(1.0, 20.0))
+@given(
+    st.lists(st.floats(0.92, 1.08), min_size=5, max_size=30),
+    st.integers(1, 5),
+    st.floats(1.0, 20.0),
+)
 def test_steps_fill_the_time_between_the_samples(parts, steps, gap):
-    """Each sub-step begins where the last one ended, samples keep their own times, no interval exceeds 1.5 periods."""
+    """Each sub-step begins where the last one ended, samples keep their own times, no interval
+    exceeds 1.5 periods.
+    """
     lengths = np.array([0.5, *parts, gap, *parts]) * RIG.period
     t = np.append(0, np.cumsum(lengths))
     clock = Clock.of(record(t))
@@ -55,14 +63,17 @@ def test_what_was_logged_goes_straight_across_a_gap_and_nothing_is_measured_in_i
     clock = Clock.of(record(t))
     np.testing.assert_array_equal(clock.rows, [0, 1, 4, 5, 6, 7, 8])
     values = np.arange(7.0)[:, None] + 1
-    np.testing.assert_allclose(clock.bridged(values)[:, 0], [1, 2, 2 + 1 / 3, 2 + 2 / 3, 3, 4, 5, 6, 7])
+    np.testing.assert_allclose(
+        clock.bridged(values)[:, 0], [1, 2, 2 + 1 / 3, 2 + 2 / 3, 3, 4, 5, 6, 7]
+    )
     np.testing.assert_array_equal(clock.measured(values)[:, 0], [1, 2, 0, 0, 3, 4, 5, 6, 7])
 
 
 def test_stamps_that_have_nothing_to_do_with_the_period_are_refused():
     slower = dataclasses.replace(RIG, period=1e-3)
     with pytest.raises(
-        ValueError, match=r"t must advance by the rig's period 0\.001 s, or nearly; sample 1 is -0\.0003"
+        ValueError,
+        match=r"t must advance by the rig's period 0\.001 s, or nearly; sample 1 is -0\.0003",
     ):
         Clock.of(record(np.arange(9) * RIG.period, slower))
 

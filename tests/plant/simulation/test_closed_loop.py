@@ -1,4 +1,6 @@
-"""The symbolic loop and its compiled forms: casadi = kernel from every visited state, lanes = single, no creep."""
+"""The symbolic loop and its compiled forms: casadi = kernel from every visited state, lanes =
+single, no creep.
+"""
 
 import dataclasses
 
@@ -36,14 +38,22 @@ def tables_of(loop, samples, reference=PATH):
 
 
 def visited(loop, samples):
-    """States before each sub-step, by casadi, in the order of the loop; with the rows that each of them was given."""
+    """States before each sub-step, by casadi, in the order of the loop; with the rows that each
+    of them was given.
+    """
     law_time, sample_time, step_time, _ = tables_of(loop, samples)
     numbers = loop.number_values(ARM.f)
     state = loop.initial_state(PATH([0.0]).q[0] + 1e-3, PATH([0.0]).qd[0])
     rows, states = [], []
     for i, row in enumerate(step_time):
         states.append(state)
-        rows.append([law_time[i // loop.steps_per_law] if loop.steps_per_law else row, sample_time[i // 4], row])
+        rows.append(
+            [
+                law_time[i // loop.steps_per_law] if loop.steps_per_law else row,
+                sample_time[i // 4],
+                row,
+            ]
+        )
         if loop.steps_per_law and i % loop.steps_per_law == 0:
             state = loop.law_step(state, rows[-1][0], numbers).full()[:, 0]
         if i % 4 == 0:
@@ -54,7 +64,13 @@ def visited(loop, samples):
 
 @pytest.mark.parametrize(
     "name",
-    ["P", *(pytest.param(name, marks=pytest.mark.slow) for name in ("three samples", "one sample", "two sub-steps"))],
+    [
+        "P",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("three samples", "one sample", "two sub-steps")
+        ),
+    ],
 )
 def test_one_step_of_the_kernel_from_every_visited_state_is_casadi_s(name):
     loop = loop_of(LAWS[name])
@@ -76,11 +92,16 @@ def test_one_step_of_the_kernel_from_every_visited_state_is_casadi_s(name):
         tables = *(rows[i, k : k + 1] for k in range(3)), empty
         logs = sample_log[i], step_log[i]
         got[:, i : i + 1], done = kernel.run(
-            kernel.prepared(tables, logged=True), states[i][:, None], np.empty((0, 1)), numbers, logs
+            kernel.prepared(tables, logged=True),
+            states[i][:, None],
+            np.empty((0, 1)),
+            numbers,
+            logs,
         )
         assert done == 1
-    # Two compilers round some 200 operations differently: 1e-12 of the size of each quantity along the motion. The
-    # pulses of a state within rounding of a cell's edge may differ; none of these is (the test would fail by 1 pulse).
+    # Two compilers round some 200 operations differently: 1e-12 of the size of each quantity along
+    # the motion. The pulses of a state within rounding of a cell's edge may differ; none of these
+    # is (the test would fail by 1 pulse).
     for ours, theirs in ((got, following), (sample_log[:, 0].T, log), (step_log[:, 0].T, error)):
         size = np.abs(theirs).max(axis=1, keepdims=True)
         assert (np.abs(ours - theirs) <= 1e-12 * size).all()
@@ -96,13 +117,19 @@ def test_log_of_the_p_loop_is_pulses_torque_and_true_state():
     error = np.array([100.0, -200.0]) - RIG.counts(np.array([0.01, 0.02]))
     np.testing.assert_array_equal(log[:2], error)
     limit = RIG.drive.torque_limit()
-    np.testing.assert_allclose(log[2:4], np.clip(RIG.drive.gear * (LAWS["P"].gain * error), -limit, limit), rtol=1e-15)
+    np.testing.assert_allclose(
+        log[2:4], np.clip(RIG.drive.gear * (LAWS["P"].gain * error), -limit, limit), rtol=1e-15
+    )
     np.testing.assert_array_equal(log[4:], [0.01, 0.02, 0.3, 0.4])
 
 
 def test_names_match_the_vectors():
     loop = loop_of(LAWS["one sample"])
-    assert len(loop.state_names) == loop.substep.nnz_in(0) == len(loop.initial_state(np.zeros(2), np.zeros(2)))
+    assert (
+        len(loop.state_names)
+        == loop.substep.nnz_in(0)
+        == len(loop.initial_state(np.zeros(2), np.zeros(2)))
+    )
     assert len(loop.time_names) == loop.substep.nnz_in(1)
     assert len(loop.number_names) == loop.substep.nnz_in(2) == len(loop.number_values(ARM.f))
     values = dict(zip(loop.number_names, loop.number_values(ARM.f), strict=True))
@@ -113,18 +140,26 @@ def test_names_match_the_vectors():
 
 def test_friction_coefficients_are_read_from_the_numbers_not_from_the_rig():
     """What is a number can be unknown: changing it by name acts like a rig with that value."""
-    other = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0.2, 0.3), viscous=(1e-3, 2e-3)))
+    other = dataclasses.replace(
+        RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0.2, 0.3), viscous=(1e-3, 2e-3))
+    )
     loop, changed = loop_of(LAWS["P"]), loop_of(LAWS["P"], other)
     state, row = loop.initial_state([0.01, 0.02], [0.3, 0.4]), tables_of(loop, 1)[2][0]
     expected = changed.substep(state, row, changed.number_values(ARM.f))[0].full()
-    np.testing.assert_array_equal(loop.substep(state, row, changed.number_values(ARM.f))[0].full(), expected)
-    assert np.abs(loop.substep(state, row, loop.number_values(ARM.f))[0].full() - expected).max() > 0
+    np.testing.assert_array_equal(
+        loop.substep(state, row, changed.number_values(ARM.f))[0].full(), expected
+    )
+    assert (
+        np.abs(loop.substep(state, row, loop.number_values(ARM.f))[0].full() - expected).max() > 0
+    )
 
 
-# -- lanes -----------------------------------------------------------------------------------------------------------
+# -- lanes ---------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def population():
-    """A P loop with f in the lanes, 40 candidates around the published one, and what the kernel made of them."""
+    """A P loop with f in the lanes, 40 candidates around the published one, and what the kernel
+    made of them.
+    """
     loop = loop_of(LAWS["P"])
     lanes = range(ARM.dynamics.p)
     kernel = LoopKernel(loop, lanes)
@@ -145,13 +180,18 @@ def test_every_lane_is_the_single_kernel_bit_for_bit(population):
     for j in (0, 1, 17, LANES - 1):
         logs = np.empty((400, 8)), np.empty((1600, 2))
         alone, steps = kernel.run(
-            kernel.prepared(tables, logged=True), initial[:, :1], f[j][:, None].copy(), uniform, logs
+            kernel.prepared(tables, logged=True),
+            initial[:, :1],
+            f[j][:, None].copy(),
+            uniform,
+            logs,
         )
         assert steps == 1600
         np.testing.assert_array_equal(alone[:, 0], final[:, j])
         assert np.isfinite(logs[0]).all()
         assert np.isfinite(logs[1]).all()
-    # And the single kernel with nothing in the lanes follows the same motion; it divides at another place.
+    # And the single kernel with nothing in the lanes follows the same motion; it divides at another
+    # place.
     loop = kernel.loop
     logs = np.empty((400, 8)), np.empty((1600, 2))
     single = loop_kernel(loop)
@@ -162,7 +202,9 @@ def test_every_lane_is_the_single_kernel_bit_for_bit(population):
 
 def test_equal_parts_have_one_loop():
     given = {"dynamics": ARM.dynamics, "law": LAWS["P"], "steps_per_sample": 4}
-    first, again = (closed_loop(rig=dataclasses.replace(RIG, period=1 * RIG.period), **given) for _ in range(2))
+    first, again = (
+        closed_loop(rig=dataclasses.replace(RIG, period=1 * RIG.period), **given) for _ in range(2)
+    )
     assert first is again
     assert closed_loop(rig=dataclasses.replace(RIG, period=2 * RIG.period), **given) is not first
 
@@ -184,7 +226,9 @@ def test_every_logged_lane_is_the_single_kernel_bit_for_bit(population):
     assert wrong[-1, 5] == 0
     np.testing.assert_array_equal(np.delete(others, 5, axis=2), np.delete(errors, 5, axis=2))
     spoilt[:] = np.nan
-    assert np.isnan(side_by_side.run(prepared, 400, initial[:, :LOGGED].copy(), spoilt, uniform)[1][1:]).all()
+    assert np.isnan(
+        side_by_side.run(prepared, 400, initial[:, :LOGGED].copy(), spoilt, uniform)[1][1:]
+    ).all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, -1e3], ids=str)
@@ -192,7 +236,9 @@ def test_bad_candidate_leaves_the_others_untouched(population, bad):
     kernel, tables, initial, f, uniform, final = population
     spoilt = f.copy()
     spoilt[5, 0] = bad  # f1 = D22
-    got, steps = kernel.run(kernel.prepared(tables), initial, np.ascontiguousarray(spoilt.T), uniform)
+    got, steps = kernel.run(
+        kernel.prepared(tables), initial, np.ascontiguousarray(spoilt.T), uniform
+    )
     others = np.arange(LANES) != 5
     np.testing.assert_array_equal(got[:, others], final[:, others])
     assert got[-1, 5] == 0
@@ -220,7 +266,11 @@ def test_law_that_gives_no_number_is_found_out():
         loop = loop_of(law)
         state, row = loop.initial_state(np.zeros(2), np.zeros(2)), tables_of(loop, 1)[2][0]
         numbers = loop.number_values(ARM.f)
-        following = loop.law_step(state, row, numbers) if loop.law_step else loop.sample(state, row, numbers, [])[0]
+        following = (
+            loop.law_step(state, row, numbers)
+            if loop.law_step
+            else loop.sample(state, row, numbers, [])[0]
+        )
         assert following.full()[-1, 0] == 0
 
 
@@ -236,16 +286,19 @@ def test_state_that_is_far_away_has_diverged():
     assert bounded(state[:4])
 
 
-# -- a held arm ------------------------------------------------------------------------------------------------------
+# -- a held arm ----------------------------------------------------------------------------------
 def held(arm, rig, seconds, *, warm):
-    """Largest joint speed [rad/s] in the second half of a time in which friction holds the arm and no torque acts."""
+    """Largest joint speed [rad/s] in the second half of a time in which friction holds the arm
+    and no torque acts.
+    """
     loop = ClosedLoop(dynamics=arm.dynamics, rig=rig, law=NoTorque(), steps_per_sample=4)
     n = arm.n
     random = np.random.default_rng(1)
     pose = random.uniform(-1, 1, n)
     state, numbers = loop.initial_state(pose, np.zeros(n)), loop.number_values(arm.f)
     row = np.concatenate([pose, np.zeros(2 * n), rig.counts(pose), [loop.h]])
-    assert (np.abs(arm.h(pose, np.zeros(n))) < rig.drive.joint_coulomb()).all()  # friction can hold it
+    # friction can hold it
+    assert (np.abs(arm.h(pose, np.zeros(n))) < rig.drive.joint_coulomb()).all()
     speeds, steps = [], round(seconds / loop.h)
     for _ in range(steps):
         state = loop.substep(state, row, numbers)[0].full()[:, 0]
@@ -257,7 +310,9 @@ def held(arm, rig, seconds, *, warm):
 
 @pytest.mark.parametrize(("n", "seed"), [(2, 0), (7, 0)])
 def test_arm_held_by_friction_does_not_creep(n, seed):
-    """FINDINGS 4: three cold sweeps let seven joints creep at 0.14 rad/s, warm ones hold them: below 1e-3 rad/s."""
+    """FINDINGS 4: three cold sweeps let seven joints creep at 0.14 rad/s, warm ones hold them:
+    below 1e-3 rad/s.
+    """
     _, bodies, dynamics = random_arm(n, seed)
     arm = Arm(dynamics=dynamics, f=dynamics.f(bodies))
     random = np.random.default_rng(1)
@@ -269,10 +324,13 @@ def test_arm_held_by_friction_does_not_creep(n, seed):
         assert held(arm, rig, 0.2, warm=False) > 10 * creep
 
 
-# -- structure -------------------------------------------------------------------------------------------------------
+# -- structure -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("period", [PERIOD / 3, PERIOD / 8, 1.1 * PERIOD, PERIOD * (1 + 1e-6)])
 def test_law_whose_period_is_no_multiple_of_the_sub_step_is_refused(period):
-    with pytest.raises(ValueError, match=r"the law's period must be a whole multiple of the sub-step 0.000175 s; got"):
+    with pytest.raises(
+        ValueError,
+        match=r"the law's period must be a whole multiple of the sub-step 0.000175 s; got",
+    ):
         loop_of(SampledP(gain=(0.1, 0.1), period=period))
 
 
@@ -280,21 +338,26 @@ def test_law_whose_period_fits_is_stepped_so_often():
     assert [loop_of(law).steps_per_law for law in LAWS.values()] == [0, 4, 2, 12]
 
 
-@pytest.mark.parametrize(("option", "value"), [("steps_per_sample", 0), ("steps_per_sample", 2.5), ("sweeps", 0)])
+@pytest.mark.parametrize(
+    ("option", "value"), [("steps_per_sample", 0), ("steps_per_sample", 2.5), ("sweeps", 0)]
+)
 def test_counts_are_whole_and_positive(option, value):
-    with pytest.raises(ValueError, match=rf"{option} must be a whole number of at least 1; got {value}"):
+    with pytest.raises(
+        ValueError, match=rf"{option} must be a whole number of at least 1; got {value}"
+    ):
         loop_of(LAWS["P"], **{option: value})
 
 
 def test_rig_law_and_arm_have_the_same_joints():
     with pytest.raises(ValueError, match="rig must have 2 joints like the arm; got 1"):
         loop_of(P(gain=(1.0,)), direct_rig((0.0,), (0.0,)))
-    for gain in ((1.0,), (1.0, 2.0, 3.0)):  # casadi would use one gain for both joints without a word
+    # casadi would use one gain for both joints without a word
+    for gain in ((1.0,), (1.0, 2.0, 3.0)):
         with pytest.raises(ValueError, match=rf"P.gain must have 2 joints; got {len(gain)}"):
             loop_of(P(gain=gain))
 
 
-# -- what is known beforehand ----------------------------------------------------------------------------------------
+# -- what is known beforehand --------------------------------------------------------------------
 def test_tables_hold_each_at_its_own_times():
     loop = loop_of(LAWS["three samples"])
     law, sample, step, _ = tables_of(loop, 7)
@@ -313,17 +376,27 @@ def test_logged_counts_are_joined_by_straight_lines_and_rounded_towards_zero():
     motion, counts = path(np.array([0.0, 0.25, 0.5, 1.0, 1.6, 2.0, 2.5, 9.0]) * PERIOD)
     expected = [[0, 0], [1, -2], [2, -4], [4, -8], [0, -8], [-4, -8], [-4, -8], [-4, -8]]
     np.testing.assert_array_equal(counts, expected)
-    np.testing.assert_allclose(RIG.position_in_pulses(motion.q)[1:4], [[1, -2], [2, -4], [4, -8]], atol=1e-12)
-    np.testing.assert_allclose(RIG.position_in_pulses(motion.qd)[0], np.array([4, -8]) / PERIOD, rtol=1e-12)
+    np.testing.assert_allclose(
+        RIG.position_in_pulses(motion.q)[1:4], [[1, -2], [2, -4], [4, -8]], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        RIG.position_in_pulses(motion.qd)[0], np.array([4, -8]) / PERIOD, rtol=1e-12
+    )
 
 
 def test_stiff_p_law_is_a_spring():
     """The helper of these tests: a P law of so many newton metres per radian."""
     rig = direct_rig((0.0,), (0.0,))
-    loop = ClosedLoop(dynamics=joint(1.0, 0.1, 0.5).dynamics, rig=rig, law=stiff(rig, [700.0]), steps_per_sample=4)
+    loop = ClosedLoop(
+        dynamics=joint(1.0, 0.1, 0.5).dynamics, rig=rig, law=stiff(rig, [700.0]), steps_per_sample=4
+    )
     row = np.concatenate([np.zeros(3), rig.counts(np.array([0.3])), [loop.h]])
     arm = joint(1.0, 0.1, 0.5)
-    log = loop.sample(loop.initial_state([0.1], [0.0]), row, loop.number_values(arm.f), [])[1].full().ravel()
+    log = (
+        loop.sample(loop.initial_state([0.1], [0.0]), row, loop.number_values(arm.f), [])[1]
+        .full()
+        .ravel()
+    )
     np.testing.assert_allclose(log[1], 700 * 0.2, rtol=1e-13)
     assert PointToPoint(start=(0,), goal=(0,), duration=1).n == rig.n
 
@@ -333,16 +406,19 @@ def test_steps_of_different_lengths_are_refused(population):
     uneven = [table.copy() for table in tables]
     uneven[2][7, -1] *= 1.01
     with pytest.raises(
-        ValueError, match=r"all steps must have one length; got 0\.000175 to 0\.00017675 s\. Say uneven\.$"
+        ValueError,
+        match=r"all steps must have one length; got 0\.000175 to 0\.00017675 s\. Say uneven\.$",
     ):
         kernel.prepared(uneven)
 
 
-# -- the path of a log that has its counts alone --------------------------------------------------------------------
+# -- the path of a log that has its counts alone -------------------------------------------------
 @pytest.mark.parametrize("kind", ["smooth", "a step", "sampled law", "a law with a memory"])
 def test_counts_of_a_smooth_motion_are_its_path_for_a_law_between_samples(kind):
     memory = PD(gain=(0.1, 0.075), derivative=(4e-4, 3e-4), filter=3000.0)
-    law = {"sampled law": LAWS["three samples"], "a law with a memory": memory}.get(kind, P(gain=(0.1, 0.08)))
+    law = {"sampled law": LAWS["three samples"], "a law with a memory": memory}.get(
+        kind, P(gain=(0.1, 0.08))
+    )
     t = np.arange(600) * PERIOD
     asked = RIG.counts(PATH(t).q) + (800.0 * (t > 0.2))[:, None] * (kind == "a step")
     record = Record(t=t, error_pulses=np.zeros((600, 2)), reference_pulses=asked, rig=RIG, law=law)
@@ -362,5 +438,8 @@ def test_a_law_that_is_a_plain_dataclass_of_arrays_is_simulated():
     """It cannot be hashed, so its loop is not shared."""
     own = dataclasses.dataclass(frozen=True)(type("Own", (P,), {}))
     law, same = own(gain=(0.1, 0.08)), puma560.p_law((0.1, 0.08))
-    logs = [simulate(puma560.arm(), puma560.rig(), each, puma560.reference(), duration=0.05) for each in (law, same)]
+    logs = [
+        simulate(puma560.arm(), puma560.rig(), each, puma560.reference(), duration=0.05)
+        for each in (law, same)
+    ]
     np.testing.assert_array_equal(logs[0].error_pulses, logs[1].error_pulses)

@@ -1,4 +1,6 @@
-"""Torque that was injected beside the law's: simulated, logged, replayed, and kept by every operation on a record."""
+"""Torque that was injected beside the law's: simulated, logged, replayed, and kept by every
+operation on a record.
+"""
 
 import dataclasses
 
@@ -39,9 +41,11 @@ def record():
     return simulate(ARM, RIG, LAW, PATH, duration=0.7, injected=pushes)
 
 
-# -- truths ---------------------------------------------------------------------------------------------------------
+# -- truths --------------------------------------------------------------------------------------
 def test_a_free_mass_moves_as_the_held_torque_says():
-    """Constant acceleration from each sample to the next, without gravity, friction and law: exact sums."""
+    """Constant acceleration from each sample to the next, without gravity, friction and law:
+    exact sums.
+    """
     inertia, rig = 2.0, direct_rig((0.0,), (0.0,))
     torque = np.random.default_rng(0).normal(size=(715, 1))
     record = simulate(joint(0.0, 0.0, inertia), rig, NoTorque(), STILL, injected=torque)
@@ -56,7 +60,12 @@ def test_a_free_mass_moves_as_the_held_torque_says():
 def test_the_amplifiers_limit_holds_for_the_law_and_for_the_sum():
     rig = direct_rig((0.0,), (0.0,))
     rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_limit=(5.0,)))
-    for asked, added, driven in ((3.0, 1.0, 4.0), (3.0, 4.0, 5.0), (9.0, -2.0, 3.0), (-9.0, -1.0, -5.0)):
+    for asked, added, driven in (
+        (3.0, 1.0, 4.0),
+        (3.0, 4.0, 5.0),
+        (9.0, -2.0, 3.0),
+        (-9.0, -1.0, -5.0),
+    ):
         law = Constant(torque=asked, period=rig.period)
         record = simulate(joint(0.0, 0.0, 2.0), rig, law, STILL, injected=np.full((715, 1), added))
         np.testing.assert_allclose(record.torque, driven)
@@ -65,9 +74,13 @@ def test_the_amplifiers_limit_holds_for_the_law_and_for_the_sum():
 
 
 def test_a_sampled_law_does_not_know_of_it():
-    """The observer of computed torque is told its own torque alone, so that it sees a disturbance and rejects it."""
+    """The observer of computed torque is told its own torque alone, so that it sees a
+    disturbance and rejects it.
+    """
     law = ComputedTorque(ARM, RIG)
-    report = evaluate(ARM, RIG, law, PATH, duration=0.7, injected=lambda t: np.full((len(t), 2), (20.0, -8.0)))
+    report = evaluate(
+        ARM, RIG, law, PATH, duration=0.7, injected=lambda t: np.full((len(t), 2), (20.0, -8.0))
+    )
     plain = evaluate(ARM, RIG, law, PATH, duration=0.7)
     assert report.within(1)
     assert report.on_gears is None
@@ -79,32 +92,47 @@ def test_a_sampled_law_does_not_know_of_it():
 
 
 def test_an_elastic_gear_and_a_lag_of_the_current_are_behind_it():
-    """A torque on a motor held by nothing, against a rigid one: through the lag, half a time constant late at first."""
+    """A torque on a motor held by nothing, against a rigid one: through the lag, half a time
+    constant late at first.
+    """
     inertia, lag = 2.0, 0.02
     rig = direct_rig((0.0,), (0.0,))
     rig = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=lag))
     record = simulate(joint(0.0, 0.0, inertia), rig, NoTorque(), STILL, injected=np.ones((715, 1)))
     t = record.t
-    np.testing.assert_allclose(record.true_qd[:, 0], (t - lag * (1 - np.exp(-t / lag))) / inertia, atol=1e-6)
+    np.testing.assert_allclose(
+        record.true_qd[:, 0], (t - lag * (1 - np.exp(-t / lag))) / inertia, atol=1e-6
+    )
     gears = Elasticity(stiffness=(1e4,), damping=(30.0,))
     drive = dataclasses.replace(rig.drive, current_lag=None, elasticity=gears, motor_inertia=(0.5,))
     record = simulate(
-        joint(0.0, 0.0, inertia), dataclasses.replace(rig, drive=drive), NoTorque(), STILL, injected=np.ones((715, 1))
+        joint(0.0, 0.0, inertia),
+        dataclasses.replace(rig, drive=drive),
+        NoTorque(),
+        STILL,
+        injected=np.ones((715, 1)),
     )
     np.testing.assert_allclose(record.true_qd[-1], t[-1] / inertia, rtol=0.01)
     motors = record.counts[400:, 0] / rig.position_in_pulses(np.ones(1))
     links = record.true_q[400:, 0]
-    np.testing.assert_allclose((motors - links).mean(), 0.75 / 1e4, rtol=0.05)  # of 1 N m three quarters pass
+    # of 1 N m three quarters pass
+    np.testing.assert_allclose((motors - links).mean(), 0.75 / 1e4, rtol=0.05)
 
 
-# -- invariants -----------------------------------------------------------------------------------------------------
+# -- invariants ----------------------------------------------------------------------------------
 def test_without_it_the_loop_is_the_same_graph_and_with_it_a_time_input_more():
     options = {"dynamics": ARM.dynamics, "rig": RIG, "law": LAW, "steps_per_sample": 4}
     plain, other = ClosedLoop(**options), ClosedLoop(injected=True, **options)
     assert Structure(ClosedLoop(injected=False, **options)) == Structure(plain) != Structure(other)
     assert (other.state_names, other.number_names) == (plain.state_names, plain.number_names)
-    assert [name for name in other.time_names if name not in plain.time_names] == ["injected[0]", "injected[1]"]
-    runs = [simulate(ARM, RIG, LAW, PATH, duration=0.1, injected=given) for given in (None, np.zeros((143, 2)))]
+    assert [name for name in other.time_names if name not in plain.time_names] == [
+        "injected[0]",
+        "injected[1]",
+    ]
+    runs = [
+        simulate(ARM, RIG, LAW, PATH, duration=0.1, injected=given)
+        for given in (None, np.zeros((143, 2)))
+    ]
     np.testing.assert_array_equal(runs[0].error_pulses, runs[1].error_pulses)
     assert runs[0].injected is None
 
@@ -120,7 +148,10 @@ def test_both_backends_agree_with_all_that_may_be_between():
     law = ComputedTorque(ARM, RIG)
     drive = dataclasses.replace(RIG.drive, current_lag=CurrentLag(time=3e-4))
     rig = dataclasses.replace(RIG, drive=drive, transport=Transport(delay=2e-4, lost=(3, 17)))
-    runs = [simulate(ARM, rig, law, PATH, duration=0.1, injected=pushes, backend=each) for each in ("numba", "casadi")]
+    runs = [
+        simulate(ARM, rig, law, PATH, duration=0.1, injected=pushes, backend=each)
+        for each in ("numba", "casadi")
+    ]
     np.testing.assert_allclose(runs[0].true_q, runs[1].true_q, rtol=0, atol=1e-11)
 
 
@@ -146,25 +177,32 @@ def test_the_torque_equation_has_the_sum(record):
     np.testing.assert_allclose(torque_of(sampled)[1:], logged, rtol=0, atol=1e-12)
 
 
-# -- records --------------------------------------------------------------------------------------------------------
+# -- records -------------------------------------------------------------------------------------
 def test_files_cuts_and_resampled_records_keep_it(record, tmp_path):
     record.to_csv(tmp_path / "log.csv")
     again = Record.from_csv(tmp_path / "log.csv")
     assert again == record
-    np.testing.assert_array_equal(record.cut(0.1, 0.5).injected, record.injected[(record.t >= 0.1) & (record.t < 0.5)])
+    np.testing.assert_array_equal(
+        record.cut(0.1, 0.5).injected, record.injected[(record.t >= 0.1) & (record.t < 0.5)]
+    )
     coarse = record.resampled(2 * RIG.period)
     np.testing.assert_allclose(
-        coarse.injected[:-1], (record.injected[:-1:2] + record.injected[1::2])[: len(coarse) - 1] / 2
+        coarse.injected[:-1],
+        (record.injected[:-1:2] + record.injected[1::2])[: len(coarse) - 1] / 2,
     )
     assert "injected[1]" in to_control(record).output_labels
 
 
-@pytest.mark.parametrize(("unit", "side"), [("N m", None), ("motor N m", "motor"), (("N m", "N"), None)])
+@pytest.mark.parametrize(
+    ("unit", "side"), [("N m", None), ("motor N m", "motor"), (("N m", "N"), None)]
+)
 def test_a_table_has_it_in_its_units(record, unit, side):
     given = record.injected if side is None else RIG.drive.motor_torque(record.injected)
     table = {"t": record.t, "e": record.error_pulses, "r": record.reference_pulses, "push": given}
     columns = {"t": "t", "error_pulses": "e", "reference_pulses": "r", "injected": "push"}
-    read = Record.from_table(table, rig=RIG, law=LAW, columns=columns, units={"t": "s", "injected": unit})
+    read = Record.from_table(
+        table, rig=RIG, law=LAW, columns=columns, units={"t": "s", "injected": unit}
+    )
     np.testing.assert_allclose(read.injected, record.injected, rtol=1e-12)
     assert read.torque is None
     with pytest.raises(ValueError, match="units must state that of 'injected'"):
@@ -172,7 +210,9 @@ def test_a_table_has_it_in_its_units(record, unit, side):
 
 
 def test_the_checkup_counts_it_as_commanded(record):
-    """The commanded torque against the logged one: else they differ, and the record is said not to be its law's."""
+    """The commanded torque against the logged one: else they differ, and the record is said not
+    to be its law's.
+    """
     longer = simulate(ARM, RIG, LAW, PATH, duration=2.0, injected=pushes)
     assert longer.check().ok, str(longer.check())
     signals = Signals(longer)
@@ -196,5 +236,7 @@ def test_bad_torques_are_refused_in_one_line(given, message):
 
 
 def test_a_record_refuses_other_rows(record):
-    with pytest.raises(ValueError, match=r"injected must have shape \(1000, 2\); got shape \(999, 2\)"):
+    with pytest.raises(
+        ValueError, match=r"injected must have shape \(1000, 2\); got shape \(999, 2\)"
+    ):
         dataclasses.replace(record, injected=record.injected[1:])

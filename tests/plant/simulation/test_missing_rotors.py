@@ -1,4 +1,6 @@
-"""Arms without the rotors of their drive: said in `simulate` and `p_gains`, not where the rotors are in f."""
+"""Arms without the rotors of their drive: said in `simulate` and `p_gains`, not where the rotors
+are in f.
+"""
 
 import dataclasses
 import warnings
@@ -22,18 +24,26 @@ def arm_of(chain):
 def test_bodies_without_rotors_are_said_and_with_rotors_are_not():
     bare, (first, second) = planar(2, rotor=0.0), RIG.drive.reflected_inertia()
     arm = arm_of(bare)
-    with pytest.warns(UserWarning, match=r"no rotors, and the drive has 0\.577 kg m\^2 at joint 2 .*chain.with_rotors"):
+    with pytest.warns(
+        UserWarning,
+        match=r"no rotors, and the drive has 0\.577 kg m\^2 at joint 2 .*chain.with_rotors",
+    ):
         simulate(arm, RIG, LAW, PATH, duration=0.01, backend="casadi")
     full = bare.with_rotors(RIG.drive)
     assert [body.rotor for body in full.bodies] == [first, second]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulate(arm_of(full), RIG, LAW, PATH, duration=0.01, backend="casadi")
-        identified = dataclasses.replace(arm, f=1.01 * arm.f)  # f that is not the bodies': nothing is known of rotors
+        # f that is not the bodies': nothing is known of rotors
+        identified = dataclasses.replace(arm, f=1.01 * arm.f)
         simulate(identified, RIG, LAW, PATH, duration=0.01, backend="casadi")
         light = dataclasses.replace(RIG.drive, motor_inertia=(1e-6, 1e-6))
-        simulate(arm, dataclasses.replace(RIG, drive=light), LAW, PATH, duration=0.01, backend="casadi")
-    np.testing.assert_allclose(arm_of(full).D([0, 1]) - arm.D([0, 1]), np.diag([first, second]), rtol=0, atol=1e-12)
+        simulate(
+            arm, dataclasses.replace(RIG, drive=light), LAW, PATH, duration=0.01, backend="casadi"
+        )
+    np.testing.assert_allclose(
+        arm_of(full).D([0, 1]) - arm.D([0, 1]), np.diag([first, second]), rtol=0, atol=1e-12
+    )
 
 
 def test_p_gains_says_it_once():

@@ -1,7 +1,8 @@
-"""The simulator against what is known from elsewhere: energy, a fine integrator, exact stick-slip, the paper's figures.
+"""The simulator against what is known from elsewhere: energy, a fine integrator, exact stick-slip,
+the paper's figures.
 
-Kernels are few: where only the step length changes, the period changes and the number of sub-steps stays, so that one
-compilation serves all.
+Kernels are few: where only the step length changes, the period changes and the number of sub-steps
+stays, so that one compilation serves all.
 """
 
 import dataclasses
@@ -9,7 +10,16 @@ import dataclasses
 import equation2
 import numpy as np
 import pytest
-from closed_loops import PULSE, Filtered, NoTorque, SampledP, direct_rig, joint, stiff, without_friction
+from closed_loops import (
+    PULSE,
+    Filtered,
+    NoTorque,
+    SampledP,
+    direct_rig,
+    joint,
+    stiff,
+    without_friction,
+)
 from scipy.integrate import solve_ivp
 from stick_slip import GearedJoint, simulate_events
 
@@ -25,7 +35,9 @@ PERIOD = 0.7e-3
 
 def equation_6(t):
     w = 2 * np.pi / 3.65
-    return np.array([-np.pi / 4 + np.pi / 4 * np.cos(w * t), np.pi / 4 - np.pi / 4 * np.cos(2 * w * t)])
+    return np.array(
+        [-np.pi / 4 + np.pi / 4 * np.cos(w * t), np.pi / 4 - np.pi / 4 * np.cos(2 * w * t)]
+    )
 
 
 def h(q, qd):
@@ -38,11 +50,13 @@ def paper():
     return simulate(ARM, RIG, LAW, PATH)
 
 
-# -- the step --------------------------------------------------------------------------------------------------------
+# -- the step ------------------------------------------------------------------------------------
 def energy(q, qd):
     """Of the published arm [J]; the potential is the integral of the gravity torques of (2)."""
     q2, q23 = q[:, 0], q.sum(axis=1)
-    potential = -9.81 * (F[4] * np.sin(q23) + F[5] * np.cos(q23) + F[7] * np.cos(q2) + F[8] * np.sin(q2))
+    potential = -9.81 * (
+        F[4] * np.sin(q23) + F[5] * np.cos(q23) + F[7] * np.cos(q2) + F[8] * np.sin(q2)
+    )
     return potential + [v @ equation2.D(x, F) @ v / 2 for x, v in zip(q, qd, strict=True)]
 
 
@@ -51,11 +65,14 @@ def test_potential_is_the_integral_of_the_gravity_torques():
     for i in range(2):
         ends = np.array([q - step * np.eye(2)[i], q + step * np.eye(2)[i]])
         slope = np.diff(energy(ends, np.zeros((2, 2))))[0] / (2 * step)
-        np.testing.assert_allclose(slope, equation2.G(q, F)[i], rtol=1e-8)  # rounding 1e-15 * 100 / 1e-6
+        # rounding 1e-15 * 100 / 1e-6
+        np.testing.assert_allclose(slope, equation2.G(q, F)[i], rtol=1e-8)
 
 
 def test_energy_of_a_free_arm_drifts_with_the_square_of_the_step():
-    """4 s of free swing through more than 2 rad at up to 14 rad/s, without friction and torque, gravity on."""
+    """4 s of free swing through more than 2 rad at up to 14 rad/s, without friction and torque,
+    gravity on.
+    """
     hold = PointToPoint(start=(0.0, 0.0), goal=(0.0, 0.0), duration=4.0)
     drift = []
     for period in (4 * PERIOD, 2 * PERIOD, PERIOD):
@@ -72,14 +89,21 @@ def test_energy_of_a_free_arm_drifts_with_the_square_of_the_step():
 def test_smooth_loop_converges_with_order_two_to_a_fine_integration():
     """P loop with viscous friction, an encoder that does not round, and no Coulomb friction."""
     rig = without_friction(RIG, viscous=True, smooth=True)
-    stiffness, viscous = LAW.gain * rig.drive.gear * rig.position_in_pulses(np.ones(2)), rig.drive.joint_viscous()
+    stiffness, viscous = (
+        LAW.gain * rig.drive.gear * rig.position_in_pulses(np.ones(2)),
+        rig.drive.joint_viscous(),
+    )
 
     def rate(t, y):
         q, qd = y[:2], y[2:]
         tau = stiffness * (equation_6(t) - q)
-        return np.concatenate([qd, np.linalg.solve(equation2.D(q, F), tau - h(q, qd) - viscous * qd)])
+        return np.concatenate(
+            [qd, np.linalg.solve(equation2.D(q, F), tau - h(q, qd) - viscous * qd)]
+        )
 
-    exact = solve_ivp(rate, (0, 0.7), np.zeros(4), method="DOP853", rtol=1e-11, atol=1e-13, dense_output=True).sol
+    exact = solve_ivp(
+        rate, (0, 0.7), np.zeros(4), method="DOP853", rtol=1e-11, atol=1e-13, dense_output=True
+    ).sol
     errors = []
     for period in (4 * PERIOD, 2 * PERIOD, PERIOD):
         record = simulate(ARM, dataclasses.replace(rig, period=period), LAW, PATH, duration=0.7)
@@ -91,18 +115,27 @@ def test_smooth_loop_converges_with_order_two_to_a_fine_integration():
 
 
 def test_one_joint_sticks_and_slips_like_the_event_accurate_reference():
-    """An encoder that does not round, since the reference has none: what is left is friction and the step."""
+    """An encoder that does not round, since the reference has none: what is left is friction and
+    the step.
+    """
     case = GearedJoint()
     arm = joint(case.mass, case.radius, case.inertia)
     rig = direct_rig((case.coulomb,), (case.viscous,))
-    motion = Harmonics(period=2.0, offset=(case.amplitude,), cosine=((-case.amplitude,),), sine=((0.0,),))
+    motion = Harmonics(
+        period=2.0, offset=(case.amplitude,), cosine=((-case.amplitude,),), sine=((0.0,),)
+    )
     law, errors = stiff(rig, [case.stiffness]), []
     t = np.arange(643) * 4 * PERIOD  # up, a reversal, and down to the next
-    exact, events = simulate_events(**case.equations(), t_end=1.8, q0=[0.0], qd0=[0.0], t_eval=t, max_step=4e-3)
+    exact, events = simulate_events(
+        **case.equations(), t_end=1.8, q0=[0.0], qd0=[0.0], t_eval=t, max_step=4e-3
+    )
     assert sum(event.kind == "stick" for event in events) >= 2
-    for every in (1, 4):  # 16 sub-steps of 0.175 ms, and of a quarter of it as in a sample of 0.7 ms
+    # 16 sub-steps of 0.175 ms, and of a quarter of it as in a sample of 0.7 ms
+    for every in (1, 4):
         fine = dataclasses.replace(rig, period=4 * PERIOD / every)
-        record = simulate(arm, fine, law, motion, duration=1.8, steps_per_sample=16, initial=((0,), (0,)))
+        record = simulate(
+            arm, fine, law, motion, duration=1.8, steps_per_sample=16, initial=((0,), (0,))
+        )
         errors.append(np.abs(record.true_q[::every][: len(t)] - exact).max() / PULSE)
     assert errors[1] < 0.01  # pulses; 1e-4 measured
     # Steps 4 times shorter: 16 for a smooth motion, 4 for a first-order treatment of the events.
@@ -110,9 +143,12 @@ def test_one_joint_sticks_and_slips_like_the_event_accurate_reference():
 
 
 def test_two_joints_stick_and_slip_like_the_event_accurate_reference():
-    """The paper's arm, drives and gains on (6), an encoder that does not round; equation (2) is the independent arm."""
+    """The paper's arm, drives and gains on (6), an encoder that does not round; equation (2) is
+    the independent arm.
+    """
     encoder = dataclasses.replace(RIG.encoder, smooth=True)
-    rig = dataclasses.replace(RIG, encoder=encoder, period=PERIOD / 4)  # with 4 sub-steps: 16 in 0.7 ms
+    # with 4 sub-steps: 16 in 0.7 ms
+    rig = dataclasses.replace(RIG, encoder=encoder, period=PERIOD / 4)
     stiffness = LAW.gain * rig.drive.gear * rig.position_in_pulses(np.ones(2))
     limit = rig.drive.torque_limit()
     record = simulate(ARM, rig, LAW, PATH, duration=1.0)
@@ -130,7 +166,8 @@ def test_two_joints_stick_and_slip_like_the_event_accurate_reference():
     )
     assert {event.joint for event in events} == {0, 1}
     assert "stick" in {event.kind for event in events}
-    assert np.abs(rig.position_in_pulses(record.true_q - exact)).max() < 0.05  # pulses; 4e-3 measured
+    # pulses; 4e-3 measured
+    assert np.abs(rig.position_in_pulses(record.true_q - exact)).max() < 0.05
 
 
 def test_arm_held_by_a_p_law_comes_to_rest():
@@ -145,7 +182,7 @@ def test_arm_held_by_a_p_law_comes_to_rest():
     assert (np.abs(needed) <= RIG.drive.joint_coulomb()).all()
 
 
-# -- the paper's experiment ------------------------------------------------------------------------------------------
+# -- the paper's experiment ----------------------------------------------------------------------
 def test_samples_are_at_multiples_of_the_period_from_zero(paper):
     np.testing.assert_array_equal(paper.t, np.arange(5215) * 0.7e-3)
     np.testing.assert_array_equal(paper.reference_pulses, RIG.counts(PATH(paper.t).q))
@@ -155,7 +192,8 @@ def test_samples_are_at_multiples_of_the_period_from_zero(paper):
 
 def test_errors_are_as_large_as_in_the_paper(paper):
     worst = np.abs(paper.error_pulses).max(axis=0)
-    assert ((worst >= 7) & (worst <= 15)).all()  # "within about +-10 pulses as in Figs. 6-7" (ERRATA)
+    # "within about +-10 pulses as in Figs. 6-7" (ERRATA)
+    assert ((worst >= 7) & (worst <= 15)).all()
     np.testing.assert_array_equal(paper.error_pulses, np.trunc(paper.error_pulses))
 
 
@@ -169,7 +207,9 @@ def test_errors_oscillate_at_20_to_30_hz(paper):
 
 
 def test_errors_are_reference_minus_the_counts_of_the_true_joint(paper):
-    np.testing.assert_array_equal(paper.error_pulses, paper.reference_pulses - RIG.counts(paper.true_q))
+    np.testing.assert_array_equal(
+        paper.error_pulses, paper.reference_pulses - RIG.counts(paper.true_q)
+    )
 
 
 def test_torque_and_current_of_the_p_law_are_exactly_p_times_the_error(paper):
@@ -192,26 +232,32 @@ def test_true_error_between_the_samples_joins_the_errors_at_them():
     assert trace.true_error_pulses.shape == (4 * N, 2)
     t = (np.arange(4 * N) + 0.5) * PERIOD / 4
     position = RIG.position_in_pulses(PATH(t).q) - trace.true_error_pulses
-    between = (position[3:-4:4] + position[4:-1:4]) / 2  # the sample lies half-way between two middles
+    # the sample lies half-way between two middles
+    between = (position[3:-4:4] + position[4:-1:4]) / 2
     # Parabola between the two: 40 rad/s^2 * (0.7e-3 / 4)^2 / 8 is 0.002 pulses.
     assert np.abs(between - RIG.position_in_pulses(trace.record.true_q[1:])).max() < 0.02
 
 
 def test_digital_p_loop_is_unstable_at_the_sample_period():
-    """FINDINGS 1: 0.7 ms is how often the experiment logs, not how often the P loop acts; held so long, it grows."""
+    """FINDINGS 1: 0.7 ms is how often the experiment logs, not how often the P loop acts; held
+    so long, it grows.
+    """
     held = SampledP(gain=LAW.gain, period=PERIOD)
     limited = simulate(ARM, RIG, held, PATH)
     assert np.abs(limited.error_pulses).max() > 100  # the amplifiers bound it, no more
     drive = dataclasses.replace(RIG.drive, current_limit=(np.inf, np.inf))
     for backend in ("numba", "casadi"):
         with pytest.raises(
-            ValueError, match=r"it diverges after t = [0-3]\.\d{4} s, joint (2 \(q\[0\]\)|3 \(q\[1\]\)) first\. "
+            ValueError,
+            match=(
+                r"it diverges after t = [0-3]\.\d{4} s, joint (2 \(q\[0\]\)|3 \(q\[1\]\)) first\. "
+            ),
         ) as error:
             simulate(ARM, dataclasses.replace(RIG, drive=drive), held, PATH, backend=backend)
         assert "\n" not in str(error.value)
 
 
-# -- backends --------------------------------------------------------------------------------------------------------
+# -- backends ------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "law",
     [
@@ -222,14 +268,22 @@ def test_digital_p_loop_is_unstable_at_the_sample_period():
     ids=["P", "soft P", "one sample", "two sub-steps", "three samples"],
 )
 def test_backends_count_the_same_pulses(law):
-    """Both round each step differently, so they may part where a joint stands within 1e-9 pulse of a cell's edge."""
-    kernel, casadi = (run(ARM, RIG, law, PATH, 1.0, 4, None, backend) for backend in ("numba", "casadi"))
+    """Both round each step differently, so they may part where a joint stands within 1e-9 pulse
+    of a cell's edge.
+    """
+    kernel, casadi = (
+        run(ARM, RIG, law, PATH, 1.0, 4, None, backend) for backend in ("numba", "casadi")
+    )
     same = (kernel.record.error_pulses == casadi.record.error_pulses).all(axis=1)
     if same.all():
         # Rounding of 4,000 steps of a bounded motion; and the same between the samples.
-        np.testing.assert_allclose(kernel.true_error_pulses, casadi.true_error_pulses, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            kernel.true_error_pulses, casadi.true_error_pulses, rtol=0, atol=1e-6
+        )
         return
-    reference = RIG.position_in_pulses(PATH((np.arange(len(kernel.true_error_pulses)) + 0.5) * PERIOD / 4).q)
+    reference = RIG.position_in_pulses(
+        PATH((np.arange(len(kernel.true_error_pulses)) + 0.5) * PERIOD / 4).q
+    )
     ours, theirs = (reference - trace.true_error_pulses for trace in (kernel, casadi))
     first = int(np.flatnonzero((fix(ours) != fix(theirs)).any(axis=1))[0])
     to_edge = np.abs(ours[first] - np.round(ours[first]))
@@ -241,7 +295,10 @@ def test_backends_count_the_same_pulses(law):
 def test_casadi_takes_a_duration_that_ends_inside_a_chunk():
     """3 samples per step of the law, 100 samples: 33 chunks and a rest."""
     law = Filtered(gain=(8.0, 6.0), rate=40.0, period=3 * PERIOD)
-    records = [simulate(ARM, RIG, law, PATH, duration=0.07, backend=backend) for backend in ("numba", "casadi")]
+    records = [
+        simulate(ARM, RIG, law, PATH, duration=0.07, backend=backend)
+        for backend in ("numba", "casadi")
+    ]
     assert [len(record) for record in records] == [100, 100]
     np.testing.assert_array_equal(records[0].error_pulses, records[1].error_pulses)
     # After the law's limit and at every third sample only.
@@ -250,9 +307,11 @@ def test_casadi_takes_a_duration_that_ends_inside_a_chunk():
     assert (np.abs(np.diff(torque[::3], axis=0)).max(axis=1) > 0).all()
 
 
-# -- start, duration, records ----------------------------------------------------------------------------------------
+# -- start, duration, records --------------------------------------------------------------------
 def test_motion_starts_where_it_is_told_or_on_the_reference():
-    motion = Harmonics(period=2.0, offset=(0.1, 0.2), cosine=((0.0,), (0.0,)), sine=((0.1,), (-0.1,)))
+    motion = Harmonics(
+        period=2.0, offset=(0.1, 0.2), cosine=((0.0,), (0.0,)), sine=((0.1,), (-0.1,))
+    )
     start = simulate(ARM, RIG, LAW, motion, duration=0.07)
     np.testing.assert_allclose(start.true_q[0], [0.1, 0.2], rtol=1e-15)
     np.testing.assert_allclose(start.true_qd[0], [0.1 * np.pi, -0.1 * np.pi], rtol=1e-14)
@@ -277,13 +336,17 @@ def test_path_of_a_record_is_its_reference_or_its_counts(paper):
     counts = path_of(dataclasses.replace(paper, reference=None))(t)
     assert np.abs(whole[1] - counts[1]).max() <= 1  # the same to a pulse between samples,
     np.testing.assert_array_equal(whole[1][0], counts[1][0])  # and the same at one
-    np.testing.assert_array_equal(start_of(paper, path_of(paper)), [PATH([0.0]).q[0], PATH([0.0]).qd[0]])
+    np.testing.assert_array_equal(
+        start_of(paper, path_of(paper)), [PATH([0.0]).q[0], PATH([0.0]).qd[0]]
+    )
     given = dataclasses.replace(paper, initial=((1, 2), (3, 4)))
     np.testing.assert_array_equal(start_of(given, path_of(given)), [[1, 2], [3, 4]])
 
 
 def test_a_log_that_starts_off_its_reference_is_replayed_from_its_first_count(paper):
-    """An arm that hangs in its P loop before it moves: first error -5 on joint 2, none on joint 3."""
+    """An arm that hangs in its P loop before it moves: first error -5 on joint 2, none on joint
+    3.
+    """
     error = paper.error_pulses.copy()
     error[0] = (-5, 0)
     hanging = dataclasses.replace(paper, error_pulses=error, reference=None)
@@ -294,19 +357,25 @@ def test_a_log_that_starts_off_its_reference_is_replayed_from_its_first_count(pa
 
 
 def test_a_reference_that_is_not_the_one_of_the_log_is_refused(paper):
-    shifted = dataclasses.replace(paper, reference_pulses=paper.reference_pulses + 2 * (paper.t[:, None] > 1))
+    shifted = dataclasses.replace(
+        paper, reference_pulses=paper.reference_pulses + 2 * (paper.t[:, None] > 1)
+    )
     with pytest.raises(ValueError, match=r"sample 1429 is 2 pulses off. Correct.*leave it out"):
         path_of(shifted)
 
 
 @pytest.mark.parametrize("factor", [1.1, -1.0])
-@pytest.mark.parametrize("path", [PATH, PointToPoint(start=(0.1, 0.0), goal=(0.1, 1.0), duration=0.5)])
+@pytest.mark.parametrize(
+    "path", [PATH, PointToPoint(start=(0.1, 0.0), goal=(0.1, 1.0), duration=0.5)]
+)
 def test_a_gear_that_the_reference_contradicts_is_named(path, factor):
     """Of joints that move; of one that stands still nothing is said."""
     log = simulate(ARM, RIG, LAW, path, duration=0.5)
     drive = dataclasses.replace(RIG.drive, gear=np.multiply(RIG.drive.gear, (1.0, factor)))
     stated = dataclasses.replace(log, rig=dataclasses.replace(RIG, drive=drive))
-    with pytest.raises(ValueError, match=rf"At joint q\[1\] they are {1 / factor:.4g} times the reference's"):
+    with pytest.raises(
+        ValueError, match=rf"At joint q\[1\] they are {1 / factor:.4g} times the reference's"
+    ):
         path_of(stated)
 
 
@@ -326,9 +395,15 @@ ONE = PointToPoint(start=(0.0,), goal=(1.0,), duration=1.0)
         ({"duration": (1.0, 2.0)}, "duration must be a positive number"),
         ({"duration": "long"}, "duration must be a positive number"),
         ({"initial": ((0.0,), (0.0,))}, r"initial must have shape \(2, 2\); got shape \(2, 1\)"),
-        ({"initial": ((0.0, np.nan), (0.0, 0.0))}, r"initial must be finite; got nan at index \(0, 1\)"),
+        (
+            {"initial": ((0.0, np.nan), (0.0, 0.0))},
+            r"initial must be finite; got nan at index \(0, 1\)",
+        ),
         ({"steps_per_sample": 0}, "steps_per_sample must be a whole number of at least 1; got 0"),
-        ({"backend": "numbra"}, "backend must be one of 'numba', 'casadi'; got 'numbra'. Did you mean 'numba'"),
+        (
+            {"backend": "numbra"},
+            "backend must be one of 'numba', 'casadi'; got 'numbra'. Did you mean 'numba'",
+        ),
         ({"arm": ARM.dynamics.arm(-F)}, "D must be positive definite; its smallest eigenvalue is"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",

@@ -1,4 +1,6 @@
-"""The smooth motion through commanded counts, against scipy's least squares; law runs in blocks, against one by one."""
+"""The smooth motion through commanded counts, against scipy's least squares; law runs in blocks,
+against one by one.
+"""
 
 import casadi as ca
 import numpy as np
@@ -27,9 +29,13 @@ def test_splines_are_those_of_a_qr_decomposition(pieces):
 
 def test_a_function_without_copies_gives_what_a_call_gives():
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
-    function = ca.Function("f", [x, y], [y * x[:2], ca.densify(ca.vertcat(x[0], 0, x[2] ** 2))]).map(5)
+    function = ca.Function(
+        "f", [x, y], [y * x[:2], ca.densify(ca.vertcat(x[0], 0, x[2] ** 2))]
+    ).map(5)
     values, factors = np.random.default_rng(0).normal(size=(5, 3)), np.arange(5.0)[:, None]
-    for got, expected in zip(evaluated(function, values, factors), function(values.T, factors.T), strict=True):
+    for got, expected in zip(
+        evaluated(function, values, factors), function(values.T, factors.T), strict=True
+    ):
         np.testing.assert_array_equal(got, expected.full().T)
     with pytest.raises(RuntimeError, match="not large enough"):
         evaluated(function, values[:4], factors)
@@ -39,14 +45,22 @@ def log(samples):
     """Counts and commanded counts under a PID that has been at work; they need not be a robot's."""
     rig, t = puma560.rig(), puma560.rig().period * np.arange(samples)
     reference = np.round(np.column_stack([400 * np.sin(t), 300 * np.cos(2 * t)]))
-    pid = PID(gain=(0.1, 0.07), derivative=(4e-4, 3e-4), filter=3000.0, integral=(0.5, 0.4), period=rig.period)
+    pid = PID(
+        gain=(0.1, 0.07),
+        derivative=(4e-4, 3e-4),
+        filter=3000.0,
+        integral=(0.5, 0.4),
+        period=rig.period,
+    )
     law = Resumed(law=pid, state=pid.initial_state(2)).along(rig)
     errors = np.round(5 * np.column_stack([np.cos(9 * t), np.sin(7 * t)]))
     return Record(t=t, rig=rig, law=law, reference_pulses=reference, error_pulses=errors)
 
 
 def test_a_law_in_blocks_remembers_across_them(monkeypatch):
-    """Blocks of 1000 steps, the last one filled up, and blocks of 7 give the same; the length stays the log's."""
+    """Blocks of 1000 steps, the last one filled up, and blocks of 7 give the same; the length
+    stays the log's.
+    """
     whole = run_law(log(2345))
     resumed._repeated.cache_clear()
     monkeypatch.setattr(resumed, "_AT_ONCE", 7)
@@ -62,7 +76,9 @@ def test_splines_of_one_log_are_made_once(monkeypatch):
     made = []
     monkeypatch.setattr(smooth_splines, "_FOUND", {})
     fewest = smooth_splines._fewest_knots
-    monkeypatch.setattr(smooth_splines, "_fewest_knots", lambda *given: made.append(1) or fewest(*given))
+    monkeypatch.setattr(
+        smooth_splines, "_fewest_knots", lambda *given: made.append(1) or fewest(*given)
+    )
     for _ in range(3):
         run_law(log(500))
     assert len(made) == 1

@@ -36,7 +36,9 @@ def test_the_samples_are_those_of_the_simulator(elastic):
 
 
 def test_a_load_falls_and_an_empty_arm_does_not_remember():
-    """Under the torque that holds the empty arm, a load pulls down at once, and off again it leaves no force."""
+    """Under the torque that holds the empty arm, a load pulls down at once, and off again it
+    leaves no force.
+    """
     rig, rest = puma560.rig(), np.array([0.0, np.pi / 2])
     held = puma560.arm().h(rest, np.zeros(2))
     empty, loaded = (SteppedArm(puma560.arm(), rig, rest) for _ in range(2))
