@@ -90,7 +90,7 @@ def test_c_gives_per_mille_of_the_rated_torque(tmp_path):
         ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"],
     )
     subprocess.run(  # noqa: S603
-        ["cc", *flags, "-shared", "-fPIC", "-o", library, tmp_path / "arm.c", "-lm"],
+        ["cc", *flags, "-shared", "-fPIC", "-o", library, tmp_path / "arm.c", "-lm"],  # noqa: S607
         check=True,
     )
     c, state, given = ctypes.CDLL(str(library)), np.zeros(4000), np.zeros(2, np.int32)
