@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
-import house  # noqa: E402
-import reads  # noqa: E402
+import house
+import reads
 
 PAGE = '''"""A page."""
 
