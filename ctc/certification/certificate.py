@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ctc.certification.certified import Certified
 from ctc.certification.figure import plot_certificate
 from ctc.certification.plants import Plants, Worst
-from ctc.certification.proved import Proved, proved
 from ctc.certification.reserves import Reserves, held, reserves
 from ctc.certification.statement import shown, verdict
 from ctc.verdict.evaluations import evaluate
@@ -51,7 +50,7 @@ class Certificate(Certified):
         Limit [pulses].
     confidence : float
     settings : dict
-        ``steps_per_sample``, ``duration``, ``after``, and whether a bound is to be ``proved``.
+        ``steps_per_sample``, ``duration`` and ``after``.
     threads : int
     seconds : float
         That the runs took.
@@ -127,16 +126,6 @@ class Certificate(Certified):
                 return np.full(rig.n, np.inf)
         begins = steps * math.ceil(self.settings["after"] / rig.period - 1e-9)
         return np.asarray(np.abs(own.true_error_pulses[begins:]).max(axis=0))
-
-    @functools.cached_property
-    def proved(self) -> Proved:
-        """Bound of the error for any rounding, and for every arm of a box about the samples,
-        without sampling.
-
-        It takes half a minute and more; ``certify(..., proved=True)`` prints it beside what was
-        sampled.
-        """
-        return proved(self.plants, self.law, self.reference, self.settings)
 
     @functools.cached_property
     def friction_known(self) -> float | None:

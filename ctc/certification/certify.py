@@ -163,7 +163,6 @@ def certify(
     progress: bool = ...,
     checkpoint: str | Path | Checkpoint | None = ...,
     rare: float | None = ...,
-    proved: bool = ...,
     executor: Any = ...,
 ) -> Certificate: ...
 @overload
@@ -185,7 +184,6 @@ def certify(
     progress: bool = ...,
     checkpoint: str | Path | Checkpoint | None = ...,
     rare: float | None = ...,
-    proved: bool = ...,
     executor: Any = ...,
 ) -> Certificates: ...
 @known_options
@@ -207,7 +205,6 @@ def certify(
     progress: bool = True,
     checkpoint: str | Path | Checkpoint | None = None,
     rare: float | None = None,
-    proved: bool = False,
     executor: Any = None,
 ) -> Certificate | Certificates:
     """Monte Carlo probability of exceeding a pulse limit under parameter uncertainty.
@@ -264,10 +261,6 @@ def certify(
         pursued by subset simulation: ``certificate.rare``, with its coefficient of variation. Where
         the counts exceed the limit, so does this error. It ends early where it is commoner; of
         several motions it is that of any.
-    proved : bool
-        Print what is proved beside what was sampled: ``certificate.proved``, bounds of the error
-        before rounding that hold for any rounding and for every arm of a box, with what they
-        assume. Half a minute and more per motion.
     executor : optional
         Where the samples are simulated, as of `campaign`, in place of `threads`; the same bits. It
         takes no checkpoint.
@@ -345,7 +338,6 @@ def certify(
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
     found_rare = None
-    more = {"proved": True} if proved else {}
     with task.checkpoint as kept:
         plants = task.sampled(samples)
         elastic = plants.rig.drive.elasticity is not None
@@ -370,7 +362,7 @@ def certify(
             motions[name] = (
                 path,
                 runs,
-                settings | more | {"law_steps": population.law_steps},
+                settings | {"law_steps": population.law_steps},
                 of_log,
             )
         if rare is not None:

@@ -153,6 +153,5 @@ def held(certificate: Any, samples: int | None) -> Any:
         derived=np.hstack([plants.derived, lacking]),
     )
     runs = certificate.run(begun, Resumed(law=law, state=law.initial_state(arm.n)))
-    # no bound is proved of such a start
-    settings = certificate.settings | {"held": True, "proved": False}
+    settings = certificate.settings | {"held": True}
     return dataclasses.replace(certificate, plants=plants, runs=runs, settings=settings, rare=None)

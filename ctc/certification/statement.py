@@ -156,10 +156,6 @@ def shown(certificate: Any) -> Iterator[Piece]:
     if certificate.rare is not None:
         yield str(certificate.rare)
     yield by_joint(certificate.plants.arm.dynamics.chain.joint_labels, quantities)
-    if certificate.settings.get("proved"):
-        yield from certificate.proved.beside(
-            certificate.by_counts, certificate.runs.unrounded.max(axis=0)
-        )
     yield from _explained(certificate)
     if certificate.seen is not None:
         yield from _against_the_log(certificate)

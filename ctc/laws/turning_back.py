@@ -160,11 +160,3 @@ def fresh_and_swings(
         last,
         swings,
     )
-
-
-def switched(law: Any, n: int) -> range:
-    """Places in the state of a computed torque on rigid gears that counts switch: the boost, and
-    what ends it.
-    """
-    first = (5 + law.delay + 5 * (law.friction and law.learn_friction)) * n
-    return range(first, first + 3 * n)
