@@ -31,7 +31,8 @@ def defined(path):
 def missing(text, folder):
     """Quoted names of a text that are no file, no folder and nothing that these files define."""
     inside = [path for path in FILES if folder in path.parents]
-    names = set().union(*(defined(path) for path in inside))
+    faces = [ROOT / package / "__init__.py" for package in PACKAGES]
+    names = set().union(*(defined(path) for path in (*inside, *faces)))
     for quoted in QUOTED.findall(text):
         name = quoted.removesuffix("/")
         path = ROOT / name.replace(".", "/")
