@@ -1,23 +1,20 @@
-"""Computed torque: from an identified arm to a controller, and its tracking error in encoder
-pulses.
+"""Computed torque: from an identified arm to a controller, and its tracking error in encoder pulses.
 
-Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it
-imports:
+Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
 
-===============
-====================================================================================================
+=============== ====================================================================================
 `commandline`   ``onepulse check | identify | certify | campaign | report | robots | demo``
-`campaigns`     `campaign`: many tasks on one machine or many; `Fleet`: what was found of many
-robots over weeks `report`        `write_report`: an identification and its controller as one page
-`tuning`        `tune`: the controller of least chatter that keeps a pulse limit over stated
-uncertainty `learning`      `learn`: the torque that was missing along a path, from repetitions of
-it `certification` `certify`: Monte Carlo probability of exceeding a pulse limit under parameter
-uncertainty `stability`     the error loop linearised, its margins, gains by design (python-control)
-`verdict`       `evaluate` one arm under one controller, `compare` several, animate `payload`
-a load in the gripper, identified and taken into the model while the arm runs `laws`
-computed torque (observer, PID), feed-forward, adaptive ... `figures`       figures of records and
-results, in one style ===============
-====================================================================================================
+`campaigns`     `campaign`: many tasks, one machine or many; `Fleet`: many robots over weeks
+`report`        `write_report`: an identification and its controller as one page
+`tuning`        `tune`: the controller of least chatter that keeps a limit over stated uncertainty
+`learning`      `learn`: the torque that was missing along a path, from repetitions of it
+`certification` `certify`: probability of exceeding a pulse limit under parameter uncertainty
+`stability`     the error loop linearised, its margins, gains by design (python-control)
+`verdict`       `evaluate` one arm under one controller, `compare` several, animate
+`payload`       a load in the gripper, identified and taken into the model while the arm runs
+`laws`          computed torque (observer, PID), feed-forward, adaptive ...
+`figures`       figures of records and results, in one style
+=============== ====================================================================================
 
 ``onepulse demo``, or ``python -m ctc``, runs the paper from end to end.
 """

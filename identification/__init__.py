@@ -2,17 +2,16 @@
 
 Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above all that it imports:
 
-================
-===================================================================================================
-`payload`        a load in the gripper, from logs (`find_load`) or from a short window under
-computed torque `repeatability`  `spread` of the result over seeds (4.2) `procedure`
-`identify`: prepare, search, assess (3.2) `results`        `Identification`, its warnings and
-figures; what contradicts the model; Figs. 10-11 `search`         the genetic algorithm (3.7), six
-methods behind one interface `planning`       before the experiment: ranges (3.6), pulse budget,
-excitation, motor tests `replay`         the experiment repeated with other numbers: objective (4),
-prediction error, Gauss-Newton `equation_error` least squares on the torque equation, from logged
-torques or from counts alone ================
-===================================================================================================
+================ ===================================================================================
+`payload`        a load in the gripper, from logs (`find_load`) or a short window of them
+`repeatability`  `spread` of the result over seeds (4.2)
+`procedure`      `identify`: prepare, search, assess (3.2)
+`results`        `Identification`, its warnings and figures; what contradicts the model; Figs. 10-11
+`search`         the genetic algorithm (3.7), six methods behind one interface
+`planning`       before the experiment: ranges (3.6), pulse budget, excitation, motor tests
+`replay`         the experiment repeated: objective (4), prediction error, Gauss-Newton
+`equation_error` least squares on the torque equation, from torques or from counts alone
+================ ===================================================================================
 """
 
 from importlib.util import find_spec

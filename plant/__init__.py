@@ -1,23 +1,24 @@
-"""The plant: a geared arm, its drives and encoders, control laws, and the simulator that joins
-them.
+"""The plant: a geared arm, its drives and encoders, control laws, and the simulator of them.
 
 An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all that it imports:
 
-===============
-====================================================================================================
-`models`        URDF, MJCF and robot files: edited in place, checked and repaired, read and written
-`robots`        the paper's two links `ros2`          a control law as a controller of ros2_control
-`fmu`           a law or an arm as an FMU `analysis`      the loop linearised, python-control, P
-gains `simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and
-`replay` `logs`          `Record`, and the readers of files `checkup`       does a log agree with
-its rig and its law? `Record.check` -> `Checkup` `laws`          what a control law has to give; P,
-PD, PID, cascade, laws that repeat a log `realtime`      a law at work: `Guards`, safe stop, the
-compiled step (`Running`), its C `motion`        references, the fastest path, what a motion
-demands, and what it excites `machine`       friction, drive, encoder, transport delay, jitter,
-springs; together the `Rig` `mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y
-read off it) and `Arm` `compiler`      a casadi Function as machine code or C; knows nothing of arms
-`parts`         descriptions with named numbers; checks of arguments ===============
-====================================================================================================
+=============== ====================================================================================
+`models`        URDF, MJCF and robot files: read, checked, repaired, edited in place, written
+`robots`        the paper's two links
+`ros2`          a control law as a controller of ros2_control
+`fmu`           a law or an arm as an FMU
+`analysis`      the loop linearised, python-control, P gains
+`simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
+`logs`          `Record`, and the readers of files
+`checkup`       does a log agree with its rig and its law? `Record.check` -> `Checkup`
+`laws`          what a control law has to give; P, PD, PID, cascade, laws that repeat a log
+`realtime`      a law at work: `Guards`, safe stop, the compiled step (`Running`), its C
+`motion`        references, the fastest path, what a motion demands, and what it excites
+`machine`       friction, drive, encoder, transport delay, jitter, springs; together the `Rig`
+`mechanics`     links and bodies -> one torque; `Dynamics` (D, h, C, Y read off it) and `Arm`
+`compiler`      a casadi Function as machine code or C; knows nothing of arms
+`parts`         descriptions with named numbers; checks of arguments
+=============== ====================================================================================
 
 All that is public is exported here; `docs/architecture.md` shows the house in one picture.
 """

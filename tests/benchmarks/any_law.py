@@ -1,14 +1,11 @@
-"""f from the tracking error alone, under any law, its log cut at a random instant; beside that with
-the logged torque.
+"""f from the tracking error alone, under any law, its log cut at a random instant; beside that with the logged torque.
 
-    python tests/benchmarks/any_law.py [--seeds 10] [--laws PID ...]  # 10 seeds: some hours on one
-    core
+    python tests/benchmarks/any_law.py [--seeds 10] [--laws PID ...]  # 10 seeds: some hours on one core
 
-Literature arm with 1.5 kg; the path's offset, the encoders' phase and the cut are drawn anew for
-each seed. Each log is identified four times: with its torque and without, the reference as it was
-and as whole counts. Error: of all nine f in their printed ranges [%], rms and largest. Asked:
-without torque at most 1.2 times as much as with it, and 3 % for what rounding alone leaves below
-1.5 %.
+Literature arm with 1.5 kg; the path's offset, the encoders' phase and the cut are drawn anew for each seed. Each log is
+identified four times: with its torque and without, the reference as it was and as whole counts. Error: of all nine f in
+their printed ranges [%], rms and largest. Asked: without torque at most 1.2 times as much as with it, and 3 % for what
+rounding alone leaves below 1.5 %.
 """
 
 import argparse

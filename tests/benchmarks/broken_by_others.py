@@ -1,15 +1,12 @@
-"""Model files broken by somebody who had not read `check_model`: how many it repairs, and how often
-it is wrong.
+"""Model files broken by somebody who had not read `check_model`: how many it repairs, and how often it is wrong.
 
-    python tests/benchmarks/broken_by_others.py [--seed 18] [--files 50] [--robots FOLDER]
-    [--verbose]
+    python tests/benchmarks/broken_by_others.py [--seed 18] [--files 50] [--robots FOLDER] [--verbose]
 
-The models: the UR5e of the package, three arms of tubes and motors written here, and the files of
-the package `example-robot-data` below FOLDER (share/example-robot-data/robots), as far as each
-inertial of a file is one that a body can have. In each file one thing is broken. Right is a repair
-with every inertial of the file within 1 % of the sound one: mass, centre of mass (of the link's
-size) and inertia about the centre in the link's axes. An alarm on a sound model counts as false.
-Files with a mistake that was shown by hand (`SHOWN`) are not broken further.
+The models: the UR5e of the package, three arms of tubes and motors written here, and the files of the package
+`example-robot-data` below FOLDER (share/example-robot-data/robots), as far as each inertial of a file is one that a
+body can have. In each file one thing is broken. Right is a repair with every inertial of the file within 1 % of the
+sound one: mass, centre of mass (of the link's size) and inertia about the centre in the link's axes. An alarm on a
+sound model counts as false. Files with a mistake that was shown by hand (`SHOWN`) are not broken further.
 """
 
 import argparse

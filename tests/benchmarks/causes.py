@@ -1,13 +1,11 @@
 """Causes, tried on another engine: is what was spoiled named first? A part of `second_reading.py`.
 
-    python tests/benchmarks/second_reading.py causes [--logs 40] [--arms puma ur5e] [--only NAME
-    ...] [--said]
+    python tests/benchmarks/second_reading.py causes [--logs 40] [--arms puma ur5e] [--only NAME ...] [--said]
         [--law P | PID | computed_torque]
 
-Two arms in MuJoCo under a law with dry friction, on paths drawn from a seed. One thing is spoiled:
-the machine, or what is stated of it, or the log. Of four logs in turn two have the other gain, and
-two the logged torque. First is what `record.check()` finds first; where it finds nothing, the first
-warning of `identify`, or its refusal.
+Two arms in MuJoCo under a law with dry friction, on paths drawn from a seed. One thing is spoiled: the machine, or
+what is stated of it, or the log. Of four logs in turn two have the other gain, and two the logged torque. First is what
+`record.check()` finds first; where it finds nothing, the first warning of `identify`, or its refusal.
 """
 
 import collections

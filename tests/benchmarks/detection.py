@@ -1,14 +1,12 @@
-"""What an identification says of robots whose gears give or play, whose currents lag, whose
-friction is not the rig's.
+"""What an identification says of robots whose gears give or play, whose currents lag, whose friction is not the rig's.
 
     python tests/benchmarks/detection.py [--quick] [--seed 0] [--most 200] [--row "compliance, 60"]
-    python tests/benchmarks/detection.py --cost                    # what the tests cost within one
-    identification python tests/benchmarks/detection.py --shown 20                # gears at the
-    resonance that a rigid log would show
+    python tests/benchmarks/detection.py --cost                    # what the tests cost within one identification
+    python tests/benchmarks/detection.py --shown 20                # gears at the resonance that a rigid log would show
 
-Robots: f drawn around two arms, the encoders' phase and the path's offset drawn anew, 16 steps per
-sample; the model is rigid, at 4. A robot whose loop does not stay bounded is drawn again. Rows say
-what it has, columns what is named first (`found.diagnostics.detection`).
+Robots: f drawn around two arms, the encoders' phase and the path's offset drawn anew, 16 steps per sample; the model
+is rigid, at 4. A robot whose loop does not stay bounded is drawn again. Rows say what it has, columns what is named
+first (`found.diagnostics.detection`).
 """
 
 import argparse

@@ -1,18 +1,16 @@
 """What a log says of the resonance of its gears, and of f beside it.
 
-    python tests/benchmarks/elastic_identification.py [--robots 0 2] [--hz 25 40 inf] [--logs both]
-    [--all]  # 30 min python tests/benchmarks/elastic_identification.py --backlash  # 2 min
+    python tests/benchmarks/elastic_identification.py [--robots 0 2] [--hz 25 40 inf] [--logs both] [--all]  # 30 min
+    python tests/benchmarks/elastic_identification.py --backlash  # 2 min
 
-Robots: f drawn around two arms, damping ratio 1 to 3 %, the encoders' phase and the path's offset
-drawn anew, 16 steps per sample; the model has 4, and its rig says nothing of gears. One log at low
-gains or at high ones, or one at each.
+Robots: f drawn around two arms, damping ratio 1 to 3 %, the encoders' phase and the path's offset drawn anew, 16 steps
+per sample; the model has 4, and its rig says nothing of gears. One log at low gains or at high ones, or one at each.
 
-Error: of each resonance, largest of all robots and joints. Held: stated 95 % intervals with the
-resonance in them. Width: that of the stated intervals over the one needed, which is 1.96 times the
-RMS of the errors to either side, all logarithms. Met: within 10 %, or held by an interval at most
-twice as wide as needed. Error of f: the largest of the nine, in its printed range; median and
-largest of the robots. A rigid robot's resonances shall be "stiffer than" something. With
-`--backlash`: a robot of 70 Hz with 1e-4 rad of it in each gear, stated in the record's rig or not.
+Error: of each resonance, largest of all robots and joints. Held: stated 95 % intervals with the resonance in them.
+Width: that of the stated intervals over the one needed, which is 1.96 times the RMS of the errors to either side, all
+logarithms. Met: within 10 %, or held by an interval at most twice as wide as needed. Error of f: the largest of the
+nine, in its printed range; median and largest of the robots. A rigid robot's resonances shall be "stiffer than"
+something. With `--backlash`: a robot of 70 Hz with 1e-4 rad of it in each gear, stated in the record's rig or not.
 """
 
 import argparse

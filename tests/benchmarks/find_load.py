@@ -1,16 +1,13 @@
-"""Loads on a known arm, friction 10 % off what its rig states, logs cut at a random instant: error
-and coverage.
+"""Loads on a known arm, friction 10 % off what its rig states, logs cut at a random instant: error and coverage.
 
-    python tests/benchmarks/find_load.py 120                   # runs per row; some 10 minutes on
-    one core python tests/benchmarks/find_load.py 30 --place            # the centre of mass is
-    unknown too python tests/benchmarks/find_load.py 30 --resonance 100    # on gears that the model
-    lacks [Hz] python tests/benchmarks/find_load.py 30 --identified       # the arm is identified,
-    from a log of its own
+    python tests/benchmarks/find_load.py 120                   # runs per row; some 10 minutes on one core
+    python tests/benchmarks/find_load.py 30 --place            # the centre of mass is unknown too
+    python tests/benchmarks/find_load.py 30 --resonance 100    # on gears that the model lacks [Hz]
+    python tests/benchmarks/find_load.py 30 --identified       # the arm is identified, from a log of its own
 
-Literature arm; mass 0.2 to 5 kg, anywhere on the forearm; viscous friction and Coulomb friction of
-each joint, the path's offset, the encoders' phase and the cut are drawn anew for each run. Error:
-of the mass [kg], rms and largest. Coverage: of the 95 % interval; warned: share of the runs with a
-warning; held: covered or warned.
+Literature arm; mass 0.2 to 5 kg, anywhere on the forearm; viscous friction and Coulomb friction of each joint, the
+path's offset, the encoders' phase and the cut are drawn anew for each run. Error: of the mass [kg], rms and largest.
+Coverage: of the 95 % interval; warned: share of the runs with a warning; held: covered or warned.
 """
 
 import argparse

@@ -1,17 +1,15 @@
 """Right logs of many robots, by every method: how many are accused?
 
-    python tests/benchmarks/healthy.py [--logs 200] [--first 0] [--joints 3] [--seconds 600]
-    [--robots PART ...]
+    python tests/benchmarks/healthy.py [--logs 200] [--first 0] [--joints 3] [--seconds 600] [--robots PART ...]
         [--methods seeded]
 
-The arms of the package's robot files that have masses, and of the public model files (the extra
-`robots`), if these are installed; of each its first joints, as many as are asked for. Gears,
-friction and encoders as in `model_files.py`; each log has a path of its own, its own friction (half
-to twice) and P gains, from soft to such that hunt, is simulated at 16 sub-steps, and identified
-from a model file whose bodies are right, by the next of the methods. All that a rig states is
-right, and a second log on another path is kept aside. Every warning is an accusation; that a rough
-method's values are at fault, not the log, is counted apart. The last line has the largest of what
-has a limit of its own: the RMS innovation, and how much worse the log kept aside is repeated.
+The arms of the package's robot files that have masses, and of the public model files (the extra `robots`), if these are
+installed; of each its first joints, as many as are asked for. Gears, friction and encoders as in `model_files.py`; each
+log has a path of its own, its own friction (half to twice) and P gains, from soft to such that hunt, is simulated at 16
+sub-steps, and identified from a model file whose bodies are right, by the next of the methods. All that a rig states is
+right, and a second log on another path is kept aside. Every warning is an accusation; that a rough method's values are
+at fault, not the log, is counted apart. The last line has the largest of what has a limit of its own: the RMS
+innovation, and how much worse the log kept aside is repeated.
 """
 
 import argparse

@@ -1,10 +1,9 @@
 """Accuracy of the default identification on known robots, and coverage of its intervals.
 
-    python tests/benchmarks/identification_study.py # tables of docs/background/identification.md,
-    20 minutes python tests/benchmarks/identification_study.py seeds     # or some of them, by name
+    python tests/benchmarks/identification_study.py # tables of docs/background/identification.md, 20 minutes
+    python tests/benchmarks/identification_study.py seeds     # or some of them, by name
 
-Robots are simulated at 16 steps per sample, models at 4. Errors are in per cent of the width of the
-printed ranges.
+Robots are simulated at 16 steps per sample, models at 4. Errors are in per cent of the width of the printed ranges.
 """
 
 import dataclasses

@@ -1,12 +1,10 @@
 """Coverage of 95 % intervals: by class of unknowns, and on robots that their rigs do not describe.
 
-    python tests/benchmarks/intervals.py [--runs 600] [--kinds friction "gear 2 % off" ...]  # 600:
-    hours on one core
+    python tests/benchmarks/intervals.py [--runs 600] [--kinds friction "gear 2 % off" ...]  # 600: hours on one core
 
-Random arms (masses, centres, inertias 30 % off the literature's, a tool of up to 3 kg), each with
-encoder phases of its own, at 16 sub-steps; one log of (6) under P control, gains in turns (0.1,
-0.08) and (0.2, 0.15). Width: of the interval, over that of noise alone. No interval: withheld, with
-its reason.
+Random arms (masses, centres, inertias 30 % off the literature's, a tool of up to 3 kg), each with encoder phases of its
+own, at 16 sub-steps; one log of (6) under P control, gains in turns (0.1, 0.08) and (0.2, 0.15). Width: of the
+interval, over that of noise alone. No interval: withheld, with its reason.
 """
 
 import argparse

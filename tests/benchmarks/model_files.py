@@ -1,27 +1,23 @@
-"""Public model files: each arm simulated, by the library and by MuJoCo, identified from the log,
-and controlled.
+"""Public model files: each arm simulated, by the library and by MuJoCo, identified from the log, and controlled.
 
-    python tests/benchmarks/model_files.py [--robots PART ...] [--paths 3] [--mujoco] [--law]
-    [--friction]
+    python tests/benchmarks/model_files.py [--robots PART ...] [--paths 3] [--mujoco] [--law] [--friction]
         [--idle still step] [--rows FILE] [--write]
 
-Arms of 5 to 7 joints, arms and legs of humanoids included, of the package `example-robot-data` (the
-extra `robots`). Gears of 100, 4,096 pulses per turn of the motor, 1 ms; rotors of 0.3 of the mean
-inertia of their axis, dry friction of 5 % of the largest torque of the path. The log is of 6 s,
-under `p_gains` for a peak of 30 pulses (100 where that is refused), without noise but that of its
-counts; all that a rig states is right. Each path is of four harmonics in the middle of the joints'
-ranges. With --mujoco the log is MuJoCo's, of the same file without its meshes, friction its own and
-identified, and its loop is four times as fast: of each step by Runge-Kutta, since those of first
-order are seen in what a log knows best. "off" is the error of f in its own covariance, per
-parameter (1 where that is right), "of each" in the standard deviation of each, rms; "torque" that
-of the torque on another path, rms. With --law computed torque of what was found drives the arm on
-two everyday motions. With --idle a joint in the middle hardly moves, or moves in step with the one
-before it, in the log and elsewhere; the bodies are 10 % off the file's then, which are the prior,
-and it must be said what does not excite all. Seconds are those of the processor, all threads,
-kernels that are built for a new arm included: they do not depend on what else the machine does.
+Arms of 5 to 7 joints, arms and legs of humanoids included, of the package `example-robot-data` (the extra `robots`).
+Gears of 100, 4,096 pulses per turn of the motor, 1 ms; rotors of 0.3 of the mean inertia of their axis, dry friction of
+5 % of the largest torque of the path. The log is of 6 s, under `p_gains` for a peak of 30 pulses (100 where that is
+refused), without noise but that of its counts; all that a rig states is right. Each path is of four harmonics in the
+middle of the joints' ranges. With --mujoco the log is MuJoCo's, of the same file without its meshes, friction its own
+and identified, and its loop is four times as fast: of each step by Runge-Kutta, since those of first order are seen in
+what a log knows best. "off" is the error of f in its own covariance, per parameter (1 where that is right), "of each"
+in the standard deviation of each, rms; "torque" that of the torque on another path, rms. With --law computed torque of
+what was found drives the arm on two everyday motions. With --idle a joint in the middle hardly moves, or moves in step
+with the one before it, in the log and elsewhere; the bodies are 10 % off the file's then, which are the prior, and it
+must be said what does not excite all. Seconds are those of the processor, all threads, kernels that are built for a new
+arm included: they do not depend on what else the machine does.
 
-Rows are kept in a file, one JSON object a line: called again, cells that are in it are not run
-anew. With --write its rows become the table of docs/results.md and its picture.
+Rows are kept in a file, one JSON object a line: called again, cells that are in it are not run anew. With --write its
+rows become the table of docs/results.md and its picture.
 """
 
 import argparse

@@ -1,9 +1,9 @@
 """Logs read a second time: is the convention of the counters found, does obeying `check()` do harm?
 
-    python tests/benchmarks/second_reading.py                 all, in this order python
-    tests/benchmarks/second_reading.py --logs 20       fewer of each python
-    tests/benchmarks/second_reading.py rounding python tests/benchmarks/second_reading.py causes
-    --logs 20 [--arms puma] [--only healthy play] [--said]
+    python tests/benchmarks/second_reading.py                 all, in this order
+    python tests/benchmarks/second_reading.py --logs 20       fewer of each
+    python tests/benchmarks/second_reading.py rounding
+    python tests/benchmarks/second_reading.py causes --logs 20 [--arms puma] [--only healthy play] [--said]
         [--law PID]
 
 Arms, paths, gains and friction are drawn anew for each log.

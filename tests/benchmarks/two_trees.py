@@ -1,18 +1,15 @@
-"""Two checkouts of this project in one run: are their numbers the same bits, how are they built,
-how fast are they?
+"""Two checkouts of this project in one run: are their numbers the same bits, how are they built, how fast are they?
 
-    python tests/benchmarks/two_trees.py OLD NEW [--quick] [--only
-    numbers,kernels,imports,structure,speed]
+    python tests/benchmarks/two_trees.py OLD NEW [--quick] [--only numbers,kernels,imports,structure,speed]
 
-OLD and NEW are folders that hold plant/, identification/ and ctc/; they are copied before anything
-runs, and each copy has its own kernel cache. Exit status 1 if a number differs.
+OLD and NEW are folders that hold plant/, identification/ and ctc/; they are copied before anything runs, and each copy
+has its own kernel cache. Exit status 1 if a number differs.
 
-`kernels`: the generated text of the kernels of closed loops, whose equations are the same where the
-text is.
+`kernels`: the generated text of the kernels of closed loops, whose equations are the same where the text is.
 
-`structure`: an ``__init__.py`` is a face, no file; what is imported through one is followed to the
-file that holds it, late imports included. A line of code is a non-empty line of the syntax tree
-written out again, without what does not run: imports, ``__all__``, docstrings, annotations.
+`structure`: an ``__init__.py`` is a face, no file; what is imported through one is followed to the file that holds it,
+late imports included. A line of code is a non-empty line of the syntax tree written out again, without what does not
+run: imports, ``__all__``, docstrings, annotations.
 """
 
 import argparse

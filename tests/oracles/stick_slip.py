@@ -1,15 +1,12 @@
-"""Event-accurate motion of an arm with set-valued Coulomb friction: the reference for the plant's
-time stepping.
+"""Event-accurate motion of an arm with set-valued Coulomb friction: the reference for the plant's time stepping.
 
-    D(q) qdd + h(q, qd) + B qd + s = torque(t, q, qd),    s_i = C_i sign(qd_i) if qd_i != 0, else
-    |s_i| <= C_i
+    D(q) qdd + h(q, qd) + B qd + s = torque(t, q, qd),    s_i = C_i sign(qd_i) if qd_i != 0, else |s_i| <= C_i
 
-Each joint is stuck (mode 0: qd = 0, and s is whatever holds it) or slides (mode +1 or -1). Between
-two changes of mode the motion is smooth and DOP853 integrates it nearly to rounding; a change is an
-event, located by root finding: a sliding joint comes to rest, or a stuck one needs more than C. At
-rest the next modes are those that agree with the motion they cause; their accelerations are unique,
-since they minimise a strictly convex function (1/2 qdd' D qdd - drive' qdd + the sum of C_i |qdd_i|
-over the joints at rest).
+Each joint is stuck (mode 0: qd = 0, and s is whatever holds it) or slides (mode +1 or -1). Between two changes of mode
+the motion is smooth and DOP853 integrates it nearly to rounding; a change is an event, located by root finding: a
+sliding joint comes to rest, or a stuck one needs more than C. At rest the next modes are those that agree with the
+motion they cause; their accelerations are unique, since they minimise a strictly convex function
+(1/2 qdd' D qdd - drive' qdd + the sum of C_i |qdd_i| over the joints at rest).
 """
 
 from itertools import product
