@@ -1,10 +1,10 @@
-"""Elastic gears: stiffness and damping as unknowns beside f, found together.
+"""Elastic gears: prediction-error fit of stiffness and damping beside f.
 
-Start: the torque equation behind elastic gears, fitted in several pass bands over a grid of
-resonances (`identification.equation_error.gear_fit`). From the best of these, Gauss-Newton on the
-prediction error in coordinates of resonances (`identification.replay.resonances`). Intervals: the
-profile likelihood of each resonance, which also decides whether the log tells a gear from a rigid
-one.
+Read `elastic`. The start values come from the torque equation behind elastic gears, fitted in
+several pass bands over a grid of resonances (`identification.equation_error.gear_fit`). From the
+best of them, Gauss-Newton minimises the prediction error in coordinates of resonances
+(`identification.replay.resonances`). The intervals are profile likelihoods of each resonance, which
+also decide whether the log distinguishes a gear from a rigid one.
 """
 
 import dataclasses
@@ -26,21 +26,65 @@ from plant.parts.fields import Floats
 from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 
-# Twice the rise of the log-likelihood at the ends of an interval, at a bound, and up to which a
-# gear may be rigid.
-_TWO_SIDED = 3.84
-_ONE_SIDED = 2.71
-_LIKE_RIGID = 3.84
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ElasticSettings:
+    """Grid, starts and confidence levels of the fit of elastic gears.
+
+    Chosen by hand where nothing else is said; ``tests/benchmarks/elastic_identification.py``
+    measures errors and intervals of the resonances.
+
+    Parameters
+    ----------
+    grid : tuple of (float, float, int)
+        Lowest and highest resonance of the grid of the torque equation [Hz], and its number of
+        points, evenly spaced in the logarithm.
+    least_share : float
+        Share of D_ii that a link has at least, when the grid turns resonances into compliance: a
+        poor rigid fit can leave less than nothing.
+    rigid : float
+        Compliance that stands for a rigid gear [rad/(N m)].
+    middle_band : int
+        Number of the pass band, from the lowest, whose rigid fit is the start.
+    starts : int
+        Elastic starts that are followed beside the rigid one.
+    trial_rounds : int
+        Gauss-Newton rounds of each start, before the best goes on alone.
+    step : float
+        Step of the central differences of f, in standard deviations of the torque equation's fit.
+    retries : int
+        How often at most a better fit that a profile meets becomes the new best fit.
+    two_sided, one_sided : float
+        Twice the rise of the log-likelihood at the ends of a 95 % interval, and at a 95 % bound:
+        quantiles of chi-square with one degree of freedom, at 95 % and 90 %.
+    like_rigid : float
+        The same up to which a gear may be rigid: the 95 % quantile.
+    """
+
+    grid: tuple[float, float, int] = (8.0, 400.0, 15)
+    least_share: float = 0.1
+    rigid: float = 1e-12
+    middle_band: int = 2
+    starts: int = 2
+    trial_rounds: int = 4
+    step: float = 0.01
+    retries: int = 3
+    two_sided: float = 3.84
+    one_sided: float = 2.71
+    like_rigid: float = 3.84
+
+
+ELASTIC = ElasticSettings()
 
 
 class Intervals:
-    """What a log says of each resonance.
+    """95 % intervals of the resonances by profile likelihood.
 
-    `solution`: the best fit. `start`: its steps and bounds. `final`: give intervals even where a
-    better fit is met.
+    `solution`: the best fit. `start`: its steps and bounds. `final`: compute all intervals even if
+    a profile meets a better fit.
 
-    Attributes: `better` (k,) or None: coordinates of a better fit, if one was met; unless `final`,
-    there are no intervals then.
+    Attributes: `better` (k,) or None: coordinates of a better fit that a profile met; unless
+    `final`, there are no intervals then.
     """
 
     def __init__(self, view: Resonances, solution: Solution, start: Start, *, final: bool) -> None:
@@ -65,32 +109,32 @@ class Intervals:
 
     def _of(self, profile: Profile, place: int) -> tuple[tuple[float, float], bool]:
         """Least and largest squared period [s^2], and whether the gear may be rigid."""
-        unit, best, (low, high) = (
-            self._unit,
-            self._solution.values[place],
-            self._start.bounds[place],
-        )
-        std = self._std(place)
-        if best <= low or profile.rise(low, _LIKE_RIGID * unit) < _LIKE_RIGID * unit:
-            return (low, profile.end(NORMAL * std, _ONE_SIDED * unit, high)), True
-        level = _TWO_SIDED * unit
-        return (
-            profile.end(NORMAL * std, level, low),
-            profile.end(NORMAL * std, level, high),
-        ), False
+        unit = self._unit
+        low, high = self._start.bounds[place]
+        # An approximate end, from which the profile searches the exact one.
+        width = NORMAL * self._std(place)
+        rigid_level = ELASTIC.like_rigid * unit
+        # The lowest period is that of a gear as good as rigid.
+        if self._solution.values[place] <= low or profile.rise(low, rigid_level) < rigid_level:
+            return (low, profile.end(width, ELASTIC.one_sided * unit, high)), True
+        level = ELASTIC.two_sided * unit
+        return (profile.end(width, level, low), profile.end(width, level, high)), False
 
     def _std(self, place: int) -> float:
         return float(np.sqrt(INFLATION * self._solution.covariance[place, place]))
 
     def covariance(self) -> Floats:
-        """Of the values (k, k); zero for stiffness and damping of a gear that may be rigid."""
+        """Covariance (k, k) of the values; zero of stiffness and damping of a possibly rigid gear.
+
+        Such a gear has a lower bound of stiffness, and no variance.
+        """
         change = self._view.slopes(self._solution.values)
         for places in (self._view.stiffness, self._view.damping):
             change[[place for i, place in places.items() if self._rigid[i]]] = 0.0
         return INFLATION * change @ self._solution.covariance @ change.T
 
     def resonance(self, joints: Sequence[str], pose: Floats) -> GearResonance:
-        """The table of what was found."""
+        """Table of the resonances with their intervals."""
         view = self._view
         solution = self._solution
         hz, ratio = view.resonances(solution.values)
@@ -99,10 +143,13 @@ class Intervals:
         ratio_low = ratio.copy()
         ratio_high = ratio.copy()
         searched = np.array([i in view.stiffness for i in range(len(hz))])
+        # The longest period belongs to the lowest resonance; a period of zero is a rigid gear.
         with np.errstate(divide="ignore"):
             high[searched], low[searched] = 1 / (2 * np.pi * np.sqrt(self._periods[searched].T))
-        high[self._rigid] = hz[self._rigid] = np.inf
+        high[self._rigid] = np.inf
+        hz[self._rigid] = np.inf
         for i, place in view.damping.items():
+            # The coordinate is the logarithm of the damping ratio.
             ratio_low[i], ratio_high[i] = ratio[i] * np.exp(
                 NORMAL * self._std(place) * np.array([-1, 1])
             )
@@ -119,82 +166,76 @@ class Intervals:
         )
 
 
-_GRID = np.geomspace(8.0, 400.0, 15)  # resonances of the first search [Hz]
-
-# Starts that are followed beside a rigid one, and for how many rounds, before the best goes on
-# alone.
-_STARTS = 2
-_FIRST = 4
-
-_RIGID = 1e-12  # compliance of a gear that is as good as rigid [rad/(N m)]
-
-# step of the central differences of f, in standard deviations of the torque equation's fit
-_SMALL = 0.01
-
-_MIDDLE = 2  # of the bands, that of the rigid fit
-
-_LEAST_SHARE = 0.1  # share of D_ii that a link has at least, for the first grid
-
-_BETTER = 3  # how often, at most, a better fit that a profile meets is taken up
-
-
 def pose_of(problem: Problem) -> Floats:
-    """Where the motors of the first record begin (n,) [rad]."""
-    return np.asarray(start_of(problem.records[0], path_of(problem.records[0]))[0], dtype=float)
+    """Joint angles (n,) at the beginning of the first record [rad]."""
+    record = problem.records[0]
+    return np.asarray(start_of(record, path_of(record))[0], dtype=float)
 
 
-def gear_fits(problem: Problem, seen: GearFit | None = None) -> list[GearFit]:
-    """Fits of the torque equation: with rigid gears first, then with the best of a grid of
-    resonances in each band.
+def gear_fits(problem: Problem, deflection: GearFit | None = None) -> list[GearFit]:
+    """Fits of the torque equation: with rigid gears, then the best of a grid for each pass band.
 
-    Gears that are known, or `seen` by two sensors, stay as they are.
+    Gears that a range fixes, or whose `deflection` link sensors show, keep their stiffness.
     """
     dynamics = problem.dynamics
     records = problem.records
     rig = problem.records[0].rig
+    # 1. Rigid gears, in the middle one of the pass bands.
     slope, rotors = link_inertia(dynamics, rig, pose_of(problem))
-    stiff = np.full((1, dynamics.n), _RIGID)
+    stiff = np.full((1, dynamics.n), ELASTIC.rigid)
     rigid = fit_gears(dynamics, records, problem.unknown, problem.known, stiff)
     if not rigid:
         raise ValueError(NO_BAND)
-    first = rigid[min(len(rigid) - 1, _MIDDLE)]
-    fit = first.torque
+    middle = rigid[min(len(rigid) - 1, ELASTIC.middle_band)]
+    fit = middle.torque
     values = dict(zip(fit.names, fit.values, strict=True)) | problem.known
-    whole = np.maximum(slope @ [values[name] for name in dynamics.names], rotors)
-    links = np.maximum(whole - rotors, _LEAST_SHARE * whole)
-    grid = 1 / (links * (2 * np.pi * _GRID[:, None]) ** 2)
+
+    # 2. Compliance 1 / (inertia omega^2) of each resonance of the grid, by the links of that fit.
+    inertia = np.maximum(slope @ [values[name] for name in dynamics.names], rotors)
+    links = np.maximum(inertia - rotors, ELASTIC.least_share * inertia)
+    low, high, count = ELASTIC.grid
+    grid = 1 / (links * (2 * np.pi * np.geomspace(low, high, count)[:, None]) ** 2)
+
+    # 3. Gears whose stiffness needs no search.
     for i, stiffness in enumerate(rig.drive.elasticity.stiffness):
         name = f"{STIFFNESS}[{i}]"
         if name not in problem.unknown or name in problem.known:
             grid[:, i] = 1 / problem.known.get(name, stiffness)
-        elif seen is not None and np.isfinite(seen.compliance[i]):
-            grid[:, i] = max(seen.compliance[i], _RIGID)
-    return [first, *fit_gears(dynamics, records, problem.unknown, problem.known, grid)]
+        elif deflection is not None and np.isfinite(deflection.compliance[i]):
+            grid[:, i] = max(deflection.compliance[i], ELASTIC.rigid)
+    return [middle, *fit_gears(dynamics, records, problem.unknown, problem.known, grid)]
 
 
 def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
-    """Prediction error (output error, if simulated) of an arm on elastic gears, with what is
-    unknown of them.
-    """
+    """Prediction-error fit (output-error fit, if simulated) of an arm on elastic gears."""
     prediction = problem.prediction(simulated=simulated, zeros=problem.zeros, steady=True)
-    seen = _deflection(problem)
+
+    # 1. Start values, in coordinates of resonances.
+    deflection = _deflection(problem)
     view = Resonances(
         prediction,
         problem.dynamics,
         problem.records[0].rig,
         pose_of(problem),
         problem.known,
-        None if seen is None or seen.std is None else (seen.compliance, seen.std),
+        None
+        if deflection is None or deflection.std is None
+        else (deflection.compliance, deflection.std),
     )
-    whole = seen is not None and np.isfinite(seen.compliance).all()
-    starts = _starts(
-        problem, view, [seen] if seen is not None and whole else gear_fits(problem, seen)
-    )
+    if deflection is not None and np.isfinite(deflection.compliance).all():
+        fits = [deflection]
+    else:
+        fits = gear_fits(problem, deflection)
+    starts = _starts(problem, view, fits)
     stages = {"equation error": view.values(starts[0].coordinates)[: len(problem.unknown)]}
+
+    # 2. Least sum of squares.
     start, solution = _followed(view, starts)
     solution = reweighed(view, solution, start.steps, start.bounds)
-    for left in reversed(range(_BETTER + 1)):
-        intervals = Intervals(view, solution, start, final=not left)
+
+    # 3. Intervals; a profile that meets a better fit starts the search anew from there.
+    for retries in reversed(range(ELASTIC.retries + 1)):
+        intervals = Intervals(view, solution, start, final=not retries)
         if intervals.better is None:
             break
         solution = gauss_newton(view, intervals.better, start.steps, start.bounds)
@@ -202,38 +243,41 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
 
 
 def _deflection(problem: Problem) -> GearFit | None:
-    """What link sensors show, if some gear is unknown and there are such sensors."""
-    seen = [record for record in problem.records if record.link_counts is not None]
+    """Fit of the deflection that link sensors show; None without such sensors or unknown gears."""
+    records = [record for record in problem.records if record.link_counts is not None]
     unknown = any(
         name.startswith(STIFFNESS) and name not in problem.known for name in problem.unknown
     )
-    return (
-        fit_deflection(problem.dynamics, seen, problem.unknown, problem.known)
-        if seen and unknown
-        else None
-    )
+    if not records or not unknown:
+        return None
+    return fit_deflection(problem.dynamics, records, problem.unknown, problem.known)
 
 
 def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list[Start]:
-    """Starts of the search that follow the log: the best of the later fits, and the first; of known
-    gears, the best.
+    """Starts that follow the log: the best elastic fits, then the rigid one; of known gears, the
+    best.
 
-    Raises a ValueError where none does.
+    Raises
+    ------
+    ValueError
+        No start follows the log.
     """
     nuisances = view.prediction.nuisances
-    found = []
+    starts = []
     steps = view.prediction.nuisance_steps
     bounds = np.vstack([problem.bounds, view.prediction.nuisance_bounds])
     for fit in fits:
         values, step = start_of_fit(problem, fit.torque)
         for i, place in view.stiffness.items():
-            values[place] = 1 / max(fit.compliance[i], _RIGID)
-        found.append(
-            view.start(np.append(values, nuisances), np.append(_SMALL * step, steps), bounds)
+            values[place] = 1 / max(fit.compliance[i], ELASTIC.rigid)
+        starts.append(
+            view.start(np.append(values, nuisances), np.append(ELASTIC.step * step, steps), bounds)
         )
-    results = view.all_innovations([start.coordinates for start in found])
     costs = np.array(
-        [dot(result, result) if np.isfinite(result).all() else np.inf for result in results]
+        [
+            dot(innovations, innovations) if np.isfinite(innovations).all() else np.inf
+            for innovations in view.all_innovations([start.coordinates for start in starts])
+        ]
     )
     order = [i for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
     if not order:
@@ -242,24 +286,26 @@ def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list
             " does. Check signs, units and the order of joints."
         )
     if not view.stiffness:
-        return [found[order[0]]]
-    best = [i for i in order if i][:_STARTS]
-    return [found[i] for i in [*best, *([0] if 0 in order else [])]]
+        return [starts[order[0]]]
+    # Start 0 has rigid gears. It is followed whatever its cost, since the gears may be rigid.
+    best = [starts[i] for i in order if i][: ELASTIC.starts]
+    return [*best, starts[0]] if 0 in order else best
 
 
 def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
-    """The least sum of squares from the best starts: for some rounds each, then the best alone."""
+    """Least sum of squares from the starts: some rounds of each, then the best alone."""
     solutions = []
     for start in starts:
         try:
-            solutions.append((start, gauss_newton(view, *start, rounds=_FIRST)))
+            solutions.append((start, gauss_newton(view, *start, rounds=ELASTIC.trial_rounds)))
         except ValueError as error:  # a change of some unknown loses the log, or none shows there
-            failed = error
+            failure = error
     if not solutions:
-        raise failed
-    start, first = min(solutions, key=lambda pair: dot(pair[1].residual, pair[1].residual))
-    view.settle(first.values)
-    return start, gauss_newton(view, first.values, start.steps, start.bounds)
+        raise failure
+    start, trial = min(solutions, key=lambda pair: dot(pair[1].residual, pair[1].residual))
+    # The prior of damping weighs as one reading of the noise, which is now better known.
+    view.settle(trial.values)
+    return start, gauss_newton(view, trial.values, start.steps, start.bounds)
 
 
 def _outcome(
@@ -269,27 +315,29 @@ def _outcome(
     intervals: Intervals,
     stages: dict[str, Floats],
 ) -> Outcome:
+    """Outcome of a fit; its values are a fallback where a link behind a gear has no inertia."""
     k = len(problem.unknown)
     values = view.values(solution.values)
     arm, rig, _ = problem.parts(values[:k])
     reason = None
+    # The margin counts a share of the stated rotors. Behind elastic gears the links need an inertia
+    # of their own, so that all of the rotors must fit into D.
     drive = dataclasses.replace(
         rig.drive, motor_inertia=rig.drive.motor_inertia / LEAST_MOTOR_INERTIA
     )
-    if (
-        not least_inertia_margin(
-            problem.dynamics, dataclasses.replace(rig, drive=drive), arm.f[None]
-        )[0]
-        >= 0
-    ):
+    rig = dataclasses.replace(rig, drive=drive)
+    if not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0:
         reason = (
             "D(q) of the fit less the motors' own inertia, Jm k^2, leaves no sound link behind some"
             " gear; check motor_inertia and gears, or log longer"
         )
-    resonance = intervals.resonance(problem.dynamics.chain.joint_labels, pose_of(problem))
-    own = {
-        "covariance": intervals.covariance()[:k, :k],
-        "fallback_reason": reason,
-        "resonance": resonance,
-    }
-    return outcome_of(problem, view.prediction, solution, values, stages, **own)
+    return outcome_of(
+        problem,
+        view.prediction,
+        solution,
+        values,
+        stages,
+        covariance=intervals.covariance()[:k, :k],
+        fallback_reason=reason,
+        resonance=intervals.resonance(problem.dynamics.chain.joint_labels, pose_of(problem)),
+    )

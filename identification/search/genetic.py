@@ -1,11 +1,9 @@
-"""The genetic algorithm of paper section 3.7: binary chromosomes in sub-populations that exchange
-migrants.
+"""Genetic algorithm of paper section 3.7: binary chromosomes, sub-populations, migration.
 
 Costs are minimised; sub-populations are equal contiguous blocks of rows; NaN is the worst cost,
 worse than infinity. Random numbers are drawn here, from one generator, never in the objective. P
 individuals in all, N per sub-population, L bits per chromosome, p variables. Read
-`minimize_genetic`, `_next_generation`, then the operators. One algorithm, one file: the operators
-are short and mean little apart, hence more than 250 lines.
+`minimize_genetic`, `_next_generation`, then the operators.
 """
 
 from collections.abc import Callable
@@ -35,14 +33,44 @@ def _check_number(name: str, value: Any, kind: Any, low: float, high: float) -> 
 
 
 def _within(default: Any, kind: type, low: float, high: float = INF) -> Any:
-    """A setting with the range of its values; None is allowed where it is the default."""
+    """Dataclass field with the range of its values; None is allowed where it is the default."""
     return field(default=default, metadata={"range": (kind, low, high)})
 
 
 @dataclass(frozen=True, kw_only=True)
 class GeneticSettings:
-    """Every setting; the defaults are the paper's, and what it leaves open is fixed here.
-    Source: paper section 3.7.
+    """Settings of the genetic algorithm; the defaults are the paper's. Source: paper section 3.7.
+
+    Where the paper states no value the default is chosen by hand.
+
+    Parameters
+    ----------
+    individuals : int
+        N, in each sub-population.
+    subpopulations : int
+    generations : int
+        After the initial population.
+    bits_per_variable : int or tuple of int
+        1 to 53; for every variable, or one for each.
+    coding : {"binary", "gray"}
+    ranking : {"linear", "nonlinear"}
+    pressure : float
+        Fitness of the best individual; at most 2 if linear, N - 1 if nonlinear.
+    crossover_probability : float
+        Of a pair.
+    mutation_probability : float or None
+        Of a bit; None for 0.7 / L.
+    generation_gap : float
+        Offspring per individual.
+    migration_rate : float
+        Migrants per individual; 0 for none.
+    migration_interval : int
+        Generations from one migration to the next.
+    safe : bool
+        Whether the best individual of a sub-population always survives, see `reinsert` and
+        `migrate`; False as in the original toolbox.
+    target : float or None
+        Cost at which the search stops.
 
     See Also
     --------
@@ -56,99 +84,102 @@ class GeneticSettings:
     (20, 4)
     """
 
-    individuals: int = _within(20, Integral, 2)  # N, in each sub-population
+    individuals: int = _within(20, Integral, 2)
     subpopulations: int = _within(4, Integral, 1)
-    generations: int = _within(40, Integral, 1)  # after the initial population
-    bits_per_variable: int | tuple[int, ...] = 16  # 1 to 53; for every variable, or one for each
-    coding: str = "binary"  # or "gray"
-    ranking: str = "linear"  # or "nonlinear"
-    # fitness of the best; at most 2 if linear, N - 1 if nonlinear
+    generations: int = _within(40, Integral, 1)
+    bits_per_variable: int | tuple[int, ...] = 16
+    coding: str = "binary"
+    ranking: str = "linear"
     pressure: float = _within(2.0, Real, 1)
-    crossover_probability: float = _within(0.6, Real, 0, 1)  # of a pair
-    mutation_probability: float | None = _within(None, Real, 0, 1)  # of a bit; None: 0.7 / L
-    generation_gap: float = _within(0.94, Real, 0, 1)  # offspring per individual
-    migration_rate: float = _within(0.3, Real, 0, 1)  # migrants per individual; 0: none
-    migration_interval: int = _within(20, Integral, 1)  # generations
-    safe: bool = True  # see `reinsert` and `migrate`; False: as in the original toolbox
-    target: float | None = _within(None, Real, -INF)  # stop when the best cost is at most this
+    crossover_probability: float = _within(0.6, Real, 0, 1)
+    mutation_probability: float | None = _within(None, Real, 0, 1)
+    generation_gap: float = _within(0.94, Real, 0, 1)
+    migration_rate: float = _within(0.3, Real, 0, 1)
+    migration_interval: int = _within(20, Integral, 1)
+    safe: bool = True
+    target: float | None = _within(None, Real, -INF)
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if each.metadata and not (value is None and each.default is None):
-                _check_number(each.name, value, *each.metadata["range"])
-        known = self.ranking in ("linear", "nonlinear")
+        for setting in fields(self):
+            value = getattr(self, setting.name)
+            if setting.metadata and not (value is None and setting.default is None):
+                _check_number(setting.name, value, *setting.metadata["range"])
         _require(
-            known,
+            self.ranking in ("linear", "nonlinear"),
             f"ranking must be 'linear' or 'nonlinear'; got {self.ranking!r}. Choose one of the"
             " two.",
         )
-        _check_number(
-            "pressure",
-            self.pressure,
-            Real,
-            1,
-            2 if self.ranking == "linear" else self.individuals - 1,
-        )
+        # With more pressure the worst fitness would be negative, or no root X would exist.
+        highest = 2 if self.ranking == "linear" else self.individuals - 1
+        _check_number("pressure", self.pressure, Real, 1, highest)
         _require(
             isinstance(self.safe, bool),
             f"safe must be True or False; got {self.safe!r}. Pass one of the two.",
         )
         bits: Any = self.bits_per_variable
         if np.ndim(bits):
+            # A list would make the frozen settings mutable.
             object.__setattr__(self, "bits_per_variable", tuple(bits))
-        _code(
-            [(0, 1)] * max(np.size(self.bits_per_variable), 1), self.bits_per_variable, self.coding
-        )
+        # The number of variables is not known yet: check bits and coding on a box that fits.
+        _code([(0, 1)] * max(np.size(bits), 1), self.bits_per_variable, self.coding)
 
     @classmethod
     def paper(cls, **changes: Any) -> Self:
-        """Return the settings of the paper with `changes` by name. Source: paper section 3.7."""
+        """Settings of the paper with `changes` by name. Source: paper section 3.7."""
         return cls(**changes)
 
     @property
     def offspring(self) -> int:
-        """Offspring of a sub-population in one generation: max(round(N gap), 2), halves up."""
+        """Offspring of a sub-population in a generation: max(round(N gap), 2), halves up."""
         return max(int(self.individuals * self.generation_gap + 0.5), 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticState:
-    """The running state; each generation makes a new one, so a callback may keep it.
+    """Running state, which a callback may store: each generation makes a new one.
     Source: paper section 3.1.
+
+    `chromosomes` (P, L): of 0 and 1. `costs` (P,). `best_x` (p,), `best_cost`: best individual
+    evaluated so far. `generation`: 0 after the initial population is evaluated. `history`
+    (generation + 1, 3): as in `GeneticResult`.
     """
 
-    chromosomes: Bits  # (P, L) of 0 and 1
-    costs: Floats  # (P,)
-    best_x: Floats  # (p,) best individual evaluated so far
+    chromosomes: Bits
+    costs: Floats
+    best_x: Floats
     best_cost: float = float("nan")
-    generation: int = -1  # 0: the initial population is evaluated
+    generation: int = -1
     evaluations: int = 0
-    history: Floats  # (generation + 1, 3), as in `GeneticResult`
+    history: Floats
     rng: np.random.Generator
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GeneticResult:
-    """What `minimize_genetic` found. Source: paper section 3.1."""
+    """Result of `minimize_genetic`. Source: paper section 3.1.
 
-    x: Floats  # (p,) best individual evaluated in the whole run
-    cost: float  # its cost, as evaluated
-    initial_cost: float  # best of the initial population
-    initial_population: Floats  # (P, p) decoded
-    initial_costs: Floats  # (P,)
-    final_population: Floats  # (P, p) decoded
-    final_costs: Floats  # (P,)
-    # (generations done + 1, 3): best, mean and worst finite cost of each population, inf if none
+    `x` (p,), `cost`: best individual evaluated in the run. `initial_cost`: best of the initial
+    population. `initial_population`, `final_population` (P, p): decoded. `initial_costs`,
+    `final_costs` (P,). `history` (generations done + 1, 3): best, mean and worst finite cost of
+    each population, inf if none. `message`: reason for the stop.
+    """
+
+    x: Floats
+    cost: float
+    initial_cost: float
+    initial_population: Floats
+    initial_costs: Floats
+    final_population: Floats
+    final_costs: Floats
     history: Floats
     evaluations: int
     seed: int
     settings: GeneticSettings
-    message: str  # why it stopped
+    message: str
 
     def __repr__(self) -> str:
-        went = f"cost {self.initial_cost:.4g} -> {self.cost:.4g}"
-        return f"GeneticResult({len(self.x)} numbers, {went}, {self.evaluations} evaluations)"
+        costs = f"cost {self.initial_cost:.4g} -> {self.cost:.4g}"
+        return f"GeneticResult({len(self.x)} numbers, {costs}, {self.evaluations} evaluations)"
 
 
 def minimize_genetic(
@@ -160,7 +191,7 @@ def minimize_genetic(
     initial: ArrayLike | None = None,
     callback: Callable[[GeneticState], object] | None = None,
 ) -> GeneticResult:
-    """Minimise an objective inside a box. Source: paper section 3.7.
+    """Minimise an objective inside a box by the genetic algorithm. Source: paper section 3.7.
 
     Parameters
     ----------
@@ -176,8 +207,8 @@ def minimize_genetic(
     initial : array_like (k, p), optional
         Points whose nearest chromosomes become the first k rows of the initial population.
     callback : callable, optional
-        Called with the `GeneticState` after each generation but the initial one; a true answer
-        stops the run.
+        Called with the `GeneticState` after each generation but the initial one; the run stops
+        where it returns a true value.
 
     Returns
     -------
@@ -199,11 +230,12 @@ def minimize_genetic(
     >>> result.x.round(2)
     array([0.3, 0.3])
     """
+    # 1. Validate the arguments.
     settings = GeneticSettings.paper() if settings is None else settings
-    known = isinstance(settings, GeneticSettings)
-    given = type(settings).__name__
     _require(
-        known, f"settings must be GeneticSettings; got {given}. Pass None for those of the paper."
+        isinstance(settings, GeneticSettings),
+        f"settings must be GeneticSettings; got {type(settings).__name__}. Pass None for those of"
+        " the paper.",
     )
     _check_number("seed", seed, Integral, 0, INF)
     code = bounds, settings.bits_per_variable, settings.coding
@@ -213,6 +245,8 @@ def minimize_genetic(
         x = decode(chromosomes, *code)
         return x, _evaluate(objective, x)
 
+    # 2. Draw the initial population. It is drawn in full before points replace rows of it, so that
+    # `initial` changes no other row.
     rng = np.random.default_rng(int(seed))
     chromosomes = rng.integers(0, 2, shape, dtype=np.uint8)
     if initial is not None:
@@ -226,7 +260,10 @@ def minimize_genetic(
     blank = GeneticState(
         chromosomes=chromosomes, costs=costs, best_x=x[0], history=np.empty((0, 3)), rng=rng
     )
-    first = state = _advance(blank, chromosomes, costs, x, costs)
+    initial_state = _advance(blank, chromosomes, costs, x, costs)
+
+    # 3. Generations, until there is a reason to stop.
+    state = initial_state
     message = _reason_to_stop(state, settings)
     while not message:
         state = _next_generation(state, settings, evaluate)
@@ -234,9 +271,9 @@ def minimize_genetic(
     return GeneticResult(
         x=state.best_x,
         cost=state.best_cost,
-        initial_cost=first.best_cost,
+        initial_cost=initial_state.best_cost,
         initial_population=x,
-        initial_costs=first.costs,
+        initial_costs=initial_state.costs,
         final_population=decode(state.chromosomes, *code),
         final_costs=state.costs,
         history=state.history,
@@ -252,7 +289,8 @@ def _next_generation(
     settings: GeneticSettings,
     evaluate: Callable[[Bits], tuple[Floats, Floats]],
 ) -> GeneticState:
-    """Rank, select, recombine, mutate, evaluate, reinsert, and every migration interval migrate."""
+    """Rank, select, recombine, mutate, evaluate, reinsert; migrate at the end of an interval."""
+    # 1. Offspring of each sub-population, by itself.
     rng = state.rng
     rank = rank_linear if settings.ranking == "linear" else rank_nonlinear
     mutation = settings.mutation_probability
@@ -264,47 +302,50 @@ def _next_generation(
         parents = state.chromosomes[rows[select(fitness, settings.offspring, rng)]]
         children = crossover(parents, settings.crossover_probability, rng)
         offspring.append(mutate(children, mutation, rng))
-    x, tried = evaluate(np.concatenate(offspring))
-    chromosomes, costs = state.chromosomes.copy(), state.costs.copy()
-    for rows, new, new_costs in zip(groups, offspring, np.split(tried, len(groups)), strict=True):
+
+    # 2. Evaluate all of them at once: the objective runs them side by side.
+    x, new_costs = evaluate(np.concatenate(offspring))
+    parts = np.split(new_costs, len(groups))
+
+    # 3. Reinsert and migrate; the previous state stays as it is.
+    chromosomes = state.chromosomes.copy()
+    costs = state.costs.copy()
+    for rows, children, children_costs in zip(groups, offspring, parts, strict=True):
         chromosomes[rows], costs[rows] = reinsert(
-            chromosomes[rows], costs[rows], new, new_costs, safe=settings.safe
+            chromosomes[rows], costs[rows], children, children_costs, safe=settings.safe
         )
     if (state.generation + 1) % settings.migration_interval == 0:
         count = settings.subpopulations
         rate = settings.migration_rate
         chromosomes, costs = migrate(chromosomes, costs, count, rate, rng, safe=settings.safe)
-    return _advance(state, chromosomes, costs, x, tried)
+    return _advance(state, chromosomes, costs, x, new_costs)
 
 
 def _advance(
-    state: GeneticState, chromosomes: Bits, costs: Floats, x: Floats, tried: Floats
+    state: GeneticState, chromosomes: Bits, costs: Floats, x: Floats, new_costs: Floats
 ) -> GeneticState:
-    """Return the state one generation later, in which points x (M, p) were evaluated at costs
-    tried (M,).
-    """
-    best = np.argsort(tried, kind="stable")[0]
+    """State of the next generation, after points x (M, p) were evaluated at new_costs (M,)."""
+    # Not argmin, which takes NaN for the least.
+    best = np.argsort(new_costs, kind="stable")[0]
+    cost = new_costs[best]
+    # The best cost is NaN until a cost is a number, and a comparison with NaN is false.
+    if cost < state.best_cost or (np.isnan(state.best_cost) and not np.isnan(cost)):
+        state = replace(state, best_x=x[best].copy(), best_cost=float(cost))
     finite = costs[np.isfinite(costs)]
-    generation = state.generation + 1
-    if tried[best] < state.best_cost or (np.isnan(state.best_cost) and not np.isnan(tried[best])):
-        state = replace(state, best_x=x[best].copy(), best_cost=float(tried[best]))
-    row = (
-        np.fmin.reduce(costs, initial=INF),
-        *((finite.mean(), finite.max()) if finite.size else (INF, INF)),
-    )
+    mean, worst = (finite.mean(), finite.max()) if finite.size else (INF, INF)
+    row = (np.fmin.reduce(costs, initial=INF), mean, worst)
     return replace(
         state,
         chromosomes=chromosomes,
         costs=costs,
-        generation=generation,
+        generation=state.generation + 1,
         evaluations=state.evaluations + len(x),
         history=np.vstack([state.history, row]),
     )
 
 
 def _reason_to_stop(state: GeneticState, settings: GeneticSettings, stopped: bool = False) -> str:
-    """Return the message of the result, or "" while there is no reason to stop."""
-    reason = ""
+    """Message of the result, or "" while there is no reason to stop."""
     done = state.generation
     if settings.target is not None and state.best_cost <= settings.target:
         reason = (
@@ -314,24 +355,23 @@ def _reason_to_stop(state: GeneticState, settings: GeneticSettings, stopped: boo
         reason = f"All {done} generations done."
     elif stopped:
         reason = f"Stopped in generation {done} by the callback."
-    found = (
-        f"Best cost {state.best_cost:.6g}."
-        if np.isfinite(state.best_cost)
-        else "No candidate had a finite cost."
-    )
-    return reason and f"{reason} {found}"
+    else:
+        return ""
+    if np.isfinite(state.best_cost):
+        return f"{reason} Best cost {state.best_cost:.6g}."
+    return f"{reason} No candidate had a finite cost."
 
 
 def _evaluate(objective: Callable[[Floats], ArrayLike], x: Floats) -> Floats:
-    """Return the costs (P,) of a copy of x (P, p)."""
+    """Costs (P,) of points (P, p); the objective gets a copy, which it may change."""
     wanted = (
         f"objective must return real costs of shape ({len(x)},), inf or NaN for a bad candidate"
     )
     try:
         costs = np.asarray(objective(x.copy()))
     except Exception as error:
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"{wanted}; it raised {said}. Mend the objective.") from error
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{wanted}; it raised {message}. Mend the objective.") from error
     good = costs.shape == (len(x),) and costs.dtype.kind in "fiu"
     _require(good, f"{wanted}; got {costs.dtype} of shape {costs.shape}. Mend the objective.")
     return costs.astype(float)  # a copy
@@ -340,7 +380,7 @@ def _evaluate(objective: Callable[[Floats], ArrayLike], x: Floats) -> Floats:
 def _code(
     bounds: ArrayLike, bits_per_variable: Any, coding: str
 ) -> tuple[Floats, Floats, NDArray[np.int_]]:
-    """Return lower (p,), upper (p,) and the bits of each variable (p,), all validated."""
+    """Lower (p,) and upper bounds (p,) and the bits of each variable (p,), all validated."""
     ends = _points("bounds", bounds, 2)
     for j, (low, high) in enumerate(ends.tolist()):
         good = low <= high and high - low < INF
@@ -352,6 +392,7 @@ def _code(
     widths = (
         tuple(bits_per_variable) if np.ndim(bits_per_variable) else (bits_per_variable,) * len(ends)
     )
+    # 53 bits are exact in a double.
     for bits in widths:
         _check_number("bits_per_variable", bits, Integral, 1, 53)
     need = f"bits_per_variable must be an int or one for each of the {len(ends)} variables"
@@ -367,7 +408,7 @@ def _code(
 
 
 def _points(name: str, value: ArrayLike, columns: int) -> Floats:
-    """Return value as a new array (rows, columns) of finite numbers."""
+    """A value as a new array (rows, columns) of finite numbers."""
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -387,19 +428,19 @@ def decode(
     bits_per_variable: int | tuple[int, ...],
     coding: str = "binary",
 ) -> Floats:
-    """Return points (P, p) of chromosomes (P, L) in bounds (p, 2): lb + (ub - lb) I / (2^n - 1), n
-    bits per variable.
+    """Points (P, p) of chromosomes (P, L) in bounds (p, 2): lb + (ub - lb) I / (2^n - 1).
 
-    I is read most significant bit first; in Gray code each digit is the running parity.
-    Source: paper section 3.7.
+    I is the integer of n bits of a variable, most significant bit first; in Gray code each of its
+    digits is the running parity. Source: paper section 3.7.
     """
     lower, upper, widths = _code(bounds, bits_per_variable, coding)
     rows = _points("bits", bits, widths.sum()).astype(np.uint8)
-    whole = np.empty((len(rows), len(widths)))
+    integers = np.empty((len(rows), len(widths)))
     for j, block in enumerate(np.split(rows, np.cumsum(widths)[:-1], axis=1)):
         digits = np.bitwise_xor.accumulate(block, axis=1) if coding == "gray" else block
-        whole[:, j] = digits @ 2.0 ** np.arange(widths[j])[::-1]  # exact up to 53 bits
-    return np.clip(lower + (upper - lower) * (whole / (2.0**widths - 1)), lower, upper)
+        integers[:, j] = digits @ 2.0 ** np.arange(widths[j])[::-1]  # exact up to 53 bits
+    # Rounding could leave the bounds by the last digit.
+    return np.clip(lower + (upper - lower) * (integers / (2.0**widths - 1)), lower, upper)
 
 
 def encode(
@@ -408,34 +449,35 @@ def encode(
     bits_per_variable: int | tuple[int, ...],
     coding: str = "binary",
 ) -> Bits:
-    """Return the chromosomes (k, L) nearest to points (k, p); what lies outside goes to the bound.
+    """Chromosomes (k, L) nearest to points (k, p); a point outside the bounds moves to the bound.
 
     The other arguments are those of `decode`. Source: paper section 3.2.
     """
     lower, upper, widths = _code(bounds, bits_per_variable, coding)
     inside = np.clip(_points("points", points, len(widths)), lower, upper)
+    # Equal bounds fix a variable: any chromosome decodes to it.
     share = (inside - lower) / np.where(upper > lower, upper - lower, 1)
-    whole = np.rint(share * (2.0**widths - 1)).astype(np.int64)
-    whole = whole ^ (whole >> 1) if coding == "gray" else whole
-    return np.hstack(
-        [whole[:, [j]] >> np.arange(n)[::-1] & 1 for j, n in enumerate(widths)]
-    ).astype(np.uint8)
+    integers = np.rint(share * (2.0**widths - 1)).astype(np.int64)
+    if coding == "gray":
+        integers = integers ^ (integers >> 1)
+    digits = [integers[:, [j]] >> np.arange(n)[::-1] & 1 for j, n in enumerate(widths)]
+    return np.hstack(digits).astype(np.uint8)
 
 
 def rank_linear(costs: Floats, pressure: float = 2.0) -> Floats:
-    """Return fitness (N,) of costs (N,): equal steps from 2 - pressure (1 to 2) at the worst to
-    pressure at the best.
+    """Fitness (N,) of costs (N,): linear in rank, from 2 - pressure (worst) to pressure (best).
 
-    Equal costs share their mean fitness; the sum is N. Source: paper section 3.7.
+    `pressure` is 1 to 2. Equal costs share their mean fitness; the sum is N.
+    Source: paper section 3.7.
     """
     return _by_rank(costs, np.linspace(2 - pressure, pressure, len(costs)))
 
 
 def rank_nonlinear(costs: Floats, pressure: float = 2.0) -> Floats:
-    """Return fitness (N,) of costs (N,): N X^position / sum X^i, growing to pressure (1 to N - 1)
-    at the best.
+    """Fitness (N,) of costs (N,): N X^rank / sum X^i, growing to the pressure at the best.
 
-    X is the positive root of (pressure - N) X^(N-1) + pressure (X^(N-2) + ... + 1) = 0.
+    `pressure` is 1 to N - 1. X is the positive root of
+    (pressure - N) X^(N-1) + pressure (X^(N-2) + ... + 1) = 0.
     Source: paper section 3.7.
     """
     n = len(costs)
@@ -445,25 +487,25 @@ def rank_nonlinear(costs: Floats, pressure: float = 2.0) -> Floats:
 
 
 def _by_rank(costs: Floats, fitness: Floats) -> Floats:
-    """Give out fitness (N,), worst first, by costs (N,); equal costs share the mean. numpy sorts
-    NaN last: worst.
+    """Assign fitness (N,), worst first, to costs (N,); equal costs share the mean.
+
+    numpy sorts NaN last, so it is the worst cost.
     """
     shared = np.empty(len(costs))
     order = np.argsort(costs, kind="stable")
     shared[order[::-1]] = fitness
     ranked = np.asarray(costs)[order]
-    if (ranked[1:] > ranked[:-1]).all():
+    if (ranked[1:] > ranked[:-1]).all():  # no two costs are equal
         return shared
     tie = np.unique(costs, return_inverse=True)[1]
     return (np.bincount(tie, shared) / np.bincount(tie))[tie]
 
 
 def select(fitness: Floats, number: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Return shuffled row numbers (number,) by stochastic universal sampling: copies floor or ceil
-    of expected.
+    """Shuffled row numbers (number,) by stochastic universal sampling.
 
-    Equally spaced pointers with one random offset over the cumulated fitness (N,).
-    Source: paper section 3.7.
+    Each row occurs as often as its fitness lets expect, rounded up or down: equally spaced pointers
+    with one random offset fall on the cumulated fitness (N,). Source: paper section 3.7.
     """
     edges = np.cumsum(fitness)
     pointers = (rng.random() + np.arange(number)) * (edges[-1] / number)
@@ -473,7 +515,7 @@ def select(fitness: Floats, number: int, rng: np.random.Generator) -> NDArray[np
 
 
 def crossover(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
-    """Return offspring (M, L): rows (1, 2), (3, 4), ... exchange their tails with this probability.
+    """Offspring (M, L): rows (1, 2), (3, 4), ... exchange their tails with this probability.
 
     The cut is uniform on 1 ... L - 1; an odd last row passes through. Source: paper section 3.7.
     """
@@ -481,18 +523,16 @@ def crossover(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
     length = bits.shape[1]
     cut = rng.integers(1, max(length, 2), (even // 2, 1))
     swap = (rng.random((even // 2, 1)) < probability) & (np.arange(length) >= cut)
-    first = bits[:even:2]
-    second = bits[1:even:2]
+    mothers = bits[:even:2]
+    fathers = bits[1:even:2]
     children = bits.copy()
-    children[:even:2], children[1:even:2] = (
-        np.where(swap, second, first),
-        np.where(swap, first, second),
-    )
+    children[:even:2] = np.where(swap, fathers, mothers)
+    children[1:even:2] = np.where(swap, mothers, fathers)
     return children
 
 
 def mutate(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
-    """Return bits (M, L), each flipped with this probability. Source: paper section 3.7."""
+    """Bits (M, L), each flipped with this probability. Source: paper section 3.7."""
     return bits ^ (rng.random(bits.shape) < probability)
 
 
@@ -504,16 +544,18 @@ def reinsert(
     *,
     safe: bool = True,
 ) -> tuple[Bits, Floats]:
-    """Return chromosomes (N, L), costs (N,): the offspring (M, L) overwrite the worst parents
-    without comparison.
+    """Chromosomes (N, L), costs (N,) after offspring (M, L) replace the worst parents.
 
-    If safe, the best parent stays; of too many offspring the best go in. Source: paper section 3.7.
+    Costs are not compared. If safe, the best parent stays; of too many offspring the best go in.
+    Source: paper section 3.7.
     """
     number = min(len(offspring), len(parents) - bool(safe))
-    places = np.argsort(parent_costs, kind="stable")[::-1][:number]
-    chosen = np.argsort(offspring_costs, kind="stable")[:number]
-    chromosomes, costs = parents.copy(), parent_costs.copy()
-    chromosomes[places], costs[places] = offspring[chosen], offspring_costs[chosen]
+    worst = np.argsort(parent_costs, kind="stable")[::-1][:number]
+    best = np.argsort(offspring_costs, kind="stable")[:number]
+    chromosomes = parents.copy()
+    costs = parent_costs.copy()
+    chromosomes[worst] = offspring[best]
+    costs[worst] = offspring_costs[best]
     return chromosomes, costs
 
 
@@ -526,23 +568,25 @@ def migrate(
     *,
     safe: bool = True,
 ) -> tuple[Bits, Floats]:
-    """Return chromosomes (P, L), costs (P,) after migration in a complete net, of copies, all at
-    the same time.
+    """Chromosomes (P, L), costs (P,) after simultaneous migration of copies in a complete net.
 
     Each sub-population receives max(floor(N rate), 1) individuals (none at rate 0), drawn without
-    replacement from as many best of every other one. If safe, they overwrite its worst, never its
-    best; else its first rows, whatever their cost. Source: paper section 3.7.
+    replacement from as many best of every other one. If safe, they replace its worst, never its
+    best; else its leading rows, whatever their cost. Source: paper section 3.7.
     """
+    if rate == 0 or subpopulations == 1:
+        return chromosomes.copy(), costs.copy()
     groups = np.arange(len(costs)).reshape(subpopulations, -1)
     moved = chromosomes.copy()
     moved_costs = costs.copy()
     # best first
     ranked = np.take_along_axis(groups, np.argsort(costs[groups], axis=1, kind="stable"), axis=1)
+    # In binary 100 * 0.29 is less than 29; the small number restores the integer.
     number = min(max(int(groups.shape[1] * rate + 1e-9), 1), groups.shape[1] - bool(safe))
-    for own in range(subpopulations if rate > 0 and subpopulations > 1 else 0):
-        migrants = rng.choice(
-            np.delete(ranked, own, axis=0)[:, :number].ravel(), number, replace=False
-        )
-        places = ranked[own, ::-1][:number] if safe else groups[own, :number]
-        moved[places], moved_costs[places] = chromosomes[migrants], costs[migrants]
+    for group in range(subpopulations):
+        candidates = np.delete(ranked, group, axis=0)[:, :number].ravel()
+        migrants = rng.choice(candidates, number, replace=False)
+        replaced = ranked[group, ::-1][:number] if safe else groups[group, :number]
+        moved[replaced] = chromosomes[migrants]
+        moved_costs[replaced] = costs[migrants]
     return moved, moved_costs

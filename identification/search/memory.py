@@ -1,9 +1,8 @@
-"""Fits of logs whose law had a memory: it began with the log, or it had been at work before, in an
-unknown state.
+"""Fits of logs whose law has a memory: it started with the log, or earlier, in an unknown state.
 
-Both are fitted. In an unknown state, what of it shows in the torque is unknown beside f, and so is
-where and how fast the arm began. Where that explains the log no better than by chance, the law
-began with the log.
+Both hypotheses are fitted. Under the second one, the part of the state that shows in the torque is
+unknown beside f, and so are position and speed of the arm at the first sample. If the second fit
+explains the log no better than by chance, the law started with the log.
 """
 
 import dataclasses
@@ -22,45 +21,58 @@ from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
 
-# standard deviations by which a sum of squares may fall by chance, where more is unknown
+# Standard deviations of a chi-square by which a fit with more unknowns must be better than chance
+# explains. Chosen by hand, far above chance: the simpler hypothesis stays until a log refutes it.
 _BY_CHANCE = 5.0
 
 
 def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outcome:
-    """What a method finds, of laws that began with their logs or before."""
-    open_ones = [
-        isinstance(followed.law, Resumed) and not isinstance(given.law, Resumed)
-        for followed, given in zip(problem.records, problem.objective.records, strict=True)
+    """Outcome of a method for laws that started with their logs or before: the better of both."""
+    # The records of the objective are those of the user, where a state may be stated.
+    unstated = [
+        isinstance(record.law, Resumed) and not isinstance(original.law, Resumed)
+        for record, original in zip(problem.records, problem.objective.records, strict=True)
     ]
-    if not any(open_ones):
+    if not any(unstated):
         return fitted(problem)
+
+    # 1. The laws started with their logs.
     began = _or_none(fitted, problem)
+
+    # 2. They had been running: their states are unknown.
     records = list(problem.records)
     memories = list[Memory | None]([None] * len(problem.records))
     for k, (record, about) in enumerate(each_named(problem.records)):
         with about:
-            if open_ones[k]:
+            if unstated[k]:
                 records[k], memories[k] = with_state(problem.dynamics, record, problem.unknown)
-    own = problem.checkpoint.part("resumed")
-    resumed = dataclasses.replace(
-        problem, records=tuple(records), memories=tuple(memories), checkpoint=own
+    problem_resumed = dataclasses.replace(
+        problem,
+        records=tuple(records),
+        memories=tuple(memories),
+        checkpoint=problem.checkpoint.part("resumed"),
     )
     if began is None:
-        return fitted(resumed)
-    other = _or_none(fitted, resumed)
-    if other is None:
+        # There is no alternative any more: its error is that of the log.
+        return fitted(problem_resumed)
+    resumed = _or_none(fitted, problem_resumed)
+    if resumed is None:
         return began
-    if began.fit.rms_innovation is None or other.fit.rms_innovation is None:
-        return other
-    more = sum(
-        0 if memory is None else memory.usual.size + 2 * problem.dynamics.n for memory in memories
+    if began.fit.rms_innovation is None or resumed.fit.rms_innovation is None:
+        return resumed
+
+    # 3. By chance, the sum of squares falls by a chi-square of as many degrees of freedom as there
+    # are further unknowns: the states, and position and speed of each joint.
+    freedom = sum(
+        memory.usual.size + 2 * problem.dynamics.n for memory in memories if memory is not None
     )
     readings = sum(record.error_pulses.size for record in problem.records)
-    gained = readings * (began.fit.rms_innovation**2 / other.fit.rms_innovation**2 - 1)
-    return other if gained > more + _BY_CHANCE * np.sqrt(2 * more) else began
+    gain = readings * (began.fit.rms_innovation**2 / resumed.fit.rms_innovation**2 - 1)
+    return resumed if gain > freedom + _BY_CHANCE * np.sqrt(2 * freedom) else began
 
 
 def _or_none(fitted: Callable[[Problem], Outcome], problem: Problem) -> Outcome | None:
+    """The outcome, or None where the fit fails."""
     try:
         return fitted(problem)
     except ValueError:  # from this start no arm follows the log
@@ -68,32 +80,31 @@ def _or_none(fitted: Callable[[Problem], Outcome], problem: Problem) -> Outcome 
 
 
 def as_repeated(
-    records: Sequence[Record], places: Sequence[Resumption | None]
+    records: Sequence[Record], resumptions: Sequence[Resumption | None]
 ) -> tuple[Record, ...]:
-    """Records to be simulated once more: their laws go on where they were, as was found, or as
-    logged torques say.
-    """
-    return resumed_at(records, places) if places else tuple(map(begun, records))
+    """Records to simulate again: their laws resume from the fitted states, or those of the log."""
+    return resumed_at(records, resumptions) if resumptions else tuple(map(begun, records))
 
 
 def run_again(record: Record, arm: Arm, rig: Rig, law: Law) -> Record:
-    """Such a record, simulated with what was found, its law with the memory that it has there."""
+    """A record simulated with another arm, rig and law; the law resumes from the record's state."""
     resumed = dataclasses.replace(record.law, law=law) if isinstance(record.law, Resumed) else law
     return replay(arm, record, rig=rig, law=resumed)
 
 
 def repeating(
-    problem: Problem, objective: Objective, places: Sequence[Resumption | None] = ()
+    problem: Problem, objective: Objective, resumptions: Sequence[Resumption | None] = ()
 ) -> Objective:
     """The objective of the same records `as_repeated`."""
-    records = as_repeated(objective.records, places)
-    if all(one is other for one, other in zip(records, objective.records, strict=True)):
+    records = as_repeated(objective.records, resumptions)
+    # An objective has compiled kernels and tables: do not make the same one again.
+    if all(record is old for record, old in zip(records, objective.records, strict=True)):
         return objective
     return Objective(problem.dynamics, records, objective.unknown, **problem.options)
 
 
 def placed(problem: Problem, fit: Fit) -> Objective:
-    """The objective of the records that are searched, with the zeros of a fit in place."""
+    """The objective of the fitted records, their counters moved by the zeros of a fit."""
     if fit.zeros is None:
         return problem.objective
     moved = with_zeros(problem.objective.records, fit.zeros)
@@ -101,35 +112,39 @@ def placed(problem: Problem, fit: Fit) -> Objective:
 
 
 def as_tested(problem: Problem, fit: Fit) -> tuple[list[Record], list[int]]:
-    """The records that are followed, and which of the unknowns act on them."""
+    """Records for the tests of the rig, and the numbers of the unknowns that act on them."""
     if fit.zeros is not None:
-        given = with_zeros(problem.records, fit.zeros)
+        # The zeros of the validation records are unknown.
+        followed = list(with_zeros(problem.records, fit.zeros))
     else:
-        searched = problem.records
+        followed = list(problem.records)
         if fit.resumptions:
-            searched = resumed_at(searched, fit.resumptions, reading=True)
-        given = [*searched, *(() if problem.held_out is None else problem.held_out.records)]
-    records = [along_log(record) for record in given]
-    replaced = any(record is not before for record, before in zip(records, given, strict=True))
-    return records, [
+            followed = list(resumed_at(followed, fit.resumptions, reading=True))
+        if problem.held_out is not None:
+            followed += problem.held_out.records
+    records = [along_log(record) for record in followed]
+    replaced = any(record is not old for record, old in zip(records, followed, strict=True))
+    # A law that reads its log does not depend on the numbers of the controller.
+    acting = [
         i for i, name in enumerate(problem.unknown) if not (replaced and name.startswith("law."))
     ]
+    return records, acting
 
 
 def resumed_at(
-    records: Sequence[Record], places: Sequence[Resumption | None], *, reading: bool = False
+    records: Sequence[Record], resumptions: Sequence[Resumption | None], *, reading: bool = False
 ) -> tuple[Record, ...]:
-    """Records that go on where law and arm were, where that was found; reading their logs, or
-    not.
-    """
-    found = []
-    for record, place in zip(records, places, strict=True):
-        if place is not None:
+    """Records that resume from the fitted states of law and arm; if `reading`, along their logs."""
+    resumed = []
+    for record, resumption in zip(records, resumptions, strict=True):
+        if resumption is not None:
+            state = resumption.state
             law: Any = record.law
             if isinstance(law, Resumed):
-                law = dataclasses.replace(law, state=place.state)
+                law = dataclasses.replace(law, state=state)
+            # A simulation in closed loop runs the controller itself, not its log.
             if not isinstance(law, AlongLog) or not reading:
-                law = Resumed(law=law.law if isinstance(law, Resumed) else law, state=place.state)
-            record = dataclasses.replace(record, law=law, initial=place.initial)
-        found.append(record)
-    return tuple(found)
+                law = Resumed(law=law.law if isinstance(law, Resumed) else law, state=state)
+            record = dataclasses.replace(record, law=law, initial=resumption.initial)
+        resumed.append(record)
+    return tuple(resumed)

@@ -1,6 +1,6 @@
-"""Methods of identification, all with one interface: a `Problem` in, an `Outcome` out; `identify`
-lists them.
+"""Methods of identification, all with one interface: from a `Problem` to an `Outcome`.
 
+`METHODS` at the end lists them by name; `seeded`, the default, uses the steps of all others.
 Source: paper 3.2, 3.7.
 """
 
@@ -22,29 +22,51 @@ from identification.search.predictive import difference_of, doubtful, predicted
 from identification.search.problem import Problem, in_parts, is_long
 from plant.parts.fields import Floats
 
-_BOX = 4.0  # half width of the box around the equation error, in its standard deviations
 
-# Standard deviations around the prediction error's fit at which so many vectors are tried on
-# objective (4).
-_NEAR = 0.03
-_NEIGHBOURS = 119
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SeededSettings:
+    """Numbers of the default method beside those of its genetic algorithm.
 
-# unknowns from which on the paper's 60 individuals are too few for a box around what is the better
-# start
-_MANY = 30
+    All are chosen by hand; ``tests/benchmarks/identification_study.py`` measures the errors of f.
 
-# relative noise of objective (4) over the last digits of a candidate: single counts decide
-_NOISE = 0.05
+    Parameters
+    ----------
+    box : float
+        Half width of the ranges of the genetic algorithm around the torque equation's fit, in
+        standard deviations of that.
+    neighbours : int
+        Vectors around the prediction-error fit of which the one with the least objective (4) is
+        taken, beside the fit.
+    spread : float
+        Spread of these vectors, in standard deviations of the fit: small enough for all of them to
+        be equally likely.
+    direct : int
+        Number of unknowns above which the method goes without the genetic algorithm: the
+        individuals of the paper are too few for a box of so many dimensions.
+    noise : float
+        Relative noise of objective (4) over the last digits of a vector, since single counts decide
+        it. Candidates within it are as good as the best.
+    """
+
+    box: float = 4.0
+    neighbours: int = 119
+    spread: float = 0.03
+    direct: int = 30
+    noise: float = 0.05
+
+
+SEEDED = SeededSettings()
 
 
 def paper(problem: Problem) -> Outcome:
-    """The genetic algorithm in the ranges."""
+    """Genetic algorithm of the paper on objective (4), in the ranges. Source: paper 3.7."""
     if problem.everywhere is None:
         raise ValueError(
             f"ranges must be given for {', '.join(problem.unknown)}; got None. Pass (low, high) for"
             " each, or give the Dynamics its ranges."
         )
     result = _genetic(problem, problem.everywhere)
+    # The best individual of the run need not have survived to the final population.
     candidates = _as_good(
         np.vstack([result.x, result.final_population]), np.append(result.cost, result.final_costs)
     )
@@ -53,14 +75,16 @@ def paper(problem: Problem) -> Outcome:
 
 
 def _as_good(vectors: Floats, costs: Floats) -> Floats:
-    """Those within the noise of the best, once each, best first."""
+    """Vectors whose cost is that of the best within its noise, without repetitions, best first."""
     order = np.argsort(costs, kind="stable")
-    order = order[costs[order] <= (1 + _NOISE) * costs[order[0]]]
-    _, first = np.unique(vectors[order], axis=0, return_index=True)
-    return vectors[order[np.sort(first)]]
+    order = order[costs[order] <= (1 + SEEDED.noise) * costs[order[0]]]
+    # `unique` sorts the vectors; sorting the indices restores the order of costs.
+    _, unique = np.unique(vectors[order], axis=0, return_index=True)
+    return vectors[order[np.sort(unique)]]
 
 
 def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
+    # An interrupted run repeats its random numbers and reads the stored costs.
     costs = problem.checkpoint.remembered("costs", problem.costs)
     show = problem.show
     shown = None if show is None else lambda state: show(state.best_cost)
@@ -68,32 +92,33 @@ def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
 
 
 def equation_error(problem: Problem) -> Outcome:
-    """Least squares on the torque equation."""
+    """Weighted least squares on the torque equation."""
     fit = torque_fit(problem)
     values, _ = start_of_fit(problem, fit)
     covariance = covariance_of(problem.unknown, fit.names, fit.covariance)
     message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
-    found = Fit(
+    solved = Fit(
         unknown=problem.unknown, values=values, candidates=values[None], covariance=covariance
     )
-    return Outcome(fit=found, message=message)
+    return Outcome(fit=solved, message=message)
 
 
 def output_error(problem: Problem) -> Outcome:
-    """Gauss-Newton on simulated positions."""
+    """Gauss-Newton on simulated positions: observer gains of zero."""
     if problem.elastic:
         return elastic(problem, simulated=True)
     return _followed(problem, simulated=True)
 
 
 def prediction_error(problem: Problem) -> Outcome:
-    """Gauss-Newton on predicted positions."""
+    """Gauss-Newton on positions predicted one sample ahead, with fitted observer gains."""
     if problem.elastic:
         return elastic(problem)
     return with_memory(problem, _followed)
 
 
 def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
+    """Gauss-Newton from the torque equation's fit, for rigid gears and one model of the law."""
     values, step = start_of_fit(problem, torque_fit(problem))
     start = {"equation error": values}
     return problem.checkpoint.stage(
@@ -102,56 +127,59 @@ def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
 
 
 def seeded(problem: Problem) -> Outcome:
-    """Equation error, genetic algorithm around it, prediction error from there.
+    """Equation error, genetic algorithm around it, prediction error from there, best neighbour.
 
-    With many unknowns it goes without the genetic algorithm, where an arm comes of it and no
-    settings were given. A log that replays its torques skips the genetic algorithm: an uncorrected
-    run accumulates all model errors.
+    A log that replays its torques skips the genetic algorithm: an uncorrected simulation
+    accumulates all model errors. With many unknowns the method skips it, too, unless the user sets
+    its settings or the result is no arm.
 
-    Last, of some vectors within some hundredths of a standard deviation, which fit the log equally
-    well, the one whose simulated errors repeat the measured ones best: objective (4) depends on
-    single counts.
+    Vectors within some hundredths of a standard deviation fit the log equally well. Since objective
+    (4) depends on single counts, the result is the one of them that repeats the tracking errors
+    best.
     """
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
+    # 1. Equation error; with many unknowns the fit follows at once.
     values, step = start_of_fit(problem, torque_fit(problem))
-    if len(values) > _MANY and problem.settings == GeneticSettings.paper():
+    if len(values) > SEEDED.direct and problem.settings == GeneticSettings.paper():
         with contextlib.suppress(ValueError):
             direct = problem.checkpoint.stage(
                 "direct", lambda: polished(problem, values, step, {"equation error": values})
             )
-            near, costs = _neighbours(problem, direct.fit)
+            neighbours, costs = _neighbours(problem, direct.fit)
             if direct.fit.fallback_reason is None and np.isfinite(costs.min()):
-                return _with_best(direct, near, costs)
-    room = _BOX * step
-    if problem.prior is not None:  # not far outside it: few such numbers are an arm
-        places = problem.prior.places(problem.unknown)
-        room[places] = np.minimum(room[places], np.sqrt(np.diag(problem.prior.covariance)))
+                return _with_best(direct, neighbours, costs)
+
+    # 2. Genetic algorithm around it.
     part = _in_parts(problem)
-    result = _genetic(part, np.clip([values - room, values + room], *problem.bounds.T).T)
-    # the log was too poor for a box
+    result = _genetic(part, _box(problem, values, step))
     if not np.isfinite(result.cost) and problem.everywhere is not None:
+        # The log was too poor: its fit and deviations put the box where there is no arm.
         result = _genetic(part, problem.everywhere)
     stages = {"equation error": values, "genetic": result.x}
     if not np.isfinite(result.cost):
         fit = Fit(unknown=problem.unknown, values=values, candidates=values[None])
         return Outcome(fit=fit, genetic=result, evaluations=result.evaluations, stages=stages)
+
+    # 3. Prediction error from its best, and the neighbour with the least objective (4).
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
     fit = outcome.fit
-    near, costs = _neighbours(problem, fit)
+    neighbours, costs = _neighbours(problem, fit)
     outcome = dataclasses.replace(
         outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations
     )
     if fit.fallback_reason is None and np.isfinite(costs.min()):
-        best = _with_best(outcome, near, costs)
+        best = _with_best(outcome, neighbours, costs)
         cost = result.cost if part is problem else float(problem.costs(result.x[None])[0])
         if not _only_genetic(problem, best.fit, float(costs.min()), cost):
             return best
+
+    # 4. The fit does not reproduce the errors: late counts explain that, or its values are wrong.
     delayed = delay_of(
         problem.dynamics, problem.records, problem.unknown, fit.values, **problem.options
     )
     if fit.fallback_reason is None and is_late(*delayed):
-        # only another arm repeats errors of late counts; this one's intervals count the delay
+        # Only a wrong arm repeats errors of late counts; the intervals of the fit include a delay.
         return outcome
     reason = fit.fallback_reason or (
         "the fit that follows the counts does not reproduce the errors when simulated; check rig,"
@@ -164,8 +192,18 @@ def seeded(problem: Problem) -> Outcome:
     return dataclasses.replace(outcome, fit=fit, message=message)
 
 
+def _box(problem: Problem, values: Floats, step: Floats) -> Floats:
+    """Ranges (k, 2) of the genetic algorithm around the torque equation's fit, within bounds."""
+    width = SEEDED.box * step
+    if problem.prior is not None:
+        # Few vectors far outside a prior are an arm.
+        columns = problem.prior.places(problem.unknown)
+        width[columns] = np.minimum(width[columns], np.sqrt(np.diag(problem.prior.covariance)))
+    return np.clip([values - width, values + width], *problem.bounds.T).T
+
+
 def _in_parts(problem: Problem) -> Problem:
-    """The problem with an objective (4) of parts of its long records; itself where none is long."""
+    """The problem with objective (4) of the parts of its long records; itself if none is long."""
     records = problem.objective.records
     if not any(map(is_long, records)):
         return problem
@@ -175,49 +213,52 @@ def _in_parts(problem: Problem) -> Problem:
 
 
 def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
-    """A fit and vectors (P, k) within hundredths of its standard deviations; objective (4) of
-    each (P,).
-    """
-    moves = np.random.default_rng(problem.seed).normal(size=(_NEIGHBOURS, len(fit.values)))
-    moves = _NEAR * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
-    near = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
-    return near, problem.costs(near)
+    """A fit with vectors (P, k) close to it, and objective (4) of all of them (P,)."""
+    random = np.random.default_rng(problem.seed)
+    moves = random.normal(size=(SEEDED.neighbours, len(fit.values)))
+    # Sums, not a matrix product, whose bits depend on the processor.
+    moves = SEEDED.spread * (moves[:, None, :] * _root(np.asarray(fit.covariance))).sum(axis=2)
+    neighbours = np.clip(np.vstack([fit.values, fit.values + moves]), *problem.bounds.T)
+    return neighbours, problem.costs(neighbours)
 
 
-def _with_best(outcome: Outcome, near: Floats, costs: Floats) -> Outcome:
-    """An outcome with that of some vectors (P, k) whose objective (4) is least."""
+def _with_best(outcome: Outcome, vectors: Floats, costs: Floats) -> Outcome:
+    """The outcome with the one of these vectors (P, k) that has the least objective (4)."""
     outcome.stages["prediction error"] = outcome.fit.values
     fit = dataclasses.replace(
-        outcome.fit, values=near[int(np.argmin(costs))], candidates=_as_good(near, costs)
+        outcome.fit, values=vectors[int(np.argmin(costs))], candidates=_as_good(vectors, costs)
     )
-    return dataclasses.replace(outcome, fit=fit, evaluations=outcome.evaluations + len(near))
+    return dataclasses.replace(outcome, fit=fit, evaluations=outcome.evaluations + len(vectors))
 
 
-def _only_genetic(problem: Problem, fit: Fit, cost: float, other: float) -> bool:
-    """Whether the genetic algorithm's best, of this other objective (4), explains the records,
-    and the fit does not.
+def _only_genetic(problem: Problem, fit: Fit, cost: float, genetic_cost: float) -> bool:
+    """Whether the genetic algorithm's best explains the records, and the fit does not.
+
+    `cost`, `genetic_cost`: objective (4) of the fit and of the genetic algorithm's best.
     """
     records = problem.objective.records
-    if cost <= other:
+    if cost <= genetic_cost:
         return False
-    own = predicted(problem, fit, records, cost)
-    return doubtful(own, records) and not doubtful(
-        own._replace(difference=difference_of(other, records)), records
-    )
+    check = predicted(problem, fit, records, cost)
+    genetic_check = check._replace(difference=difference_of(genetic_cost, records))
+    return doubtful(check, records) and not doubtful(genetic_check, records)
 
 
-_EVERY: tuple[Callable[..., Outcome], ...] = (
-    seeded,
-    paper,
-    equation_error,
-    output_error,
-    prediction_error,
-)
-METHODS: dict[str, Callable[[Problem], Outcome]] = {method.__name__: method for method in _EVERY}
+# `identify` lists them in this order.
+METHODS: dict[str, Callable[[Problem], Outcome]] = {
+    "seeded": seeded,
+    "paper": paper,
+    "equation_error": equation_error,
+    "output_error": output_error,
+    "prediction_error": prediction_error,
+}
 
 
 def _root(covariance: Floats) -> Floats:
-    """A lower triangle L with L L^T = covariance, in plain sums; zero rows stay zero."""
+    """Lower triangle L with L L^T = covariance; zero rows stay zero.
+
+    numpy's Cholesky factor refuses a singular covariance, which fixed values make.
+    """
     root = np.zeros_like(covariance)
     for i in range(len(root)):
         for j in range(i):

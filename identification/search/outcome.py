@@ -1,6 +1,4 @@
-"""What a method of identification gives back: the fit, its gears, how it came about, and what a
-result keeps of it.
-"""
+"""Output of a method of identification: `Fit`, `GearResonance`, `Outcome`; `Search` of a result."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -25,17 +23,16 @@ from plant.parts.tables import Table
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class GearResonance(Shown, Frozen):
-    """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, at the pose where the
-    reference begins.
+    """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, where the reference begins.
 
-    `joints`: what to call each joint. `pose` (n,): [rad]. `hz` (n,): [Hz]; infinite where the log
-    does not tell the gear from a rigid one. `low`, `high` (n,): 95 % interval [Hz], from the
+    `joints`: label of each joint. `pose` (n,): [rad]. `hz` (n,): [Hz]; infinite where the log does
+    not distinguish the gear from a rigid one. `low`, `high` (n,): 95 % interval [Hz], from the
     profile likelihood. Without an upper end, low is a bound: the gear is stiffer. `damping_ratio`,
-    `damping_low`, `damping_high` (n,): of the resonance, and its 95 % interval; where the log says
-    little, it is what was expected, 0.005 to 0.05. `searched` (n,): whether the stiffness was
-    unknown; the other resonances are those of the rig. `played`: joints whose gear has backlash
-    that the rig does not state. A search takes it for compliance, in all gears that it looks for,
-    so that low is a bound there: the gear is stiffer.
+    `damping_low`, `damping_high` (n,): damping ratio of the resonance, and its 95 % interval; where
+    the log shows little, that of the prior, 0.005 to 0.05. `searched` (n,): whether the stiffness
+    was unknown; the other resonances are those of the rig. `played`: joints whose gear has backlash
+    that the rig does not state. The fit takes it for compliance, in all gears with unknown
+    stiffness, so that low is a bound there: the gear is stiffer.
     """
 
     joints: tuple[str, ...]
@@ -50,28 +47,25 @@ class GearResonance(Shown, Frozen):
     played: tuple[str, ...] = ()
 
     def beside_backlash(self, joints: tuple[str, ...]) -> Self:
-        """What remains of it where the log shows backlash at these joints: bounds."""
+        """Lower bounds alone, where the log shows backlash at these joints."""
         return dataclasses.replace(
             self, high=np.where(self.searched, np.inf, self.high), played=joints
         )
 
     def bounds(self, name: str) -> bool:
-        """Whether an unknown is stiffness or damping of a gear of which the log gives a bound
-        alone.
-        """
+        """Whether an unknown is stiffness or damping of a gear that the log bounds from below."""
         stiffer = np.flatnonzero(self.searched & np.isinf(self.high)).tolist()
-        return name in [
-            f"drive.elasticity.{what}[{i}]" for what in ("stiffness", "damping") for i in stiffer
-        ]
+        kinds = ("stiffness", "damping")
+        return name in [f"drive.elasticity.{kind}[{i}]" for kind in kinds for i in stiffer]
 
     def _short(self) -> str:
-        found = [
+        # A stated resonance has no interval, but is no bound.
+        tops = np.where(self.searched, self.high, 0)
+        texts = [
             f"{hz:.1f}" if np.isfinite(top) else f">{low:.0f}"
-            for hz, low, top in zip(
-                self.hz, self.low, np.where(self.searched, self.high, 0), strict=True
-            )
+            for hz, low, top in zip(self.hz, self.low, tops, strict=True)
         ]
-        return f"{', '.join(found)} Hz"
+        return f"{', '.join(texts)} Hz"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict("resonance of each link against its locked motor, with 95 % intervals")
@@ -99,47 +93,49 @@ class GearResonance(Shown, Frozen):
             )
 
 
-for _each in (GeneticSettings, GeneticResult, Resumption):  # they know nothing of files
-    kept(_each)
+# These classes know nothing of files, so they are registered here.
+for _class in (GeneticSettings, GeneticResult, Resumption):
+    kept(_class)
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Fit(Shown, Frozen):
-    """The values of the unknowns, and how well they are known.
+    """Values of the unknowns, and their covariance.
 
     Attributes
     ----------
     unknown : tuple of str
-        Names of what was searched.
+        Names of the unknowns.
     values : (k,) numpy.ndarray
     candidates : (C, k) numpy.ndarray
-        Vectors that repeat the records as well as the values do, but for the noise of objective
-        (4), best first; the values alone where a method tries no others.
-        ``Uncertainty(plants=...)`` takes them for want of a covariance.
+        Vectors that repeat the records as well as the values do, within the noise of objective (4),
+        best first; the values alone where a method tries no others. ``Uncertainty(plants=...)``
+        uses them where there is no covariance.
     covariance : (k, k) numpy.ndarray or None
-        Of the values; None where the method provides none. It counts noise, scaled by the
-        innovations and their autocorrelation, and what the rig may state wrongly: see `Tolerances`.
+        Of the values; None where the method provides none. It includes noise, scaled by the
+        innovations and their autocorrelation, and the tolerances of the rig: see `Tolerances`.
     noise_covariance : (k, k) numpy.ndarray or None
-        What of it noise alone makes, if the rig is exact.
+        The part of it that noise alone causes, if the rig is exact.
     between : BetweenRuns or None
-        How two records or more agree, and what their differences add to the covariance.
+        Agreement of two records or more, and the covariance that their differences add.
     rms_innovation : float or None
         Root mean square of the innovations [pulses]: counted positions minus their one-step
         predictions. Rounding alone gives 0.289.
     fallback_reason : str or None
-        Why the values are not those of the last fit; its covariance then says nothing of them.
+        Reason for which the values are not those of the last fit; its covariance does not describe
+        them then.
     zeros : (R, n) numpy.ndarray or None
-        Where the joints of each record are when its counters say zero [rad], if that was unknown.
+        Angles of the joints of each record where its counters read zero [rad], if unknown.
     resumptions : tuple of Resumption or None
-        Of each record whose law had been at work before: its state, and where the arm was, at the
-        first sample.
+        State of the law, and of the arm, at the first sample of each record whose law was running
+        before it.
     gains : (2n,) numpy.ndarray or None
-        Observer gains of the innovations, of position and of speed, where these were fitted.
+        Fitted observer gains of the innovations, of position and of speed.
     resonance : GearResonance or None
         Of elastic gears. Where it only gives a bound, stiffness and damping have no variance.
     prior : Prior or None
-        Of f, if one was given.
+        Of f.
     """
 
     unknown: tuple[str, ...]
@@ -157,19 +153,17 @@ class Fit(Shown, Frozen):
     prior: Prior | None = None
 
     def _short(self) -> str:
-        known = "no covariance" if self.covariance is None else "with covariance"
-        return f"{len(self.values)} values, {known}{', a fallback' * bool(self.fallback_reason)}"
+        covariance = "no covariance" if self.covariance is None else "with covariance"
+        fallback = ", a fallback" if self.fallback_reason else ""
+        return f"{len(self.values)} values, {covariance}{fallback}"
 
     def _shown(self) -> Iterator[Piece]:
-        std = (
-            [""] * len(self.values)
-            if self.covariance is None
-            else [f"+- {each:.2g}" for each in self.std]
-        )
-        rows = zip(self.unknown, self.values, std, strict=True)
-        yield Table(
-            (), [(name, f"{value:.5g}", deviation) for name, value, deviation in rows], words=(2,)
-        )
+        deviations = [""] * len(self.values)
+        if self.covariance is not None:
+            deviations = [f"+- {std:.2g}" for std in self.std]
+        columns = zip(self.unknown, self.values, deviations, strict=True)
+        rows = [(name, f"{value:.5g}", deviation) for name, value, deviation in columns]
+        yield Table((), rows, words=(2,))
         if self.fallback_reason:
             yield f"a fallback: {self.fallback_reason}"
 
@@ -186,14 +180,13 @@ class Fit(Shown, Frozen):
 
     @property
     def correlation(self) -> Floats:
-        """Correlations (k, k) of the values; of what was kept fixed, zero."""
+        """Correlations (k, k) of the values; zero of a fixed value."""
+        # A fixed value has no deviation: dividing by infinity gives it no correlation either.
         std = np.where(self.std > 0, self.std, np.inf)
         return self._required_covariance / np.outer(std, std)
 
     def covariance_of(self, names: Sequence[str]) -> Floats:
-        """Covariance (m, m) of numbers by their names; zero of what was not unknown, or where
-        there is none.
-        """
+        """Covariance (m, m) of numbers by their names; zero of numbers that were not unknown."""
         if self.covariance is None:
             return np.zeros((len(names),) * 2)
         return covariance_of(names, self.unknown, self.covariance)
@@ -201,9 +194,9 @@ class Fit(Shown, Frozen):
     @property
     def _required_covariance(self) -> Floats:
         if self.covariance is None:
-            why = self.fallback_reason or "its method has none; use the default method"
+            reason = self.fallback_reason or "its method has none; use the default method"
             raise ValueError(
-                f"standard deviations need a covariance; this fit provides none: {why}."
+                f"standard deviations need a covariance; this fit provides none: {reason}."
             )
         return self.covariance
 
@@ -211,14 +204,13 @@ class Fit(Shown, Frozen):
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome(Frozen):
-    """What a method found.
+    """Fit of a method, and the course of its search.
 
-    `message`: why the search ended. `evaluations`: simulated experiments. `rounding` (M,) or None:
-    innovations of the records, weighted, as far as the rounding of counts makes them alike in every
-    log; in the order of `Prediction`. None where it makes none, or was not simulated. `stages`:
-    what each stage before the last found: name -> (k,) values. `grouped` (k,) or None: standard
-    deviations from how values differ between segments, where what is tested is but a part of a long
-    log.
+    `message`: reason for which the search ended. `evaluations`: simulated experiments. `rounding`
+    (M,) or None: weighted innovations that the rounding of counts causes in every log of this
+    motion, in the order of `Prediction`; None where it causes none, or was not simulated. `stages`:
+    values (k,) of the stages before the last, by name. `grouped` (k,) or None: standard deviations
+    by the scatter between segments, where the tests use parts of a long log.
     """
 
     fit: Fit
@@ -233,15 +225,15 @@ class Outcome(Frozen):
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Search(Shown, Frozen):
-    """How the unknowns were searched.
+    """Method, settings and course of the search of an identification.
 
-    `tolerances`: within which the rigs are right, as the intervals count them. `ranges` (k, 2):
-    those that were given. `stages`: what each stage before the last found: name -> (k,) values.
-    `initial_objective`: objective (4) of the best candidate of the first generation [pulses^2]; of
-    a method without generations, that of the result. `initial_population` (P, k). `initial_costs`
-    (P,): objective (4) of each of them, inf for one that is no arm or diverges. `history`
-    (generations + 1, 3): best, mean and worst finite objective of each generation. `evaluations`:
-    simulated experiments. `seconds`: of the whole identification. `message`: why the search ended.
+    `tolerances`: those of the rigs, which the intervals include. `ranges` (k, 2): those of the
+    user. `stages`: values (k,) of the stages before the last, by name. `initial_objective`:
+    objective (4) of the best candidate of the initial generation [pulses^2]; of a method without
+    generations, that of the result. `initial_population` (P, k). `initial_costs` (P,): objective
+    (4) of its candidates, inf for one that is no arm or diverges. `history` (generations + 1, 3):
+    best, mean and worst finite objective of each generation. `evaluations`: simulated experiments.
+    `seconds`: time of the identification. `message`: reason for which the search ended.
     """
 
     method: str
@@ -270,8 +262,7 @@ class Search(Shown, Frozen):
             ("method", self.method),
             ("seed", f"{self.seed}"),
             ("evaluations", f"{self.evaluations}"),
-        ]
-        rows += [
+            # The history begins with the initial population, which is no generation.
             ("generations", f"{max(len(self.history) - 1, 0)}"),
             ("time [s]", f"{self.seconds:.1f}"),
         ]
@@ -279,18 +270,32 @@ class Search(Shown, Frozen):
 
     @classmethod
     def of(cls, problem: Problem, outcome: Outcome, objective: float, seconds: float) -> Self:
-        """The search of a problem that had this outcome, with the result's objective (4)."""
-        population: dict[str, Any] = {
-            "initial_population": np.empty((0, len(problem.unknown))),
-            "initial_costs": np.empty(0),
-            "history": np.empty((0, 3)),
-        }
-        if (genetic := outcome.genetic) is not None:
-            population = {name: getattr(genetic, name) for name in population}
-            objective = genetic.initial_cost
-        asked = {
-            name: getattr(problem, name)
-            for name in ("method", "seed", "settings", "tolerances", "ranges")
-        }
-        got = {name: getattr(outcome, name) for name in ("stages", "evaluations", "message")}
-        return cls(initial_objective=objective, seconds=seconds, **asked, **population, **got)
+        """Search of a problem with this outcome; `objective`: objective (4) of the result."""
+        genetic = outcome.genetic
+        population: dict[str, Any]
+        if genetic is None:
+            population = {
+                "initial_objective": objective,
+                "initial_population": np.empty((0, len(problem.unknown))),
+                "initial_costs": np.empty(0),
+                "history": np.empty((0, 3)),
+            }
+        else:
+            population = {
+                "initial_objective": genetic.initial_cost,
+                "initial_population": genetic.initial_population,
+                "initial_costs": genetic.initial_costs,
+                "history": genetic.history,
+            }
+        return cls(
+            method=problem.method,
+            seed=problem.seed,
+            settings=problem.settings,
+            tolerances=problem.tolerances,
+            ranges=problem.ranges,
+            stages=outcome.stages,
+            evaluations=outcome.evaluations,
+            seconds=seconds,
+            message=outcome.message,
+            **population,
+        )

@@ -1,5 +1,7 @@
-"""What methods have in common: a start from the torque equation, and the prediction-error fit at
-the end.
+"""Common steps of the methods: start values from the torque equation, and the prediction-error fit.
+
+Read `torque_fit` and `start_of_fit`, then `polished`, which fits, repeats the fit where it may have
+stopped early, and subtracts the bias by rounding.
 """
 
 import contextlib
@@ -28,31 +30,82 @@ from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, products
 
-_SMALL = 0.01  # step of the central differences, in standard deviations of the equation error
 
-# RMS innovation [pulses] beyond rounding's; lower bounds that a gain is at; share by which a rotor
-# is another one.
-_FAR = 0.4
-_AT_BOUND = 10.0
-_UNLIKE = 0.5
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FitSettings:
+    """Steps of the prediction-error fit, and the conditions under which it is repeated.
 
-# Observer gains of position that a fit goes through; that of speed over its square; and steps of
-# gains, relative.
-_STAGES = (0.2, 0.07, 0.025)
-_CRITICAL = 0.285
-_GAIN_STEP = 0.01
+    Chosen by hand where nothing else is said; ``tests/benchmarks/identification_study.py`` measures
+    the fits that result.
 
-# Logs by which the bias of rounding is found; share of their mean square that a log of a faster
-# loop falls short of.
-_ROUNDED = 8
-_QUIETER = 0.02
+    Parameters
+    ----------
+    step : float
+        Step of the central differences, in standard deviations of the torque equation's fit.
+    relative_step : float
+        The same of a number that the torque equation does not fit, relative to its nominal value.
+    spring_step : float
+        The same of a spring's number, such as an angle, whose nominal value is 0 [SI].
+    range_step : float
+        The same where only a range is stated, as a share of its width.
+    far : float
+        RMS innovation above which a fit has not reached the log [pulses]: rounding alone gives
+        0.289, and the fit of log 158 of ``tests/benchmarks/healthy.py`` stopped at 0.51.
+    at_bound : float
+        An observer gain below this multiple of its lower bound counts as being at the bound.
+    unlike_rotor : float
+        Relative difference from the stated rotor inertia above which the fit is repeated from
+        there: log 173 of ``tests/benchmarks/healthy.py`` needs it.
+    staged_gains : tuple of float
+        Observer gains of position of the successive stages where the memory of a law is unknown.
+    critical : float
+        Observer gain of speed over the square of that of position.
+    gain_step : float
+        Step of the central differences of observer gains, relative.
+    """
 
-_OF_ZERO = 0.02  # step of a spring's number, such as an angle, that is 0 in the record [SI]
+    step: float = 0.01
+    relative_step: float = 0.02
+    spring_step: float = 0.02
+    range_step: float = 0.01
+    far: float = 0.4
+    at_bound: float = 10.0
+    unlike_rotor: float = 0.5
+    staged_gains: tuple[float, ...] = (0.2, 0.07, 0.025)
+    critical: float = 0.285
+    gain_step: float = 0.01
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RoundingSettings:
+    """Simulated logs from which the bias by the rounding of counts is estimated.
+
+    Both are chosen by hand; ``tests/benchmarks/intervals.py`` measures the coverage that results.
+
+    Parameters
+    ----------
+    logs : int
+        Simulated logs per record. Their mean has 1 / logs of the variance of one.
+    quieter : float
+        Share of the mean square of simulated logs by which the log must fall short for its own loop
+        to be faster than the simulated one.
+    """
+
+    logs: int = 8
+    quieter: float = 0.02
+
+
+FIT = FitSettings()
+ROUNDING = RoundingSettings()
 
 
 def torque_fit(problem: Problem) -> TorqueFit:
-    """The torque equation's fit; of logged torques, in the chosen band, or the nearest that
-    gives an arm.
+    """Fit of the torque equation; of logged torques in the best pass band that gives a valid arm.
+
+    Raises
+    ------
+    ValueError
+        No band gives an arm that follows the log.
     """
     if not any(problem.replays):
         return fit_pulses(problem.dynamics, problem.records, problem.unknown, problem.known)
@@ -61,6 +114,7 @@ def torque_fit(problem: Problem) -> TorqueFit:
         problem.dynamics, problem.records, problem.unknown, problem.known
     ).values():
         values, _ = start_of_fit(problem, fit)
+        # Gauss-Newton cannot start from an arm that diverges, however well it fits the torque.
         if np.isfinite(prediction.innovations(np.append(values, prediction.nuisances))).all():
             return fit
     raise ValueError(
@@ -71,23 +125,28 @@ def torque_fit(problem: Problem) -> TorqueFit:
 
 
 def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[Floats, Floats]:
-    """Values (k,) of all unknowns, those that the fit lacks as range or record have them; and a
-    step for each.
+    """Start values (k,) of all unknowns, and a step (k,) for the central differences of each.
+
+    Unknowns that the torque equation lacks start from their range or from the record.
     """
     values = problem.nominal.copy()
-    step = np.abs(problem.nominal) * 0.02
-    step[
-        [i for i, name in enumerate(problem.unknown) if name.startswith(SPRINGS) and not step[i]]
-    ] = _OF_ZERO
+    step = np.abs(problem.nominal) * FIT.relative_step
+    # A spring that is stated as 0 needs an absolute step.
+    for i, name in enumerate(problem.unknown):
+        if name.startswith(SPRINGS) and not step[i]:
+            step[i] = FIT.spring_step
     for name, value in problem.known.items():
         values[problem.unknown.index(name)] = value
     for i, name in enumerate(problem.unknown):
         if name in fit.names:
-            place = fit.names.index(name)
-            values[i], step[i] = fit.values[place], fit.std[place]
+            column = fit.names.index(name)
+            values[i] = fit.values[column]
+            step[i] = fit.std[column]
     if problem.ranges is not None:
-        step = np.where(step > 0, step, 0.01 * (problem.ranges[:, 1] - problem.ranges[:, 0]))
-        step = np.where(problem.ranges[:, 0] == problem.ranges[:, 1], 0.0, step)
+        low, high = problem.ranges.T
+        step = np.where(step > 0, step, FIT.range_step * (high - low))
+        # A step of zero keeps a number fixed.
+        step = np.where(low == high, 0.0, step)
     return np.clip(values, *problem.bounds.T), step
 
 
@@ -99,25 +158,31 @@ def polished(
     *,
     simulated: bool = False,
 ) -> Outcome:
-    """The prediction error's fit from a start (the output error's, if simulated); the start where
-    no arm comes of it.
+    """Prediction-error fit from a start (output-error fit, if simulated).
 
-    An arm is refused where D(q) leaves less than the motors' own inertia.
+    The values are those of the start where D(q) of the fit leaves less than the motors' inertia.
     """
     prediction = problem.prediction(
         simulated=simulated, zeros=problem.zeros, memories=problem.memories
     )
+    # 1. Values and steps of the unknowns, followed by those of the nuisances, gains first.
     k = len(start)
     bounds = np.vstack([problem.bounds, prediction.nuisance_bounds])
-    steps = np.append(_SMALL * step, prediction.nuisance_steps)
-    first = np.append(start, prediction.nuisances)
+    steps = np.append(FIT.step * step, prediction.nuisance_steps)
     gains = None if simulated else slice(k, k + 2 * problem.dynamics.n)
-    solution = reweighed(
-        prediction, _searched(problem, prediction, first, steps, bounds, gains), steps, bounds
+
+    # 2. Fit, then weigh records and joints by the innovations that the fit leaves.
+    solution = _searched(
+        problem, prediction, np.append(start, prediction.nuisances), steps, bounds, gains
     )
+    solution = reweighed(prediction, solution, steps, bounds)
+
+    # 3. Subtract the bias by rounding, where the loop of a log felt it.
     rounding = None
     if prediction.rounds:
         solution, rounding = _unbiased(prediction, solution, bounds, problem.seed)
+
+    # 4. No arm has less inertia than its motors: such a fit says nothing of f.
     values = solution.values[:k]
     reason = None
     arm, rig, _ = problem.parts(values)
@@ -127,10 +192,17 @@ def polished(
             " gears and motor_gain"
         )
         values = start
-    resumptions = prediction.resumptions(solution.values) if problem.memories else ()
-    found = None if simulated else solution.values[k : k + 2 * problem.dynamics.n]
-    own = {"values": values, "fallback_reason": reason, "resumptions": resumptions, "gains": found}
-    outcome = outcome_of(problem, prediction, solution, solution.values, stages, **own)
+    outcome = outcome_of(
+        problem,
+        prediction,
+        solution,
+        solution.values,
+        stages,
+        values=values,
+        fallback_reason=reason,
+        resumptions=prediction.resumptions(solution.values) if problem.memories else (),
+        gains=None if gains is None else solution.values[gains],
+    )
     grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
     return dataclasses.replace(outcome, rounding=rounding, grouped=grouped)
 
@@ -138,90 +210,94 @@ def polished(
 def _searched(
     problem: Problem,
     prediction: Any,
-    first: Floats,
+    start: Floats,
     steps: Floats,
     bounds: Floats,
     gains: slice | None,
 ) -> Solution:
-    """The best of the fits from a start, and from where that one ended: by stages, and with rotors
-    as stated.
+    """Best of the fits from a start, from the end of that fit, and from the stated rotor inertias.
 
     Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The
     inertia of a joint that is little more than its rotor's has a second optimum below zero.
     """
     staged = gains if problem.memories else None
-    found = by_stages(prediction, first, steps, bounds, staged)
-    far = gains is not None and staged is None and found.rms_innovation > _FAR
-    if far and (found.values[gains] <= _AT_BOUND * bounds[gains, 0]).any():
-        found = _better(found, prediction, found.values, steps, bounds, gains)
-    values = found.values.copy()
-    own = rotors_alone(problem.dynamics)
+    best = by_stages(prediction, start, steps, bounds, staged)
+
+    # 1. Start again where low gains stopped the fit far from the log.
+    far = gains is not None and staged is None and best.rms_innovation > FIT.far
+    if far and (best.values[gains] <= FIT.at_bound * bounds[gains, 0]).any():
+        best = _better(best, prediction, best.values, steps, bounds, gains)
+
+    # 2. Start again from the stated rotors where a fitted one differs much, or no arm results.
+    values = best.values.copy()
+    rotors = rotors_alone(problem.dynamics)
     arm, rig, _ = problem.parts(values[: len(problem.unknown)])
-    places = [problem.unknown.index(problem.dynamics.names[place]) for place in own.values()]
-    stated = rig.drive.reflected_inertia()[list(own)]
-    values[places] = np.where(stated > 0, stated, values[places])
-    unlike = np.abs(values - found.values)[places] > _UNLIKE * stated
+    columns = [problem.unknown.index(problem.dynamics.names[k]) for k in rotors.values()]
+    stated = rig.drive.reflected_inertia()[list(rotors)]
+    values[columns] = np.where(stated > 0, stated, values[columns])
+    unlike = np.abs(values - best.values)[columns] > FIT.unlike_rotor * stated
     if unlike.any() or (
-        own and not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0
+        rotors and not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0
     ):
-        found = _better(found, prediction, np.clip(values, *bounds.T), steps, bounds, staged)
-    return found
+        best = _better(best, prediction, np.clip(values, *bounds.T), steps, bounds, staged)
+    return best
 
 
 def _better(
-    found: Solution, prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: Any
+    best: Solution, prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: Any
 ) -> Solution:
-    """The fit, or that from these values."""
+    """The better of a fit and the fit that starts from other values."""
     with contextlib.suppress(ValueError):  # that start diverges
         return min(
-            found,
+            best,
             by_stages(prediction, values, steps, bounds, gains),
             key=lambda fit: fit.rms_innovation,
         )
-    return found
+    return best
 
 
 def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats:
-    """Standard deviations (k,) of the first so many unknowns, from how they differ between
-    segments.
-    """
+    """Standard deviations (k,) of the leading unknowns, by their scatter between segments."""
     lengths = prediction.lengths
-    found = np.zeros(len(solution.values))
-    rows = slice(prediction.prior.count + sum(lengths))
     count = prediction.prior.count
+    # The rows of a prior of f come first; those of a law's memory come last, in no segment.
+    rows = slice(count + sum(lengths))
     residual = (solution.residual / prediction.scales)[rows]
-    found[solution.varied] = group_std(
+    std = np.zeros(len(solution.values))
+    std[solution.varied] = group_std(
         solution.slopes[rows], residual, in_groups(lengths, count, SEGMENTS)
     )
-    return found[:unknown]
+    return std[:unknown]
 
 
-def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **more: Any) -> Fit:
-    """Of the first unknowns of a Gauss-Newton, with these values (k,); `more`: further fields,
-    in place of its own.
+def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **fields: Any) -> Fit:
+    """`Fit` of the leading unknowns of a Gauss-Newton solution, with these values (k,).
+
+    `fields`: further fields of the `Fit`; they replace those of the solution.
     """
     k = len(values)
-    own: dict[str, Any] = {
+    fields = {
         "covariance": solution.covariance[:k, :k],
         "rms_innovation": solution.rms_innovation,
-    }
-    return Fit(unknown=unknown, values=values, candidates=values[None], **own | more)
+    } | fields
+    return Fit(unknown=unknown, values=values, candidates=values[None], **fields)
 
 
 def outcome_of(
     problem: Problem,
     prediction: Prediction,
     solution: Solution,
-    whole: Floats,
+    solved: Floats,
     stages: dict[str, Floats],
-    **more: Any,
+    **fields: Any,
 ) -> Outcome:
-    """Of a fit that follows the log; `whole` is what it found, nuisances too, and `more` are
-    fields of the `Fit`.
+    """`Outcome` of a fit that follows the log.
+
+    `solved`: values of the unknowns and of the nuisances. `fields`: further fields of the `Fit`.
     """
     k = len(problem.unknown)
-    zeros = prediction.zeros_in(whole) if problem.zeros else None
-    fit = fit_of(solution, problem.unknown, more.pop("values", whole[:k]), zeros=zeros, **more)
+    zeros = prediction.zeros_in(solved) if problem.zeros else None
+    fit = fit_of(solution, problem.unknown, fields.pop("values", solved[:k]), zeros=zeros, **fields)
     message = (
         f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
     )
@@ -231,39 +307,50 @@ def outcome_of(
 def _unbiased(
     prediction: Prediction, solution: Solution, bounds: Floats, seed: int
 ) -> tuple[Solution, Floats | None]:
-    """A solution less its bias by the rounding of counts, found on logs that the model makes itself
-    and that round.
+    """Subtract from a solution its bias by rounding; estimate that from simulated, rounded logs.
 
     At low speeds a loop feels single counts. That moves some unknowns by as much as their standard
-    deviation. How far the values of these logs scatter says by how much the covariance errs, as far
-    as innovations are rounding; the mean of both counts, since these logs have no other noise.
+    deviation. The scatter of the values of these logs shows the error of the covariance as far as
+    innovations are rounding; the mean of both counts, since these logs have no other noise.
+
+    Returns the solution, and the weighted mean innovations (M,) of these logs; None of no log.
 
     Source: C. Gourieroux, A. Monfort, E. Renault, Indirect inference, Journal of Applied
     Econometrics 8, 1993.
     """
+    count = ROUNDING.logs
     values = solution.values
-    random = np.random.default_rng([seed, _ROUNDED])
-    shifts = random.uniform(-0.5, 0.5, (_ROUNDED, *prediction.shape))
+    random = np.random.default_rng([seed, count])
+    # The phase of an encoder is uniform within a count.
+    shifts = random.uniform(-0.5, 0.5, (count, *prediction.shape))
     logs = _rounded(prediction, values, shifts, solution.residual / prediction.scales)
     if not logs:
         return solution, None
+
+    # 1. One linear step from the values to the fit of each simulated log; their mean is the bias.
     names = [prediction.unknown[i] for i in solution.varied]
     inverse = least_squares(names, solution.slopes, logs[0], dependent=prediction.dependent)[1]
-    found = [inverse @ np.einsum("mi,m->i", solution.slopes, log) for log in logs]
+    errors = [inverse @ np.einsum("mi,m->i", solution.slopes, log) for log in logs]
+    bias = np.mean(errors, axis=0)
     values = values.copy()
-    values[solution.varied] += np.mean(found, axis=0)
+    values[solution.varied] += bias
+
+    # 2. Scatter of these fits over that of the covariance; 1 where the covariance is right.
     noises = np.array([noise(prediction, log) for log in logs])
-    squares = (found - np.mean(found, axis=0)) ** 2 / np.outer(noises, np.diag(inverse))
-    ratio = squares.mean() * _ROUNDED / (_ROUNDED - 1)
-    if count := prediction.prior.count:  # which does not scatter
+    squares = (errors - bias) ** 2 / np.outer(noises, np.diag(inverse))
+    ratio = squares.mean() * count / (count - 1)
+    if rows := prediction.prior.count:
+        # A prior narrows the covariance but does not scatter from log to log.
         ratio /= 1 - np.mean(
-            np.diag(inverse @ products(solution.slopes[:count]) @ inverse) / np.diag(inverse)
+            np.diag(inverse @ products(solution.slopes[:rows]) @ inverse) / np.diag(inverse)
         )
+
+    # 3. Take the mean of both covariances, as far as the noise of the log is rounding. The bias is
+    # a mean of `count` fits, whose variance adds.
     share = min(1.0, noises.mean() / noise(prediction, solution.residual / prediction.scales))
-    scale = (1 + 1 / _ROUNDED) * (1 + share * (ratio - 1) / 2)
-    covariance = scale * solution.covariance
+    scale = (1 + 1 / count) * (1 + share * (ratio - 1) / 2)
     unbiased = dataclasses.replace(
-        solution, values=np.clip(values, *bounds.T), covariance=covariance
+        solution, values=np.clip(values, *bounds.T), covariance=scale * solution.covariance
     )
     return unbiased, sum(logs) / len(logs) * prediction.scales
 
@@ -271,60 +358,60 @@ def _unbiased(
 def _rounded(
     prediction: Prediction, values: Floats, shifts: Floats, residual: Floats
 ) -> list[Floats]:
-    """Weighted innovations (M,) of the logs that the model makes itself; none where it does not
-    reproduce the log.
+    """Weighted innovations (M,) of simulated, rounded logs; none where the model diverges.
 
-    How often a loop feels single counts moves its values. Other noise adds to a log's: where it has
-    less than logs of a loop have, its own is faster.
+    The rate at which a loop feels single counts moves its values. Of several rates, take the one
+    whose logs have the mean square of the log. Other noise only adds to a log, so a log below the
+    mean square of simulated ones comes from a faster loop, and the next rate is tried.
     """
-    found = list[Floats]()
-    nearest = np.inf
+    nearest = list[Floats]()
+    distance = np.inf
     square = dot(residual, residual)
     for steps in RATES:
         try:
             logs = prediction.of_rounded(values, shifts, steps)
         except ValueError:
-            return found
-        own = sum(dot(log, log) for log in logs) / len(logs)
-        if not np.isfinite(own):
-            return found
-        if abs(own - square) < nearest:
-            found = logs
-            nearest = abs(own - square)
-        if square > (1 - _QUIETER) * own:
+            return nearest
+        simulated = sum(dot(log, log) for log in logs) / len(logs)
+        if not np.isfinite(simulated):
+            return nearest
+        if abs(simulated - square) < distance:
+            nearest = logs
+            distance = abs(simulated - square)
+        if square > (1 - ROUNDING.quieter) * simulated:
             break
-    return found
+    return nearest
 
 
 def by_stages(
     prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: slice | None
 ) -> Solution:
-    """Least sum of squares with observer gains that go down by stages, then are free; at once where
-    these are None.
+    """Least sum of squares with observer gains that fall by stages, then are free.
 
-    With high gains the innovations are nearly linear in what is unknown of a law's memory; low ones
-    tell most.
+    With high gains the innovations are nearly linear in the unknown memory of a law; low gains give
+    the smallest variance. Where `gains` is None, one fit is made at once.
     """
     if gains is None:
         return gauss_newton(prediction, values, steps, bounds)
-    found = list[Solution]()
-    half = (gains.stop - gains.start) // 2
-    kept = steps.copy()
-    kept[gains] = 0
-    for position in _STAGES:
+    solutions = list[Solution]()
+    joints = (gains.stop - gains.start) // 2
+    fixed = steps.copy()
+    fixed[gains] = 0
+    for position in FIT.staged_gains:
         values = values.copy()
-        values[gains] = np.repeat([position, _CRITICAL * position**2], half)
+        values[gains] = np.repeat([position, FIT.critical * position**2], joints)
         try:
-            found.append(gauss_newton(prediction, values, kept, bounds))
+            solutions.append(gauss_newton(prediction, values, fixed, bounds))
         except ValueError:
-            if not found:
+            # Lower gains make the fit harder: only a failure of the first stage is one of the log.
+            if not solutions:
                 raise
             break
-        values = found[-1].values
-    best = min(found, key=lambda solution: solution.rms_innovation)
-    kept[gains] = _GAIN_STEP * best.values[gains]
+        values = solutions[-1].values
+    best = min(solutions, key=lambda solution: solution.rms_innovation)
+    fixed[gains] = FIT.gain_step * best.values[gains]
     try:
-        free = gauss_newton(prediction, best.values, kept, bounds)
+        free = gauss_newton(prediction, best.values, fixed, bounds)
     except ValueError:  # with gains this low unknowns are not separately identifiable
         return best
     return min(best, free, key=lambda solution: solution.rms_innovation)

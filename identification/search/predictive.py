@@ -1,8 +1,8 @@
-"""Posterior predictive check: whether records differ from what was found no more than runs of that
-model would.
+"""Posterior predictive check: do records differ from the model more than its own runs do?
 
-Arms as likely as the one found, that begin elsewhere within a count, are simulated; a healthy log
-is one run more.
+Arms drawn from the covariance of the fit are simulated, with another start within a count. If the
+model is right, the log is one run more, and lies no further from the run of the fitted values than
+these runs.
 """
 
 import dataclasses
@@ -18,34 +18,61 @@ from plant.checkup.oscillation import own_oscillations
 from plant.parts.fields import Floats
 from plant.simulation.followed_path import is_rounded
 
-ROUNDINGS = 0.58  # difference [pulses, rms] that two roundings alone give
+# Difference between a measured and a simulated log from rounding alone [pulses, rms].
+ROUNDINGS = 0.58
 
-# Difference [pulses] from which it asks for an explanation: of the counts, and of the path as well.
-_FAR = 0.9
-_FAR_ROUNDED = 1.5
-
-# Methods whose deviations do not cover what rounding makes of a loop that hunts; others judge the
-# log for them.
+# Methods whose deviations do not cover the effect of rounding on a loop that hunts. The check of
+# their logs uses a fit of another method.
 ROUGH = ("equation_error", "output_error", "paper")
 
-# probability that a log is doubted which differs from the model's run as other runs of the model do
+# Probability of doubting a log that differs from the run of the model as its other runs do.
 FALSE_ALARM = 1e-3
 
-# Runs of the model, and with which probability each look may doubt; and how few say nothing.
-_LOOKS = ((8, 0.1 * FALSE_ALARM), (40, 0.9 * FALSE_ALARM))
-_FEW = 4
 
-# Difference over the rms of measured errors that no healthy log exceeds (two runs that hunt
-# independently differ by 1.4 of it; runs of a model that differ by more would hide any log);
-# logarithm of frequencies that hunt alike; and how much of what is told of a log a run has to show.
-_OWN = 2.0
-_SAME_HZ = 0.4
-_NEARLY = 0.7
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckSettings:
+    """Numbers of the posterior predictive check.
+
+    Chosen by hand; ``tests/benchmarks/healthy.py`` counts the right logs that it doubts.
+
+    Parameters
+    ----------
+    far : float
+        Difference above which records ask for an explanation [pulses, rms].
+    far_rounded : float
+        The same where the path is rounded to counts, too.
+    looks : tuple of (int, float)
+        Runs of the model, in all, and the probability of a false alarm, of each successive look.
+        The probabilities add up to `FALSE_ALARM`; few runs suffice for most logs.
+    few : int
+        Number of runs below which no limit is stated.
+    largest : float
+        Limit over the rms of the measured errors. Two runs that hunt independently differ by 1.4 of
+        it; runs that differ by more than this would hide any log.
+    same_frequency : float
+        Difference of the logarithms of two frequencies up to which runs hunt alike.
+    nearly : float
+        Share of the criterion of an oscillation in a log that a run must reach to oscillate, too.
+    """
+
+    far: float = 0.9
+    far_rounded: float = 1.5
+    looks: tuple[tuple[int, float], ...] = ((8, 0.1 * FALSE_ALARM), (40, 0.9 * FALSE_ALARM))
+    few: int = 4
+    largest: float = 2.0
+    same_frequency: float = 0.4
+    nearly: float = 0.7
+
+
+CHECK = CheckSettings()
 
 
 class Predicted(NamedTuple):
-    """By how much the records differ from what was found, and runs of it from each other (geometric
-    mean), and seldom more [pulses, rms]; and the records that hunt as runs do.
+    """Result of the check: differences [pulses, rms], and the records that hunt as runs do.
+
+    `difference`: of the records from the simulation with the fitted values. `expected`: geometric
+    mean of those of runs. `limit`: exceeded with the probability of a false alarm. `hunts`: numbers
+    of the records.
     """
 
     difference: float
@@ -55,20 +82,24 @@ class Predicted(NamedTuple):
 
 
 def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float) -> Predicted:
-    """What arms as likely as the one found show, for records of which it has this objective (4).
+    """Posterior predictive check of records for which the fit has this objective (4), `cost`.
 
-    If nothing is wrong the log is a run like theirs, as far as they are from that of the values.
-    Logarithms of these distances are taken for normal. Where the first runs leave it open whether
-    the log is one of them, more are made.
+    The logarithms of the differences between runs are taken as normal. Where the few runs of the
+    first look leave the verdict open, the second makes more.
     """
+    # 1. Nothing to explain: the records are close, and no joint oscillates.
     difference = difference_of(cost, records)
-    swings = {i: hz[0] for i, record in enumerate(records) if (hz := own_oscillations(record))}
-    if (
-        any(problem.replays)
-        or not np.isfinite(difference)
-        or (difference <= asks_from(records) and not swings)
-    ):
+    swings = {}  # number of a record -> frequency of its oscillation [Hz]
+    for i, record in enumerate(records):
+        frequencies = own_oscillations(record)
+        if frequencies:
+            swings[i] = frequencies[0]
+    close = difference <= asks_from(records) and not swings
+    # A replayed torque drives the arm in open loop, where all model errors accumulate.
+    if any(problem.replays) or not np.isfinite(difference) or close:
         return Predicted(difference)
+
+    # 2. The runs with the fitted values, from which the distances are measured.
     try:
         runs = [_run(problem, fit.values, record) for record in records]
     except ValueError:  # it diverges, or has no sound inertia
@@ -77,34 +108,34 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
     hunts = {i for i in swings if _alike(swings[i], runs[i])}
     logarithms = list[float]()
     limit = np.nan
-    most = _OWN * float(
-        np.sqrt(np.mean(np.concatenate([record.error_pulses for record in records]) ** 2))
-    )
-    for count, chance in _LOOKS:
+    errors = np.concatenate([record.error_pulses for record in records])
+    largest = CHECK.largest * float(np.sqrt(np.mean(errors**2)))
+
+    # 3. Runs of drawn arms, until the verdict is clear.
+    for count, chance in CHECK.looks:
         for values in _drawn(fit, random, count - len(logarithms)):
             try:
-                others = [_run(problem, values, _shifted(run, random)) for run in runs]
-            except ValueError:
+                drawn = [_run(problem, values, _shifted(run, random)) for run in runs]
+            except ValueError:  # this draw is no arm
                 continue
-            hunts |= {i for i in swings if _alike(swings[i], others[i])}
+            hunts |= {i for i in swings if _alike(swings[i], drawn[i])}
             apart = [
-                other.error_pulses - run.error_pulses
-                for other, run in zip(others, runs, strict=True)
+                one.error_pulses - run.error_pulses for one, run in zip(drawn, runs, strict=True)
             ]
             logarithms.append(0.5 * float(np.log(np.mean(np.concatenate(apart) ** 2))))
-        if len(logarithms) < _FEW:
+        if len(logarithms) < CHECK.few:
             return Predicted(difference, hunts=tuple(sorted(hunts)))
-        limit = min(_exceeded(logarithms, chance), most)
-        if difference > limit or (
-            difference <= np.exp(max(logarithms)) and len(hunts) == len(swings)
-        ):
+        limit = min(_exceeded(logarithms, chance), largest)
+        inside = difference <= np.exp(max(logarithms)) and len(hunts) == len(swings)
+        if difference > limit or inside:
             break
     return Predicted(difference, float(np.exp(np.mean(logarithms))), limit, tuple(sorted(hunts)))
 
 
 def _exceeded(logarithms: list[float], chance: float) -> float:
-    """What one more number exceeds with this chance, of the same normal distribution as the
-    others' logarithms.
+    """Value that one number more exceeds with this chance, if all logarithms are normal.
+
+    This is the prediction interval of a normal sample: mean and deviation are estimates, too.
     """
     from scipy.special import stdtrit
 
@@ -116,51 +147,47 @@ def _exceeded(logarithms: list[float], chance: float) -> float:
 
 
 def _drawn(fit: Fit, random: np.random.Generator, count: int) -> Iterator[Floats]:
-    """Values (k,) as likely as those found: of the covariance, or for want of one those that
-    repeat the log as well.
-    """
+    """Values (k,) drawn from the covariance; without one, from the candidates of the fit."""
     if fit.covariance is None:
         yield from random.choice(fit.candidates, count)
         return
+    # Eigenvectors, since fixed values make the covariance singular; rounding makes some negative.
     scale, axes = np.linalg.eigh(fit.covariance)
     root = axes * np.sqrt(np.maximum(scale, 0.0))
     yield from (fit.values + root @ random.standard_normal(len(scale)) for _ in range(count))
 
 
 def _shifted(run: Record, random: np.random.Generator) -> Record:
-    """A simulated record, to begin elsewhere within a count."""
+    """A simulated record with another start within a count."""
     start = np.stack([run.true_q[0], run.true_qd[0]])  # type: ignore[index]  # simulated
     start[0] += run.rig.to_angle(random.uniform(-0.5, 0.5, run.n))
     return dataclasses.replace(run, initial=start)
 
 
 def _run(problem: Problem, values: Floats, record: Record) -> Record:
-    """A record, simulated with these values (k,) of the unknowns, its law with the memory that
-    it has there.
-    """
+    """A record simulated with these values (k,) of the unknowns, from its own state of the law."""
     named = dict(zip(problem.unknown, values, strict=True))
-    law = record.law
-    given = None if law is None else law.filled(named, "law.")
-    return replay(problem.parts(values)[0], record, rig=record.rig.filled(named), law=given)
+    law = None if record.law is None else record.law.filled(named, "law.")
+    return replay(problem.parts(values)[0], record, rig=record.rig.filled(named), law=law)
 
 
 def _alike(hz: float, run: Record) -> bool:
-    """Whether a joint of a run oscillates, too, or nearly, at about this frequency [Hz] of a
-    log.
-    """
-    return any(abs(np.log(hz / other)) < _SAME_HZ for other in own_oscillations(run, _NEARLY))
+    """Whether a joint of a run (nearly) oscillates at about this frequency of a log [Hz]."""
+    frequencies = own_oscillations(run, CHECK.nearly)
+    return any(abs(np.log(hz / frequency)) < CHECK.same_frequency for frequency in frequencies)
 
 
 def asks_from(records: Sequence[Record]) -> float:
-    """Difference [pulses] from which records ask for an explanation."""
-    return _FAR_ROUNDED if any(map(is_rounded, records)) else _FAR
+    """Difference above which records ask for an explanation [pulses, rms]."""
+    return CHECK.far_rounded if any(map(is_rounded, records)) else CHECK.far
 
 
-def doubtful(told: Any, records: Sequence[Record]) -> bool:
-    """Whether records differ by more than the model's runs seldom do; `told`: what has their
-    difference and limit.
+def doubtful(check: Any, records: Sequence[Record]) -> bool:
+    """Whether records differ from the model more than its runs; `check` has difference and limit.
+
+    A difference that is not a number is doubtful; a limit that is not one does not count.
     """
-    return not told.difference <= np.fmax(asks_from(records), told.limit)
+    return not check.difference <= np.fmax(asks_from(records), check.limit)
 
 
 def difference_of(cost: float, records: Sequence[Record]) -> float:

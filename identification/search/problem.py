@@ -1,9 +1,9 @@
-"""What a method of identification is given: experiments, unknowns, and where to look.
+"""Input of a method of identification: experiments, unknowns, ranges, and parts of long logs.
 
-Parts stand for a long log where a fraction of it tells enough: in the genetic search, and in tests
-of the rig. They are spread over all of it, so that what changes slowly, or late, is in them; what
-lasts shorter than from one to the next may be in none. Values and the covariance of the fit are
-those of the whole log.
+Parts replace a long log in the genetic search and in the tests of the rig, where a fraction of its
+samples suffices. They are spread evenly, so that they show slow and late changes; they may miss an
+event that is shorter than the distance between two parts. The values of the fit and their
+covariance come from all samples.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ from plant.parts.kinds import kept
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tolerances(Frozen):
-    """Standard deviations of what a rig states; zero takes a number for exact.
+    """Standard deviations of the numbers that a rig states; zero takes a number as exact.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class Tolerances(Frozen):
         Of a constant torque of each motor beside its friction, as a share of its torque in the log
         (rms).
     friction : float
-        Of viscous and Coulomb numbers that are not unknowns, as a share of the motor's torque in
-        the log (rms).
+        Of viscous and Coulomb friction that is not unknown, as a share of the motor's torque in the
+        log (rms).
     lag : float
-        Of currents behind commands [s].
+        Lag of the currents behind the commands [s].
     delay : float
-        Of the counts [samples].
+        Delay of the counts [samples].
 
     Raises
     ------
@@ -69,36 +69,36 @@ class Tolerances(Frozen):
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in (names := [field.name for field in dataclasses.fields(self)]):
+        names = [field.name for field in dataclasses.fields(self)]
+        for name in names:
             real(name, getattr(self, name), "Give a standard deviation; 0 takes it for exact.")
         signs(self, not_negative=names, advice="0 takes it for exact.")
 
     def __str__(self) -> str:
         torque = "of the motor's torque (rms)"
-        said = []
-        said += [f"gears {100 * self.gear:g} %"] * bool(self.gear)
-        said += [f"offsets of the torque {100 * self.offset:g} % {torque}"] * bool(self.offset)
-        said += [f"friction that is not unknown {100 * self.friction:g} % {torque}"] * bool(
-            self.friction
+        texts = (
+            (self.gear, f"gears {100 * self.gear:g} %"),
+            (self.offset, f"offsets of the torque {100 * self.offset:g} % {torque}"),
+            (self.friction, f"friction that is not unknown {100 * self.friction:g} % {torque}"),
+            (self.lag, f"lag {1e3 * self.lag:g} ms"),
+            (self.delay, f"delay {self.delay:g} samples"),
         )
-        said += [f"lag {1e3 * self.lag:g} ms"] * bool(self.lag) + [
-            f"delay {self.delay:g} samples"
-        ] * bool(self.delay)
-        if not said:
+        within = ", ".join(text for deviation, text in texts if deviation)
+        if not within:
             return "take the rig for exact, and the lengths of links"
-        return (
-            f"a rig that is right within {', '.join(said)}, and links of exactly the stated lengths"
-        )
+        return f"a rig that is right within {within}, and links of exactly the stated lengths"
 
     @classmethod
     def none(cls) -> Self:
-        """All that the rig states taken for exact."""
+        """Tolerances of zero: the rig is exact."""
         return cls(**dict.fromkeys((field.name for field in dataclasses.fields(cls)), 0.0))
 
 
-_TWO_ROUNDINGS = 1 / 6  # variance of the difference of two logs that are rounded [pulses^2]
+# Variance of the difference of two rounded logs [pulses^2]: rounding is uniform within a count,
+# with variance 1 / 12, and objective (4) compares a measured log with a simulated one.
+_TWO_ROUNDINGS = 1 / 6
 
-# What the names of numbers that cannot be negative begin with.
+# Names of numbers that cannot be negative: dissipation, stiffness, and gains of a stable loop.
 _POSITIVE = re.compile(
     r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\[\d+\])?\.stiffness"
 )
@@ -106,16 +106,16 @@ _POSITIVE = re.compile(
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """What is unknown in which records, and where to look for it.
+    """An identification problem: records, the names of the unknowns, their ranges, and options.
 
     `dynamics`, `records`, `unknown`: as for `identify`; records of laws with a memory read their
-    log (`plant.AlongLog`), or repeat its torque. `objective`: of these unknowns in these records.
-    `held_out`: the same in the records that are not searched. `nominal` (k,): the unknowns as rig
-    and law of the first record have them; NaN for f. `ranges` (k, 2) or None. `zeros`: whether the
+    log (`plant.AlongLog`), or repeat its torque. `objective`: objective (4) of these unknowns in
+    these records. `held_out`: the same in the validation records. `nominal` (k,): the values that
+    rig and law of the first record state; NaN for f. `ranges` (k, 2) or None. `zeros`: whether the
     zeros of each record's counters are unknown. `options`: sub-steps, sweeps and threads of the
-    model. `tolerances`: within which the records' rigs are right. `show`: called with the best cost
-    after each generation. `memories`: of each record, what is unknown of its law's state before the
-    log. `prior`: of f, or None. `checkpoint`: where finished stages are kept.
+    model. `tolerances`: standard deviations of the numbers of the rigs. `show`: called with the
+    best cost after each generation. `memories`: the unknown state of each record's law before the
+    log. `prior`: of f, or None. `checkpoint`: storage of finished stages.
     """
 
     dynamics: Dynamics
@@ -138,12 +138,13 @@ class Problem:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """All that decides the result, by name."""
-        kept = None if self.held_out is None else self.held_out.records
+        """Everything that determines the result, by name; a checkpoint refuses other inputs."""
+        validation = None if self.held_out is None else self.held_out.records
+        # The number of threads changes the time of a run, not its result.
         model = {name: value for name, value in self.options.items() if name != "threads"}
         return {
             "arm": self.dynamics,
-            "log": (self.objective.records, kept),
+            "log": (self.objective.records, validation),
             "unknowns": self.unknown,
             "method": self.method,
             "seed": self.seed,
@@ -159,141 +160,135 @@ class Problem:
 
     @property
     def replays(self) -> list[bool]:
-        """Of each record, whether its law repeats logged torques in place of a controller."""
+        """Whether the law of each record repeats logged torques in place of a controller."""
         return [record.law is not None and bool(record.law.replays) for record in self.records]
 
     @property
     def elastic(self) -> bool:
-        """Whether the gears of a record are elastic."""
+        """Whether the gears of any record are elastic."""
         return any(record.rig.drive.elasticity is not None for record in self.records)
 
     @property
     def everywhere(self) -> Floats | None:
-        """Ranges (k, 2), or those of the dynamics; None where there are neither."""
-        if (
-            self.ranges is None
-            and self.unknown == self.dynamics.names
-            and self.dynamics.ranges is not None
-        ):
-            return np.array(self.dynamics.ranges)
+        """Ranges (k, 2) of the problem, or else those of the dynamics; None if there are none."""
+        ranges = self.dynamics.ranges
+        # The dynamics have ranges of f alone.
+        if self.ranges is None and ranges is not None and self.unknown == self.dynamics.names:
+            return np.array(ranges)
         return self.ranges
 
     @property
     def known(self) -> Known:
-        """What needs no search, because both ends of its range are one: name -> value; and the
-        prior.
-        """
+        """Unknowns that their range fixes, both ends being equal, name -> value; and the prior."""
         rows = () if self.ranges is None else zip(self.unknown, self.ranges.tolist(), strict=True)
         return Known({name: low for name, (low, high) in rows if low == high}, self.prior)
 
     @property
     def bounds(self) -> Floats:
-        """Ranges (k, 2), or what physics says where there are none."""
+        """Ranges (k, 2), or the limits of physics where there are none."""
         if self.ranges is not None:
             return self.ranges
         low = [0.0 if _POSITIVE.match(name) else -np.inf for name in self.unknown]
         return np.column_stack([low, np.full(len(low), np.inf)])
 
     def prediction(self, **settings: Any) -> Prediction:
-        """Of these unknowns in these records; `settings`: those of `Prediction` beside its
-        options.
-        """
+        """`Prediction` of these unknowns in these records; `settings`: further arguments of it."""
         return Prediction(
             self.dynamics, self.records, self.unknown, prior=self.prior, **settings, **self.options
         )
 
     def costs(self, vectors: Floats) -> Floats:
-        """Objective (4) of vectors (P, k), with what the prior costs where two roundings are the
-        noise [pulses^2].
+        """Objective (4) of vectors (P, k) with the cost of the prior [pulses^2].
+
+        The squares of a prior have unit variance; two roundings are the noise of objective (4).
         """
         costs = self.objective(vectors)
         if self.prior is None:
             return costs
-        return costs + _TWO_ROUNDINGS * self.prior.squares(
-            vectors[:, self.prior.places(self.unknown)]
-        )
+        columns = self.prior.places(self.unknown)
+        return costs + _TWO_ROUNDINGS * self.prior.squares(vectors[:, columns])
 
     def parts(self, values: Floats) -> tuple[Arm, Rig, Law]:
         """Arm, rig and law of the first record with these values (k,) of the unknowns."""
         named = dict(zip(self.unknown, values, strict=True))
-        first = self.objective.records[0]
-        law = first.law.filled(named, "law.")  # type: ignore[union-attr]  # an Objective refuses records without a law
-        law = law.law if isinstance(law, Resumed) else law
-        return (
-            self.dynamics.arm([named[name] for name in self.dynamics.names]),
-            first.rig.filled(named),
-            law,
-        )
+        record = self.objective.records[0]
+        law: Any = record.law  # an Objective refuses records without a law
+        law = law.filled(named, "law.")
+        if isinstance(law, Resumed):
+            law = law.law
+        arm = self.dynamics.arm([named[name] for name in self.dynamics.names])
+        return arm, record.rig.filled(named), law
 
 
-# Samples above which a record is long, and parts that stand for it then, of so many samples
-# together.
+# A record of more samples than this is long; parts of as many samples in all replace it.
 LONG = 50_000
 PARTS = 20
 
-# readings of a part, in those of the best one of its stretch, below which that one is taken
+# A part with less than this share of the count changes of the liveliest part in its stretch gives
+# way to that one. Chosen by hand: evenly spread parts are right unless they mostly rest.
 _STILL = 0.5
 
 
 def is_long(record: Record) -> bool:
-    """Whether parts stand for a record: not if its law or rig cannot go on from the middle of
-    it.
-    """
+    """Whether parts replace a record: it is long, and its law and rig can start in the middle."""
     law = record.law
     rig = record.rig
-    knows = (
-        law is not None
-        and law.replays != "counts"
-        and (law.replays or not law.has_memory(record.n))
-    )
-    return len(record) > LONG and knows and rig.transport is None and rig.jitter is None
+    if len(record) <= LONG or law is None or law.replays == "counts":
+        return False
+    # The state of a law, and counts in transport, come from samples before the part.
+    remembers = not law.replays and law.has_memory(record.n)
+    return not remembers and rig.transport is None and rig.jitter is None
 
 
 def parts_of(record: Record) -> list[slice]:
-    """Samples of the parts of a record: evenly from first to last where it moves; all of a short
-    one.
+    """Samples of the parts of a record, evenly spread where it moves; all of a short record.
 
-    A part in which few counts change is replaced by the one in its twentieth of the record in which
-    most do.
+    A part in which few counts change gives way to the part of its stretch, a twentieth of the
+    record, in which the most do.
     """
     if not is_long(record):
         return [slice(0, len(record))]
     size = LONG // PARTS
     count = len(record)
     moved = np.minimum(np.abs(np.diff(record.counts, axis=0)), 1).sum(axis=1) * record.valid[1:]
-    seen = np.concatenate([[0, 0], np.cumsum(moved)])
-    found = list[slice]()
+    # Running sum of the joints that changed their count up to each sample, so that a difference of
+    # two entries gives the readings of a part.
+    changes = np.concatenate([[0, 0], np.cumsum(moved)])
+    parts = list[slice]()
     ends = np.linspace(0, count, PARTS + 1).astype(int)
-    for first, last, even in zip(
-        ends, ends[1:], np.linspace(0, count - size, PARTS).astype(int), strict=False
-    ):
-        begins = np.append(np.arange(first, last - size + 1, size // 4), even)
-        readings = seen[begins + size] - seen[begins]
+    evenly = np.linspace(0, count - size, PARTS).astype(int)
+    for low, high, even in zip(ends[:-1], ends[1:], evenly, strict=True):
+        # Candidates overlap by three quarters; the evenly spread one comes last.
+        begins = np.append(np.arange(low, high - size + 1, size // 4), even)
+        readings = changes[begins + size] - changes[begins]
         begin = int(even if readings[-1] >= _STILL * readings.max() else begins[readings.argmax()])
-        found.append(slice(begin, begin + size))
-    return found
+        parts.append(slice(begin, begin + size))
+    return parts
 
 
 def in_parts(record: Record) -> list[Record]:
-    """The parts of a record as records; a short one as it is."""
+    """The parts of a record as records; a short record as it is."""
     if not is_long(record):
         return [record]
+    # A cut ends before its second time; the last sample ends before infinity.
     ends = np.append(record.t, np.inf)
     return [record.cut(ends[rows.start], ends[rows.stop]) for rows in parts_of(record)]
 
 
-def rows_of_parts(whole: Floats | None, records: Sequence[Record], before: int) -> Floats | None:
-    """Rows of the parts, of rows (M,) of all samples and joints of records with so many rows
-    before them.
+def rows_of_parts(
+    innovations: Floats | None, records: Sequence[Record], begin: int
+) -> Floats | None:
+    """Rows of the parts, from rows (M,) of all samples and joints; `begin` rows precede them all.
+
+    The preceding rows, those of a prior, stay.
     """
-    if whole is None:
+    if innovations is None:
         return None
-    kept = [np.arange(before)]
-    begin = before
+    rows = [np.arange(begin)]
     for record in records:
-        kept += [
-            np.arange(begin + rows.start * record.n, begin + rows.stop * record.n)
-            for rows in parts_of(record)
+        n = record.n
+        rows += [
+            np.arange(begin + part.start * n, begin + part.stop * n) for part in parts_of(record)
         ]
         begin += record.counts.size
-    return whole[np.concatenate(kept)]
+    return innovations[np.concatenate(rows)]

@@ -14,7 +14,7 @@ from ctc import ComputedTorque, evaluate
 from identification import GeneticSettings, Objective, identify
 from identification.equation_error.pulse_fit import equation_error, mode_in, pass_band
 from identification.equation_error.torque_logs import torque_of
-from identification.search import polish
+from identification.search import methods, polish
 from identification.search.methods import _root
 from plant import (
     Body,
@@ -95,7 +95,7 @@ def test_equation_error_is_off_by_no_more_than_it_says(arm, gain):
 
 # -- many unknowns -------------------------------------------------------------------------------
 def test_with_many_unknowns_the_genetic_algorithm_is_left_out(monkeypatch):
-    monkeypatch.setattr("identification.search.methods._MANY", 8)
+    monkeypatch.setattr(methods, "SEEDED", methods.SeededSettings(direct=8))
     direct = identify(DYNAMICS, measured(), progress=False)
     assert not len(direct.search.history)
     assert list(direct.search.stages) == ["equation error", "prediction error"]
