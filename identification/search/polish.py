@@ -276,10 +276,8 @@ def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **field
     `fields`: further fields of the `Fit`; they replace those of the solution.
     """
     k = len(values)
-    fields = {
-        "covariance": solution.covariance[:k, :k],
-        "rms_innovation": solution.rms_innovation,
-    } | fields
+    fields.setdefault("covariance", solution.covariance[:k, :k])
+    fields.setdefault("rms_innovation", solution.rms_innovation)
     return Fit(unknown=unknown, values=values, candidates=values[None], **fields)
 
 
