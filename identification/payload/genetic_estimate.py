@@ -122,9 +122,8 @@ class GeneticEstimator:
         angle = self.rig.cell_centre(window.counts[start:])
         counts = self.rig.position_in_pulses(angle)
         samples = len(counts)
-        time = np.zeros((samples, len(loop.time_names)))
-        logged = [loop.time_names.index(f"logged[{i}]") for i in range(n)]
-        time[:, logged], time[:, -1] = window.torque[start:], loop.h
+        time = np.tile(loop.time_with(), (samples, 1))
+        time[:, loop.time_fields.at(n)["logged"]] = window.torque[start:]
         tables = self._kernel.prepared(
             (
                 time[:0],
@@ -150,7 +149,8 @@ class GeneticEstimator:
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
         lanes = f[np.minimum(np.arange(LANES), len(f) - 1)].T.copy()
         final, _ = self._kernel.run(tables, state, lanes, uniform)
-        return np.where(final[-1] > 0, final[-2], np.inf)[: len(f)]
+        state = self._loop.read_state(final)
+        return np.where(state.ok > 0, state.score, np.inf)[: len(f)]
 
 
 @functools.lru_cache(maxsize=8)

@@ -21,7 +21,7 @@ from plant.motion.reference import Motion
 from plant.parts.arguments import instance, near, several
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop, bounded, closed_loop
+from plant.simulation.closed_loop import ClosedLoop, closed_loop
 from plant.simulation.followed_path import Logged, counts_along, path_of, start_of
 from plant.simulation.loop_kernel import LOGGED, logged_kernel, loop_kernel
 from plant.simulation.simulator import injected_beside
@@ -277,10 +277,7 @@ class Rounding(Experiment):
                     rows[own] - done
                 ]
             done += len(errors)
-        if (
-            not ((state[-1] > 0) & bounded(state[: 2 * self.loop.n])).all()
-            or not np.isfinite(found).all()
-        ):
+        if not self.loop.sound(state).all() or not np.isfinite(found).all():
             raise ValueError(
                 "the model must stay on the log's path; simulated with what was found, it diverges."
             )

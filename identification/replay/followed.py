@@ -12,7 +12,6 @@ from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
 from plant.parts.fields import Floats
-from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
 # periods that may be missing, and samples after a longer gap that are not compared
@@ -186,7 +185,7 @@ class Followed(Experiment):
             sound &= np.isfinite(seen).all(axis=(0, 1))
             for j, weighted in enumerate(found):
                 np.multiply(seen[:, :, j], self.weight[own], out=weighted[own])
-        sound &= (state[-1] > 0) & bounded(state[: 2 * n])
+        sound &= loop.sound(state)
         found[~sound[: len(some)]] = np.inf
         return list(found.reshape(len(some), -1))
 

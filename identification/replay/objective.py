@@ -17,7 +17,6 @@ from plant.compiler.background import cores, shared_out
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.parts.arguments import array, known_options, whole
 from plant.parts.fields import Floats
-from plant.simulation.closed_loop import bounded
 from plant.simulation.loop_kernel import LANES
 
 # joints up to which the inertia of candidates is checked at too few poses to be worth another
@@ -191,12 +190,6 @@ class _Scored(Experiment):
         final, steps = self._kernel.run(
             self._tables, state, lanes, self.numbers[list(self._kernel.uniform)]
         )
-        score = final[-2]
-        ok = final[-1]
-        complete = (
-            (ok > 0)
-            & bounded(final[: 2 * self.loop.dynamics.n])
-            & np.isfinite(score)
-            & (steps == self.steps)
-        )
+        score = self.loop.read_state(final).score
+        complete = self.loop.sound(final) & np.isfinite(score) & (steps == self.steps)
         return np.where(complete, score, np.inf)[: len(candidates)]

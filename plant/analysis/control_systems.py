@@ -25,6 +25,7 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import instance, known_options
 from plant.parts.part import part, structure
+from plant.parts.vector import Fields, per_joint
 from plant.simulation.closed_loop import ClosedLoop
 
 if TYPE_CHECKING:
@@ -151,27 +152,26 @@ def _arm_system(
         steps_per_sample=steps_per_sample,
         smooth=not sampled,
     )
-    own = ("q", "qd", "impulse") if sampled else ("q", "qd")
-    names = (*own, *loop.giving)
-    kept = len(own) * n
-    state = ca.SX.sym("state", len(names) * n)
+    # Regularised friction has no impulse that it remembers.
+    names = ("q", "qd", *(("impulse",) if sampled else ()), *loop.drive_states)
+    fields = Fields(**{name: per_joint() for name in names})
+    symbols = ca.SX.sym("state", fields.length(n))
+    state = fields.read(symbols, n)
     tau = rig.drive.limited(torque)
-    following = ca.vertcat(state[:kept, 0], ca.SX.zeros(3 * n - kept), tau, state[kept:, 0], 0, 1)
+    following = loop.state_with(torque=tau, **state._asdict())
     for _ in range(steps_per_sample if sampled else 1):
-        following = loop.substep(
-            following, ca.vertcat(ca.SX.zeros(4 * n), h), loop.number_values(arm.f)
-        )[0]
-    following = ca.vertcat(following[:kept, 0], following[4 * n : -2, 0])
-    following = following if sampled else ca.jacobian(following, h)
+        following = loop.substep(following, loop.time_with(h=h), loop.number_values(arm.f))[0]
+    values = loop.read_state(following)._asdict()
+    following = fields.write(n, **{name: values[name] for name in names})
+    # The rate of a continuous arm is the derivative of a sub-step by its length, at length zero.
+    if not sampled:
+        following = ca.jacobian(following, h)
     following = ca.substitute(following, h, loop.h if sampled else 0)
-    parts = dict(zip(names, ca.vertsplit(state, n), strict=True))
-    outputs = {"q": parts["q"], "qd": parts["qd"], "tau": tau}
-    if "link" in parts:
-        outputs |= {name: parts[name] for name in ("link", "link_speed")}
-        outputs["q"] = parts["link" if rig.encoder.side == "link" else "q"]
-    return _system(
-        "arm", state, {"asked": torque}, following, outputs, rig.period if sampled else 0, names
-    )
+    outputs = {"q": state.q, "qd": state.qd, "tau": tau}
+    if loop.elastic:
+        outputs |= {"q": loop.encoded(state), "link": state.link, "link_speed": state.link_speed}
+    period = rig.period if sampled else 0
+    return _system("arm", symbols, {"asked": torque}, following, outputs, period, names)
 
 
 def _rig_system(rig: Rig) -> control.NonlinearIOSystem:

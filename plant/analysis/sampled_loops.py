@@ -16,24 +16,22 @@ from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance
 from plant.simulation.closed_loop import ClosedLoop
 
+# Sub-steps per sample, as many as `simulate` calls nearly converged: the matrices are those of the
+# sampled arm, not of a coarse integration.
 _SUB_STEPS = 16
 
-# What the states of a moving arm begin with; they come before all others but friction and torque.
-_MOVING = "q[", "qd[", "link", "driven"
-
-# by how much rounding may put the eigenvalue 1 of a constant state, such as parameters at rest,
-# outside 1
+# A constant state, such as parameters at rest, has the eigenvalue 1; rounding puts it outside 1 by
+# less than this.
 KEPT = 1e-9
 
 Matrix = NDArray[np.float64]
 
 
 class SampledLoops:
-    """The linearised loops of all joints about a pose (n,) at rest [rad], zeros by default, under a
-    law with a period.
+    """Linearised loops of all joints, under a law with a period, about a pose (n,) at rest [rad].
 
-    Ready for other numbers of the rig; ``names`` are the numbers of the closed loop, ``period`` is
-    the law's [s].
+    The pose is zeros by default. ``names`` are the numbers of the closed loop, which `matrices` may
+    change; ``period`` is the law's [s].
     """
 
     def __init__(self, arm: Arm, rig: Rig, law: Law, pose: ArrayLike | None = None) -> None:
@@ -41,12 +39,9 @@ class SampledLoops:
         n = rig.n
         rig = smooth_rig(rig)
         law = law.sliding()
-        at = array(
-            "pose",
-            np.zeros(n) if pose is None else pose,
-            (n,),
-            advice="Give one angle per joint [rad].",
-        )
+        if pose is None:
+            pose = np.zeros(n)
+        q_r = array("pose", pose, (n,), advice="Give one angle per joint [rad].")
         block = law.block(rig)
         if block.period is None:
             kind = type(law).__name__
@@ -55,39 +50,37 @@ class SampledLoops:
             )
         self.period = block.period
         self.rig = rig
-        self._q, own, self._torque, pulses = held(arm, rig, law, block, at)
+        self._q, law_state, self._torque, pulses = held(arm, rig, law, block, q_r)
 
-        # The arm, from one step of the law to the next: so many sub-steps under one torque.
+        # 1. The arm: the derivative of one sub-step by what moves and by the torque. A step of the
+        # law has several sub-steps under one torque.
         loop = ClosedLoop(
             dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=_SUB_STEPS, smooth=True
         )
         state = ca.SX.sym("state", len(loop.state_names))
         numbers = ca.SX.sym("numbers", len(loop.number_names))
-        row = np.append(np.zeros(4 * n), loop.h)
         self.names = loop.number_names
         self._loop = loop
         self._values = loop.sliding_values(arm.f)
-        following = loop.substep(state, row, numbers)[0]
-        kept = [i for i, name in enumerate(loop.state_names) if name.startswith(_MOVING)]
-        self._moving = len(kept)
-        kept += range(3 * n, 4 * n)
-        self._slope = ca.Function(
-            "slope", [state, numbers], [ca.jacobian(following, state)[kept, kept]]
-        )
+        following = loop.substep(state, loop.time_with(), numbers)[0]
+        moving = loop.moving_states()
+        self._moving = len(moving)
+        rows = [*moving, *loop.state_fields.at(n)["torque"]]
+        jacobian = ca.jacobian(following, state)[rows, rows]
+        self._slope = ca.Function("slope", [state, numbers], [jacobian])
 
-        # The law: the torque that it commands now, and its next state.
-        s = ca.SX.sym("own", len(own))
+        # 2. The law: the derivative of the torque that it commands now, and of its next state.
+        s = ca.SX.sym("own", len(law_state))
         t = ca.SX.sym("torque", n)
         p = ca.SX.sym("pulses", n)
         step = ca.vertcat(
-            *block.step(s, at, 0, 0, rig.counts(at), p, t, block.period, block.values)
+            *block.step(s, q_r, 0, 0, rig.counts(q_r), p, t, block.period, block.values)
         )
         slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])
-        self._law = [each.full() for each in slopes(own, self._torque, pulses)]
+        self._law = [slope.full() for slope in slopes(law_state, self._torque, pulses)]
 
     def matrices(self, numbers: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
-        """A (m, m), B (m, n), C (n, m) from the counts that the law reads to the positions, in
-        pulses.
+        """A (m, m), B (m, n), C (n, m) from the counts that the law reads to the positions [pulses].
 
         States: q, qd (with elastic gears the motors', then the links'), currents that lag, the
         law's, and the torque applied last. All loops are closed by A + B C. With other numbers of
@@ -99,38 +92,47 @@ class SampledLoops:
         values = self._values.copy()
         for name, value in (numbers or {}).items():
             values[self.names.index(name)] = value
+
+        # 1. The arm at rest under the holding torque, over one period of the law.
         at_rest = loop.initial_state(self._q, np.zeros(n), values)
-        at_rest[3 * n : 4 * n] = self._torque
-        if "driven" in loop.giving:
-            at_rest[[i for i, name in enumerate(loop.state_names) if name.startswith("driven")]] = (
-                self._torque
-            )
+        places = loop.state_fields.at(n)
+        at_rest[places["torque"]] = self._torque
+        if places["driven"]:
+            at_rest[places["driven"]] = self._torque
         moved = np.linalg.matrix_power(self._slope(at_rest, values).full(), loop.steps_per_law)[:m]
-        by_own, by_torque, by_pulses = self._law
-        remembered = np.hstack([np.zeros((len(by_own), m)), by_own, by_torque])
-        A = np.vstack([moved[:, m:] @ remembered[:n], remembered[n:], remembered[:n]])
+        by_torque = moved[:, m:]
+
+        # 2. Together with the law, whose torque (n rows first, then its state) acts on the arm. The
+        # torque applied last is a state of its own, since the law may depend on it.
+        law_by_state, law_by_torque, law_by_pulses = self._law
+        law = np.hstack([np.zeros((len(law_by_state), m)), law_by_state, law_by_torque])
+        A = np.vstack([by_torque @ law[:n], law[n:], law[:n]])
         A[:m, :m] += moved[:, :m]
-        B = np.vstack([moved[:, m:] @ by_pulses[:n], by_pulses[n:], by_pulses[:n]])
+        B = np.vstack([by_torque @ law_by_pulses[:n], law_by_pulses[n:], law_by_pulses[:n]])
+
+        # 3. The measured positions. The links' are behind q and qd of the motors.
         C = np.zeros((n, len(A)))
-        first = 2 * n if self.rig.encoder.side == "link" else 0
-        C[:, first : first + n] = self.rig.position_in_pulses(np.eye(n)).T
+        begin = 2 * n if self.rig.encoder.side == "link" else 0
+        C[:, begin : begin + n] = self.rig.position_in_pulses(np.eye(n)).T
         return A, B, C
 
     def unstable_pole(self, numbers: Mapping[str, float] | None = None) -> complex | None:
         """The pole [1/s] that grows fastest with all loops closed; None where they are stable."""
         A, B, C = self.matrices(numbers)
         poles = np.linalg.eigvals(A + B @ C)
-        fastest = poles[np.argmax(np.abs(poles))]
-        return complex(np.log(complex(fastest)) / self.period) if abs(fastest) > 1 + KEPT else None
+        largest = poles[np.argmax(np.abs(poles))]
+        if abs(largest) <= 1 + KEPT:
+            return None
+        return complex(np.log(complex(largest)) / self.period)
 
 
 def held(
     arm: Arm, rig: Rig, law: Law, block: Block, pose: Matrix
 ) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Where the arm comes to rest under the law with a reference at rest: q, the law's state,
-    torque, and pulses.
+    """Equilibrium of the arm under the law with a reference at rest at a pose (n,) [rad].
 
-    By Newton's method: the commanded torque carries the arm, and the law's state stays.
+    Returns q, the state of the law, torque and pulses. By Newton's method: the commanded torque
+    carries the arm, and the law's state stays.
     """
     n = rig.n
     q = ca.SX.sym("q", n)
@@ -143,19 +145,21 @@ def held(
         s, pose, 0, 0, counts, pulses, torque, block.period or 0.0, block.values
     )
     x = ca.vertcat(q, s)
-    rest = ca.vertcat(commanded - torque, following - s)
-    newton = ca.Function("newton", [x], [rest, ca.jacobian(rest, x), torque, following])
+    residual = ca.vertcat(commanded - torque, following - s)
+    newton = ca.Function("newton", [x], [residual, ca.jacobian(residual, x), torque, following])
     point = np.concatenate([pose, block.initial])
-    for _ in range(2):  # the first samples, of which a state may say that they are
+    # A law may treat its first samples apart, by a flag in its state: two steps pass them.
+    for _ in range(2):
         point[n:] = newton(point)[-1].full().ravel()
     for _ in range(50):
-        left, slope = (each.full() for each in newton(point)[:2])
-        change = np.linalg.lstsq(slope, left[:, 0], rcond=None)[0]
+        error, slope = (matrix.full() for matrix in newton(point)[:2])
+        # By least squares, since a state that only integrates leaves the Jacobian singular.
+        change = np.linalg.lstsq(slope, error[:, 0], rcond=None)[0]
         point = point - change
         if np.abs(change).max() <= 1e-10 * (1 + np.abs(point).max()):
             break
-    left, _, torque, _ = (each.full().ravel() for each in newton(point))
-    if not np.abs(left).max() <= 1e-6 * (1 + np.abs(torque).max()):
+    error, _, torque, _ = (matrix.full().ravel() for matrix in newton(point))
+    if not np.abs(error).max() <= 1e-6 * (1 + np.abs(torque).max()):
         raise ValueError(
             f"{type(law).__name__} must hold the arm at rest at {pose}; it cannot. Give another"
             " pose."

@@ -180,24 +180,21 @@ def _settled(loop: ClosedLoop) -> str:
     q, qd, numbers = (
         ca.SX.sym(name, size) for name, size in (("q", loop.n), ("qd", loop.n), ("f", _count(loop)))
     )
-    places = loop._places
-    state = ca.SX(loop.initial_state(np.zeros(loop.n), np.zeros(loop.n)))
-    given = {"q": q, "qd": qd}
-    if "link" in loop.giving:
-        given |= {"link": loop._settled.expand()(q, numbers), "link_speed": qd}
-    for name, value in given.items():
-        state[places[name].start : places[name].stop] = value
-    function = ca.Function("settled", [q, qd, numbers], [state])
+    start = {"q": q, "qd": qd}
+    if loop.elastic:
+        start |= {"link": loop.hanging.expand()(q, numbers), "link_speed": qd}
+    function = ca.Function("settled", [q, qd, numbers], [loop.state_with(**start)])
     rows = [[(f"{name}[{i}]", STATE) for i in range(loop.n)] for name in ("q", "qd")]
     return _body(function, [*rows, _numbers(loop)], {"state": range(len(loop.state_names))})
 
 
 def _moved(loop: ClosedLoop) -> str:
     """One sub-step."""
-    logged = loop.time_names.index("logged[0]")
+    places = loop.time_fields.at(loop.n)
     times = [("0.0", UNIFORM)] * len(loop.time_names)
-    times[logged : logged + loop.n] = [(f"torque[{i}]", TIME) for i in range(loop.n)]
-    times[-1] = (repr(loop.h), UNIFORM)
+    for i, place in enumerate(places["logged"]):
+        times[place] = (f"torque[{i}]", TIME)
+    times[places["h"].start] = (repr(loop.h), UNIFORM)
     state, time, numbers = (
         ca.SX.sym(name, loop.substep.size1_in(i)) for i, name in enumerate(("x", "t", "numbers"))
     )
@@ -210,13 +207,12 @@ def _moved(loop: ClosedLoop) -> str:
 def _observed(loop: ClosedLoop) -> str:
     """Position, velocity and counts of a state, and whether they are bounded."""
     n = loop.n
-    places = loop._places
-    state = ca.SX.sym("state", len(loop.state_names))
-    rows = {name: state[at.start : at.stop] for name, at in places.items()}
-    q, qd = (rows["link"], rows["link_speed"]) if "link" in loop.giving else (rows["q"], rows["qd"])
-    counts = loop.rig.true_counts(q if loop.rig.encoder.side == "link" else rows["q"])
-    sound = ca.logic_and(rows["ok"] > 0, bounded(ca.vertsplit(ca.vertcat(rows["q"], rows["qd"]))))
-    function = ca.Function("observed", [state], [ca.cse(ca.vertcat(q, qd, counts, sound))])
+    symbols = ca.SX.sym("state", len(loop.state_names))
+    state = loop.read_state(symbols)
+    q, qd = loop.joint_motion(state)
+    counts = loop.rig.true_counts(loop.encoded(state))
+    sound = ca.logic_and(state.ok > 0, bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))))
+    function = ca.Function("observed", [symbols], [ca.cse(ca.vertcat(q, qd, counts, sound))])
     text = _body(
         function,
         [_state(loop)],

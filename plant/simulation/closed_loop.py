@@ -13,7 +13,6 @@ conserved to order h^2.
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -32,8 +31,8 @@ class ClosedLoop(Layout):
     """Symbolic closed loop of an arm with a rig under a law.
 
     `law_step`, `sample` and `substep` are Functions of (state, time, numbers), `sample` also of
-    (data); `time` is a row of `time_names`. They give (following), (following, log), (following,
-    log).
+    (data). They give (following), (following, log), (following, log). `Layout` names the fields of
+    these vectors.
 
     `smooth`: encoder as identity and friction regularised, for derivatives. `injected`: a known
     torque, a time input, acts beside the law's, which does not know of it. The `score` is a casadi
@@ -43,171 +42,197 @@ class ClosedLoop(Layout):
     [pulses]; these, and behind them a weight (1 or 0), are `data`.
     """
 
-    def _applied(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The law at q: torque after the amplifier's limit (which hides NaN), state, whether the
-        command is finite.
-        """
-        *_, torque, carried, _, motion, _, _, given, rig = self._parts
-        own = len(self._block.initial)
-        n = self.n
-        pulses = rig.true_counts(q)
-        rest = carried[own:, 0]
-        if rig.transport is not None:
-            pulses = rig.transport.arrived(pulses, rest[n : 2 * n, 0], self._known("lost"))
-            rest = ca.vertcat(torque, pulses, rest[2 * n :, 0])
-        asked, following = self._block.step(carried[:own, 0], *motion, pulses, torque, dt, *given)
-        return (
-            rig.drive.limited(asked),
-            ca.vertcat(following, rest),
-            ca.sum1(ca.fabs(asked)) < ca.inf,
-        )
-
-    def _function(
-        self,
-        name: str,
-        following: Sequence[Any],
-        log: ca.SX | None = None,
-        data: ca.SX | None = None,
-    ) -> ca.Function:
-        outputs = [ca.densify(ca.vertcat(*following))] + ([] if log is None else [ca.densify(log)])
-        inputs = [*self._symbols] + ([] if data is None else [data])
-        names = ["state", "time", "numbers", "data"], ["following", "log"]
-        outputs = ca.cse(outputs)
-        return ca.Function(name, inputs, outputs, names[0][: len(inputs)], names[1][: len(outputs)])
-
     @cached_property
     def law_step(self) -> ca.Function | None:
-        """One step of a law with a period; the torque is held until the next. None for a law
-        without one.
-        """
+        """One step of a law with a period, whose torque is held until the next; None without one."""
         if not self.steps_per_law:
             return None
-        q, qd, impulse, _, _, status, *_ = self._parts
-        read = self._encoded(q)
+        state = self._state
+        rig = self._symbolic_rig
+        position = self.encoded(state)
         period = ca.SX(self._block.period)
         if self.rig.jitter is not None:
-            speed = self._given("link_speed") if self.rig.encoder.side == "link" else qd
-            read = read + speed * self._parts[-1].jitter.late(self._known("draw"), period)
-        torque, carried, finite = self._applied(read, period)
-        return self._function(
-            "law_step", [q, qd, impulse, torque, carried, status[0], _if(finite, status[1])]
-        )
+            # The counts are read late by a part of the period; meanwhile the encoders move on.
+            speed = state.link_speed if self.rig.encoder.side == "link" else state.qd
+            position = position + speed * rig.jitter.late(self._time.draw, period)
+        following, finite = self._with_law(position, period)
+        return self._function("law_step", following._replace(ok=_if(finite, state.ok)))
 
     @cached_property
     def sample(self) -> ca.Function:
-        """The log at a sample: error [pulses], joint torque [N m], true q and qd, each (n,),
-        joined.
+        """The log at a sample (`log_fields`), and the state that the score and a correction leave.
 
-        With elastic gears these are the links', and q of the motors comes last. With a correction
-        the first is the innovation instead, counted minus predicted position, and the following
-        state is corrected. Divergence is detected here; what is not finite stays so.
+        With a correction the log's error is the innovation instead, counted minus predicted
+        position. Divergence is detected here; a number that is not finite stays so.
         """
-        q, qd, impulse, torque, carried, status, motion, *_, rig = self._parts
-        at_sample = torque
-        ok = status[1]
-        seen = self._encoded(q)
-        if not self.steps_per_law:
-            at_sample, _, finite = self._applied(seen, ca.SX(self.h))
-            ok = _if(finite, ok)
-        at_sample = self._with_injected(at_sample)
-        ok = _if(bounded(ca.vertsplit(ca.vertcat(q, qd))), ok)
+        state = self._state
+        rig = self._symbolic_rig
         data = ca.SX.sym("data", self.n_data)
-        joint = (
-            (self._given("link"), self._given("link_speed"), q)
-            if "link" in self.giving
-            else (q, qd)
-        )
+        position = self.encoded(state)
+
+        # 1. The torque that acts now. A law without a period has a new one at every instant.
+        torque = state.torque
+        ok = state.ok
+        if not self.steps_per_law:
+            evaluated, finite = self._with_law(position, ca.SX(self.h))
+            torque = evaluated.torque
+            ok = _if(finite, ok)
+        torque = self._with_injected(torque)
+        ok = _if(bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))), ok)
+
+        # 2. The tracking error, or the innovation by which the state is corrected. The log has the
+        # motion as predicted, before this correction.
+        following = state._replace(ok=ok)
         if self.correction is None:
-            first = motion[3] - rig.true_counts(seen)
+            error = self._time.pulses_r - rig.true_counts(position)
         else:
-            gains = self.correction.with_numbers(self._symbols[2][-3 * self.n :])
-            first = data[:-1] + rig.position_in_pulses(gains.zero) - rig.position_in_pulses(seen)
-            known = data[-1] * first
-            shift = rig.to_angle(gains.position * known)
-            change = rig.to_angle(gains.speed * known) / rig.period
-            q = q + shift
-            qd = qd + change
-            if "link" in self.giving:  # the gear's deflection stays
-                carried = self._with_given(
-                    carried, link=joint[0] + shift, link_speed=joint[1] + change
+            counted = self.data_fields.read(data, self.n)
+            gains = self.correction.with_numbers(self._numbers.correction)
+            error = (
+                counted.counts
+                + rig.position_in_pulses(gains.zero)
+                - rig.position_in_pulses(position)
+            )
+            innovation = counted.weight * error
+            shift = rig.to_angle(gains.position * innovation)
+            change = rig.to_angle(gains.speed * innovation) / rig.period
+            following = following._replace(q=state.q + shift, qd=state.qd + change)
+            if self.elastic:
+                # Motors and links move by the same angle, so that the gears' deflection stays.
+                following = following._replace(
+                    link=state.link + shift, link_speed=state.link_speed + change
                 )
-        log = ca.vertcat(first, at_sample, *joint)
-        score = status[0]
+        q, qd = self.joint_motion(state)
+        motor = state.q if self.elastic else ca.SX(0, 1)
+        log = self.log_fields.write(self.n, error=error, torque=torque, q=q, qd=qd, motor=motor)
+
+        # 3. The score of this sample.
         if self.score is not None:
-            kept = carried.shape[0] - len(self._places["memory"])
-            added, memory = self.score(log[: self.score.nnz_in(0)], data, carried[kept:, 0])
-            score = score + added
-            carried = ca.vertcat(carried[:kept, 0], memory)
-        return self._function("sample", [q, qd, impulse, torque, carried, score, ok], log, data)
+            added, memory = self.score(log[: self.score.nnz_in(0)], data, state.memory)
+            following = following._replace(score=state.score + added, memory=memory)
+        return self._function("sample", following, log, data)
 
     @cached_property
     def substep(self) -> ca.Function:
-        """One midpoint step of length h; its log is the motor's true error [pulses] at the
-        middle of the step.
-        """
-        q, qd, impulse, torque, carried, status, motion, h, f, _, rig = self._parts
-        middle = q + h / 2 * qd
+        """One midpoint step of length h; its log is the motors' true error [pulses] at its middle."""
+        state = self._state
+        rig = self._symbolic_rig
         drive = rig.drive
-        giving = {}
-        had = {name: self._given(name) for name in ("bristle", "drifted") if name in self.giving}
-        friction = FrictionStep(
-            drive=drive, h=h, impulse=impulse, sweeps=self.sweeps, smooth=self.smooth, **had
-        )
-        if "link" in self.giving:
-            link = (
-                self._given("link") + h / 2 * self._given("link_speed"),
-                self._given("link_speed"),
-            )
+        h = self._time.h
+        middle = state.q + h / 2 * state.qd
+        link_middle = state.link + h / 2 * state.link_speed if self.elastic else middle
+        following = state
+
+        # 1. The torque: the law's, late by the transport, and what the drive makes of it.
         if not self.steps_per_law:
-            torque, carried, _ = self._applied(link[0] if rig.encoder.side == "link" else middle, h)
-        acting = torque
-        own = len(self._block.initial)
+            at_law = link_middle if rig.encoder.side == "link" else middle
+            following, _ = self._with_law(at_law, h)
+        torque = following.torque
         if rig.transport is not None:
-            acting = rig.transport.acting(
-                torque, carried[own : own + self.n, 0], self._known("place"), h
-            )
-        acting = self._with_injected(acting)
+            torque = rig.transport.acting(torque, state.before, self._time.place, h)
+        torque = self._with_injected(torque)
         if drive.current_lag is not None:
-            acting, giving["driven"] = lagging(acting, self._given("driven"), drive.current_lag, h)
+            torque, driven = lagging(torque, state.driven, drive.current_lag, h)
+            following = following._replace(driven=driven)
         if drive.ripple is not None:
-            acting = acting + drive.ripple_torque(middle)
-        if drive.friction_drift is not None:
-            giving["drifted"] = drive.friction_drift.following(had["drifted"], h)
-        if "link" in self.giving:
-            after = elastic(self.dynamics, rig, f, (middle, qd), link, acting, h, friction)
-            giving["link"] = link[0] + h / 2 * after.states["link_speed"]
-        else:
-            after = rigid(self.dynamics, rig, f, middle, qd, acting, h, friction)
-        if self.giving:
-            carried = self._with_given(carried, **giving, **after.states)
-        ok = _if(after.positive > 0, status[1])
-        following = after.speed
-        error = rig.position_in_pulses(motion[0]) - rig.position_in_pulses(middle)
-        return self._function(
-            "substep",
-            [middle + h / 2 * following, following, after.impulse, torque, carried, status[0], ok],
-            error,
+            torque = torque + drive.ripple_torque(middle)
+
+        # 2. The speeds after the step, with the friction of its middle.
+        friction = FrictionStep(
+            drive=drive,
+            h=h,
+            impulse=state.impulse,
+            bristle=state.bristle,
+            drifted=state.drifted,
+            sweeps=self.sweeps,
+            smooth=self.smooth,
         )
+        if drive.friction_drift is not None:
+            drifted = drive.friction_drift.following(state.drifted, h)
+            following = following._replace(drifted=drifted)
+        f = self._numbers.f
+        if self.elastic:
+            motors = middle, state.qd
+            links = link_middle, state.link_speed
+            step = elastic(self.dynamics, rig, f, motors, links, torque, h, friction)
+            following = following._replace(link=link_middle + h / 2 * step.states["link_speed"])
+        else:
+            step = rigid(self.dynamics, rig, f, middle, state.qd, torque, h, friction)
+
+        # 3. The second half of the step, at the new speeds. The loop has diverged where the inertia
+        # matrix is not positive definite.
+        following = following._replace(
+            q=middle + h / 2 * step.speed,
+            qd=step.speed,
+            impulse=step.impulse,
+            ok=_if(step.positive > 0, state.ok),
+            **step.states,
+        )
+        error = rig.position_in_pulses(self._time.q_r) - rig.position_in_pulses(middle)
+        return self._function("substep", following, error)
+
+    def _with_law(self, position: ca.SX, dt: ca.SX) -> tuple[Any, ca.SX]:
+        """The state after a step of the law at a position of the encoders (n, 1) [rad].
+
+        Its torque is within the amplifier's limit, which hides a NaN; hence the second result, which
+        says whether the command is finite.
+        """
+        state = self._state
+        time = self._time
+        rig = self._symbolic_rig
+        pulses = rig.true_counts(position)
+        following = state
+        if rig.transport is not None:
+            pulses = rig.transport.arrived(pulses, state.seen, time.lost)
+            following = state._replace(before=state.torque, seen=pulses)
+        setpoint = time.q_r, time.qd_r, time.qdd_r, time.pulses_r
+        numbers = ca.vertcat(self._numbers.law, self._numbers.rig)
+        inputs = [state.law, *setpoint, pulses, state.torque, dt, numbers]
+        if self.law.replays:
+            inputs.append(time.logged)
+        command, law = self._block.step(*inputs)
+        finite = ca.sum1(ca.fabs(command)) < ca.inf
+        return following._replace(law=law, torque=rig.drive.limited(command)), finite
 
     def _with_injected(self, torque: ca.SX) -> ca.SX:
-        """Torque of the motors: the law's, and what was injected beside it, within the
-        amplifier's limit.
-        """
+        """Torque of the motors within the amplifier's limit: the law's and the injected one."""
         if not self.injected:
             return torque
-        first = self.time_names.index("injected[0]")
-        return self._parts[-1].drive.limited(torque + self._symbols[1][first : first + self.n])
+        return self._symbolic_rig.drive.limited(torque + self._time.injected)
 
-    def _encoded(self, q: ca.SX) -> ca.SX:
-        """Position with which the encoders turn."""
-        return self._given("link") if self.rig.encoder.side == "link" else q
+    def _function(
+        self, name: str, following: Any, log: ca.SX | None = None, data: ca.SX | None = None
+    ) -> ca.Function:
+        """The Function of the vectors that gives the following state, and the log if there is one."""
+        outputs = [ca.densify(self.state_fields.write(self.n, **following._asdict()))]
+        output_names = ["following"]
+        if log is not None:
+            outputs.append(ca.densify(log))
+            output_names.append("log")
+        inputs = [*self._symbols]
+        input_names = ["state", "time", "numbers"]
+        if data is not None:
+            inputs.append(data)
+            input_names.append("data")
+        return ca.Function(name, inputs, ca.cse(outputs), input_names, output_names)
+
+    def sound(self, state: Any) -> Any:
+        """Whether a loop with this state (s,), or each of many (s, P), has not diverged."""
+        ok, motion = self._watched
+        return (state[ok] > 0) & bounded(state[motion])
+
+    @cached_property
+    def _watched(self) -> tuple[int, list[int]]:
+        """Places of ``ok``, and of ``q`` and ``qd``, that say whether a loop has diverged."""
+        places = self.state_fields.at(self.n)
+        return places["ok"].start, [*places["q"], *places["qd"]]
 
 
 _shared = functools.lru_cache(maxsize=16)(ClosedLoop)
 
 
 def closed_loop(**parts: Any) -> ClosedLoop:
-    """The loop of these parts; of equal ones the same, whose functions are made once."""
+    """The loop of these parts; equal ones share a loop, whose functions are made once."""
     try:
         hash(tuple(parts.values()))
     except TypeError:  # a user's own law, as a dataclass of arrays
@@ -216,13 +241,11 @@ def closed_loop(**parts: Any) -> ClosedLoop:
 
 
 def bounded(state: Any) -> Any:
-    """Whether q and qd, given row by row as casadi's or numpy's, are finite and have not
-    diverged.
-    """
-    with np.errstate(over="ignore"):  # of one that has
+    """Whether the rows of q and qd, casadi's or numpy's, are finite and have not diverged."""
+    with np.errstate(over="ignore"):  # the squares of a loop that has diverged
         return sum(value * value for value in state) < FAR**2
 
 
 def _if(condition: ca.SX, value: ca.SX) -> ca.SX:
-    """The value where the condition holds, 0 elsewhere; a NaN in the condition counts as not."""
+    """The value where the condition holds, otherwise 0; a NaN in the condition counts as false."""
     return ca.if_else(condition, value, 0)

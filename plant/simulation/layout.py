@@ -1,9 +1,11 @@
-"""What the vectors of a closed loop hold: its state, what is known beforehand, its numbers; and
-where a loop starts.
+"""The vectors of a closed loop by name: its state, its inputs in time, its numbers, its log.
+
+A `Layout` declares each vector once as `Fields`; the equations of `plant.simulation.closed_loop`
+read records of symbols, such as ``state.q`` and ``time.q_r``, and write the following state by name.
+A field that a loop does not need has no numbers, so that the records of all loops are alike.
 """
 
 import dataclasses
-import itertools
 from functools import cached_property
 from typing import Any, Self
 
@@ -16,16 +18,19 @@ from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import whole
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part
+from plant.parts.vector import Field, Fields, per_joint, scalars
 
-# rounds in which a link finds where it hangs in its spring; each gains a factor of stiffness over
-# weight
-_SETTLED = 20
+# Passes of the fixed-point iteration for a link that hangs in its spring. Each divides the error by
+# the ratio of the gear's stiffness to the slope of the weight.
+_PASSES = 20
+
+# Fields that hold one number whatever the loop is; their names have no index.
+_SINGLE = "score", "ok", "place", "lost", "draw", "h"
 
 
 @part
 class Correction(Part):
-    """Observer gains that correct a simulated loop by the log that it repeats: one-step prediction,
-    per motor.
+    """Observer gains, per motor, by which a replayed simulation follows the counts of its log.
 
     At every sample the innovation, counted minus simulated position, is fed back into the simulated
     position and speed, as in an alpha-beta filter or a steady-state Kalman filter. Without
@@ -42,18 +47,14 @@ class Correction(Part):
 
     @classmethod
     def with_memory(cls, n: int, samples: float) -> Self:
-        """The gains of n motors that give two equal observer poles with a time constant of so
-        many samples.
-        """
+        """Gains of n motors for a double observer pole with a time constant of `samples`."""
         pole = np.exp(-1 / samples)
         return cls(position=(1 - pole**2,) * n, speed=((1 - pole) ** 2,) * n, zero=(0.0,) * n)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Layout:
-    """The vectors of a `plant.simulation.closed_loop.ClosedLoop`, which says what its parameters
-    are.
-    """
+    """The vectors of a closed loop; `plant.simulation.closed_loop.ClosedLoop` has its parameters."""
 
     dynamics: Dynamics
     rig: Rig
@@ -71,15 +72,15 @@ class Layout:
         self.rig.require_fit(self.dynamics.chain)
         if self.smooth:
             object.__setattr__(self, "rig", punctual_rig(smooth_rig(self.rig)))
-        if self.law.replays and self.rig.jitter is not None:  # a repeated log reads no counts
+        # A law that repeats a log reads no counts, so their instant has no effect.
+        if self.law.replays and self.rig.jitter is not None:
             object.__setattr__(self, "rig", dataclasses.replace(self.rig, jitter=None))
         self.steps_per_law  # noqa: B018 - refuses a period that does not fit
-        if self.rig.transport is not None and not self.rig.transport.delay <= (
-            self._block.period or -1
-        ):
+        transport = self.rig.transport
+        if transport is not None and not transport.delay <= (self._block.period or -1):
             raise ValueError(
                 "a rig with a transport needs a law whose period is at least its delay"
-                f" {self.rig.transport.delay:g} s; got {self._block.period} s. Use a sampled law,"
+                f" {transport.delay:g} s; got {self._block.period} s. Use a sampled law,"
                 " or a shorter delay."
             )
         if self.rig.jitter is not None and not self.steps_per_law:
@@ -121,98 +122,184 @@ class Layout:
     def _block(self) -> Block:
         return self.law.block(self.rig)
 
+    # -- the vectors -------------------------------------------------------------------------------
     @cached_property
-    def _places(self) -> dict[str, range]:
-        """Where each quantity is in the state: of arm, law, transport, drive and score; ``ok``
-        is 1 or 0.
+    def state_fields(self) -> Fields:
+        """Fields of the state.
+
+        ``q``, ``qd`` : position [rad] and velocity [rad/s] of the motors, as joints on rigid gears
+        would have them. ``impulse`` of dry friction in the step before [N m s], ``torque`` applied
+        last [N m], state of the ``law``. With a transport: ``before``, the torque before that one,
+        and ``seen``, the counts that the law read last. With elastic gears ``link`` and
+        ``link_speed`` are the joints' own motion; ``driven`` is the torque of currents that lag,
+        ``bristle`` the deflection of presliding friction, ``drifted`` the progress of the drift of
+        friction, 0 to 1. ``memory`` of the score and the ``score``; ``ok`` is 1, and 0 in a loop
+        that has diverged.
         """
-        sizes = dict.fromkeys(("q", "qd", "impulse", "torque"), self.n) | {
-            "law": len(self._block.initial)
-        }
-        passing = 0 if self.rig.transport is None else self.n
-        sizes |= {"before": passing, "seen": passing, **dict.fromkeys(self.giving, self.n)}
-        sizes |= {
-            "memory": 0 if self.score is None else int(self.score.nnz_in(2)),
-            "score": 1,
-            "ok": 1,
-        }
-        ends = itertools.accumulate(sizes.values())
-        return {name: range(end - sizes[name], end) for name, end in zip(sizes, ends, strict=True)}
+        passing = _per_joint_if(self.rig.transport is not None)
+        return Fields(
+            q=per_joint(),
+            qd=per_joint(),
+            impulse=per_joint(),
+            torque=per_joint(),
+            law=scalars(len(self._block.initial), start=self._block.initial),
+            before=passing,
+            seen=passing,
+            **{name: _per_joint_if(needed) for name, needed in self._effects.items()},
+            memory=scalars(0 if self.score is None else int(self.score.nnz_in(2))),
+            score=scalars(),
+            ok=scalars(start=1.0),
+        )
+
+    @cached_property
+    def time_fields(self) -> Fields:
+        """Fields of the inputs that are known beforehand, for each step.
+
+        ``q_r``, ``qd_r``, ``qdd_r`` [rad, s] and commanded counts ``pulses_r``; the column that the
+        law replays, ``logged``; the ``injected`` torque [N m]. With a transport the ``place`` of the
+        sub-step after the law's, and which loops ``lost`` their counts; with jitter the ``draw`` of
+        the law's instant. ``h``: length of the coming sub-step [s].
+        """
+        passing = _single_if(self.rig.transport is not None)
+        return Fields(
+            q_r=per_joint(),
+            qd_r=per_joint(),
+            qdd_r=per_joint(),
+            pulses_r=per_joint(),
+            logged=_per_joint_if(self.law.replays is not None),
+            injected=_per_joint_if(self.injected),
+            place=passing,
+            lost=passing,
+            draw=_single_if(self.rig.jitter is not None),
+            h=scalars(start=self.h),
+        )
+
+    @cached_property
+    def number_fields(self) -> Fields:
+        """Fields of the numbers: f, then the law's, the rig's and the correction's."""
+        rig = len(self.rig.number_values())
+        correction = 0 if self.correction is None else len(self.correction.number_values())
+        return Fields(
+            f=scalars(self.dynamics.p),
+            law=scalars(len(self._block.names) - rig),
+            rig=scalars(rig),
+            correction=scalars(correction),
+        )
+
+    @cached_property
+    def log_fields(self) -> Fields:
+        """Fields of the log of a sample.
+
+        ``error`` [pulses]: tracking error, with a correction the innovation. ``torque`` [N m],
+        position ``q`` [rad] and velocity ``qd`` [rad/s] of the joints; with elastic gears the
+        position ``motor`` of the motors [rad].
+        """
+        return log_fields_of(self.elastic)
+
+    @cached_property
+    def data_fields(self) -> Fields:
+        """Fields of the measured data of a sample: counts [pulses] and weight of a correction, or
+        those of the score.
+        """
+        if self.correction is not None:
+            return Fields(counts=per_joint(), weight=scalars())
+        return Fields(score=scalars(0 if self.score is None else int(self.score.nnz_in(1))))
 
     @property
     def state_names(self) -> list[str]:
-        """Names of the state, such as ``q[0]``.
-
-        With elastic gears ``q`` and ``qd`` are the motors', as joints on rigid gears would have
-        them, and the joints' own are ``link`` and ``link_speed``; ``driven`` is the torque of
-        currents that lag, ``bristle`` the deflection of presliding friction, ``drifted`` how far
-        the drift of friction has come.
-        """
-        several = {
-            name: places for name, places in self._places.items() if name not in ("score", "ok")
-        }
-        return [
-            *(f"{name}[{i}]" for name, places in several.items() for i in range(len(places))),
-            "score",
-            "ok",
-        ]
+        """Names of the state, such as ``q[0]``."""
+        return _names(self.state_fields, self.n)
 
     @property
     def time_names(self) -> list[str]:
-        """Inputs that are known beforehand: the reference, a replayed log, the length of the coming
-        sub-step.
+        """Names of the inputs in time, such as ``q_r[0]``."""
+        return _names(self.time_fields, self.n)
 
-        With an injected torque also that, with a transport the place of the sub-step after the
-        law's, and which loops lose their counts, with jitter the draw of the law's instant.
-        """
-        columns = ["q_r", "qd_r", "qdd_r", "pulses_r", *(["logged"] if self.law.replays else [])]
-        columns += ["injected"] if self.injected else []
-        passing = [] if self.rig.transport is None else ["place", "lost"]
-        drawn = [] if self.rig.jitter is None else ["draw"]
-        return [*(f"{name}[{i}]" for name in columns for i in range(self.n)), *passing, *drawn, "h"]
+    @property
+    def number_names(self) -> list[str]:
+        """Names of the numbers, such as ``f1`` and ``drive.gear[0]``."""
+        correction = self.correction
+        names = [] if correction is None else correction.number_names("correction.")
+        return [*self.dynamics.names, *self._block.names, *names]
 
     @property
     def n_log(self) -> int:
         """Numbers in the log of a sample."""
-        return (5 if "link" in self.giving else 4) * self.n
+        return self.log_fields.length(self.n)
 
     @property
     def n_data(self) -> int:
         """Measured numbers per sample that the score or the correction needs."""
-        if self.correction is not None:
-            return self.n + 1
-        return 0 if self.score is None else int(self.score.nnz_in(1))
-
-    @cached_property
-    def giving(self) -> tuple[str, ...]:
-        """Names of the states, n each, that the parts of the drive add."""
-        drive = self.rig.drive
-        added = {
-            "link": drive.elasticity,
-            "link_speed": drive.elasticity,
-            "driven": drive.current_lag,
-        }
-        added |= {"bristle": drive.presliding, "drifted": drive.friction_drift}
-        return tuple(name for name, given in added.items() if given is not None)
+        return self.data_fields.length(self.n)
 
     @property
-    def number_names(self) -> list[str]:
-        """f, then the law's numbers, then the rig's, then the correction's."""
-        more = [] if self.correction is None else self.correction.number_names("correction.")
-        return [*self.dynamics.names, *self._block.names, *more]
+    def elastic(self) -> bool:
+        """Whether the joints move on elastic gears, apart from their motors."""
+        return self.rig.drive.elasticity is not None
 
+    @property
+    def _effects(self) -> dict[str, bool]:
+        """Whether the drive has each of the states that its parts may add."""
+        drive = self.rig.drive
+        return {
+            "link": self.elastic,
+            "link_speed": self.elastic,
+            "driven": drive.current_lag is not None,
+            "bristle": drive.presliding is not None,
+            "drifted": drive.friction_drift is not None,
+        }
+
+    @property
+    def drive_states(self) -> tuple[str, ...]:
+        """Names of the states, n each, that the parts of the drive add."""
+        return tuple(name for name, needed in self._effects.items() if needed)
+
+    # -- records of symbols ------------------------------------------------------------------------
+    @cached_property
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The vectors of state, time and numbers, the inputs of every function of the loop."""
+        state = ca.SX.sym("state", self.state_fields.length(self.n))
+        time = ca.SX.sym("time", self.time_fields.length(self.n))
+        return state, time, ca.SX.sym("numbers", self.number_fields.length(self.n))
+
+    @cached_property
+    def _state(self) -> Any:
+        """Record of the symbols of `state_fields`."""
+        return self.state_fields.read(self._symbols[0], self.n)
+
+    @cached_property
+    def _time(self) -> Any:
+        """Record of the symbols of `time_fields`."""
+        return self.time_fields.read(self._symbols[1], self.n)
+
+    @cached_property
+    def _numbers(self) -> Any:
+        """Record of the symbols of `number_fields`."""
+        return self.number_fields.read(self._symbols[2], self.n)
+
+    @cached_property
+    def _symbolic_rig(self) -> Rig:
+        """The rig with symbols in place of its numbers."""
+        return self.rig.with_numbers(self._numbers.rig)
+
+    # -- values ------------------------------------------------------------------------------------
     def number_values(self, f: Floats) -> Floats:
         """Values (k,) of `number_names` with these f (p,)."""
-        more = np.empty(0) if self.correction is None else self.correction.number_values()
-        return np.concatenate([f, self._block.values, more])
+        correction = np.empty(0) if self.correction is None else self.correction.number_values()
+        return np.concatenate([f, self._block.values, correction])
 
     def sliding_values(self, f: Floats) -> Floats:
-        """The same without dry friction, as for joints that slide one way."""
-        return np.where(
-            [name.startswith(DRY_FRICTION) for name in self.number_names],
-            0.0,
-            self.number_values(f),
-        )
+        """Values (k,) without dry friction, as for joints that slide in one direction."""
+        dry = [name.startswith(DRY_FRICTION) for name in self.number_names]
+        return np.where(dry, 0.0, self.number_values(f))
+
+    def state_with(self, **values: Any) -> Any:
+        """The state (s,) at the start, with these fields in place of its own."""
+        return _with(self.state_fields, self.n, values)
+
+    def time_with(self, **values: Any) -> Any:
+        """Inputs in time (m,) that are zero but for ``h`` and these fields."""
+        return _with(self.time_fields, self.n, values)
 
     def initial_state(self, q: Floats, qd: Floats, numbers: Floats | None = None) -> Floats:
         """State (s,) of an arm at q, qd (n,) with no torque applied yet.
@@ -222,88 +309,98 @@ class Layout:
         """
         q = np.asarray(q, float)
         qd = np.asarray(qd, float)
-        many = () if numbers is None else numbers.shape[1:]
-        rows = {name: np.zeros(len(places)) for name, places in self._places.items()}
-        rows |= {"q": q, "qd": qd, "law": self._block.initial, "ok": np.ones(1)}
-        if "link" in self.giving:
-            hanging = (
-                q if numbers is None else self._settled(q, numbers).full().reshape((self.n, *many))
-            )
-            rows |= {"link": hanging, "link_speed": qd}
-        rows = {name: x if x.ndim > len(many) else x[:, None] for name, x in rows.items()}
-        return np.concatenate([np.broadcast_to(x, (len(x), *many)) for x in rows.values()])
+        arms = () if numbers is None else numbers.shape[1:]
+        start = self.state_fields.initial(self.n)
+        state = self.state_fields.read(start, self.n)._replace(q=q, qd=qd)
+        if self.elastic:
+            link = q
+            if numbers is not None:
+                link = self.hanging(q, numbers).full().reshape((self.n, *arms))
+            state = state._replace(link=link, link_speed=qd)
+        states = np.empty((len(start), *arms))
+        for name, places in self.state_fields.at(self.n).items():
+            value = np.asarray(getattr(state, name))
+            # One start for all arms, where they do not have one each.
+            if arms and value.ndim == 1:
+                value = value[:, None]
+            states[places.start : places.stop] = value
+        return states
 
     @cached_property
-    def _settled(self) -> ca.Function:
-        """(q, numbers) -> where the link (n,) is at rest; each pass is the weight of where it
-        was before.
-        """
+    def hanging(self) -> ca.Function:
+        """(q, numbers) -> position (n,) at which links hang at rest behind motors at q."""
+        # 1. One pass: the deflection under the weight that the link has at its previous position.
         link = ca.SX.sym("link", self.n)
         q = ca.SX.sym("q", self.n)
-        numbers = self._symbols[2]
-        *_, f, _, rig = self._parts
+        rig = self._symbolic_rig
         coupling = rig.drive.coupling
         elasticity = rig.drive.elasticity
-        torque = coupling.shaft_torque(self.dynamics.gravity(link, f) - rig.spring_torque(link))
-        play = 0.0 if elasticity.backlash is None else ca.sign(torque) * elasticity.backlash / 2
-        hanging = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
-        settle = ca.Function("settle", [link, q, numbers], [hanging])
-        held = ca.MX.sym("q", self.n)
-        given = ca.MX.sym("numbers", numbers.numel())
-        rest = held
-        for _ in range(_SETTLED):
-            rest = settle(rest, held, given)
-        return ca.Function("settled", [held, given], [rest])
+        weight = self.dynamics.gravity(link, self._numbers.f) - rig.spring_torque(link)
+        torque = coupling.shaft_torque(weight)
+        play = 0.0
+        if elasticity.backlash is not None:
+            play = ca.sign(torque) * elasticity.backlash / 2
+        following = coupling.joint(coupling.shaft(q) - torque / elasticity.stiffness - play)
+        settle = ca.Function("settle", [link, q, self._symbols[2]], [following])
 
-    @cached_property
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        state = ca.SX.sym("state", len(self.state_names))
-        time = ca.SX.sym("time", len(self.time_names))
-        return state, time, ca.SX.sym("numbers", len(self.number_names))
+        # 2. The passes, beginning at the motor's position.
+        motor = ca.MX.sym("q", self.n)
+        numbers = ca.MX.sym("numbers", self.number_fields.length(self.n))
+        rest = motor
+        for _ in range(_PASSES):
+            rest = settle(rest, motor, numbers)
+        return ca.Function("settled", [motor, numbers], [rest])
 
-    @cached_property
-    def _parts(self) -> tuple[Any, ...]:
-        """The symbols, in their groups."""
-        state, time, numbers = self._symbols
-        n = self.n
-        p = self.dynamics.p
-        q, qd, impulse, torque = (state[i * n : (i + 1) * n] for i in range(4))
-        motion = [time[i * n : (i + 1) * n] for i in range(4)]
-        block = numbers[p : p + len(self._block.names)]
-        rig = self.rig.with_numbers(block[len(self._block.names) - len(self.rig.number_values()) :])
-        given = [block, time[4 * n : 5 * n]] if self.law.replays else [block]
-        return (
-            q,
-            qd,
-            impulse,
-            torque,
-            state[4 * n : -2],
-            state[-2:],
-            motion,
-            time[-1],
-            numbers[:p],
-            given,
-            rig,
-        )
+    # -- readings of a state -----------------------------------------------------------------------
+    def read_state(self, vector: Any) -> Any:
+        """Record of a state (s,), or of many (s, P); `state_fields` has the names."""
+        return self.state_fields.read(vector, self.n)
 
-    def _given(self, name: str) -> ca.SX:
-        """Symbols (n, 1) of one of the states that the parts of the drive add."""
-        places = self._places[name]
-        return self._symbols[0][places.start : places.stop]
+    def joint_motion(self, state: Any) -> tuple[Any, Any]:
+        """Position [rad] and velocity [rad/s] (n,) of the joints in a record of the state."""
+        return (state.link, state.link_speed) if self.elastic else (state.q, state.qd)
 
-    def _known(self, name: str) -> ca.SX:
-        """Symbol of one of the inputs that are known beforehand."""
-        return self._symbols[1][self.time_names.index(name)]
+    def moving_states(self) -> list[int]:
+        """Places of the states of a moving arm: positions, speeds and currents that lag."""
+        places = self.state_fields.at(self.n)
+        names = "q", "qd", "link", "link_speed", "driven"
+        return [place for name in names for place in places[name]]
 
-    def _with_given(self, carried: ca.SX, **following: ca.SX) -> ca.SX:
-        """What follows of the carried states, with these of `giving` in it."""
-        first = self._places["law"].start
-        rows = [(name, places) for name, places in self._places.items() if places.start >= first][
-            :-2
-        ]
-        return ca.vertcat(
-            *(
-                following.get(name, carried[at.start - first : at.stop - first, 0])
-                for name, at in rows
-            )
-        )
+    def encoded(self, state: Any) -> Any:
+        """Position (n,) [rad] that the encoders measure in a record of the state."""
+        return state.link if self.rig.encoder.side == "link" else state.q
+
+
+def log_fields_of(elastic: bool) -> Fields:
+    """Fields of the log of a sample; `Layout.log_fields` has their meaning."""
+    return Fields(
+        error=per_joint(),
+        torque=per_joint(),
+        q=per_joint(),
+        qd=per_joint(),
+        motor=_per_joint_if(elastic),
+    )
+
+
+def _per_joint_if(needed: bool) -> Field:
+    return per_joint(1 if needed else 0)
+
+
+def _single_if(needed: bool) -> Field:
+    return scalars(1 if needed else 0)
+
+
+def _names(fields: Fields, n: int) -> list[str]:
+    """Names of all numbers of a vector, with an index where a field may hold several."""
+    names = []
+    for name, places in fields.at(n).items():
+        if name in _SINGLE:
+            names += [name] * len(places)
+        else:
+            names += [f"{name}[{i}]" for i in range(len(places))]
+    return names
+
+
+def _with(fields: Fields, n: int, values: dict[str, Any]) -> Any:
+    start = fields.read(fields.initial(n), n)
+    return fields.write(n, **start._replace(**values)._asdict())

@@ -12,7 +12,7 @@ import numpy as np
 
 from plant.mechanics.arm import Arm
 from plant.parts.fields import Floats
-from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import Structure, loop_kernel
 from plant.simulation.time_tables import time_tables
 
@@ -105,7 +105,7 @@ def logged_run(
         final, log, true_error = _by_kernel(loop, driven, state, numbers)
     else:
         final, _, log, true_error = by_casadi(loop, time_tables(loop, *driven), state, numbers)
-    if not (final[-1] > 0 and bounded(final[: 2 * loop.n])):
+    if not loop.sound(final):
         refuse_divergence(loop, arm, log, final)
     return log, true_error
 
@@ -132,14 +132,15 @@ class DivergenceError(ValueError):
 
 
 def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) -> NoReturn:
-    """Say when and where a simulation diverged."""
-    n = loop.n
-    q = log[:, 2 * n : 3 * n]
-    values = np.abs(np.where(np.isfinite(final[: 2 * n]), final[: 2 * n], np.inf)).reshape(2, n)
+    """Raise an error with the time at which a simulation diverged, and the joint."""
+    state = loop.read_state(final)
+    q = loop.log_fields.read(log.T, loop.n).q.T
+    motion = np.array([state.q, state.qd])
+    values = np.abs(np.where(np.isfinite(motion), motion, np.inf))
     label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
     finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
     time = (finite[-1] if len(finite) else 0) * loop.rig.period
-    start = q[0] if len(finite) else final[:n]
+    start = q[0] if len(finite) else state.q
     arm.require_positive(start)
     raise DivergenceError(
         f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, {label} first. "

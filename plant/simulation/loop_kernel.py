@@ -167,7 +167,7 @@ class LoggedKernel(_Compiled):
         """The same tables with another "injected" torque, or what else is "logged" and held, (M,
         n) at all samples.
         """
-        first = self.loop.time_names.index(f"{name}[0]")
+        first = self.loop.time_fields.at(self.loop.n)[name].start
         changed = list(tables)
         for i, which, times in ((1, "sample", 1), (2, "step", self.loop.steps_per_sample)):
             joints = np.array(self.program("logged")[1][which], int) - first

@@ -54,7 +54,7 @@ def loop_source(
     kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
     wanted = dict.fromkeys(_BLOCKS, None if name == "single" else states)
     if name == "logged":
-        wanted["sample"] = states + loop.n
+        wanted["sample"] = states + loop.log_fields.at(loop.n)["error"].stop
     programs = _programs(loop, lanes, uniform, uneven, rows.__next__, wanted)
     emitter = _Emitter(name, width, PIECE if width > 1 else LONG_PIECE, states, kept, rows.__next__)
     text, numbers = emitter.once(programs.values())
@@ -206,13 +206,13 @@ def _programs(
     names = Names()
     where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
     where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
-    last = len(loop.time_names) - 1
+    times = [(f"t{i}", TIME) for i in range(len(loop.time_names))]
+    if not uneven:
+        # The length of a sub-step is behind the uniform numbers.
+        times[loop.time_fields.at(loop.n)["h"].start] = (f"u{len(uniform)}", UNIFORM)
     inputs = [
         [(f"s{i}", STATE) for i in range(len(loop.state_names))],
-        [
-            *((f"t{i}", TIME) for i in range(last)),
-            (f"t{last}", TIME) if uneven else (f"u{len(uniform)}", UNIFORM),
-        ],
+        times,
         [where[i] for i in range(len(where))],
         [(f"d{i}", TIME) for i in range(loop.n_data)],
     ]

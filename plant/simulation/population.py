@@ -23,51 +23,76 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.messages import progress_bar
+from plant.parts.vector import Fields, per_joint, scalars
 from plant.simulation.clock import Clock
-from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.executors import mapped
 from plant.simulation.followed_path import Path
+from plant.simulation.layout import log_fields_of
 from plant.simulation.loop_kernel import LANES, loop_kernel
 from plant.simulation.time_tables import time_tables
+
+DATA = Fields(limit=scalars(), counts=scalars(), time=scalars(), q_r=per_joint())
+"""Data of a sample: the limit of errors [pulses], whether it counts (1 or 0), its time [s], one
+period for the first, and the reference [rad].
+"""
+
+MEMORY = Fields(
+    peak=per_joint(),
+    highest=per_joint(),
+    lowest=per_joint(),
+    current=per_joint(),
+    change=per_joint(),
+    torque=per_joint(),
+    time=scalars(),
+    before=scalars(),
+)
+"""Results of a run so far. Per joint: the largest encoder error, the highest and the lowest error
+of the joint before rounding [pulses], the largest motor current [A], the sum of the torque's
+changes from sample to sample, and the last torque [N m]. Of all: the `time` of the first sample
+outside the limit, 0 if there is none, and the samples outside `before` the errors count.
+"""
 
 
 @functools.lru_cache(maxsize=32)
 def tally(rig: Rig) -> ca.Function:
-    """What one sample adds, (log, data, memory) -> 1 if a joint's encoder error is outside, memory.
+    """The score of a sample, (log, data, memory) -> 1 if an encoder error is outside, memory.
 
-    The data are the limit [pulses], whether the sample counts (1 or 0), its time after the start of
-    the one before the first [s], and q_r. The memory holds, per joint, the largest encoder error,
-    the highest and lowest error of the joint before rounding [pulses], the largest motor current
-    [A], the sum of the torque's changes from sample to sample and the last torque [N m]; and the
-    time of the first sample outside, and how many of those that do not count are.
+    `DATA` and `MEMORY` name the fields.
     """
     n = rig.n
     elastic = rig.drive.elasticity is not None
-    log = ca.SX.sym("log", (4 + elastic) * n)
-    data = ca.SX.sym("data", n + 3)
-    memory = ca.SX.sym("memory", 6 * n + 2)
-    counted, highest, lowest, current, changed, last = ca.vertsplit(memory[: 6 * n], n)
-    limit = data[0]
-    counts = data[1]
-    time = data[2]
-    first = memory[-2]
-    before = memory[-1]
-    error = counts * ca.fabs(log[:n])
-    torque = log[n : 2 * n]
-    position = log[-n:] if elastic and rig.encoder.side != "link" else log[2 * n : 3 * n]
-    unrounded = counts * rig.position_in_pulses(data[3:] - position)
-    outside = functools.reduce(ca.fmax, ca.vertsplit(error)) > limit
-    following = ca.vertcat(
-        ca.fmax(counted, error),
-        ca.fmax(highest, unrounded),
-        ca.fmin(lowest, unrounded),
-        ca.fmax(current, ca.fabs(rig.drive.current(torque))),
-        changed + counts * (time > 1.5 * rig.period) * ca.fabs(torque - last),
-        torque,
-        first + outside * (first == 0) * time,
-        before + (1 - counts) * (functools.reduce(ca.fmax, ca.vertsplit(ca.fabs(log[:n]))) > limit),
+    log_fields = log_fields_of(elastic)
+    log_symbols = ca.SX.sym("log", log_fields.length(n))
+    data_symbols = ca.SX.sym("data", DATA.length(n))
+    memory_symbols = ca.SX.sym("memory", MEMORY.length(n))
+    log = log_fields.read(log_symbols, n)
+    data = DATA.read(data_symbols, n)
+    memory = MEMORY.read(memory_symbols, n)
+
+    # Samples before the errors count give no error and no change of the torque.
+    counts = data.counts
+    error = counts * ca.fabs(log.error)
+    position = log.motor if elastic and rig.encoder.side != "link" else log.q
+    unrounded = counts * rig.position_in_pulses(data.q_r - position)
+    outside = functools.reduce(ca.fmax, ca.vertsplit(error)) > data.limit
+    outside_before = functools.reduce(ca.fmax, ca.vertsplit(ca.fabs(log.error))) > data.limit
+    # The first sample, at one period, has no torque before it.
+    changes = counts * (data.time > 1.5 * rig.period)
+    following = MEMORY.write(
+        n,
+        peak=ca.fmax(memory.peak, error),
+        highest=ca.fmax(memory.highest, unrounded),
+        lowest=ca.fmin(memory.lowest, unrounded),
+        current=ca.fmax(memory.current, ca.fabs(rig.drive.current(log.torque))),
+        change=memory.change + changes * ca.fabs(log.torque - memory.torque),
+        torque=log.torque,
+        time=memory.time + outside * (memory.time == 0) * data.time,
+        before=memory.before + (1 - counts) * outside_before,
     )
-    return ca.Function("tally", [log, data, memory], [outside, following])
+    return ca.Function(
+        "tally", [log_symbols, data_symbols, memory_symbols], [outside, following]
+    )
 
 
 @kept
@@ -183,13 +208,14 @@ class Population:
             loop.number_names.index(name) for name in (*names, *(["transport.bit"] if lost else []))
         ]
         self._kernel = loop_kernel(loop, self._lanes)
-        data = [
-            np.full(len(clock), float(within)),
-            counts,
-            clock.t + rig.period,
-            reference(clock.t).q,
-        ]
-        self._tables = self._kernel.prepared((*self._times, np.column_stack(data)))
+        data = {
+            "limit": np.full(len(clock), float(within)),
+            "counts": counts,
+            "time": clock.t + rig.period,
+            "q_r": reference(clock.t).q,
+        }
+        columns = np.column_stack([data[name] for name in DATA.fields])
+        self._tables = self._kernel.prepared((*self._times, columns))
         self._numbers, self._start = (
             loop.number_values(arm.f),
             path.start() if initial is None else initial,
@@ -229,25 +255,27 @@ class Population:
             return self._runs(shared_out(block, range(-(-len(self._values) // LANES)), threads))
 
     def _runs(self, blocks: list[_Block]) -> Runs:
-        final, missing = (np.concatenate(each) for each in zip(*blocks, strict=True))
+        final = np.concatenate([states for states, _ in blocks]).T
         n = self.loop.n
-        counted, highest, lowest, current, chatter, _ = np.hsplit(final[:, -4 - 6 * n : -4], 6)
-        shift = np.zeros(n)
+        state = self.loop.read_state(final)
+        memory = MEMORY.read(state.memory, n)
+        # The encoders read zero at their own phase; the true error is counted from there.
+        shift = np.zeros((n, 1))
         if "encoder.phase.shift[0]" in self._names:
-            shift = self._values[
-                :, [self._names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
-            ]
-        diverged = ~((final[:, -1] > 0) & bounded(final[:, : 2 * n].T))
-        unrounded = np.maximum(np.abs(highest - shift), np.abs(lowest - shift))
+            columns = [self._names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
+            shift = self._values[:, columns].T
+        diverged = ~self.loop.sound(final)
+        unrounded = np.maximum(np.abs(memory.highest - shift), np.abs(memory.lowest - shift))
+        chatter = memory.change / max(self._changes, 1)
         return Runs(
-            peak=np.where(diverged[:, None], np.inf, counted),
-            unrounded=np.where(diverged[:, None], np.inf, unrounded),
-            outside=np.where(diverged, self.samples, final[:, -2]).astype(int),
-            current=current,
-            chatter=np.where(diverged[:, None], np.inf, chatter / max(self._changes, 1)),
-            first=np.where(final[:, -4] > 0, final[:, -4] - self.loop.rig.period, np.nan),
-            before=final[:, -3].astype(int),
-            lost=missing,
+            peak=np.where(diverged, np.inf, memory.peak).T,
+            unrounded=np.where(diverged, np.inf, unrounded).T,
+            outside=np.where(diverged, self.samples, state.score).astype(int),
+            current=memory.current.T,
+            chatter=np.where(diverged, np.inf, chatter).T,
+            first=np.where(memory.time > 0, memory.time - self.loop.rig.period, np.nan),
+            before=memory.before.astype(int),
+            lost=np.concatenate([lost for _, lost in blocks]),
             samples=self.samples,
         )
 

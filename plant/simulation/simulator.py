@@ -177,6 +177,7 @@ def run(
     warn_of_unstable_lag(arm, rig, law, start[0])
     added = injected_at(injected, clock.t, rig.n)
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
+    columns = _columns(rig, loop.log_fields.read(log.T, loop.n))
     record = Record(
         t=clock.t,
         reference_pulses=path(clock.t)[1],
@@ -185,7 +186,7 @@ def run(
         reference=reference,
         initial=given,
         injected=added,
-        **_columns(rig, log),
+        **columns,
     )
     return Trace(record, true_error)
 
@@ -255,23 +256,27 @@ def replay(
     path = path_of(record, clock)
     driven = path, clock, law.replayed(record), added
     log, _ = logged_run(loop, arm, driven, start_of(record, path), backend)
-    return dataclasses.replace(record, **_columns(rig, log[clock.rows]))
+    samples = loop.log_fields.read(log[clock.rows].T, loop.n)
+    return dataclasses.replace(record, **_columns(rig, samples))
 
 
-def _columns(rig: Rig, log: Floats) -> dict[str, Any]:
-    """Columns of a record, of the rows of a run: errors, torques, counts of the links beside
-    motors, the true state.
-    """
-    error, torque, q, qd = np.hsplit(log[:, : 4 * rig.n], 4)
+def _columns(rig: Rig, log: Any) -> dict[str, Any]:
+    """Columns of a record, from the log of a run: `log_fields`, (n, N) each."""
+    torque = log.torque.T
+    q = log.q.T
+    counts = None
+    # Joints with a second encoder, on the link, have its counts beside the motor's.
     both = rig.encoder.on_links(rig.n)
-    counts = np.where(both, rig.true_counts(q), np.nan) if both.any() else None
-    measured = {
-        "error_pulses": error,
+    if both.any():
+        counts = np.where(both, rig.true_counts(q), np.nan)
+    return {
+        "error_pulses": log.error.T,
         "torque": torque,
         "current": rig.drive.current(torque),
         "link_counts": counts,
+        "true_q": q,
+        "true_qd": log.qd.T,
     }
-    return measured | {"true_q": q, "true_qd": qd}
 
 
 def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> Floats | None:

@@ -1,8 +1,4 @@
-"""A simulated arm for a control script: counts out, torque in, one sample at a time; what it
-carries may change.
-"""
-
-from typing import Any
+"""A simulated arm for a control script, one sample at a time: torque in, counts out, any load."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +9,7 @@ from plant.mechanics.arm import Arm
 from plant.mechanics.body import Body
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.fields import Floats
-from plant.simulation.closed_loop import ClosedLoop, bounded
+from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import loop_kernel
 
@@ -92,33 +88,35 @@ class SteppedArm:
             if qd is None
             else array("qd", qd, (rig.n,), advice="Give the velocity of each joint.")
         )
-        self._loop, self._kernel, self._f = loop, loop_kernel(loop), np.array(arm.f)
+        self._loop = loop
+        self._kernel = loop_kernel(loop)
+        self._f = np.array(arm.f)
         self._numbers = loop.number_values(self._f)
         self._state = loop.initial_state(q, qd, self._numbers)
-        self._logged = [loop.time_names.index(f"logged[{i}]") for i in range(self.n)]
-        row = np.zeros(len(loop.time_names))
-        row[-1] = loop.h
-        self._step_time = np.tile(row, (steps_per_sample, 1))
+        # The torque is held over a sample, so that its sub-steps have the same inputs.
+        self._step_time = np.tile(loop.time_with(), (steps_per_sample, 1))
+        self._torque = list(loop.time_fields.at(self.n)["logged"])
+        # Places of the quantities in the state, read once for all samples.
+        places = loop.read_state(np.arange(len(self._state)))
+        self._q, self._qd = loop.joint_motion(places)
+        self._encoded = loop.encoded(places)
         self._logs = np.empty((1, loop.n_log)), np.empty((steps_per_sample, self.n))
-        self._log = self._logs[0][0]
-        self._nothing: tuple[Any, ...] = row[None][:0], np.empty((1, 0)), np.empty((0, 1))
 
     @property
     def q(self) -> Floats:
-        return self._joint("link", 0)
+        return self._state[self._q]
 
     @property
     def qd(self) -> Floats:
-        return self._joint("link_speed", self.n)
+        return self._state[self._qd]
 
     @property
     def pulses(self) -> Floats:
-        """What the encoders count now, (n,)."""
-        seen = self.q if self.rig.encoder.side == "link" else self._state[: self.n]
-        return self.rig.true_counts(seen)
+        """Counts (n,) of the encoders now."""
+        return self.rig.true_counts(self._state[self._encoded])
 
     def carry(self, load: Body | None, link: int | str = -1) -> None:
-        """Carry this load from now on, or nothing.
+        """Carry this load from now on, or none.
 
         Parameters
         ----------
@@ -144,31 +142,28 @@ class SteppedArm:
         Returns
         -------
         pulses : (n,) numpy.ndarray
-            What the encoders count then.
+            Counts of the encoders at the next sample.
 
         Raises
         ------
         DivergenceError
             A motion that does not stay bounded.
         """
-        self._step_time[:, self._logged] = array(
+        # The loop repeats the torque as if a log had it; its law has no steps and no data.
+        self._step_time[:, self._torque] = array(
             "torque", torque, (self.n,), advice="Give one per joint [N m]."
         )
+        law_time = self._step_time[:0]
+        sample_time = self._step_time[:1]
         tables = self._kernel.prepared(
-            (self._nothing[0], self._step_time[:1], *[self._step_time, self._nothing[1]]),
-            logged=True,
+            (law_time, sample_time, self._step_time, np.empty((1, 0))), logged=True
         )
         final, _ = self._kernel.run(
             tables, self._state[:, None], np.empty((0, 1)), self._numbers, self._logs
         )
         self._state = final[:, 0]
-        if not (self._state[-1] > 0 and bounded(self._state[: 2 * self.n])):
+        if not self._loop.sound(self._state):
             raise DivergenceError(
                 "the arm must stay bounded; it does not under this torque. Lower the gains."
             )
         return self.pulses
-
-    def _joint(self, name: str, otherwise: int) -> Floats:
-        loop = self._loop
-        start = loop.state_names.index(f"{name}[0]") if name in loop.giving else otherwise
-        return self._state[start : start + self.n].copy()

@@ -91,14 +91,24 @@ def in_blocks(
         if loop.follows_motion and (i == 0 or not every):
             motion = path.setpoint(t)
         owner = places // steps  # the sample that each sub-step belongs to
-        replayed = (
-            [] if logged is None else [clock.between(logged, t) if held is None else held[owner]]
-        )
-        added = [] if beside is None else [beside[owner]]
-        passing = [] if transport is None else [places % every, words[places // every]]
-        passing += [] if jitter is None else [draws[places // every]]
-        lengths = clock.step_lengths(steps, places)
-        rows = np.column_stack([*motion, pulses, *replayed, *added, *passing, lengths])
+        inputs = {
+            "q_r": motion.q,
+            "qd_r": motion.qd,
+            "qdd_r": motion.qdd,
+            "pulses_r": pulses,
+            "h": clock.step_lengths(steps, places),
+        }
+        if logged is not None:
+            inputs["logged"] = clock.between(logged, t) if held is None else held[owner]
+        if beside is not None:
+            inputs["injected"] = beside[owner]
+        if transport is not None:
+            inputs["place"] = places % every
+            inputs["lost"] = words[places // every]
+        if jitter is not None:
+            inputs["draw"] = draws[places // every]
+        # Inputs that this loop does not have are no columns.
+        rows = np.column_stack([inputs[name] for name in loop.time_fields.fields if name in inputs])
         return rows if columns is None else rows[:, [*columns[i], -1]]
 
     whole = samples_of_law(loop)
