@@ -90,9 +90,7 @@ def tally(rig: Rig) -> ca.Function:
         time=memory.time + outside * (memory.time == 0) * data.time,
         before=memory.before + (1 - counts) * outside_before,
     )
-    return ca.Function(
-        "tally", [log_symbols, data_symbols, memory_symbols], [outside, following]
-    )
+    return ca.Function("tally", [log_symbols, data_symbols, memory_symbols], [outside, following])
 
 
 @kept
