@@ -51,9 +51,9 @@ class ClosedLoop(Layout):
         rig = self._symbolic_rig
         position = self.encoded(state)
         period = ca.SX(self._block.period)
-        if self.rig.jitter is not None:
+        if rig.jitter is not None:
             # The counts are read late by a part of the period; meanwhile the encoders move on.
-            speed = state.link_speed if self.rig.encoder.side == "link" else state.qd
+            speed = state.link_speed if rig.encoder.side == "link" else state.qd
             position = position + speed * rig.jitter.late(self._time.draw, period)
         following, finite = self._with_law(position, period)
         return self._function("law_step", following._replace(ok=_if(finite, state.ok)))
