@@ -16,6 +16,7 @@ samples, Survey Methodology 28, 2002; J. G. MacKinnon, M. O. Nielsen, M. D. Webb
 inference, Journal of Econometrics 232, 2023.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,20 +24,57 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant.parts.fields import Floats
-from plant.parts.sums import least, norm, product, products
+from plant.parts.sums import dot, least, norm, product, products
 
-# share of its own from which on a column is told from others by their products
-_EXACT_ENOUGH = 1e-5
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class IdentifiabilitySettings:
+    """Least share of the column of an unknown that must be independent of the other columns.
+
+    One rule, with one share per source of columns, since a column is known only as exactly as it
+    was made. All are chosen by hand.
+
+    Parameters
+    ----------
+    equations : float
+        Columns of linear equations, exact but for rounding.
+    products : float
+        Least share that the products of columns resolve: they lose half of all digits.
+    slopes : float
+        Differences of simulations, which are exact to a few digits.
+    with_prior : float
+        Differences of simulations beside a prior of f, which determines what a log does not.
+    optimum : float
+        Differences of an extended model, where a dependent unknown is left out and not refused.
+    certain : float
+        Spread of a parameter under a prior; below it the parameter follows from others.
+    run : float
+        Directions that a single run determines alone: the others say nothing of their scatter.
+    share : float
+        Share of a column in a dependent one from which on a message names it.
+    """
+
+    equations: float = 1e-9
+    products: float = 1e-5
+    slopes: float = 1e-4
+    with_prior: float = 1e-5
+    optimum: float = 1e-3
+    certain: float = 1e-6
+    run: float = 1e-9
+    share: float = 1e-3
+
+
+IDENTIFIABLE = IdentifiabilitySettings()
 
 
 class NotIdentifiableError(ValueError):
-    """Unknowns that the equations do not tell apart, or that act in none of them.
+    """Unknowns that the equations cannot separate, or that act in none of them.
 
-    `name`: of the one that could be left out.
+    `name`: the unknown that could be left out.
     """
 
-    def __init__(self, said: str, name: str) -> None:
-        super().__init__(said)
+    def __init__(self, message: str, name: str) -> None:
+        super().__init__(message)
         self.name = name
 
     def __reduce__(self) -> tuple[type, tuple[str, str]]:
@@ -44,12 +82,16 @@ class NotIdentifiableError(ValueError):
 
 
 def least_squares(
-    names: Sequence[str], rows: Floats, target: Floats, *, dependent: float = 1e-9
+    names: Sequence[str],
+    rows: Floats,
+    target: Floats,
+    *,
+    dependent: float = IDENTIFIABLE.equations,
 ) -> tuple[Floats, Floats, float]:
     """Solve rows x = target.
 
-    `names`: of the columns, for messages. `rows` (N, k). `target` (N,). `dependent`: a column of
-    which less than this share is its own is a combination of the others.
+    `names`: of the columns, for messages. `rows` (N, k). `target` (N,). `dependent`: a column with
+    a smaller independent share is a combination of the others.
 
     Returns values (k,); covariance (k, k): of the values, where the residual of every row has a
     standard deviation of 1; condition: of the columns, scaled to one length.
@@ -64,39 +106,41 @@ def least_squares(
             " resolution, units.",
             idle,
         )
-    solved = _by_products if dependent >= _EXACT_ENOUGH else _by_rows
-    triangle, along = solved(rows, lengths, target, _Told(names, dependent))
+    # The products of the columns are six times faster, and exact enough for a coarse threshold.
+    factorise = _by_products if dependent >= IDENTIFIABLE.products else _by_rows
+    triangle, turned = factorise(rows, lengths, target, _Separable(names, dependent))
     inverse = np.zeros((k, k))
     for i in reversed(range(k)):
         unit = (np.arange(k) == i).astype(float)
-        inverse[i] = (
-            unit - (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)
-        ) / triangle[i, i]
-    values = (inverse * along).sum(axis=1) / lengths
+        below = (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)
+        inverse[i] = (unit - below) / triangle[i, i]
+    values = (inverse * turned).sum(axis=1) / lengths
     covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
     return values, covariance, float(np.linalg.cond(triangle))
 
 
-class _Told(NamedTuple):
-    """Names of columns, and the share of its own that each must have."""
+class _Separable(NamedTuple):
+    """Names of columns, and the independent share that each must have."""
 
     names: Sequence[str]
     dependent: float
 
-    def apart(self, triangle: Floats, i: int) -> None:
+    def check(self, triangle: Floats, i: int) -> None:
         """Raise where column i is a combination of those before it."""
         if triangle[i, i] < self.dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
-            others = [self.names[j] for j in np.flatnonzero(np.abs(shares) > 1e-3).tolist()]
+            combined = np.flatnonzero(np.abs(shares) > IDENTIFIABLE.share).tolist()
             raise NotIdentifiableError(
                 f"unknowns must be separately identifiable; {self.names[i]} is a combination of"
-                f" {', '.join(others)}. Fix one of them, log a motion that excites more"
-                " (design_motion), or give identify a prior=.",
+                f" {', '.join(self.names[j] for j in combined)}. Fix one of them, log a motion that"
+                " excites more (design_motion), or give identify a prior=.",
                 self.names[i],
             )
 
 
-def _by_rows(rows: Floats, lengths: Floats, target: Floats, told: _Told) -> tuple[Floats, Floats]:
+def _by_rows(
+    rows: Floats, lengths: Floats, target: Floats, separable: _Separable
+) -> tuple[Floats, Floats]:
     """R (k, k) of rows (N, k) over the lengths (k,) of columns = Q R, and Q^T target (k,):
     Gram-Schmidt, twice.
     """
@@ -106,80 +150,116 @@ def _by_rows(rows: Floats, lengths: Floats, target: Floats, told: _Told) -> tupl
     work = np.empty(len(rows))
     for i in range(k):
         column = basis[i]
+        # The second pass removes what rounding left of the other columns in the first.
         for _ in range(2):
             for j in range(i):
                 share = np.multiply(basis[j], column, out=work).sum()
                 triangle[j, i] += share
                 column -= np.multiply(share, basis[j], out=work)
         triangle[i, i] = np.sqrt((column * column).sum())
-        told.apart(triangle, i)
+        separable.check(triangle, i)
         basis[i] = column / triangle[i, i]
-    turned = np.empty_like(rows, dtype=float)  # the layout of the rows decides the order of a sum
+    # The layout of the rows decides the order of a sum, and with it the last bits.
+    turned = np.empty_like(rows, dtype=float)
     turned[:] = basis.T
     return triangle, (turned * target[:, None]).sum(axis=0)
 
 
 def _by_products(
-    rows: Floats, lengths: Floats, target: Floats, told: _Told
+    rows: Floats, lengths: Floats, target: Floats, separable: _Separable
 ) -> tuple[Floats, Floats]:
     """The same from the products of columns: Cholesky's factorisation of rows^T rows = R^T R."""
-    together = products(rows) / np.outer(lengths, lengths)
+    gram = products(rows) / np.outer(lengths, lengths)
     triangle = np.zeros((rows.shape[1],) * 2)
-    along = np.einsum("mi,m->i", rows, target) / lengths
+    turned = np.einsum("mi,m->i", rows, target) / lengths
     for i in range(len(triangle)):
-        before = triangle[:i]
-        own = triangle[:i, i]
-        triangle[i, i] = np.sqrt(max(together[i, i] - (own * own).sum(), 0.0))
-        told.apart(triangle, i)
-        triangle[i, i + 1 :] = (
-            together[i, i + 1 :] - (own[:, None] * before[:, i + 1 :]).sum(axis=0)
-        ) / triangle[i, i]
-        along[i] = (along[i] - (own * along[:i]).sum()) / triangle[i, i]
-    return triangle, along
+        above = triangle[:i]
+        column = triangle[:i, i]
+        # Rounding can leave a dependent column a negative square.
+        triangle[i, i] = np.sqrt(max(gram[i, i] - (column * column).sum(), 0.0))
+        separable.check(triangle, i)
+        eliminated = (column[:, None] * above[:, i + 1 :]).sum(axis=0)
+        triangle[i, i + 1 :] = (gram[i, i + 1 :] - eliminated) / triangle[i, i]
+        turned[i] = (turned[i] - (column * turned[:i]).sum()) / triangle[i, i]
+    return triangle, turned
 
 
 def dependent_columns(
-    names: Sequence[str], rows: Floats, *, dependent: float = 1e-9
+    names: Sequence[str], rows: Floats, *, dependent: float = IDENTIFIABLE.equations
 ) -> dict[str, tuple[str, ...]]:
     """Columns (N, k) that are combinations of those before them: name -> names of these, () of a
     column of zeros.
     """
     lengths = np.sqrt((rows * rows).sum(axis=0))
-    found = dict[str, tuple[str, ...]]()
-    kept = list[int]()
+    combinations = dict[str, tuple[str, ...]]()
+    independent = list[int]()
     for i in range(rows.shape[1]):
         column = rows[:, i] / (lengths[i] or 1.0)
-        before = rows[:, kept] / lengths[kept]
-        shares = least(before, column)
-        if norm(column - product(before, shares)) < dependent:
-            found[names[i]] = tuple(
-                names[j] for j, share in zip(kept, shares, strict=True) if abs(share) > 1e-3
+        basis = rows[:, independent] / lengths[independent]
+        shares = least(basis, column)
+        if norm(column - product(basis, shares)) < dependent:
+            combinations[names[i]] = tuple(
+                names[j]
+                for j, share in zip(independent, shares, strict=True)
+                if abs(share) > IDENTIFIABLE.share
             )
         else:
-            kept.append(i)
-    return found
+            independent.append(i)
+    return combinations
 
 
-SEGMENTS = 10  # of all runs, at least, of which values are compared
+def directions(rates: Floats, dependent: float = IDENTIFIABLE.optimum) -> Floats:
+    """Combinations (r, v) of rates (v, M) that are orthonormal; a dependent rate gives none.
+
+    `dependent`: least independent share of a rate. By Gram-Schmidt on the products of the rates.
+    """
+    gram = products(rates.T)
+    lengths = np.sqrt(np.diag(gram))
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    gram = gram / np.outer(lengths, lengths)
+    basis = np.empty((0, len(rates)))
+    for i in range(len(rates)):
+        direction = (np.arange(len(rates)) == i).astype(float)
+        # The second pass removes what rounding left of the other directions in the first.
+        for _ in range(2):
+            shares = product(basis, product(gram, direction))
+            direction = direction - product(basis.T, shares)
+        size = np.sqrt(max(dot(direction, product(gram, direction)), 0.0))
+        if size > dependent:
+            basis = np.vstack([basis, direction / size])
+    return np.asarray(basis / lengths)
+
+
+def along(basis: Floats, rates: Floats, target: Floats) -> Floats:
+    """Coefficients (v,) of rates (v, M) whose sum is nearest to the target; 0 of a dependent rate.
+
+    `basis` (r, v): their `directions`.
+    """
+    return product(basis.T, product(basis, np.einsum("vm,m->v", rates, target)))
+
+
+# Least number of segments of all runs together that are compared: with fewer, Student's quantile
+# makes the intervals wide; with more, residuals of neighbouring segments are correlated.
+SEGMENTS = 10
 
 NORMAL = 1.96  # standard deviations on either side of a normal value that hold 95 %
 
-_AT_ONCE = 1 << 19  # rows that are scaled at once
-
-# share of a direction below which one run alone determines it: of that nothing is known
-_OWN = 1e-9
+# Rows that are scaled at once: a scaled copy of all rows of a long log has no room in memory.
+_AT_ONCE = 1 << 19
 
 
 def in_groups(lengths: Sequence[int], before: int, least: int) -> NDArray[np.intp]:
-    """Groups (M,) of rows: each of these lengths is as many segments as make at least so many, of
-    all.
+    """Groups (M,) of rows, from 0: each of these lengths is cut into the same number of segments,
+    at least so many of all lengths together.
 
-    Rows `before` them, a prior's, are in none, -1: never left out.
+    The first rows, so many as `before`, are those of a prior: they are in group -1 and never left
+    out.
     """
-    each = -(-least // len(lengths))
-    return np.concatenate(
-        [np.full(before, -1), *(each * i + np.arange(n) * each // n for i, n in enumerate(lengths))]
-    )
+    per_length = -(-least // len(lengths))
+    groups = [np.full(before, -1)]
+    for i, length in enumerate(lengths):
+        groups.append(per_length * i + np.arange(length) * per_length // length)
+    return np.concatenate(groups)
 
 
 def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Floats:
@@ -196,19 +276,19 @@ def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Float
     scale = np.sqrt(np.einsum("mi,mi->i", rows, rows))
     whole = np.zeros((k, k))
     moves = np.empty((count, k))
-    for start in range(0, len(rows), _AT_ONCE):
-        whole += products(rows[start : start + _AT_ONCE] / scale)
+    for begin in range(0, len(rows), _AT_ONCE):
+        whole += products(rows[begin : begin + _AT_ONCE] / scale)
+    # The values without a group follow from the normal equations less that group's part of them.
     for i in range(count):
-        own = rows[groups == i] / scale
+        group = rows[groups == i] / scale
         try:
             moves[i] = np.linalg.solve(
-                whole - products(own), (own * residual[groups == i, None]).sum(axis=0)
+                whole - products(group), (group * residual[groups == i, None]).sum(axis=0)
             )
         except np.linalg.LinAlgError:
             return np.full(k, np.inf)
-    return _student(
-        (count - 1) / count * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0), scale, count
-    )
+    variance = (count - 1) / count * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0)
+    return _student(variance, scale, count)
 
 
 def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
@@ -218,34 +298,36 @@ def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
 
 
 def run_moves(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
-    """How far each group moves the values (R, k), corrected by what of it the fit takes away."""
+    """Change of the values by each group (R, k), corrected for the part that the fit takes away."""
     count = int(runs.max()) + 1
     scale = np.sqrt((rows * rows).sum(axis=0))
     inverse = np.linalg.inv(products(rows / scale))
     scores = np.zeros((count, rows.shape[1]))
     for i in range(count):
-        own = rows[runs == i] / scale
-        sizes, axes = np.linalg.eigh(products(own))
-        shown = sizes > _OWN * sizes[-1]
+        run = rows[runs == i] / scale
+        sizes, axes = np.linalg.eigh(products(run))
+        shown = sizes > IDENTIFIABLE.run * sizes[-1]
         root = axes[:, shown] * np.sqrt(sizes[shown])
         unroot = axes[:, shown] / np.sqrt(sizes[shown])
-        # by the fit, of what this run shows
-        taken, directions = np.linalg.eigh(root.T @ inverse @ root)
-        left = np.where(taken < 1 - _OWN, 1 - np.minimum(taken, 1 - _OWN), np.inf)
-        score = directions.T @ (unroot.T @ (own * residual[runs == i, None]).sum(axis=0))
-        scores[i] = root @ (directions @ (score / np.sqrt(left)))
+        # Leverage: the share of this run's residual that the fit has taken away, per direction. A
+        # direction that this run alone determines has no residual, and tells nothing.
+        taken, axes_taken = np.linalg.eigh(root.T @ inverse @ root)
+        most = 1 - IDENTIFIABLE.run
+        remaining = np.where(taken < most, 1 - np.minimum(taken, most), np.inf)
+        score = axes_taken.T @ (unroot.T @ (run * residual[runs == i, None]).sum(axis=0))
+        scores[i] = root @ (axes_taken @ (score / np.sqrt(remaining)))
     return np.asarray(scores @ inverse / scale)
 
 
 def _student(variance: Floats, scale: Floats, count: int) -> Floats:
-    """Standard deviations of values in these scales, as wide as Student's quantile of so many
-    groups has them.
+    """Standard deviations of values in these scales, widened by Student's quantile of so many
+    groups.
     """
     return np.asarray(np.sqrt(variance) / scale * wider(count - 1))
 
 
 def wider(freedom: ArrayLike) -> Floats:
-    """Student's quantile of 95 % for these degrees of freedom, in that of the normal
+    """Student's 95 % quantile for these degrees of freedom, divided by that of the normal
     distribution.
     """
     from scipy.special import stdtrit
@@ -256,20 +338,21 @@ def wider(freedom: ArrayLike) -> Floats:
 def at_least(covariance: Floats, std: Floats) -> Floats:
     """A covariance (k, k) with standard deviations of at least these (k,).
 
-    What is added has the same correlations: no combination is known better than before.
+    The part that is added has the same correlations: it makes no combination more certain.
     """
-    own = np.sqrt(np.diag(covariance))
-    added = np.sqrt(np.maximum(np.where((own > 0) & np.isfinite(std), std, own) ** 2 - own**2, 0.0))
-    share = np.divide(added, own, out=np.zeros_like(own), where=own > 0)
+    present = np.sqrt(np.diag(covariance))
+    wanted = np.where((present > 0) & np.isfinite(std), std, present)
+    added = np.sqrt(np.maximum(wanted**2 - present**2, 0.0))
+    share = np.divide(added, present, out=np.zeros_like(present), where=present > 0)
     return np.asarray(covariance * (1 + np.outer(share, share)))
 
 
-def covariance_of(names: Sequence[str], known: Sequence[str], covariance: Floats) -> Floats:
-    """Covariance (m, m) of numbers by their names, of one (k, k) of those that are known; zero
-    of others.
+def covariance_of(names: Sequence[str], estimated: Sequence[str], covariance: Floats) -> Floats:
+    """Covariance (m, m) of numbers by their names, from one (k, k) of the estimated numbers; zero
+    of all others.
     """
-    found = np.zeros((len(names),) * 2)
-    own = [(i, known.index(name)) for i, name in enumerate(names) if name in known]
-    rows, places = np.array(own, int).reshape(-1, 2).T
-    found[np.ix_(rows, rows)] = covariance[np.ix_(places, places)]
-    return found
+    result = np.zeros((len(names),) * 2)
+    pairs = [(i, estimated.index(name)) for i, name in enumerate(names) if name in estimated]
+    rows, places = np.array(pairs, int).reshape(-1, 2).T
+    result[np.ix_(rows, rows)] = covariance[np.ix_(places, places)]
+    return result

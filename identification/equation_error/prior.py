@@ -18,6 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from identification.equation_error.least_squares import IDENTIFIABLE
 from plant import Arm, Body, Dynamics, Rig
 from plant.mechanics.body import prior_changes, prior_factor
 from plant.mechanics.lumping import STANDARD
@@ -30,9 +31,6 @@ from plant.parts.sums import dot, triangle
 _ADVICE = "Give a relative spread such as 0.3, or (bodies or f, 0.3)."
 
 _OF_MODEL = 0.3  # relative spread of a model's own bodies, where none is given
-
-# share of the spread of a parameter that is its own, below which it follows from others
-_CERTAIN = 1e-6
 
 
 @kept
@@ -100,7 +98,7 @@ class Prior(Frozen):
         std = np.sqrt((columns**2).sum(axis=1))
         own = np.abs(np.diag(triangle((columns / np.where(std > 0, std, 1.0)[:, None]).T)))
         for name, share in zip(dynamics.names, own.tolist(), strict=True):
-            if not share > _CERTAIN:
+            if not share > IDENTIFIABLE.certain:
                 raise ValueError(
                     f"prior must spread every parameter; {name} has no spread of its own: it is"
                     " zero, or follows from others (a link without mass, no rotor). State"
@@ -152,13 +150,11 @@ class Known(dict[str, float]):
         self.prior = prior if prior is not None else getattr(values, "prior", None)
 
 
-_ROUNDING = 0.289  # noise [pulses] that is expected of an innovation, until it is known
+# Noise [pulses] that is expected of an innovation until it is known: the RMS of rounding, 1 /
+# sqrt(12).
+ROUNDING = 0.289
 
 _SETTLED = 0.05  # relative change of the noise that does not count
-
-# share of its own that the slope of an unknown must have with a prior, which tells apart what a log
-# cannot
-_OWN = 1e-5
 
 
 class PriorRows:
@@ -168,7 +164,7 @@ class PriorRows:
 
     def __init__(self, prior: Prior | None, unknown: Sequence[str]) -> None:
         self._prior = prior
-        self.noise = _ROUNDING
+        self.noise = ROUNDING
         self._places = [] if prior is None else prior.places(unknown)
 
     @property
@@ -180,7 +176,7 @@ class PriorRows:
         """Share of its own that the slope of an unknown must have, where without a prior it is
         the usual one.
         """
-        return usual if self._prior is None else _OWN
+        return usual if self._prior is None else IDENTIFIABLE.with_prior
 
     def of(self, values: Floats) -> Floats:
         """The rows of values (k,)."""

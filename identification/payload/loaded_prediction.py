@@ -1,19 +1,18 @@
 """A prediction in the numbers of a load and of friction, in place of f and friction."""
 
 import dataclasses
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from identification.equation_error.prior import ROUNDING
 from identification.replay.gauss_newton import Solution, reweighed, variance_inflation
 from identification.replay.prediction import Prediction
+from identification.replay.residual import Reparametrised, WithPrior
 from identification.search.polish import by_stages
 from plant.parts.fields import Floats
 
-# RMS of rounding [pulses]; and relative change of what an innovation tells from which on stated
-# friction is weighed anew.
-_ROUNDING = 0.289
+# Relative change of the noise from which on stated friction is weighed anew; chosen by hand.
 _CHANGED = 0.05
 
 
@@ -32,70 +31,54 @@ def spoken(name: str) -> str:
     return f"{name} of the load"
 
 
-class WithLoad:
-    """A prediction whose unknowns are those of a load, friction, and its nuisances."""
+class WithLoad(WithPrior):
+    """A prediction whose unknowns are those of a load, friction, and its nuisances.
+
+    Friction that is stated with a deviation comes behind the innovations. `search`: the known arm,
+    its load and its stated friction.
+    """
 
     def __init__(self, search: Any, prediction: Prediction, friction: tuple[str, ...]) -> None:
-        self.search, self.prediction, p = search, prediction, len(search.f)
-        self.unknown = (
-            *map(spoken, search.load.names),
-            *friction,
-            *prediction.unknown[p + len(friction) :],
-        )
-        self._first, self._gains = (
-            len(search.load.names),
-            sum("correction." in name for name in self.unknown),
-        )
+        self.search = search
+        self.prediction = prediction
+        self._loads = len(search.load.names)
+        nuisances = prediction.unknown[len(search.f) + len(friction) :]
+        unknown = (*map(spoken, search.load.names), *friction, *nuisances)
+        self._gains = sum("correction." in name for name in unknown)
         self._stated = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
-        self._trust = _ROUNDING
-        self.dependent = prediction.dependent
-        self.weights = np.append(prediction.weights, np.zeros(len(self._stated)))
-
-    @property
-    def scales(self) -> Floats:
-        """What each innovation is divided by."""
-        return np.append(self.prediction.scales, np.ones(len(self._stated)))
+        super().__init__(
+            Reparametrised(prediction, unknown, self.whole),
+            self._deviations,
+            len(self._stated),
+            ROUNDING,
+        )
 
     def whole(self, values: Floats) -> Floats:
-        """What the prediction takes, of values of this."""
-        return np.append(self.search.f + self.search.load.increments(values), values[self._first :])
+        """Values that the prediction takes."""
+        return np.append(self.search.f + self.search.load.increments(values), values[self._loads :])
+
+    def _deviations(self, values: Floats) -> Floats:
+        """Deviations of friction from the stated, in its standard deviations."""
+        friction = values[self._loads :][self._stated]
+        deviation = self.search.deviation[self._stated]
+        return np.asarray((friction - self.search.friction[self._stated]) / deviation)
 
     def followed(self, start: Floats, steps: Floats, bounds: Floats, by_stage: bool) -> Solution:
         """Least sum of squares from a start of what is unknown, or of that and of the nuisances."""
         k = len(steps)
-        own = self.prediction
-        first = np.append(start, own.nuisances) if len(start) == k else start
-        steps = np.append(steps, own.nuisance_steps)
-        bounds = np.vstack([bounds, own.nuisance_bounds])
-        solution = by_stages(
-            self, first, steps, bounds, slice(k, k + self._gains) if by_stage else None
-        )
-        return reweighed(
-            self,
-            solution,
-            steps,
-            bounds,
-            lambda found: self.reweigh(found.values) | self.trust(found),
-        )
+        prediction = self.prediction
+        begin = np.append(start, prediction.nuisances) if len(start) == k else start
+        steps = np.append(steps, prediction.nuisance_steps)
+        bounds = np.vstack([bounds, prediction.nuisance_bounds])
+        gains = slice(k, k + self._gains) if by_stage else None
+        solution = by_stages(self, begin, steps, bounds, gains)
 
-    def _with_stated(self, innovations: Floats, values: Floats) -> Floats:
-        friction = values[self._first :][self._stated]
-        off = (friction - self.search.friction[self._stated]) / self.search.deviation[self._stated]
-        return np.append(innovations, self._trust * off)
+        def reweigh(solution: Solution) -> bool:
+            # Both, always: records and joints first, since they decide what an innovation tells.
+            changed = self.reweigh(solution.values)
+            return self.trust(solution) or changed
 
-    def innovations(self, values: Floats) -> Floats:
-        return self._with_stated(self.prediction.innovations(self.whole(values)), values)
-
-    def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
-        many = list(many)
-        found = self.prediction.all_innovations([self.whole(values) for values in many])
-        return [self._with_stated(each, values) for each, values in zip(found, many, strict=True)]
-
-    def lost(self, values: Floats) -> str:
-        return self.prediction.lost(self.whole(values))
-
-    def reweigh(self, values: Floats) -> bool:
-        return self.prediction.reweigh(self.whole(values))
+        return reweighed(self, solution, steps, bounds, reweigh)
 
     def trust(self, solution: Solution) -> bool:
         """Weigh stated friction by what an innovation tells in this log; whether that changes
@@ -103,7 +86,7 @@ class WithLoad:
         """
         if not len(self._stated):
             return False
-        before = self._trust
-        residual = solution.residual
-        self._trust = float(solution.rms_innovation * np.sqrt(variance_inflation(residual)))
-        return abs(self._trust / before - 1) > _CHANGED
+        before = self.noise
+        inflation = variance_inflation(solution.residual)
+        self.noise = float(solution.rms_innovation * np.sqrt(inflation))
+        return abs(self.noise / before - 1) > _CHANGED

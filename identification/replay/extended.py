@@ -1,37 +1,55 @@
-"""A model with what its rig leaves out: elastic gears, backlash, lagging currents, other friction,
-late counts.
+"""A model with what its rig leaves out: elastic gears, backlash, lagging currents, other friction.
 
-Each is a number that is zero where the rig is right. The innovations are those of `Prediction`, of
-one compiled loop whose currents are prompt where they do not lag. Where gears are elastic it is
-another, with springs: at coarse sub-steps even the stiffest do not stick quite like rigid ones
-where a joint turns back, which a log would be taken to contradict.
+Each effect is a number that is zero where the rig is right. The innovations are those of
+`Prediction`, of one compiled loop whose currents are prompt where they do not lag. Where gears are
+elastic it is another loop, with springs: at coarse sub-steps even the stiffest springs do not stick
+quite like rigid gears where a joint turns back, which a log would seem to contradict.
 """
 
 import copy
 import dataclasses
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from identification.equation_error.prior import Prior, PriorRows
-from identification.replay.followed import joined
 from identification.replay.prediction import Prediction
+from identification.replay.residual import Stacked
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
 from plant.compiler.background import cores
 from plant.parts.arguments import instance
 from plant.parts.fields import Floats
 
-_RIGID = 1e5  # locked-rotor resonance of a rigid gear [Hz]
 
-_PROMPT = 1e-9  # lag of currents that do not lag [s]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExtensionSettings:
+    """Numbers of a rig that stand for an effect which is absent, and limits of its size.
 
-# Damping ratio of gears that are tested: the middle of the usual range, at which the detection is
-# measured.
-_DAMPING = 0.02
+    Parameters
+    ----------
+    rigid : float
+        Locked-rotor resonance of a gear that is as good as rigid [Hz]; chosen by hand.
+    prompt : float
+        Time constant of currents that do not lag [s]; chosen by hand.
+    damping : float
+        Damping ratio of gears that are tested: the middle of the usual range, at which the
+        detection is measured.
+    least_share : float
+        Least relative error of a gear, a gain or a motor gain: below it a number changes its sign
+        before long.
+    """
+
+    rigid: float = 1e5
+    prompt: float = 1e-9
+    damping: float = 0.02
+    least_share: float = -0.5
+
+
+SETTINGS = ExtensionSettings()
 
 _PLACES = {
     "backlash": "drive.elasticity.backlash",
@@ -43,14 +61,12 @@ _FRICTION = ("viscous", "coulomb")
 
 _GIVING = ("compliance", "backlash")
 
-# what is a relative error of a number, and how far below it may be
+# Numbers whose extra number is a relative error.
 _SHARES = ("gear", "motor_gain", "law.")
 
-_LEAST_SHARE = -0.5
 
-
-class Extended:
-    """Innovations of a model that follows records, with what its rig leaves out.
+class Extended(Stacked):
+    """Innovations of a model that follows records, with effects that its rig leaves out.
 
     `unknown`: all of f, and numbers of rig and law. `f` (p,): known roughly: it says what the links
     weigh whose gears give. `prior`: of f. `runs`: how many of the records, one after another, are
@@ -83,55 +99,36 @@ class Extended:
     ) -> None:
         n = dynamics.n
         links = _link_inertia(dynamics, records[0], f)
-        # one kernel for all
-        records = [dataclasses.replace(record, injected=_beside(record)) for record in records]
-        self.dynamics, self.records, self.threads = (
-            dynamics,
-            tuple(records),
-            int(threads or cores()),
+        self.dynamics = dynamics
+        # A torque is injected into each record, zero if need be: one kernel serves all of them.
+        self.records = tuple(
+            dataclasses.replace(record, injected=_beside(record)) for record in records
         )
-        own = {**options, "threads": self.threads, "moving": prior is not None}
-        self._logs = [_Log(dynamics, record, tuple(unknown), links, own) for record in records]
-        kept = {"prior": prior, "runs": runs, "threads": threads, **options}
-        self._again = lambda of, others: Extended(of, others, unknown, f, **kept)
-        self._runs = [1] * len(records) if runs is None else runs
+        self.threads = int(threads or cores())
+        settings = {**options, "threads": self.threads, "moving": prior is not None}
+        self._logs = [
+            _Log(dynamics, record, tuple(unknown), links, settings) for record in self.records
+        ]
+        arguments = {"prior": prior, "runs": runs, "threads": threads, **options}
+        self._again = lambda dynamics, records: Extended(dynamics, records, unknown, f, **arguments)
+        self._runs = [1] * len(self.records) if runs is None else runs
         first = self._logs[0].prediction
         self.gains = first.nuisances
         self.gain_steps = first.nuisance_steps
         self.gain_bounds = first.nuisance_bounds
         names = (*(() if links is None else _GIVING), *_FRICTION, "offset", "gear", "motor_gain")
-        self.extra = (
-            *(f"{name}[{i}]" for name in names for i in range(n)),
-            "lag",
-            *self._logs[0].law,
-        )
+        of_joints = [f"{name}[{i}]" for name in names for i in range(n)]
+        self.extra = (*of_joints, "lag", *self._logs[0].law)
         self.least = np.array([self._logs[0].least(name) for name in self.extra])
-        self.unknown = (
-            *unknown,
-            *first.unknown[len(first.unknown) - len(self.gains) :],
-            *self.extra,
-        )
-        self.prior = PriorRows(prior, self.unknown)
-        own_weights = [log.prediction.weights for log in self._logs]
-        self.weights = np.concatenate([np.zeros(self.prior.count), *own_weights])
-        self.scales = np.ones(len(self.weights))
+        gain_names = first.unknown[len(first.unknown) - len(self.gains) :]
+        self.unknown = (*unknown, *gain_names, *self.extra)
+        weights = [log.prediction.weights for log in self._logs]
+        super().__init__(PriorRows(prior, self.unknown), weights)
 
-    def innovations(self, values: Floats) -> Floats:
-        """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where
-        the run diverges.
-        """
-        return self.all_innovations([values])[0]
-
-    def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
-        """The same for several vectors of values, side by side."""
-        many = list(many)
-        of_record = [
-            log.all_innovations([self._apart(values) for values in many]) for log in self._logs
-        ]
-        return [
-            joined(row, self.scales)
-            for row in zip(map(self.prior.of, many), *of_record, strict=True)
-        ]
+    def parts(self, vectors: Sequence[Floats]) -> Iterator[list[Floats]]:
+        """Rows of each record with each of the vectors."""
+        for log in self._logs:
+            yield log.all_innovations([self._apart(values) for values in vectors])
 
     def _apart(self, values: Floats) -> tuple[Floats, dict[str, float]]:
         """Unknowns and observer gains, and the extra numbers by name."""
@@ -140,9 +137,8 @@ class Extended:
 
     def late(self, samples: float) -> "Extended":
         """The same model, following records whose counts are so many samples later."""
-        return self._other(
-            self.dynamics, [without_delay(record, -samples) for record in self.records]
-        )
+        records = [without_delay(record, -samples) for record in self.records]
+        return self._other(self.dynamics, records)
 
     def of(self, dynamics: Dynamics) -> "Extended":
         """The same model of another arm, whose f have the same names."""
@@ -157,20 +153,24 @@ class Extended:
     def pushed(self, torques: Sequence[Floats]) -> "Extended":
         """The same model, with torques (N, n) [N m] along each record beside those of its law."""
         other = copy.copy(self)
-        every = [
+        injected = [
             _beside(record) + torque for record, torque in zip(self.records, torques, strict=True)
         ]
-        pairs = list(zip(self.records, self._logs, every, strict=True))
         other.records = tuple(
-            dataclasses.replace(record, injected=torque) for record, _, torque in pairs
+            dataclasses.replace(record, injected=torque)
+            for record, torque in zip(self.records, injected, strict=True)
         )
-        other._logs = [log.beside(torque) for _, log, torque in pairs]
+        other._logs = [log.beside(torque) for log, torque in zip(self._logs, injected, strict=True)]
         return other
 
     def stated(self) -> dict[str, float]:
         """Friction that the first rig states, by the names of what is beyond it."""
-        pairs = zip(self.extra, self.least.tolist(), strict=True)
-        return {name: -value for name, value in pairs if name.startswith(_FRICTION) and value < 0}
+        # The least that friction beyond the stated can be is the stated friction, taken away.
+        return {
+            name: -least
+            for name, least in zip(self.extra, self.least.tolist(), strict=True)
+            if name.startswith(_FRICTION) and least < 0
+        }
 
     def place(self, name: str) -> int:
         """Where one of `extra` is among the unknowns."""
@@ -178,9 +178,8 @@ class Extended:
 
     def rows(self) -> list[slice]:
         """Where the innovations of each record are."""
-        ends = np.cumsum(
-            [self.prior.count, *(len(log.prediction.weights) for log in self._logs)]
-        ).tolist()
+        lengths = [self.prior.count, *(len(log.prediction.weights) for log in self._logs)]
+        ends = np.cumsum(lengths).tolist()
         return [slice(*pair) for pair in itertools.pairwise(ends)]
 
     def runs(self) -> list[slice]:
@@ -188,8 +187,7 @@ class Extended:
         rows = self.rows()
         ends = [0, *np.cumsum(self._runs).tolist()]
         return [
-            slice(rows[first].start, rows[last - 1].stop)
-            for first, last in itertools.pairwise(ends)
+            slice(rows[begin].start, rows[end - 1].stop) for begin, end in itertools.pairwise(ends)
         ]
 
 
@@ -204,15 +202,16 @@ def _link_inertia(dynamics: Dynamics, record: Record, f: Floats) -> Floats | Non
     """
     pose = record.rig.cell_centre(record.counts[0])
     rotors = record.rig.drive.reflected_inertia()
-    links = (
-        np.diag(dynamics.chain.coupling.shaft_inertia(ca.DM(dynamics.arm(f).D(pose))).full())
-        - rotors
-    )
+    inertia = dynamics.chain.coupling.shaft_inertia(ca.DM(dynamics.arm(f).D(pose))).full()
+    links = np.diag(inertia) - rotors
     return links if (links > 0).all() and (rotors > 0).all() else None
 
 
 class _Log:
-    """One record, followed by a model whose gears can give and whose currents can lag."""
+    """One record, followed by a model whose gears can give and whose currents can lag.
+
+    `law`: numbers of its law that may be wrong. `prediction`: the model with rigid gears.
+    """
 
     def __init__(
         self,
@@ -220,36 +219,41 @@ class _Log:
         record: Record,
         unknown: tuple[str, ...],
         links: Floats | None,
-        own: dict[str, Any],
+        options: dict[str, Any],
     ) -> None:
         self._links = links
         self._damped = record.rig.drive.elasticity is not None
         self._springs: Prediction | None = None
         rig = _with_springs(record.rig, links)
-        some = (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear", "motor_gain")
-        kinds = tuple(f"drive.{kind}" for kind in some)
+
+        # 1. Numbers of rig and law that can be changed, as they are stated. Those of a law with
+        # memory cannot: its state in the log is that of the stated ones.
+        fields = (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear", "motor_gain")
+        kinds = tuple(f"drive.{field}" for field in fields)
         numbers = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
-        of_law: Law = instance("law", record.law, Law, "Give the record its law.")  # type: ignore[assignment]  # checked
-        law = dict(zip(of_law.number_names("law."), of_law.number_values().tolist(), strict=True))
-        lasting = record.law is None or record.law.replays or record.law.has_memory(rig.n)
-        self.law = () if lasting else tuple(name for name in law if name not in unknown)
+        law: Law = instance("law", record.law, Law, "Give the record its law.")  # type: ignore[assignment]  # checked
+        of_law = dict(zip(law.number_names("law."), law.number_values().tolist(), strict=True))
+        remembers = law.replays or law.has_memory(rig.n)
+        self.law = () if remembers else tuple(name for name in of_law if name not in unknown)
         self._stated = {
             name: numbers[name]
             for name in numbers
             if name.startswith(kinds) and name not in unknown
         }
-        self._stated |= {name: law[name] for name in self.law}
+        self._stated |= {name: of_law[name] for name in self.law}
         self._given = len(unknown)
+
+        # 2. The loop with rigid gears; that with springs is compiled when a gear first gives.
         self._rigid = rig.drive.elasticity is not None and not self._damped
-        plain = (
-            dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=None))
-            if self._rigid
-            else rig
+        plain = rig
+        if self._rigid:
+            drive = dataclasses.replace(rig.drive, elasticity=None)
+            plain = dataclasses.replace(rig, drive=drive)
+        self._made: Callable[[Rig, Iterable[str]], Prediction] = lambda rig, names: Prediction(
+            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **options
         )
-        self._made = lambda rig, names: Prediction(
-            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **own
-        )
-        self._sprung, self.prediction = rig, self._made(plain, self._names(giving=False))
+        self._sprung = rig
+        self.prediction = self._made(plain, self._names(giving=False))
 
     def beside(self, torque: Floats) -> "_Log":
         """The same with another torque (N, n) [N m] injected."""
@@ -267,43 +271,41 @@ class _Log:
             if giving or not (self._rigid and name.startswith("drive.elasticity"))
         ]
 
-    def all_innovations(self, many: Iterable[tuple[Floats, dict[str, float]]]) -> list[Floats]:
-        many = list(many)
+    def all_innovations(self, vectors: list[tuple[Floats, dict[str, float]]]) -> list[Floats]:
+        """Innovations at values and extra numbers, each in the loop that it needs."""
         gives = [
             self._rigid and any(extra[name] for name in extra if name.startswith(_GIVING))
-            for _, extra in many
+            for _, extra in vectors
         ]
         if any(gives) and self._springs is None:
             self._springs = self._made(self._sprung, self._names(giving=True))
         of_loop = {}
         for giving, prediction in ((False, self.prediction), (True, self._springs)):
-            some = [
-                self._numbers(*each, giving=giving)
-                for each, own in zip(many, gives, strict=True)
-                if own == giving
+            numbers = [
+                self._numbers(values, extra, giving=giving)
+                for (values, extra), in_loop in zip(vectors, gives, strict=True)
+                if in_loop == giving
             ]
-            of_loop[giving] = iter(
-                prediction.all_innovations(some) if prediction is not None and some else ()
-            )
+            rows = prediction.all_innovations(numbers) if prediction is not None and numbers else ()
+            of_loop[giving] = iter(rows)
         return [next(of_loop[giving]) for giving in gives]
 
     def _numbers(self, values: Floats, extra: dict[str, float], *, giving: bool) -> Floats:
-        """All that the prediction is given."""
+        """The vector of unknowns that the prediction takes."""
         numbers = {name: self._stated[name] for name in self._names(giving=giving)}
         for name, value in extra.items():
             kind, bracket, joint = name.partition("[")
-            place = (
-                name if name in self.law else _PLACES.get(kind, f"drive.{kind}") + bracket + joint
-            )
+            place = name
+            if name not in self.law:
+                place = _PLACES.get(kind, f"drive.{kind}") + bracket + joint
             if kind == "compliance" and value > 0:
                 self._give(numbers, bracket + joint, value)
             elif place in numbers:
-                own = numbers[place]
-                numbers[place] = (
-                    own * (1 + value)
-                    if kind.startswith(_SHARES)
-                    else own + max(value, self.least(name))
-                )
+                stated = numbers[place]
+                if kind.startswith(_SHARES):
+                    numbers[place] = stated * (1 + value)
+                else:
+                    numbers[place] = stated + max(value, self.least(name))
         return np.concatenate(
             [values[: self._given], list(numbers.values()), values[self._given :]]
         )
@@ -311,20 +313,21 @@ class _Log:
     def least(self, name: str) -> float:
         """The least that one of the extra numbers can be."""
         if name.startswith(_SHARES):
-            return _LEAST_SHARE
-        return (
-            -np.inf if name.startswith("offset") else -self._stated.get(f"drive.{name}", 0.0) or 0.0
-        )
+            return SETTINGS.least_share
+        if name.startswith("offset"):
+            return -np.inf
+        return -self._stated.get(f"drive.{name}", 0.0) or 0.0  # no -0.0, which is printed
 
     def _give(self, numbers: dict[str, float], joint: str, compliance: float) -> None:
         """Put a spring of so much compliance [1/Hz^2] in series with a gear."""
-        place, link = f"drive.elasticity.stiffness{joint}", self._links[int(joint[1:-1])]  # type: ignore[index]  # a joint is named
-        if place in numbers:
-            numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
-            if not self._damped:
-                numbers[f"drive.elasticity.damping{joint}"] = (
-                    2 * _DAMPING * float(np.sqrt(numbers[place] * link))
-                )
+        place = f"drive.elasticity.stiffness{joint}"
+        if place not in numbers:
+            return
+        link = self._links[int(joint[1:-1])]  # type: ignore[index]  # a joint has a compliance
+        numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
+        if not self._damped:
+            damping = 2 * SETTINGS.damping * float(np.sqrt(numbers[place] * link))
+            numbers[f"drive.elasticity.damping{joint}"] = damping
 
 
 def _with_springs(rig: Rig, links: Floats | None) -> Rig:
@@ -332,14 +335,14 @@ def _with_springs(rig: Rig, links: Floats | None) -> Rig:
     torques are offset.
     """
     drive = rig.drive
-    gears = rig.drive.elasticity
+    gears = drive.elasticity
     if gears is None and links is not None:
-        stiffness = links * (2 * np.pi * _RIGID) ** 2
-        gears = Elasticity(stiffness=stiffness, damping=2 * _DAMPING * np.sqrt(stiffness * links))
+        stiffness = links * (2 * np.pi * SETTINGS.rigid) ** 2
+        damping = 2 * SETTINGS.damping * np.sqrt(stiffness * links)
+        gears = Elasticity(stiffness=stiffness, damping=damping)
     if gears is not None and gears.backlash is None:
         gears = dataclasses.replace(gears, backlash=np.zeros(rig.n))
-    lag = drive.current_lag or _PROMPT
+    lag = drive.current_lag or SETTINGS.prompt
     curve = drive.curve or FrictionCurve(offset=np.zeros(rig.n))
-    return dataclasses.replace(
-        rig, drive=dataclasses.replace(drive, elasticity=gears, current_lag=lag, curve=curve)
-    )
+    drive = dataclasses.replace(drive, elasticity=gears, current_lag=lag, curve=curve)
+    return dataclasses.replace(rig, drive=drive)

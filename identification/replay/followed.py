@@ -210,11 +210,3 @@ def _steady(moved: Floats) -> Floats:
     felt = np.append(0, np.cumsum(slow))
     rows = np.arange(slow.size)
     return np.asarray(felt[rows + 1] == felt[np.maximum(rows - _RINGING, 0)], dtype=float)
-
-
-def joined(parts: Sequence[Floats], scales: Floats) -> Floats:
-    """Parts one behind another (M,), divided by scales (M,); a single one in place."""
-    parts = [part for part in parts if part.size]
-    whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    whole /= scales
-    return whole

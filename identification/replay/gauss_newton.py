@@ -1,43 +1,69 @@
-"""Gauss-Newton on the innovations of a prediction: the least sum of squares, and the covariance of
-the values.
+"""Gauss-Newton on the innovations of a residual: least sum of squares and covariance of the values.
 
-Slopes are central differences of whole runs: friction and a quantiser have no derivative.
+Slopes are central differences of whole simulations: friction and a quantiser have no derivative.
 """
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from identification.equation_error.least_squares import least_squares
+from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
+from identification.replay.residual import Innovations, Residual, Reweighable
 from plant.compiler.background import cores
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, norm
 
-# An unknown whose slope is independent of the others' by less than this share is not separately
-# identifiable.
-DEPENDENT = 1e-4
+DEPENDENT = IDENTIFIABLE.slopes
 
-_SHORTER = 8  # how often a step that loses the log is cut to a quarter
 
-_JUMP = 0.01  # change of the innovations, in their own length, from which on it can be a jump
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GaussNewtonSettings:
+    """How `descend` searches, and how its slopes are made; all numbers are chosen by hand.
 
-# Unknowns whose slopes are made at once, per core: the runs of all would take twice the memory of
-# the slopes.
-_PER_CORE = 4
+    Parameters
+    ----------
+    rounds : int
+        Most linearisations.
+    tolerance : float
+        Relative decrease of the sum of squares below which the search ends.
+    batches : tuple of int
+        Numbers of step lengths 1, 1/2, 1/4 ... that are simulated together, until one of a batch
+        lowers the sum.
+    longest : bool
+        Take the longest step of a batch that lowers the sum, in place of the one that lowers it
+        most.
+    shortenings : int
+        Number of times that a difference which loses the log is tried, each a quarter as long.
+    jump : float
+        Least change of the innovations, relative to their length, that can be a jump.
+    weighings : int
+        Most times that records and joints are weighted anew.
+    unknowns_per_core : int
+        Unknowns whose slopes are made at once, per core: the simulations of all unknowns would take
+        twice the memory of the slopes.
+    innovations_at_once : int
+        Innovations of a simulation beyond which it runs alone, for its memory.
+    """
 
-_AT_ONCE = 1 << 21  # innovations of a run, beyond which runs do not go side by side
+    rounds: int = 15
+    tolerance: float = 1e-5
+    batches: tuple[int, ...] = (4, 4)
+    longest: bool = False
+    shortenings: int = 8
+    jump: float = 0.01
+    weighings: int = 2
+    unknowns_per_core: int = 4
+    innovations_at_once: int = 1 << 21
 
-_LAGS = 50  # samples over which the autocorrelation of the innovations is added up
 
-_WEIGHINGS = 2  # how often, at most, records and joints are weighted anew
+SETTINGS = GaussNewtonSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
-    """What `gauss_newton` found.
+    """Least sum of squares that `gauss_newton` reached.
 
     `values` (k,). `covariance` (k, k). `residual` (M,). `rms_innovation`: root mean square of the
     innovations, weights divided out [pulses]. `varied` (v,): places of the unknowns that were
@@ -52,132 +78,210 @@ class Solution:
     slopes: Floats
 
 
+@dataclasses.dataclass
+class Descent:
+    """A point of a search, which `descend` moves.
+
+    `values` (k,). `innovations` (M,) at them. `slopes` (M, v): change of the innovations per step
+    of the varied unknowns; where the last linearisation was, not always at `values`. `moved`:
+    whether the last round lowered the sum of squares.
+    """
+
+    values: Floats
+    innovations: Floats
+    slopes: Floats
+    moved: bool = True
+
+    @property
+    def squares(self) -> float:
+        return dot(self.innovations, self.innovations)
+
+
 def gauss_newton(
-    prediction: Any,
+    residual: Residual,
     start: ArrayLike,
     step: ArrayLike,
     bounds: ArrayLike,
     *,
-    rounds: int = 15,
-    tolerance: float = 1e-5,
+    rounds: int = SETTINGS.rounds,
+    tolerance: float = SETTINGS.tolerance,
 ) -> Solution:
     """Least sum of squared innovations.
 
-    `prediction`: or anything else with its `innovations`, `all_innovations`, `unknown`, `weights`,
-    `scales` and `dependent`. `start` (k,). `step` (k,): of the central differences; zero leaves an
-    unknown as it is. `bounds` (k, 2): values stay inside. `tolerance`: relative decrease of the sum
-    below which the search ends.
+    `start` (k,). `step` (k,): of the central differences; zero leaves an unknown as it is. `bounds`
+    (k, 2): values stay inside. `tolerance`: relative decrease of the sum below which the search
+    ends.
     """
     bounds = np.asarray(bounds, float)
     step = np.array(step, float)
     values = np.clip(start, *bounds.T)
-    residual = prediction.innovations(values)
-    if not np.isfinite(residual).all():
-        where = prediction.lost(values)
+    innovations = residual.innovations(values)
+    if not np.isfinite(innovations).all():
+        label = residual.lost(values)
         raise ValueError(
             "the search must start from an arm that follows the log; the one that it was given"
-            f" diverges{f' on {where}' if where else ''}. Check signs, units and the order of"
+            f" diverges{f' on {label}' if label else ''}. Check signs, units and the order of"
             " joints, or give ranges."
         )
     varied = np.flatnonzero(step)
-    names = [prediction.unknown[i] for i in varied]
-    moved = True
-    change_per_step = np.empty((0, 0))
+    names = [residual.unknown[i] for i in varied.tolist()]
 
-    def solved(moving: NDArray[np.bool_]) -> Floats:
-        """Least squares of the unknowns that move (v,)."""
-        left = [name for name, moves in zip(names, moving, strict=True) if moves]
-        columns = change_per_step if moving.all() else change_per_step[:, moving]
-        return least_squares(left, columns, residual, dependent=prediction.dependent)[0]
+    def solve(slopes: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
+        moving_names = [name for name, moves in zip(names, moving, strict=True) if moves]
+        columns = slopes if moving.all() else slopes[:, moving]
+        return least_squares(moving_names, columns, innovations, dependent=residual.dependent)[0]
 
-    for left in reversed(range(rounds)):
-        change_per_step = slopes(prediction, values, step, varied, residual)
-        change = within_bounds(solved, values, step, bounds)
-        cost = dot(residual, residual)
-        lengths = 0.5 ** np.arange(8)
-        tried = np.clip(values + lengths[:, None] * change, *bounds.T)
-        for i in range(0, len(lengths), 4):
-            results = prediction.all_innovations(tried[i : i + 4])
-            costs = [np.inf if not np.isfinite(r).all() else dot(r, r) for r in results]
-            best = int(np.argmin(costs))
-            if costs[best] < cost:
-                values = tried[i + best]
-                residual = results[best].copy()
-                break
-        del results  # not beside the next ones, like the slopes
-        moved = dot(residual, residual) < cost
-        if not left or not dot(residual, residual) < (1 - tolerance) * cost:
-            break
-        change_per_step = np.empty((0, 0))
-    if moved:
-        change_per_step = np.empty((0, 0))
-        change_per_step = slopes(prediction, values, step, varied, residual)
+    # 1. Search.
+    settings = dataclasses.replace(SETTINGS, rounds=rounds, tolerance=tolerance)
+    point = Descent(values, innovations, np.empty((0, 0)))
+    del innovations  # The point replaces them; a long log has no room for both.
+    descend(residual, point, step, bounds, solve, settings, shorten_jumps=True)
+
+    # 2. Covariance, from slopes at the values that the search ended with.
+    if point.moved:
+        point.slopes = np.empty((0, 0))
+        point.slopes = slopes(residual, point.values, step, varied, point.innovations)
     covariance = np.zeros((len(values), len(values)))
-    unscaled = residual * prediction.scales
-    part = least_squares(names, change_per_step, residual, dependent=prediction.dependent)[1]
+    unscaled = point.innovations * residual.scales
+    inverse = least_squares(names, point.slopes, point.innovations, dependent=residual.dependent)[1]
     covariance[np.ix_(varied, varied)] = (
-        part * np.outer(step[varied], step[varied]) * noise(prediction, residual)
+        inverse * np.outer(step[varied], step[varied]) * noise(residual, point.innovations)
     )
-    rms = float(np.sqrt(dot(unscaled, unscaled) / dot(prediction.weights, prediction.weights)))
-    change_per_step /= step[varied]
+    rms = float(np.sqrt(dot(unscaled, unscaled) / dot(residual.weights, residual.weights)))
+    point.slopes /= step[varied]
     return Solution(
-        values=values,
+        values=point.values,
         covariance=covariance,
         residual=unscaled,
         rms_innovation=rms,
         varied=varied,
-        slopes=change_per_step,
+        slopes=point.slopes,
     )
 
 
+def descend(
+    residual: Innovations,
+    point: Descent,
+    step: Floats,
+    bounds: Floats,
+    solve: Callable[[Floats, Floats, NDArray[np.bool_]], Floats],
+    settings: GaussNewtonSettings,
+    *,
+    shorten_jumps: bool,
+    fixed_slopes: bool = False,
+) -> None:
+    """Move a point to the least sum of squares in its bounds, by Gauss-Newton with an active set.
+
+    `step` (k,): of the central differences, which may be shortened in place. `solve`: slopes (M,
+    v), innovations (M,) and which of the varied unknowns move (v,) -> their least squares, in
+    steps, to be subtracted. `shorten_jumps`: shorten differences across a jump, too. `fixed_slopes`:
+    keep the slopes that the point has.
+    """
+    varied = np.flatnonzero(step)
+    lengths = 0.5 ** np.arange(sum(settings.batches))
+    for remaining in reversed(range(settings.rounds)):
+        # 1. Linearise. The slopes of the previous round go first: both would not fit.
+        if not fixed_slopes:
+            point.slopes = np.empty((0, 0))
+            point.slopes = slopes(
+                residual, point.values, step, varied, point.innovations if shorten_jumps else None
+            )
+
+        # 2. Solve, with the unknowns that would leave their bounds held on them.
+        change = within_bounds(
+            lambda moving: solve(point.slopes, point.innovations, moving),
+            point.values,
+            step,
+            bounds,
+        )
+
+        # 3. Search along the change. Clipping projects a step that ends outside onto the bounds.
+        squares = point.squares
+        vectors = np.clip(point.values + lengths[:, None] * change, *bounds.T)
+        point.moved = _search(residual, point, vectors, settings)
+        if not remaining or not point.squares < (1 - settings.tolerance) * squares:
+            break
+
+
+def _search(
+    residual: Innovations, point: Descent, vectors: Floats, settings: GaussNewtonSettings
+) -> bool:
+    """Move a point to one of several vectors, batch by batch; whether one lowers the squares."""
+    squares = point.squares
+    begin = 0
+    for count in settings.batches:
+        rows = residual.all_innovations(vectors[begin : begin + count])
+        costs = [np.inf if not np.isfinite(row).all() else dot(row, row) for row in rows]
+        lower = [cost < squares for cost in costs]
+        if any(lower):
+            best = lower.index(True) if settings.longest else int(np.argmin(costs))
+            point.values = vectors[begin + best]
+            # A copy: rows of several vectors may share memory that would stay occupied.
+            point.innovations = rows[best].copy()
+            return True
+        begin += count
+    return False
+
+
 def reweighed(
-    view: Any,
+    residual: Reweighable,
     solution: Solution,
     step: ArrayLike,
     bounds: ArrayLike,
-    changed: Callable[[Solution], bool] | None = None,
+    reweigh: Callable[[Solution], bool] | None = None,
 ) -> Solution:
-    """The solution with records and joints weighted anew by what it leaves, while that changes
-    their weights.
+    """The solution with records and joints weighted by its innovations, until weights settle.
 
-    `view`: as for `gauss_newton`, with a `reweigh`. `changed`: weighs anew in place of that.
+    `reweigh`: weighs anew in place of the residual's own `reweigh`.
     """
-    for _ in range(_WEIGHINGS):
-        if not (view.reweigh(solution.values) if changed is None else changed(solution)):
+    for _ in range(SETTINGS.weighings):
+        changed = residual.reweigh(solution.values) if reweigh is None else reweigh(solution)
+        if not changed:
             break
-        solution = gauss_newton(view, solution.values, step, bounds)
+        solution = gauss_newton(residual, solution.values, step, bounds)
     return solution
 
 
 def within_bounds(
-    solved: Callable[[NDArray[np.bool_]], Floats], values: Floats, step: Floats, bounds: Floats
+    solve: Callable[[NDArray[np.bool_]], Floats], values: Floats, step: Floats, bounds: Floats
 ) -> Floats:
-    """Gauss-Newton's change (k,) of the values; one that would leave its bounds stays, the others
-    make up for it.
+    """Gauss-Newton's change (k,) of the values, with an active set: a value that would leave its
+    bounds stays, and the others are solved again without it.
 
-    `solved`: which of the varied unknowns move (v,) -> their least squares, to be subtracted, in
+    `solve`: which of the varied unknowns move (v,) -> their least squares, to be subtracted, in
     steps.
     """
-    varied, change, (low, high) = np.flatnonzero(step), np.zeros(len(values)), bounds.T
+    varied = np.flatnonzero(step)
+    change = np.zeros(len(values))
+    low, high = bounds.T
     moving = np.ones(len(varied), bool)
     while moving.any():
-        some = varied[moving]
+        places = varied[moving]
         change[:] = 0
-        change[some] = -solved(moving) * step[some]
-        pushed = ((values <= low) & (change < 0)) | ((values >= high) & (change > 0))
-        if not pushed.any():
+        change[places] = -solve(moving) * step[places]
+        leaving = ((values <= low) & (change < 0)) | ((values >= high) & (change > 0))
+        if not leaving.any():
             break
-        change[pushed] = 0
-        moving &= ~pushed[varied]
+        change[leaving] = 0
+        moving &= ~leaving[varied]
     return change
 
 
+def ended_on_bounds(
+    unknown: Sequence[str], values: Floats, bounds: Floats, varied: NDArray[np.intp]
+) -> list[str]:
+    """Names of the varied unknowns whose values (k,) lie on one of their bounds (k, 2)."""
+    low, high = bounds.T
+    on_bound = ((values <= low) | (values >= high))[: len(unknown)]
+    return [unknown[i] for i in varied.tolist() if i < len(on_bound) and on_bound[i]]
+
+
 def slopes(
-    prediction: Any,
+    residual: Innovations,
     values: Floats,
     step: Floats,
     varied: NDArray[np.intp],
-    residual: Floats | None = None,
+    innovations: Floats | None = None,
 ) -> Floats:
     """Change of the innovations per step (M, v), by central differences of the varied unknowns
     (v,).
@@ -185,31 +289,34 @@ def slopes(
     Steps that lose the log are shortened in place; with the innovations (M,) of the values
     themselves, also those on which innovations jump to one side.
     """
-    found = np.empty((len(varied), len(prediction.weights)))
+    changes = np.empty((len(varied), len(residual.weights)))
     waiting = list(range(len(varied)))
-    together = _PER_CORE * side_by_side(found.shape[1])
-    for attempt in range(_SHORTER):
+    together = SETTINGS.unknowns_per_core * side_by_side(changes.shape[1])
+    for attempt in range(SETTINGS.shortenings):
         step[varied[waiting]] *= 0.25 if attempt else 1.0
         lost = list[int]()
         jumping = list[int]()
-        for some in (waiting[i : i + together] for i in range(0, len(waiting), together)):
-            moves = np.zeros((len(some), len(values)))
-            moves[np.arange(len(some)), varied[some]] = step[varied[some]]
-            results = prediction.all_innovations([*(values + moves), *(values - moves)])
-            for i, up, down in zip(some, results[: len(some)], results[len(some) :], strict=True):
+        for begin in range(0, len(waiting), together):
+            block = waiting[begin : begin + together]
+            moves = np.zeros((len(block), len(values)))
+            moves[np.arange(len(block)), varied[block]] = step[varied[block]]
+            rows = residual.all_innovations([*(values + moves), *(values - moves)])
+            for i, up, down in zip(block, rows[: len(block)], rows[len(block) :], strict=True):
                 if not (np.isfinite(up).all() and np.isfinite(down).all()):
                     lost.append(i)
                     continue
-                np.multiply(np.subtract(up, down, out=found[i]), 0.5, out=found[i])
-                if residual is not None and _jumps(up, residual, down, found[i]):
+                np.multiply(np.subtract(up, down, out=changes[i]), 0.5, out=changes[i])
+                if innovations is not None and _jumps(up, innovations, down, changes[i]):
                     jumping.append(i)
-            del results, up, down  # not beside the next ones
+            # These rows are as large as the slopes: they go before the next block comes.
+            del rows, up, down
         waiting = [*lost, *jumping]
         if not waiting:
-            return found.T
+            return changes.T
+    # A jump that no step avoids is kept: its slope exists. That of a lost log does not.
     if not lost:
-        return found.T
-    names = ", ".join(prediction.unknown[varied[i]] for i in lost)
+        return changes.T
+    names = ", ".join(residual.unknown[varied[i]] for i in lost)
     raise ValueError(
         f"every unknown must keep the arm on the log; any change of {names} loses it. Narrow the"
         " ranges."
@@ -217,40 +324,45 @@ def slopes(
 
 
 def side_by_side(innovations: int) -> int:
-    """How many runs with so many innovations are made at once: as many as cores; of a long log
-    one, for its memory.
+    """Number of simulations with so many innovations that run at once: as many as cores; one of a
+    long log, for its memory.
     """
-    return min(cores(), max(1, _AT_ONCE // innovations))
+    return min(cores(), max(1, SETTINGS.innovations_at_once // innovations))
 
 
-def _jumps(up: Floats, residual: Floats, down: Floats, slope: Floats) -> bool:
+def _jumps(up: Floats, innovations: Floats, down: Floats, slope: Floats) -> bool:
     """Whether innovations change to one side alone, and by much: there an arm's links lose their
     inertia.
 
-    Takes `up` as work space. `slope` is half of what is between both.
+    Takes `up` as work space. `slope` is half of the difference between both.
     """
-    up -= 2 * residual
+    # The second difference up - 2 r + down; a smooth residual has almost none.
+    up -= 2 * innovations
     up += down
-    return norm(up) > max(norm(slope), _JUMP * norm(residual))
+    return norm(up) > max(norm(slope), SETTINGS.jump * norm(innovations))
 
 
-def noise(prediction: Any, residual: Floats) -> float:
+def noise(residual: Residual, innovations: Floats) -> float:
     """Variance of weighted innovations (M,) per independent reading, inflated by their
     autocorrelation.
     """
     return float(
-        dot(residual, residual)
-        / dot(prediction.weights, prediction.weights)
-        * variance_inflation(residual)
+        dot(innovations, innovations)
+        / dot(residual.weights, residual.weights)
+        * variance_inflation(innovations)
     )
 
 
-def variance_inflation(residual: Floats) -> float:
-    """By how much autocorrelation makes the variance of a mean exceed that of independent
+def variance_inflation(residual: Floats, window: int = 50) -> float:
+    """Ratio by which autocorrelation raises the variance of a mean over that of independent
     samples: 1 without any.
+
+    `window`: lags [samples] over which the autocorrelation is summed, with Bartlett's weights,
+    under which the sum cannot become negative; chosen by hand.
     """
-    lags = np.arange(min(_LAGS + 1, len(residual)))
-    own = np.array([dot(residual[: len(residual) - lag], residual[lag:]) for lag in lags])
-    if not own[0] > 0:
+    lags = np.arange(min(window + 1, len(residual)))
+    products = np.array([dot(residual[: len(residual) - lag], residual[lag:]) for lag in lags])
+    if not products[0] > 0:
         return 1.0
-    return float(max(1.0, 1 + 2 * np.sum(own[1:] / own[0] * (1 - lags[1:] / (_LAGS + 1)))))
+    weights = 1 - lags[1:] / (window + 1)
+    return float(max(1.0, 1 + 2 * np.sum(products[1:] / products[0] * weights)))

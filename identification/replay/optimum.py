@@ -1,39 +1,42 @@
-"""Where a model with what its rig leaves out follows a log best, and what its unknowns cannot do
-there.
+"""Least-squares optimum of an extended model, and the residual orthogonal to its parameters.
 
-Compliance and backlash do not act linearly there: some of each are tried, and what they leave is
-compared.
+Compliance and backlash do not act linearly there: trials with several values of each are simulated,
+and the residuals that remain orthogonal to the parameters are compared.
 """
 
 import dataclasses
 import functools
+import weakref
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.equation_error.least_squares import IDENTIFIABLE, along, directions
 from identification.replay.extended import Extended
-from identification.replay.gauss_newton import slopes, variance_inflation, within_bounds
+from identification.replay.gauss_newton import (
+    Descent,
+    GaussNewtonSettings,
+    descend,
+    slopes,
+    variance_inflation,
+    within_bounds,
+)
 from plant.parts.fields import Floats
-from plant.parts.sums import dot, product, products
 
-# of Gauss-Newton, at most, and the relative decrease below which it ends
-_ROUNDS = 6
-_SETTLED = 1e-4
+# The log is near its optimum before: the full step is tried alone, all shorter ones after it.
+_SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longest=True)
 
-_LENGTHS = 0.5 ** np.arange(8)  # of a step
-
-# a direction of which less than this share is its own is taken for a combination of others
-_OWN = 1e-3
+_LENGTHS = 0.5 ** np.arange(8)  # of a step towards an estimate
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Optimum:
-    """Where the sum of squared innovations is least.
+    """Least sum of squared innovations of an extended model.
 
     `values` (k,), `step` (k,) of their differences. `innovations` (M,): weighted. `rates` (v, M):
-    their changes per step of the varied unknowns. `made` (r, v): what orthonormal directions are of
-    these changes, without those of what would leave its bounds. `unknown`: how many of the varied
+    their changes per step of the varied unknowns. `basis` (r, v): orthonormal combinations of these
+    changes, without unknowns that would leave their bounds. `unknown`: how many of the varied
     unknowns, the first, are not observer gains.
     """
 
@@ -42,7 +45,7 @@ class Optimum:
     step: Floats
     innovations: Floats
     rates: Floats
-    made: Floats
+    basis: Floats
     unknown: int
 
     @property
@@ -52,44 +55,64 @@ class Optimum:
 
     @functools.cached_property
     def before(self) -> Floats:
-        """What of the innovations the varied unknowns cannot do."""
+        """The part of the innovations that is orthogonal to the varied unknowns."""
         return self.left(self.innovations)
 
     def left(self, direction: Floats) -> Floats:
-        """What of a direction (M,) the varied unknowns cannot do as well."""
-        return np.asarray(
-            direction - np.einsum("v,vm->m", along(self.made, self.rates, direction), self.rates)
-        )
+        """The part of a direction (M,) that is orthogonal to the varied unknowns."""
+        coefficients = along(self.basis, self.rates, direction)
+        return np.asarray(direction - np.einsum("v,vm->m", coefficients, self.rates))
 
     def towards(self, moves: Floats, change: Floats, bounds: Floats) -> Floats:
-        """By how much (k,) to move where the log is followed best on the way to an estimate, the
-        varied unknowns too.
+        """Step (k,) on the way to an estimate that follows the log best, with the varied unknowns
+        adapted.
 
-        `moves` (k,) make this change (M,) where they are small; where joints stick, an estimate may
-        be far too large.
+        `moves` (k,): to the estimate, which change the innovations by `change` (M,) where they are
+        small; where joints stick, an estimate may be far too large.
         """
         moves = moves.copy()
         varied = np.flatnonzero(self.step)
-        moves[varied] -= self.step[varied] * along(self.made, self.rates, change)
-        return (
-            nearest(self.model, np.clip(self.values + _LENGTHS[:, None] * moves, *bounds.T))
-            - self.values
-        )
+        moves[varied] -= self.step[varied] * along(self.basis, self.rates, change)
+        vectors = np.clip(self.values + _LENGTHS[:, None] * moves, *bounds.T)
+        return nearest(self.model, vectors) - self.values
 
-    def unit(self, left: Floats) -> float:
-        """Variance of what is left, inflated by its autocorrelation."""
-        return float((left**2).sum() / (self.model.weights**2).sum() * variance_inflation(left))
+    def unit(self, residual: Floats) -> float:
+        """Variance of a residual (M,), inflated by its autocorrelation."""
+        variance = (residual**2).sum() / (self.model.weights**2).sum()
+        return float(variance * variance_inflation(residual))
 
     def chi_square(self, after: Floats) -> float:
-        """Decrease of the sum of squares from here to what is left afterwards (M,), in its unit."""
+        """Decrease of the sum of squares from here to another residual (M,), in its unit."""
         return float(((self.before**2).sum() - (after**2).sum()) / self.unit(after))
 
 
-def nearest(model: Extended, some: Sequence[Floats] | Floats) -> Floats:
-    """Of some values (k,), those that follow the log best."""
-    return np.asarray(
-        some[int(np.argmin([(each**2).sum() for each in model.all_innovations(some)]))]
-    )
+def nearest(model: Extended, vectors: Sequence[Floats] | Floats) -> Floats:
+    """Of several vectors of values (k,), the one that follows the log best."""
+    squares = [(innovations**2).sum() for innovations in model.all_innovations(vectors)]
+    return np.asarray(vectors[int(np.argmin(squares))])
+
+
+class _Solver:
+    """Least squares along slopes, as `descend` asks for; dependent unknowns do not move."""
+
+    def __init__(self, dependent: float) -> None:
+        self.dependent = dependent
+        self.basis = np.empty((0, 0))
+        self._slopes: weakref.ref[Floats] | None = None
+
+    def of(self, slopes: Floats) -> Floats:
+        """The directions (r, v) of slopes (M, v), made once for each: that takes time."""
+        if self._slopes is None or self._slopes() is not slopes:
+            self.basis = directions(slopes.T, self.dependent)
+            # A weak reference: the slopes must go before the next ones are made.
+            self._slopes = weakref.ref(slopes)
+        return self.basis
+
+    def __call__(self, slopes: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
+        if moving.all():
+            return along(self.of(slopes), slopes.T, innovations)
+        rates = slopes.T[moving]
+        return along(directions(rates, self.dependent), rates, innovations)
 
 
 def fitted(
@@ -108,117 +131,86 @@ def fitted(
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
         raise ValueError("the model with what was found does not follow the log")
-    own = model.prior.own(_OWN)
-    rates = np.empty((0, 0))
+    solver = _Solver(model.prior.own(IDENTIFIABLE.optimum))
+    point = Descent(values, innovations, np.empty((0, 0)))
     if near is not None:
         count = len(near.rates)
         step[varied[:count]] = near.step[varied[:count]]
-        rates = np.vstack([near.rates, slopes(model, values, step, varied[count:]).T])
-        made = directions(rates, own)
-    for left in reversed(range(_ROUNDS)):
-        if near is None:
-            rates = np.empty((0, 0))  # not beside the next ones
-            rates = slopes(model, values, step, varied).T
-            made = directions(rates, own)
-        before = (innovations**2).sum()
-        solved = functools.partial(_solved, made, rates, innovations, own)
-        change = within_bounds(solved, values, step, bounds)
-        for lengths in (_LENGTHS[:1], _LENGTHS[1:]):
-            tried = np.clip(values + lengths[:, None] * change, *bounds.T)
-            results = zip(tried, model.all_innovations(tried), strict=True)
-            better = [
-                each
-                for each in results
-                if np.isfinite(each[1]).all() and (each[1] ** 2).sum() < before
-            ]
-            if better:
-                values, innovations = better[0]
-                break
-        if not left or not (innovations**2).sum() < (1 - _SETTLED) * before:
-            break
-    solved = functools.partial(_solved, made, rates, innovations, own)
-    inside = ((bounds[:, 0] < values) & (values < bounds[:, 1]))[varied]
-    free = inside | (within_bounds(solved, values, step, bounds)[varied] != 0)
-    if not free.all():  # what is at its bound, and would leave it, does nothing
-        within = directions(rates[free], own)
-        made = np.zeros((len(within), len(rates)))
-        made[:, free] = within
+        additional = slopes(model, values, step, varied[count:])
+        point.slopes = np.vstack([near.rates, additional.T]).T
+    descend(
+        model,
+        point,
+        step,
+        bounds,
+        solver,
+        _SETTINGS,
+        # Optima are compared by their rates: one step of an unknown means the same at each.
+        shorten_jumps=False,
+        fixed_slopes=near is not None,
+    )
+
+    # An unknown on its bound that would leave it does nothing: its direction is taken out.
+    rates = point.slopes.T
+    basis = solver.of(point.slopes)
+    change = within_bounds(
+        lambda moving: solver(point.slopes, point.innovations, moving), point.values, step, bounds
+    )
+    inside = ((bounds[:, 0] < point.values) & (point.values < bounds[:, 1]))[varied]
+    free = inside | (change[varied] != 0)
+    if not free.all():
+        within = directions(rates[free], solver.dependent)
+        basis = np.zeros((len(within), len(rates)))
+        basis[:, free] = within
     return Optimum(
         model=model,
-        values=values,
+        values=point.values,
         step=step,
-        innovations=innovations,
+        innovations=point.innovations,
         rates=rates,
-        made=made,
+        basis=basis,
         unknown=unknown,
     )
 
 
-def _solved(
-    made: Floats, rates: Floats, innovations: Floats, own: float, moving: NDArray[np.bool_]
-) -> Floats:
-    """Coefficients of the rates that move; `made`: directions of all of them."""
-    if not moving.all():
-        made = directions(rates[moving], own)
-        rates = rates[moving]
-    return along(made, rates, innovations)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrialSettings:
+    """Values of compliance and backlash that are tried; all are chosen by hand.
 
-
-def directions(rates: Floats, share: float = _OWN) -> Floats:
-    """What orthonormal directions are of rates (v, M): (r, v), none for a rate that is a
-    combination of others.
-
-    `share`: of a rate that must be its own.
-
-    By Gram-Schmidt on the products of the rates.
+    Parameters
+    ----------
+    resonances : (float, float)
+        Lowest and highest locked-rotor resonance [Hz].
+    ratio : float
+        Ratio of neighbouring resonances, under a law that follows the counts.
+    fine_ratio : float
+        The same where torques are repeated: there the effect of a resonance is narrow.
+    widths : tuple of int
+        Widths of backlash [pulses].
+    contact : float
+        Resonance of a gear with backlash that is rigid otherwise [Hz].
+    at_once : int
+        Trials that are simulated together.
     """
-    together = products(rates.T)
-    lengths = np.sqrt(np.diag(together))
-    lengths = np.where(lengths > 0, lengths, 1.0)
-    together = together / np.outer(lengths, lengths)
-    made = np.empty((0, len(rates)))
-    for i in range(len(rates)):
-        own = (np.arange(len(rates)) == i).astype(float)
-        for _ in range(2):
-            own = own - product(made.T, product(made, product(together, own)))
-        size = np.sqrt(max(dot(own, product(together, own)), 0.0))
-        if size > share:
-            made = np.vstack([made, own / size])
-    return np.asarray(made / lengths)
+
+    resonances: tuple[float, float] = (15.0, 250.0)
+    ratio: float = 1.25
+    fine_ratio: float = 1.1
+    widths: tuple[int, ...] = (1, 2, 4, 8, 16)
+    contact: float = 300.0
+    at_once: int = 16
 
 
-def along(made: Floats, rates: Floats, target: Floats) -> Floats:
-    """Coefficients (v,) of rates (v, M) that make the target; zero of a rate that is a
-    combination of others.
-    """
-    return product(made.T, product(made, np.einsum("vm,m->v", rates, target)))
-
-
-# resonances between which compliance is tried [Hz]
-_LOWEST = 15.0
-_HIGHEST = 250.0
-
-# Of one to the next: under a law that follows the counts, and where torques are repeated, whose
-# effect is narrow.
-_RATIO = 1.25
-_FINE = 1.1
-
-# backlash that is tested [pulses], in a gear that else has a resonance at:
-_WIDTHS = (1, 2, 4, 8, 16)
-
-CONTACT = 300.0  # [Hz]
-
-
-_AT_ONCE = 16  # trials that are simulated at once
+TRIALS = TrialSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """Some numbers that the rig leaves out, and what comes of them.
+    """Some numbers that the rig leaves out, and their effect on the innovations.
 
     `values`: in the units of `Extended`. `chi_square`: decrease of the sum of squared innovations,
     in units of their variance; negative where it grows. `explained`: the same [pulses^2]. `effect`:
-    sum of squares of what they change, in the same units: chi-square of a log that has them.
+    sum of squares of the change, in the same units: chi-square of a log that has them.
     """
 
     values: dict[str, float]
@@ -230,53 +222,60 @@ class Trial:
 def compliance(at: Optimum) -> list[Trial]:
     """Trials of all joints alike, and of each alone."""
     replayed = any(record.law is not None and record.law.replays for record in at.model.records)
-    count = int(np.log(_HIGHEST / _LOWEST) / np.log(_FINE if replayed else _RATIO)) + 1
-    joints = range(len(at.model.gains) // 2)
-    together = [joints, *([joint] for joint in joints)] if len(joints) > 1 else [joints]
-    frequencies = np.geomspace(_HIGHEST, _LOWEST, count).tolist()
+    lowest, highest = TRIALS.resonances
+    ratio = TRIALS.fine_ratio if replayed else TRIALS.ratio
+    count = int(np.log(highest / lowest) / np.log(ratio)) + 1
+    n = len(at.model.gains) // 2
+    groups = [[i] for i in range(n)]
+    if n > 1:
+        groups.insert(0, list(range(n)))
+    # The stiffest first.
+    frequencies = np.geomspace(highest, lowest, count).tolist()
     return _tried(
-        at, [{f"compliance[{i}]": hz**-2 for i in some} for some in together for hz in frequencies]
+        at,
+        [{f"compliance[{i}]": hz**-2 for i in group} for group in groups for hz in frequencies],
     )
 
 
 def backlash(at: Optimum) -> list[Trial]:
-    """Trials of several widths, joint by joint, where none is known yet."""
+    """Trials of several widths, joint by joint, where no backlash is in the model yet."""
     n = len(at.model.gains) // 2
     pulse = np.abs(np.diag(at.model.records[0].rig.to_angle(np.eye(n))))
     tried = []
     for i in range(n):
-        gives = max(CONTACT**-2, at.values[at.model.place(f"compliance[{i}]")])
+        # Teeth touch through a spring: without one the contact would have no stiffness.
+        softness = max(TRIALS.contact**-2, at.values[at.model.place(f"compliance[{i}]")])
         if not at.values[at.model.place(f"backlash[{i}]")]:
             tried += [
-                {f"backlash[{i}]": width * pulse[i], f"compliance[{i}]": gives} for width in _WIDTHS
+                {f"backlash[{i}]": width * pulse[i], f"compliance[{i}]": softness}
+                for width in TRIALS.widths
             ]
     return _tried(at, tried)
 
 
 def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
     """The trials that follow the log."""
-    many: list[Floats] = []
+    vectors: list[Floats] = []
     for values in tried:
-        many.append(at.values.copy())
+        vector = at.values.copy()
         for name, value in values.items():
-            many[-1][at.model.place(name)] = value
+            vector[at.model.place(name)] = value
+        vectors.append(vector)
     before = at.before
-    trials = []
     unit = at.unit(before)
-    for i in range(0, len(many), _AT_ONCE):
-        for values, result in zip(
-            tried[i:], at.model.all_innovations(many[i : i + _AT_ONCE]), strict=False
-        ):
-            if np.isfinite(result).all():
-                after = at.left(result)
-                effect = float(((after - before) ** 2).sum()) / unit
-                explained = float((before**2).sum() - (after**2).sum())
-                trials.append(
-                    Trial(
-                        values=values,
-                        chi_square=at.chi_square(after),
-                        explained=explained,
-                        effect=effect,
-                    )
+    trials = []
+    for begin in range(0, len(vectors), TRIALS.at_once):
+        rows = at.model.all_innovations(vectors[begin : begin + TRIALS.at_once])
+        for values, innovations in zip(tried[begin:], rows, strict=False):
+            if not np.isfinite(innovations).all():
+                continue
+            after = at.left(innovations)
+            trials.append(
+                Trial(
+                    values=values,
+                    chi_square=at.chi_square(after),
+                    explained=float((before**2).sum() - (after**2).sum()),
+                    effect=float(((after - before) ** 2).sum()) / unit,
                 )
+            )
     return trials

@@ -15,6 +15,7 @@ Source: L. Ljung, System Identification, Prentice Hall 1999, ch. 7 (prediction-e
 """
 
 import copy
+import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Self
 
@@ -22,47 +23,123 @@ import numpy as np
 
 from identification.equation_error.law_memory import Memory, Resumption
 from identification.equation_error.naming import of_each, record_label
-from identification.equation_error.prior import Prior, PriorRows
+from identification.equation_error.prior import ROUNDING, Prior, PriorRows
 from identification.replay.experiment import as_records
-from identification.replay.followed import Followed, joined
+from identification.replay.followed import Followed
 from identification.replay.gauss_newton import DEPENDENT, noise, side_by_side
+from identification.replay.residual import Stacked, joined
 from plant import Dynamics, Record
 from plant.compiler.background import cores, shared_out
 from plant.parts.fields import Floats
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
 
-_MEMORY = 10  # samples over which the observer forgets, to begin with
 
-# The same where a law repeats a log, and the least: what such a model lacks is friction, not noise,
-# and is correlated. With a shorter one it would follow the counts so closely that little else
-# shows.
-_REPLAYED = 8
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PredictionSettings:
+    """The observer of a prediction, and how its nuisances are searched; chosen by hand.
 
-_SMALL = 0.01  # step of the observer gains, relative
+    Parameters
+    ----------
+    memory : int
+        Samples over which the observer forgets, to begin with.
+    replayed_memory : int
+        The same where a law repeats a log, and there the least: the model lacks friction, not
+        noise, and is correlated. A shorter memory would follow the counts so closely that little
+        else shows.
+    gain_step : float
+        Relative step of the observer gains.
+    position_gains, speed_gains : (float, float)
+        Bounds of the observer gains.
+    zero_step, zero_limit : float
+        Step of an encoder offset, and its largest magnitude [rad].
+    state_step : float
+        Step of the state of a law [N m].
+    begin_step, speed_step : float
+        Steps of the position [rad] and of the speed [rad/s] at the start.
+    state_deviation : float
+        Expected magnitude of a law's state, relative to its magnitude in the log.
+    unequal : float
+        Ratio of RMS innovations from which on records and joints are weighted by them.
+    """
 
-# Steps of what a law remembers [N m], and of where [rad] and how fast [rad/s] the arm begins.
-_MEMORY_STEP = 0.05
-_BEGIN_STEP = 1e-6
-_SPEED_STEP = 1e-4
-
-# RMS of rounding [pulses]; and how far off a law's memory is expected to be, in its magnitudes in
-# the log.
-_ROUNDING = 0.289
-_AT_MOST = 2.0
-
-# step of a encoder offset, and its largest magnitude [rad]
-_ZERO_STEP = 1e-4
-_ZERO_LIMIT = 0.5
-
-_UNEQUAL = 1.5  # ratio of RMS innovations from which on records and joints are weighted by them
-
-# between which the observer gains of position and of speed are searched
-_POSITION = (1e-3, 0.9)
-_SPEED = (1e-7, 0.5)
+    memory: int = 10
+    replayed_memory: int = 8
+    gain_step: float = 0.01
+    position_gains: tuple[float, float] = (1e-3, 0.9)
+    speed_gains: tuple[float, float] = (1e-7, 0.5)
+    zero_step: float = 1e-4
+    zero_limit: float = 0.5
+    state_step: float = 0.05
+    begin_step: float = 1e-6
+    speed_step: float = 1e-4
+    state_deviation: float = 2.0
+    unequal: float = 1.5
 
 
-class Prediction:
+SETTINGS = PredictionSettings()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Nuisances:
+    """Unknowns of one kind beside those that are asked for.
+
+    `names` (m,). `start`, `step`: their values to begin with, and steps of their central
+    differences. `low`, `high`: bounds.
+    """
+
+    names: tuple[str, ...]
+    start: Floats
+    step: Floats
+    low: Floats
+    high: Floats
+
+
+class NuisanceVector:
+    """The nuisances of a fit in the order in which its vector of unknowns holds them.
+
+    `begin`: place of the first of them. Attribute `end`: that of the next one.
+    """
+
+    def __init__(self, begin: int) -> None:
+        self.end = begin
+        self.groups: list[Nuisances] = []
+
+    def add(
+        self,
+        names: Iterable[str],
+        *,
+        step: float | Floats,
+        start: float | Floats = 0.0,
+        low: float | Floats = -np.inf,
+        high: float | Floats = np.inf,
+    ) -> slice:
+        """Append a group, whose numbers may be given as one for all; its place."""
+        names = tuple(names)
+        size = len(names)
+        self.groups.append(
+            Nuisances(
+                names=names,
+                start=np.broadcast_to(start, size),
+                step=np.broadcast_to(step, size),
+                low=np.broadcast_to(low, size),
+                high=np.broadcast_to(high, size),
+            )
+        )
+        place = slice(self.end, self.end + size)
+        self.end = place.stop
+        return place
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(name for group in self.groups for name in group.names)
+
+    def all(self, field: str) -> Floats:
+        """A field of all nuisances (m,)."""
+        return np.concatenate([np.empty(0), *(getattr(group, field) for group in self.groups)])
+
+
+class Prediction(Stacked):
     """Innovations of a model that follows records.
 
     `unknown`: all of f, and numbers of rig and law; by default f. `simulated`: without correction:
@@ -80,8 +157,8 @@ class Prediction:
     begin with, and steps of their central differences; zero for one that is kept. `nuisance_bounds`
     (m, 2). `weights` (M,): weight of each innovation: the root of the independent readings that its
     sample gives. `scales` (M,): what each innovation is divided by; 1 [pulse] until `reweigh`.
-    `dependent`: share of its own that the slope of each unknown must have. `evaluations`:
-    simulations so far.
+    `dependent`: share of the slope of each unknown that must be independent of the others.
+    `evaluations`: simulations so far.
     """
 
     def __init__(
@@ -102,115 +179,108 @@ class Prediction:
     ) -> None:
         records, unknown = as_records(dynamics, records, unknown)
         n = dynamics.n
+        memories = list(memories) or [None] * len(records)
         replayed = any(record.law is not None and record.law.replays for record in records)
-        correction = Correction.with_memory(n, _REPLAYED if replayed else _MEMORY)
+
+        # 1. The observer. A simulation is a prediction with an observer that corrects nothing.
+        correction = Correction.with_memory(
+            n, SETTINGS.replayed_memory if replayed else SETTINGS.memory
+        )
         if simulated:
             correction = Correction(position=(0.0,) * n, speed=(0.0,) * n, zero=(0.0,) * n)
-        gains = correction.number_names("correction.")[: 0 if simulated else 2 * n]
-        offsets = [
-            f"record[{k}].zero[{i}]" for k in range(len(records) if zeros else 0) for i in range(n)
-        ]
-        self._memories = list(memories) or [None] * len(records)
-        remembered = list[str]()
-        known = list[float]()
-        steps = list[float]()
-        for k, memory in enumerate(self._memories):
-            if memory is not None:
-                remembered += [f"record[{k}].memory[{i}]" for i in range(memory.usual.size)]
-                remembered += [
-                    f"record[{k}].{what}[{i}]" for what in ("begin", "speed") for i in range(n)
-                ]
-                pulse = np.abs(np.diag(records[k].rig.to_angle(np.eye(n))))
-                near = [*_AT_MOST * memory.usual, *pulse, *pulse / records[k].rig.period]
-                known += [_ROUNDING / expected for expected in near]
-                steps += [
-                    *np.full(memory.usual.size, _MEMORY_STEP),
-                    *np.full(n, _BEGIN_STEP),
-                    *np.full(n, _SPEED_STEP),
-                ]
-        self._expected = np.array(known)
-        self.unknown, self._own = (
-            (*unknown, *gains, *offsets, *remembered),
-            len(unknown) + len(gains),
-        )
-        self._zeros, count = len(offsets), len(remembered)
-        self.nuisances = np.append(
-            correction.number_values()[: len(gains)], np.zeros(len(offsets) + count)
-        )
-        steps = [*_SMALL * self.nuisances[: len(gains)], *[_ZERO_STEP] * len(offsets), *steps]
-        self.nuisance_steps = np.array(steps)
-        limits = ([_POSITION] * n + [_SPEED] * n)[: len(gains)] + [
-            (-_ZERO_LIMIT, _ZERO_LIMIT)
-        ] * len(offsets)
-        limits += [(-np.inf, np.inf)] * count
-        self.nuisance_bounds = np.array(limits).reshape(-1, 2)
-        if replayed:
-            self.nuisance_bounds[: len(gains), 1] = self.nuisances[: len(gains)]
-        names = (
-            *unknown,
-            *gains,
-            *(correction.number_names("correction.")[2 * n :] if zeros else ()),
-        )
+        gains = correction.number_names("correction.")
+
+        # 2. Joints that are compared, with the kernels that follow the records.
+        searched = () if simulated else gains[: 2 * n]
+        names = (*unknown, *searched, *(gains[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
         self._followed = of_each(
             lambda record, memory: Followed(
                 dynamics, record, names, options, steady, memory, moving or prior is not None
             ),
             records,
-            self._memories,
+            memories,
         )
-        heard = np.any([followed.heard for followed in self._followed], axis=0)
-        # gains that nothing shows are kept
-        self.nuisance_steps[: len(gains)] *= np.tile(heard, 2)[: len(gains)]
+        compared = np.any([followed.heard for followed in self._followed], axis=0)
+
+        # 3. The nuisances.
+        vector = NuisanceVector(len(unknown))
+        start = correction.number_values()
+        for begin, bounds in ((0, SETTINGS.position_gains), (n, SETTINGS.speed_gains)):
+            own = start[begin : begin + n]
+            if not simulated:
+                vector.add(
+                    gains[begin : begin + n],
+                    start=own,
+                    # Gains of joints that are not compared do nothing: they stay.
+                    step=SETTINGS.gain_step * own * compared,
+                    low=bounds[0],
+                    high=own if replayed else bounds[1],
+                )
+        self._shared = slice(0, len(unknown) + len(searched))
+        self._zeros = [
+            vector.add(
+                [f"record[{k}].zero[{i}]" for i in range(n if zeros else 0)],
+                step=SETTINGS.zero_step,
+                low=-SETTINGS.zero_limit,
+                high=SETTINGS.zero_limit,
+            )
+            for k in range(len(records))
+        ]
+        expected = [np.empty(0)]
+        self._memories = []
+        for k, (record, memory) in enumerate(zip(records, memories, strict=True)):
+            begin = vector.end
+            if memory is not None:
+                expected.append(_add_memory(vector, k, record, memory))
+            self._memories.append(slice(begin, vector.end))
+        self._expected = np.concatenate(expected)
+        self.unknown = (*unknown, *vector.names)
+        self.nuisances = vector.all("start")
+        self.nuisance_steps = vector.all("step")
+        self.nuisance_bounds = np.column_stack([vector.all("low"), vector.all("high")])
+
+        # 4. The rows: a prior's, the records', and the expected magnitudes of what is remembered.
         weights = [followed.weight.ravel() for followed in self._followed]
-        self.prior = PriorRows(prior, unknown)
-        self.weights = np.concatenate([np.zeros(self.prior.count), *weights, np.zeros(count)])
-        self.scales = np.ones(len(self.weights))
+        super().__init__(PriorRows(prior, unknown), weights, len(self._expected))
         self.threads = int(threads or cores())
         self.dependent = self.prior.own(DEPENDENT)
         self.evaluations = 0
 
     def _each(self, values: Floats) -> Iterator[tuple[Followed, Floats]]:
-        """Each record's loop, and what it is given of values (k,)."""
-        place = self._own + self._zeros
-        for followed, zero in zip(self._followed, self.zeros_in(values), strict=True):
-            rest = values[place : place + followed.remembered]
-            place += followed.remembered
-            yield followed, np.concatenate([values[: self._own], zero, rest])
+        """Each record's loop, and its part of values (k,)."""
+        for followed, zeros, memory in zip(
+            self._followed, self._zeros, self._memories, strict=True
+        ):
+            parts = [values[self._shared], values[zeros], values[memory]]
+            yield followed, np.concatenate(parts)
 
     def zeros_in(self, values: Floats) -> Floats:
         """Where the joints of each record are when their counters say zero (R, n) [rad], of
         values (k,).
         """
-        return np.reshape(values[self._own : self._own + self._zeros], (len(self._followed), -1))
+        return np.array([values[zeros] for zeros in self._zeros])
 
     def resumptions(self, values: Floats) -> tuple[Resumption | None, ...]:
         """Where law and arm of each record were at its first sample, of values (k,); None where
         that is known.
         """
-        return tuple(followed.resumption(own) for followed, own in self._each(values))
-
-    def innovations(self, values: Floats) -> Floats:
-        """Weighted innovations (M,), scaled, with these values (k,) of the unknowns; inf where
-        the run diverges.
-        """
-        return self.all_innovations([values])[0]
+        return tuple(followed.resumption(part) for followed, part in self._each(values))
 
     def lost(self, values: Floats) -> str:
-        """What messages call the first record whose run with these values diverges; "" where
-        none is told apart.
+        """Label in messages of the first record whose run with these values diverges; "" where
+        there is but one.
         """
-        for k, (followed, own) in enumerate(self._each(values)):
-            if not np.isfinite(followed.innovations(own)).all():
-                return record_label([each.record for each in self._followed], k)
+        for k, (followed, part) in enumerate(self._each(values)):
+            if not np.isfinite(followed.innovations(part)).all():
+                return record_label([follower.record for follower in self._followed], k)
         return ""
 
     def beside(self, torques: Sequence[Floats]) -> Self:
         """The same with another torque (N, n) [N m] injected in each record."""
         other = copy.copy(self)
-        other._followed = [
-            followed.beside(own) for followed, own in zip(self._followed, torques, strict=True)
-        ]
+        pairs = zip(self._followed, torques, strict=True)
+        other._followed = [followed.beside(torque) for followed, torque in pairs]
         return other
 
     def reweigh(self, values: Floats) -> bool:
@@ -222,20 +292,22 @@ class Prediction:
         Returns whether weights have changed: scales do not while all are followed about equally
         well.
         """
+        settled = False
+        if self.prior.count:
+            settled = self.prior.settle(noise(self, self.innovations(values)))
         rms = []
-        settled = (
-            self.prior.settle(noise(self, self.innovations(values))) if self.prior.count else False
-        )
-        for followed, own in self._each(values):
+        for followed, part in self._each(values):
+            # At least one reading: a joint that stands has none.
             readings = np.maximum((followed.weight**2).sum(axis=0), 1.0)
-            squares = (followed.innovations(own).reshape(-1, followed.loop.n) ** 2).sum(axis=0)
+            squares = (followed.innovations(part).reshape(-1, followed.loop.n) ** 2).sum(axis=0)
             rms.append(np.where(followed.heard, np.sqrt(squares / readings), np.nan))
-        if not np.nanmin(rms) > 0 or np.nanmax(rms) < _UNEQUAL * np.nanmin(rms):
+        smallest = np.nanmin(rms)
+        # A log that is followed exactly, as made by the model, has nothing to be weighted by.
+        if not smallest > 0 or np.nanmax(rms) < SETTINGS.unequal * smallest:
             return settled
-        rows = zip(self._followed, rms, strict=True)
         scales = [
-            np.broadcast_to(np.nan_to_num(own, nan=1.0), followed.weight.shape).ravel()
-            for followed, own in rows
+            np.broadcast_to(np.nan_to_num(joints, nan=1.0), followed.weight.shape).ravel()
+            for followed, joints in zip(self._followed, rms, strict=True)
         ]
         self.scales = np.concatenate(
             [np.ones(self.prior.count), *scales, np.ones(len(self._expected))]
@@ -268,45 +340,64 @@ class Prediction:
         rounding are zero.
         """
         of_record = list[list[Floats]]()
-        for (followed, own), moved in zip(
+        for (followed, part), moved in zip(
             self._each(values), np.swapaxes(shifts, 0, 1), strict=True
         ):
+            # A log is simulated once to be made, and once to be followed.
             self.evaluations += 2 * len(shifts)
             if not followed.rounds:
                 of_record.append([np.zeros(followed.weight.size) for _ in shifts])
                 continue
-            logs = followed.rounded(own, list(moved), self.threads, steps)
+            logs = followed.rounded(part, list(moved), self.threads, steps)
 
-            def run(counts: Floats, followed: Followed = followed, own: Floats = own) -> Floats:
-                # not beside a long log's
-                counts[:] = followed.innovations_of(own, counts).reshape(counts.shape)
+            def run(counts: Floats, followed: Followed = followed, part: Floats = part) -> Floats:
+                # In place of the counts: beside those of a long log there is no room.
+                counts[:] = followed.innovations_of(part, counts).reshape(counts.shape)
                 return counts.ravel()
 
             of_record.append(
                 shared_out(run, logs, min(self.threads, side_by_side(len(self.weights))))
             )
-        known = np.zeros(len(self._expected))
+        prior = np.zeros(self.prior.count)
+        expected = np.zeros(len(self._expected))
         return [
-            joined([np.zeros(self.prior.count), *rows, known], self.scales)
-            for rows in zip(*of_record, strict=True)
+            joined([prior, *rows, expected], self.scales) for rows in zip(*of_record, strict=True)
         ]
 
-    def all_innovations(self, many: Iterable[Floats]) -> list[Floats]:
-        """The same for several vectors of values, side by side."""
-        many = list(many)
-        self.evaluations += len(many)
-        given = [[own for _, own in self._each(values)] for values in many]
-        blocks = [(k, i) for k in range(len(self._followed)) for i in range(0, len(many), LOGGED)]
+    def parts(self, vectors: Sequence[Floats]) -> Iterator[list[Floats]]:
+        """Rows of each record, then of the expected magnitudes, with each of the vectors."""
+        self.evaluations += len(vectors)
+        given = [[part for _, part in self._each(values)] for values in vectors]
+        blocks = [
+            (k, begin)
+            for k in range(len(self._followed))
+            for begin in range(0, len(vectors), LOGGED)
+        ]
 
         def run(block: tuple[int, int]) -> list[Floats]:
-            k, i = block
-            return self._followed[k].block([own[k] for own in given[i : i + LOGGED]])
+            k, begin = block
+            return self._followed[k].block([parts[k] for parts in given[begin : begin + LOGGED]])
 
         of_record: list[list[Floats]] = [[] for _ in self._followed]
-        for (k, _), found in zip(blocks, shared_out(run, blocks, self.threads), strict=True):
-            of_record[k] += found
-        known = (self._expected * values[len(values) - len(self._expected) :] for values in many)
-        return [
-            joined(row, self.scales)
-            for row in zip(map(self.prior.of, many), *of_record, known, strict=True)
-        ]
+        for (k, _), rows in zip(blocks, shared_out(run, blocks, self.threads), strict=True):
+            of_record[k] += rows
+        yield from of_record
+        # What is remembered comes last among the unknowns.
+        count = len(self._expected)
+        yield [self._expected * values[len(values) - count :] for values in vectors]
+
+
+def _add_memory(vector: NuisanceVector, k: int, record: Record, memory: Memory) -> Floats:
+    """Add the state of a record's law and arm before its log; one over their expected magnitudes,
+    in RMS roundings.
+    """
+    n = record.n
+    vector.add(
+        [f"record[{k}].memory[{i}]" for i in range(memory.usual.size)], step=SETTINGS.state_step
+    )
+    vector.add([f"record[{k}].begin[{i}]" for i in range(n)], step=SETTINGS.begin_step)
+    vector.add([f"record[{k}].speed[{i}]" for i in range(n)], step=SETTINGS.speed_step)
+    # The arm can be off by a pulse, and by a pulse per sample.
+    pulse = np.abs(np.diag(record.rig.to_angle(np.eye(n))))
+    magnitudes = [SETTINGS.state_deviation * memory.usual, pulse, pulse / record.rig.period]
+    return np.asarray(ROUNDING / np.concatenate(magnitudes))

@@ -9,7 +9,7 @@ little of damping: a ratio of 0.5 to 5 % is expected (95 %), which weighs like o
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -18,40 +18,62 @@ from numpy.typing import ArrayLike
 from identification.equation_error.least_squares import NORMAL
 from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
+from identification.replay.residual import Reparametrised, WithPrior
 from plant import Dynamics, Elasticity, Record, Rig
-from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 from plant.parts.sums import dot
 
 STIFFNESS = "drive.elasticity.stiffness"
 DAMPING = "drive.elasticity.damping"
 
-_EXPECTED = (0.005, 0.05)  # damping ratios between which 95 % of all gears are expected
 
-_USUAL = float(np.log(_EXPECTED).mean())
-_SPREAD = float(np.diff(np.log(_EXPECTED))[0]) / 2 / NORMAL
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ResonanceSettings:
+    """Where resonances are searched, and with which steps; chosen by hand.
 
-# Resonances [Hz] and damping ratios between which a search stays; the last resonance is as good as
-# rigid.
-_BETWEEN = (4.0, 1000.0)
-_RATIOS = (1e-3, 0.5)
+    Parameters
+    ----------
+    usual_damping : (float, float)
+        Damping ratios between which 95 % of all gears are expected.
+    resonances : (float, float)
+        Bounds of the search [Hz]; a gear at the upper one is as good as rigid.
+    damping : (float, float)
+        Bounds of the damping ratio.
+    least_step : float
+        Least step of a squared period [s^2]: 0.8 % of that of 100 Hz.
+    step : float
+        Step of a squared period, relative.
+    damping_step : float
+        Step of the logarithm of a damping ratio.
+    unstated : float
+        Resonance of a rotor on its gear that stands for one that is not stated yet [Hz].
+    difference : float
+        Relative step of the derivative of values by coordinates.
+    """
 
-# Steps of central differences: of a squared period at least [s^2], and relative; of ln of a damping
-# ratio.
-_SHORT = 0.008 / (2 * np.pi * 100) ** 2
-_FINE = 0.003
-_RATIO = 0.05
+    usual_damping: tuple[float, float] = (0.005, 0.05)
+    resonances: tuple[float, float] = (4.0, 1000.0)
+    damping: tuple[float, float] = (1e-3, 0.5)
+    least_step: float = 0.008 / (2 * np.pi * 100) ** 2
+    step: float = 0.003
+    damping_step: float = 0.05
+    unstated: float = 60.0
+    difference: float = 1e-6
 
-_ANY = 60.0  # resonance of a rotor on its gear that stands for one that is not known yet [Hz]
+
+SETTINGS = ResonanceSettings()
 
 # By how much variances of coordinates exceed those from scatter and autocorrelation of the
 # innovations: rounding is no noise, it comes and goes with the speed
 # (tests/benchmarks/elastic_identification.py).
 INFLATION = 2.5
 
-_ROUNDING = (INFLATION / 12) ** 0.5  # noise to begin with: that of rounding alone [pulses]
+# Noise to begin with: that of rounding alone [pulses].
+_NOISE = (INFLATION / 12) ** 0.5
 
-_DIFFERENCE = 1e-6  # relative step of the derivative of values by coordinates
+# Mean and standard deviation of the logarithm of a damping ratio.
+_LOG_RATIO = float(np.log(SETTINGS.usual_damping).mean())
+_SPREAD = float(np.diff(np.log(SETTINGS.usual_damping))[0]) / 2 / NORMAL
 
 
 def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats, Floats]:
@@ -75,9 +97,9 @@ def on_gears(record: Record) -> Record:
         raise ValueError(
             "elastic gears need motors that weigh something; drive.motor_inertia is 0. Give it."
         )
-    omega = 2 * np.pi * _ANY
+    omega = 2 * np.pi * SETTINGS.unstated
     elasticity = Elasticity(
-        stiffness=rotors * omega**2, damping=2 * np.exp(_USUAL) * rotors * omega
+        stiffness=rotors * omega**2, damping=2 * np.exp(_LOG_RATIO) * rotors * omega
     )
     drive = dataclasses.replace(rig.drive, elasticity=elasticity)
     return dataclasses.replace(record, rig=dataclasses.replace(rig, drive=drive))
@@ -95,16 +117,16 @@ class Start(NamedTuple):
     bounds: Floats
 
 
-class Resonances:
-    """A `Prediction` in coordinates of resonances, as `gauss_newton` takes it.
+class Resonances(WithPrior):
+    """A `Prediction` in coordinates of resonances, with expected damping ratios behind it.
 
-    `rig`: with elasticity; what is not unknown of it is as here. `pose` (n,): at which the
-    resonances are meant [rad]. `kept`: unknowns that stay as they are, in values. `measured` (2,
+    `rig`: with elasticity; its numbers that are not unknown stay. `pose` (n,): at which the
+    resonances are meant [rad]. `fixed`: unknowns that stay as they are, in values. `measured` (2,
     n): compliances on the shafts and their standard deviations [rad/(N m)], where link sensors gave
     them; NaN of joints without one.
 
-    Attributes: `stiffness`, `damping`: joint -> place of its coordinate. `noise`: by which what is
-    known beside the innovations is weighed, so that all are of one variance; see `settle`.
+    Attributes: `stiffness`, `damping`: joint -> place of its coordinate. `noise`: factor of the
+    expected values' rows, so that all rows have one variance; see `settle`.
     """
 
     def __init__(
@@ -113,28 +135,47 @@ class Resonances:
         dynamics: Dynamics,
         rig: Rig,
         pose: ArrayLike,
-        kept: Iterable[str] = (),
+        fixed: Iterable[str] = (),
         measured: ArrayLike | None = None,
     ) -> None:
         self.prediction = prediction
-        self.unknown = prediction.unknown
+        names = prediction.unknown
         self._elasticity = rig.drive.elasticity
-        self._f = [self.unknown.index(name) for name in dynamics.names]
+        self._f = [names.index(name) for name in dynamics.names]
         self._slope, self._rotors = link_inertia(dynamics, rig, pose)
-        searched = [name for name in self.unknown if name not in set(kept)]
-        places = {name: self.unknown.index(name) for name in searched}
+        searched = set(names) - set(fixed)
+        joints = range(dynamics.n)
         self.stiffness, self.damping = (
-            {i: places[f"{field}[{i}]"] for i in range(dynamics.n) if f"{field}[{i}]" in places}
+            {i: names.index(f"{field}[{i}]") for i in joints if f"{field}[{i}]" in searched}
             for field in (STIFFNESS, DAMPING)
         )
-        self.noise = _ROUNDING
-        self.dependent = prediction.dependent
-        told = np.full((dynamics.n, 2), np.nan) if measured is None else np.transpose(measured)
+        compliances = np.full((dynamics.n, 2), np.nan)
+        if measured is not None:
+            compliances = np.transpose(measured)
         self._measured = {
-            place: told[i].tolist()
+            place: compliances[i].tolist()
             for i, place in self.stiffness.items()
-            if np.isfinite(told[i]).all()
+            if np.isfinite(compliances[i]).all()
         }
+        super().__init__(
+            Reparametrised(prediction, names, self.values),
+            self._deviations,
+            len(self.damping) + len(self._measured),
+            _NOISE,
+        )
+
+    def _deviations(self, coordinates: Floats) -> Floats:
+        """Deviations of damping ratios from the expected, and of compliances from the measured, in
+        their standard deviations.
+        """
+        deviations = [
+            (coordinates[place] - _LOG_RATIO) / _SPREAD for place in self.damping.values()
+        ]
+        if self._measured:
+            values = self.values(coordinates)
+            for place, (compliance, std) in self._measured.items():
+                deviations.append((1 / values[place] - compliance) / std)
+        return np.array(deviations)
 
     # -- coordinates ------------------------------------------------------------------------------
     def resonances(self, coordinates: Floats) -> tuple[Floats, Floats]:
@@ -179,19 +220,21 @@ class Resonances:
         bounds[places] = np.maximum(bounds[places], 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             for i, place in self.stiffness.items():
-                squared = (1 / (2 * np.pi * np.array(_BETWEEN[::-1]))) ** 2
+                squared = (1 / (2 * np.pi * np.array(SETTINGS.resonances[::-1]))) ** 2
                 bounds[place] = np.clip(m[i] / bounds[place, ::-1], *squared)
                 z[place] = np.clip(m[i] / values[place], *bounds[place])
-                steps[place] = max(_SHORT, _FINE * z[place])
+                steps[place] = max(SETTINGS.least_step, SETTINGS.step * z[place])
             for i, place in self.damping.items():
-                bounds[place] = np.clip(np.log(bounds[place] / root[i]), *np.log(_RATIOS))
-                z[place] = np.clip(_USUAL, *bounds[place])
-                steps[place] = _RATIO
+                bounds[place] = np.clip(np.log(bounds[place] / root[i]), *np.log(SETTINGS.damping))
+                z[place] = np.clip(_LOG_RATIO, *bounds[place])
+                steps[place] = SETTINGS.damping_step
         return Start(z, steps, bounds)
 
     def slopes(self, coordinates: Floats) -> Floats:
         """Derivative (k, k) of the values by the coordinates."""
-        steps = _DIFFERENCE * np.maximum(np.abs(coordinates), np.where(coordinates == 0, 1.0, 0.0))
+        steps = SETTINGS.difference * np.maximum(
+            np.abs(coordinates), np.where(coordinates == 0, 1.0, 0.0)
+        )
         moved = [
             (self.values(coordinates + row), self.values(coordinates - row))
             for row in np.diag(steps)
@@ -207,58 +250,21 @@ class Resonances:
             stiffness[i] = values[place]
         return stiffness
 
-    # -- what gauss_newton asks for ---------------------------------------------------------------
-    @property
-    def weights(self) -> Floats:
-        """Weight of each innovation; of what is expected, none: it is no reading."""
-        return np.append(self.prediction.weights, np.zeros(self._more))
-
-    @property
-    def scales(self) -> Floats:
-        """What each innovation is divided by."""
-        return np.append(self.prediction.scales, np.ones(self._more))
-
-    @property
-    def _more(self) -> int:
-        """What is known beside the innovations."""
-        return len(self.damping) + len(self._measured)
-
-    def innovations(self, coordinates: Floats) -> Floats:
-        """Innovations, and after them how far damping ratios are from what is expected,
-        compliances from measured.
-        """
-        values = self.values(coordinates)
-        if not np.isfinite(values).all():
-            return np.full(len(self.weights), np.inf)
-        known = [(coordinates[place] - _USUAL) / _SPREAD for place in self.damping.values()]
-        known += [
-            (1 / values[place] - compliance) / std
-            for place, (compliance, std) in self._measured.items()
-        ]
-        return np.append(self.prediction.innovations(values), self.noise * np.array(known))
-
-    def lost(self, coordinates: Floats) -> str:
-        """What messages call the first record whose run with these coordinates diverges."""
-        return self.prediction.lost(self.values(coordinates))
-
-    def all_innovations(self, many: Iterable[Floats]) -> list[Any]:
-        """The same for several vectors, side by side."""
-        return shared_out(self.innovations, list(many), self.prediction.threads)
-
+    # -- weights ----------------------------------------------------------------------------------
     def reweigh(self, coordinates: Floats) -> bool:
         """As `Prediction.reweigh`."""
-        changed = self.prediction.reweigh(self.values(coordinates))
+        changed = super().reweigh(coordinates)
         if changed:
             self.settle(coordinates)
         return changed
 
     def settle(self, coordinates: Floats) -> float:
-        """Weigh what is known by what innovations scatter, and give their variance as it counts
-        for coordinates.
+        """Give the expected values the noise of the innovations at these coordinates; the variance
+        of that noise.
         """
-        residual = self.innovations(coordinates)
+        rows = self.innovations(coordinates)
+        innovations = rows[: len(rows) - self.count]
         readings = dot(self.weights, self.weights)
-        innovations = residual[: len(residual) - self._more]
         variance = (
             dot(innovations, innovations) / readings * variance_inflation(innovations) * INFLATION
         )

@@ -15,8 +15,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from identification.equation_error.least_squares import along, directions
 from identification.replay.extended import Extended
-from identification.replay.optimum import Optimum, Trial, along, backlash, compliance, directions
+from identification.replay.optimum import Optimum, Trial, backlash, compliance
 from identification.results.along_log import CYCLES, at_reversals
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen

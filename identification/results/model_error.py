@@ -17,8 +17,14 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from identification.equation_error.between_runs import BetweenRuns, between_runs
-from identification.equation_error.least_squares import SEGMENTS, group_std, in_groups
-from identification.replay.optimum import Optimum, along, directions
+from identification.equation_error.least_squares import (
+    SEGMENTS,
+    along,
+    directions,
+    group_std,
+    in_groups,
+)
+from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
 from identification.search.problem import Tolerances
 from plant.parts.fields import Floats

@@ -22,7 +22,13 @@ from identification.equation_error.pulse_fit import over_bands
 from identification.equation_error.regressor import SPRINGS
 from identification.equation_error.torque_fit import TorqueFit
 from identification.replay.experiment import RATES
-from identification.replay.gauss_newton import Solution, gauss_newton, noise, reweighed
+from identification.replay.gauss_newton import (
+    Solution,
+    ended_on_bounds,
+    gauss_newton,
+    noise,
+    reweighed,
+)
 from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
@@ -299,6 +305,8 @@ def outcome_of(
     message = (
         f"RMS innovation of {solution.rms_innovation:.3f} pulses (rounding alone gives 0.289)."
     )
+    if on_bounds := ended_on_bounds(problem.unknown, fit.values, problem.bounds, solution.varied):
+        message += f" The fit ends on a bound of {', '.join(on_bounds)}."
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
 
 

@@ -103,6 +103,9 @@ _POSITIVE = re.compile(
     r"drive\.(viscous|coulomb|elasticity)|law\.gain|springs(\[\d+\])?\.stiffness"
 )
 
+# Relative to the stated number: a step below zero, and the least of a number that cannot be zero.
+_TINY = 1e-9
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
@@ -188,8 +191,31 @@ class Problem:
         """Ranges (k, 2), or the limits of physics where there are none."""
         if self.ranges is not None:
             return self.ranges
-        low = [0.0 if _POSITIVE.match(name) else -np.inf for name in self.unknown]
+        low = [self._least(name) for name in self.unknown]
         return np.column_stack([low, np.full(len(low), np.inf)])
+
+    def _least(self, name: str) -> float:
+        """The least value of an unknown that its part accepts; -inf where it takes any sign."""
+        if _POSITIVE.match(name):
+            return 0.0
+        if name in self.dynamics.names:
+            return -np.inf
+        stated = float(self.nominal[self.unknown.index(name)])
+        tiny = _TINY * (stated or 1.0)
+        if stated < 0 or self._accepts(name, -tiny):
+            return -np.inf
+        return 0.0 if self._accepts(name, 0.0) else tiny
+
+    def _accepts(self, name: str, value: float) -> bool:
+        """Whether rig and law of the first record can have this value of an unknown."""
+        first = self.objective.records[0]
+        named = dict(zip(self.unknown, self.nominal.tolist(), strict=True)) | {name: value}
+        try:
+            first.rig.filled(named)
+            first.law.filled(named, "law.")  # type: ignore[union-attr]  # an Objective refuses records without a law
+        except ValueError:
+            return False
+        return True
 
     def prediction(self, **settings: Any) -> Prediction:
         """`Prediction` of these unknowns in these records; `settings`: further arguments of it."""

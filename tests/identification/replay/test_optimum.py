@@ -5,11 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from identification.equation_error.least_squares import along, directions
 from identification.equation_error.prior import PriorRows
+from identification.replay import gauss_newton as gauss_newton_module
 from identification.replay import optimum
 from identification.replay.extended import Extended
 from identification.replay.gauss_newton import gauss_newton
-from identification.replay.optimum import along, directions, fitted
+from identification.replay.optimum import fitted
 from identification.replay.prediction import Prediction
 from plant import Harmonics, puma560, read_robot, simulate
 
@@ -84,10 +86,10 @@ def test_values_stay_within_their_bounds(model):
 def test_directions_are_made_once_per_round(model, monkeypatch):
     """As often as the rates themselves, while no value is at its bound."""
     made = []
-    for name in ("slopes", "directions"):
-        function = getattr(optimum, name)
+    for module, name in ((gauss_newton_module, "slopes"), (optimum, "directions")):
+        function = getattr(module, name)
         monkeypatch.setattr(
-            optimum,
+            module,
             name,
             lambda *given, _of=(name, function): made.append(_of[0]) or _of[1](*given),
         )

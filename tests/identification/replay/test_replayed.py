@@ -10,9 +10,8 @@ import pytest
 
 from ctc import ComputedTorque
 from identification import Objective, identify
-from identification.replay.gauss_newton import DEPENDENT, gauss_newton
+from identification.replay.gauss_newton import DEPENDENT, SETTINGS, gauss_newton
 from identification.replay.prediction import Prediction
-from identification.search import polish
 from plant import (
     Chain,
     Drive,
@@ -142,7 +141,8 @@ def test_weights_by_scatter_bring_the_values_nearer(monkeypatch):
     """One of two runs has two and a half times the friction, which no model of both can have."""
     off = []
     for times in (2, 0):
-        monkeypatch.setattr(polish, "_WEIGHINGS", times)
+        settings = dataclasses.replace(SETTINGS, weighings=times)
+        monkeypatch.setattr("identification.replay.gauss_newton.SETTINGS", settings)
         fit = identify(
             DYNAMICS,
             [log(1), log(4, friction=2.5)],

@@ -100,7 +100,7 @@ def test_expected_ratios_and_measured_compliances_weigh_as_readings(record):
 def test_kept_names_and_known_gears_stay(record):
     names = (*ARM.dynamics.names, f"{STIFFNESS}[1]", f"{DAMPING}[0]")
     prediction = Prediction(ARM.dynamics, record, names)
-    view = Resonances(prediction, ARM.dynamics, record.rig, POSE, kept=(f"{DAMPING}[0]",))
+    view = Resonances(prediction, ARM.dynamics, record.rig, POSE, fixed=(f"{DAMPING}[0]",))
     assert (list(view.stiffness), list(view.damping)) == ([1], [])
     values = np.concatenate([ARM.f, [1e5, 7.0], prediction.nuisances])
     start = view.start(values, np.ones(len(values)), np.tile([-np.inf, np.inf], (len(values), 1)))
