@@ -1,8 +1,7 @@
-"""One record, ready to be repeated by a closed loop with other numbers; objective and prediction
-share it.
+"""One record, ready to be repeated by a closed loop with other numbers.
 
-And the log that the loop makes itself, with encoders that round, where `Prediction`'s model does
-not.
+Objective and prediction share it. `Rounding` makes the log of the loop itself, with encoders that
+round, where the model of a `Prediction` does not.
 """
 
 import dataclasses
@@ -26,10 +25,10 @@ from plant.simulation.followed_path import Logged, counts_along, path_of, start_
 from plant.simulation.loop_kernel import LOGGED, logged_kernel, loop_kernel
 from plant.simulation.simulator import injected_beside
 
-# What one word stands for among the unknowns.
+# Words among the unknowns, and the numbers that each stands for.
 GROUPS = {"friction": ("drive.viscous", "drive.coulomb"), "gains": ("law.gain",)}
 
-# numbers that turn counts into angles
+# Beginnings of the names of numbers that turn counts into angles.
 _GEARED = ("drive.gear", "drive.coupling", "encoder.resolution")
 
 
@@ -43,13 +42,9 @@ def as_records(
     """
     records = tuple(records) if isinstance(records, Iterable) else (records,)
     if not records or not all(isinstance(record, Record) for record in records):
-        given = (
-            type(next(r for r in records if not isinstance(r, Record))).__name__
-            if records
-            else "none"
-        )
+        wrong = [type(record).__name__ for record in records if not isinstance(record, Record)]
         raise ValueError(
-            f"records must be at least one Record; got {given}. Pass what simulate or from_csv"
+            f"records must be at least one Record; got {wrong[0] if wrong else 'none'}. Pass what simulate or from_csv"
             " gave."
         )
     instance(
@@ -61,27 +56,28 @@ def as_records(
     if (isinstance(unknown, str) and unknown not in GROUPS) or not (
         unknown is None or np.iterable(unknown)
     ):
-        meant = near(unknown, GROUPS, f"Write ({unknown!r},).", cutoff=0.8)
+        advice = near(unknown, GROUPS, f"Write ({unknown!r},).", cutoff=0.8)
         raise ValueError(
             f"unknown must be {' or '.join(GROUPS)}, or a sequence of names; got {unknown!r}."
-            f" {meant}"
+            f" {advice}"
         )
     if unknown is None:
         return records, dynamics.names
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
-    stands = {"f": dynamics.names}
-    stands |= {
-        word: tuple(f"{name}[{i}]" for name in of for i in range(dynamics.n))
-        for word, of in GROUPS.items()
-    }
+    expanded = {"f": dynamics.names}
+    for word, numbers in GROUPS.items():
+        expanded[word] = tuple(f"{name}[{i}]" for name in numbers for i in range(dynamics.n))
     words: tuple[str, ...] = ("f", unknown) if isinstance(unknown, str) else tuple(unknown)
     for word in words:
-        if word not in GROUPS and (meant := near(word, GROUPS, cutoff=0.6)):
+        # A word with a typing error would pass for the name of a number, and be refused as such.
+        advice = "" if word in GROUPS else near(word, GROUPS, cutoff=0.6)
+        if advice:
             takes = f"unknown must be {', '.join(GROUPS)} or names such as drive.viscous[0]"
-            raise ValueError(f"{takes}; got {word!r}. {meant}")
-    names = [name for word in words for name in stands.get(word, (long.get(word, word),))]
+            raise ValueError(f"{takes}; got {word!r}. {advice}")
+    names = [name for word in words for name in expanded.get(word, (long.get(word, word),))]
     twice = [name for i, name in enumerate(names) if name in names[:i]]
-    if twice and not any(word in stands for word in words):
+    # A word may overlap with a name, as "friction" with drive.viscous[0]; a name alone may not.
+    if twice and not any(word in expanded for word in words):
         raise ValueError(
             f"unknown must name each number once; {twice[0]} comes twice. Leave one out."
         )
@@ -90,15 +86,16 @@ def as_records(
 
 def with_zeros(records: Iterable[Record], zeros: Floats) -> list[Record]:
     """The same records with their encoder offsets (R, n) [rad] where they are."""
-    pairs = zip(records, zeros, strict=True)
-    return [
-        dataclasses.replace(r, error_pulses=r.error_pulses - r.rig.position_in_pulses(zero))
-        for r, zero in pairs
-    ]
+    moved = []
+    for record, zero in zip(records, zeros, strict=True):
+        # Counts are the reference less the error: an error less an offset moves them by it.
+        errors = record.error_pulses - record.rig.position_in_pulses(zero)
+        moved.append(dataclasses.replace(record, error_pulses=errors))
+    return moved
 
 
 class Experiment:
-    """The closed loop of a record and all that it needs to run.
+    """The closed loop of a record, with its path, its clock and its numbers.
 
     `places`: where the unknowns are among the loop's numbers. `driven`: path, clock, and what is
     replayed and injected: what a kernel is driven by. `numbers`: as the record says; f is NaN.
@@ -122,11 +119,16 @@ class Experiment:
             raise ValueError(
                 f"the record must have {dynamics.n} joints; it has {record.n}. Use one of this arm."
             )
+
+        # 1. The loop.
         rig = smooth_rig(record.rig) if smooth else record.rig
-        self.record, added = record, injected_beside(record)
+        self.record = record
+        injected = injected_beside(record)
         self.loop = closed_loop(
-            dynamics=dynamics, rig=rig, law=record.law, injected=added is not None, **options
+            dynamics=dynamics, rig=rig, law=record.law, injected=injected is not None, **options
         )
+
+        # 2. The unknowns are numbers of that loop, all of f among them.
         names = self.loop.number_names
         for name in unknown:
             if name not in names:
@@ -135,9 +137,9 @@ class Experiment:
                     hint = "Give the drive a FrictionCurve first."
                 if str(name).startswith("springs") and record.rig.springs is None:
                     hint = "Give the rig its springs first, such as a JointSpring."
-                known = hint or f"Known: {several(names)}."
+                hint = hint or f"Known: {several(names)}."
                 raise ValueError(
-                    f"unknown must name numbers of this experiment; got {name!r}. {known}"
+                    f"unknown must name numbers of this experiment; got {name!r}. {hint}"
                 )
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:
@@ -146,13 +148,16 @@ class Experiment:
                 " unknown, and fix what is known by equal ends of its range."
             )
         self.places = [names.index(name) for name in unknown]
+
+        # 3. The signals that drive it.
         self.clock = Clock.of(record)
+        # A law that reads whole counts of its log reads a rounded reference, too.
         path = self.path(smooth and not getattr(record.law, "rounds", False))
         self.driven = {
             "path": path,
             "clock": self.clock,
             "replayed": record.law.replayed(record),
-            "injected": added,
+            "injected": injected,
         }
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))
@@ -164,24 +169,26 @@ class Experiment:
         return path_of(self.record, self.clock, smooth=smooth)
 
     def began(self, numbers: Floats) -> tuple[Floats, Floats]:
-        """Position and speed (n,) at the start with these numbers (k,), or (n, P) with (k, P):
-        where the counts say.
+        """Position and speed (n,) at the start, from the counts, with these numbers (k,); (n, P) of
+        numbers (k, P).
 
-        Rows of numbers that no rig can have begin as by the record's rig.
+        Numbers that no rig can have begin as by the record's rig.
         """
-        every = np.reshape(numbers, (len(numbers), -1))
-        if (every[self._geared] == self.numbers[self._geared, None]).all():
+        columns = np.reshape(numbers, (len(numbers), -1))
+        if (columns[self._geared] == self.numbers[self._geared, None]).all():
             return self.begin
+        # The counts are measured, the angles follow from them by the gears of each candidate.
         rig = self.record.rig
-        own = self.record.rig.number_names()
-        first = self.loop.number_names.index(own[0])
+        names = rig.number_names()
+        begin = self.loop.number_names.index(names[0])
+        pulses = [rig.position_in_pulses(angle) for angle in self.begin]
         states = []
-        for row in every[first : first + len(own)].T:
+        for values in columns[begin : begin + len(names)].T:
             try:
-                turned = rig.with_numbers(row)
+                candidate = rig.with_numbers(values)
             except ValueError:
-                turned = rig
-            states.append([turned.to_angle(rig.position_in_pulses(each)) for each in self.begin])
+                candidate = rig
+            states.append([candidate.to_angle(position) for position in pulses])
         q, qd = np.moveaxis(np.array(states), 0, -1).reshape(2, -1, *numbers.shape[1:])
         return q, qd
 
@@ -190,9 +197,7 @@ class Experiment:
         return loop_kernel(self.loop, lanes, uneven=self.clock.even is None)
 
     def data(self, measured: Floats) -> Floats:
-        """What was measured (N, n), with the root of each sample's weight behind it, for all
-        samples (M, n + 1).
-        """
+        """Measured columns (N, n) and the root of each sample's weight, at all samples (M, n + 1)."""
         return self.clock.measured(np.column_stack([measured, np.sqrt(self.record.valid)]))
 
     @property
@@ -201,9 +206,13 @@ class Experiment:
         return len(self.clock) * self.loop.steps_per_sample
 
 
-RATES = 16, 64, 256  # sub-steps per sample: fast hardware feels each count when it comes
+# Sub-steps per sample at which a loop feels its counts: fast hardware feels each count when it
+# comes, and how fast a hardware is the log does not say.
+RATES = 16, 64, 256
 
-_AT_ONCE = 1 << 17  # sub-steps that are simulated at once: their tables are large
+# Sub-steps that are simulated at once: the tables of a whole log at 256 of them per sample do not
+# fit into memory.
+_AT_ONCE = 1 << 17
 
 
 class Rounding(Experiment):
@@ -214,10 +223,10 @@ class Rounding(Experiment):
     def __init__(self, loop: ClosedLoop, record: Record, steps: int) -> None:
         rig = record.rig
         n = record.n
-        self._own = np.zeros(n) if rig.encoder.phase is None else rig.encoder.phase.shift
-        phased = dataclasses.replace(
-            rig, encoder=dataclasses.replace(rig.encoder, phase=Phase(shift=self._own))
-        )
+        # An encoder with a phase, zero if need be: its shift is a number that lanes can differ in.
+        self._shift = np.zeros(n) if rig.encoder.phase is None else rig.encoder.phase.shift
+        encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=self._shift))
+        phased = dataclasses.replace(rig, encoder=encoder)
         super().__init__(
             loop.dynamics,
             dataclasses.replace(record, rig=phased),
@@ -247,30 +256,33 @@ class Rounding(Experiment):
         """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by
         so many pulses (n,).
         """
-        own = self.numbers.copy()
         given = dict(zip(names, numbers.tolist(), strict=True))
+        values = self.numbers.copy()
         for i, name in enumerate(self.loop.number_names):
-            own[i] = given.get(name, own[i])
+            values[i] = given.get(name, values[i])
         groups = [
-            self._own + np.array(shifts[i : i + LOGGED]) for i in range(0, len(shifts), LOGGED)
+            self._shift + np.array(shifts[i : i + LOGGED]) for i in range(0, len(shifts), LOGGED)
         ]
-        state = self.loop.initial_state(start[0], start[1], own)
-        made = shared_out(functools.partial(self._group, state, own), groups, threads)
-        return [counts for group in made for counts in group]
+        state = self.loop.initial_state(start[0], start[1], values)
+        logs = shared_out(functools.partial(self._group, state, values), groups, threads)
+        return [counts for group in logs for counts in group]
 
     def _group(self, start: Floats, numbers: Floats, phases: Floats) -> list[Floats]:
         """Counts (N, n) by encoders with these phases (W, n), side by side."""
-        lanes = np.vstack([phases, phases[-1:].repeat(LOGGED - len(phases), axis=0)]).T.copy()
+        # Empty lanes repeat the last encoders: a kernel has no lane that does nothing.
+        empty = phases[-1:].repeat(LOGGED - len(phases), axis=0)
+        lanes = np.vstack([phases, empty]).T.copy()
         state = start[:, None].repeat(LOGGED, axis=1)
         rows = self.clock.rows
         done = 0
-        found = np.empty((len(phases), len(rows), self.loop.n))
+        logs = np.empty((len(phases), len(rows), self.loop.n))
         for tables in self._kernel.blocks(
             self.loop, **self.driven, samples=_AT_ONCE // self.loop.steps_per_sample
         ):
             state, errors = self._kernel.run(
                 tables, len(tables[1]), state, lanes, numbers[list(self._kernel.uniform)]
             )
+<<<<<<< HEAD
             own = slice(*np.searchsorted(rows, (done, done + len(errors))).tolist())
             for j, counts in enumerate(found):
                 counts[own] = (self._reference[done : done + len(errors)] - errors[:, :, j])[
@@ -278,10 +290,21 @@ class Rounding(Experiment):
                 ]
             done += len(errors)
         if not self.loop.sound(state).all() or not np.isfinite(found).all():
+=======
+            end = done + len(errors)
+            # The block has samples between those of the log where this has gaps: they are left out.
+            in_block = slice(*np.searchsorted(rows, (done, end)).tolist())
+            for j, counts in enumerate(logs):
+                of_block = self._reference[done:end] - errors[:, :, j]
+                counts[in_block] = of_block[rows[in_block] - done]
+            done = end
+        sound = (state[-1] > 0) & bounded(state[: 2 * self.loop.n])
+        if not sound.all() or not np.isfinite(logs).all():
+>>>>>>> ede46c97 (identification: settings, names and comments of the replay)
             raise ValueError(
                 "the model must stay on the log's path; simulated with what was found, it diverges."
             )
-        return list(found)
+        return list(logs)
 
 
 class _Rounded:
@@ -295,5 +318,5 @@ class _Rounded:
         return motion, self.logged.rig.counts(motion.q)
 
     def setpoint(self, t: Floats) -> Motion:
-        """What a law is given at times t (N,)."""
+        """Setpoint of a law at times t (N,)."""
         return self.logged.setpoint(t)

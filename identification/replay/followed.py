@@ -14,20 +14,41 @@ from plant.checkup.counts import hardly_moving
 from plant.parts.fields import Floats
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
-# periods that may be missing, and samples after a longer gap that are not compared
-_LOST = 4.5
-_SETTLING = 80
 
-_WINDOW = 10  # samples before and after, over which the speed of the counts is taken
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FollowedSettings:
+    """Which samples of a record are compared; chosen by hand.
 
-# Counts per sample below which the loop feels single counts, and samples that this is felt for.
-_SLOW = 1.0
-_RINGING = 30
+    Parameters
+    ----------
+    gap : float
+        Longest time without a sample that a replay bridges [periods].
+    settling : int
+        Samples after a longer gap that are not compared: the replay converges to the log again.
+    window : int
+        Samples on either side over which the speed of the counts is taken.
+    slow : float
+        Counts per sample below which the loop feels single counts.
+    ringing : int
+        Samples for which a single count is felt on elastic gears.
+    """
+
+    gap: float = 4.5
+    settling: int = 80
+    window: int = 10
+    slow: float = 1.0
+    ringing: int = 30
+
+
+SETTINGS = FollowedSettings()
 
 
 class Followed(Experiment):
-    """One record, ready to be followed; `heard` (n,): joints that are compared, of `moving`
-    those that move.
+    """One record, ready to be followed by a model that an observer corrects.
+
+    `heard` (n,): joints that are compared, with `moving` only those that move. `weight` (N, n): root
+    of the independent readings of each sample. `remembered`: number of unknowns of its law's and
+    arm's state before the log.
     """
 
     def __init__(
@@ -43,12 +64,13 @@ class Followed(Experiment):
         self.memory = memory
         self._steady = steady
         super().__init__(dynamics, record, unknown, smooth=True, **options)
-        self._given = len(self.places)
+        self._stated = len(self.places)
         self.remembered = 0 if memory is None else memory.usual.size + 2 * dynamics.n
         if memory is not None:
             self.places += [
                 i for i, name in enumerate(self.loop.number_names) if name.startswith("law.state[")
             ]
+        # The unknowns differ between the simulations that run side by side: a lane each.
         self._kernel = logged_kernel(self.loop, self.places, uneven=self.clock.even is None)
         self.heard = ~hardly_moving(record) | (not moving)
         self._tables = self._kernel.along(
@@ -57,18 +79,20 @@ class Followed(Experiment):
         self._weigh(record.counts)
 
     def _measured(self, counts: Floats) -> Floats:
-        """What the kernel is given of counts (N, n)."""
+        """Measured positions and weights that the kernel reads, of counts (N, n)."""
         encoder = self.record.rig.encoder
         return self.data(encoder.position_in_pulses(encoder.cell_centre(counts)))
 
     def _weigh(self, counts: Floats) -> None:
         """Weigh samples by how counts (N, n) move."""
-        record = self.record
+        # Counts that pass in a sample, either way. In place: a long log has no room for copies.
         passed = np.diff(counts, axis=0, prepend=counts[:1])
-        moved = speed_of(np.cumsum(np.abs(passed, out=passed), axis=0, out=passed), _WINDOW)
-        self.weight = (
-            np.sqrt(np.minimum(1.0, moved) * (record.valid * self._settled())[:, None]) * self.heard
-        )
+        travelled = np.cumsum(np.abs(passed, out=passed), axis=0, out=passed)
+        moved = speed_of(travelled, SETTINGS.window)
+        # All samples of one quantisation cell repeat one error: a sample is worth as many readings
+        # as cells are entered in it, and at most one.
+        valid = (self.record.valid * self._settled())[:, None]
+        self.weight = np.sqrt(np.minimum(1.0, moved) * valid) * self.heard
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
 
@@ -82,20 +106,22 @@ class Followed(Experiment):
             settled[:FADED] = 0
         if record.law is None or not record.law.replays or self.memory is not None:
             return settled
-        measured = np.flatnonzero(record.valid)
-        begins = measured[1:][np.diff(record.t[measured]) > _LOST * record.rig.period].tolist()
-        # not as the reference, and by an unknown speed
+        # The counts give the speed at the start only roughly, and no reference gives it better.
         if record.initial is None and self.begin[1].any():
-            settled[: min(2 * _SETTLING, len(record) // 4)] = 0
-        for row in begins:
-            settled[row : row + _SETTLING] = 0
+            settled[: min(2 * SETTINGS.settling, len(record) // 4)] = 0
+        measured = np.flatnonzero(record.valid)
+        gaps = np.diff(record.t[measured]) > SETTINGS.gap * record.rig.period
+        for row in measured[1:][gaps].tolist():
+            settled[row : row + SETTINGS.settling] = 0
         return settled
 
     def resumption(self, values: Floats) -> Resumption | None:
         """Where law and arm were at the first sample, of values; None where it is known."""
         if self.memory is None:
             return None
-        state = self.memory.at(values[self._given :][: self.memory.usual.size])
+        # Behind the shared unknowns come coordinates of the law's state, then the arm's position
+        # and speed, relative to those that the counts show.
+        state = self.memory.at(values[self._stated :][: self.memory.usual.size])
         return Resumption(state, np.add(self.begin, values[-2 * self.loop.n :].reshape(2, -1)))
 
     def _start(self, values: Floats) -> tuple[Any, Floats]:
@@ -103,7 +129,7 @@ class Followed(Experiment):
         numbers = self.numbers.copy()
         resumed = self.resumption(values)
         if resumed is not None:
-            values = np.append(values[: self._given], resumed.state)
+            values = np.append(values[: self._stated], resumed.state)
         numbers[self.places] = values
         return self.began(numbers) if resumed is None else resumed.initial, numbers
 
@@ -128,25 +154,26 @@ class Followed(Experiment):
     def innovations_of(self, values: Floats, counts: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,), of a log with these counts (N, n)."""
         other = copy.copy(self)
+        # The path and its times stay: only the measured columns are other ones.
         other._tables = self._kernel.with_data(self._tables, self._measured(counts))
         other._weigh(counts)
         return other.innovations(values)
 
     def beside(self, torque: Floats) -> Self:
-        """The same with another torque (N, n) [N m] injected; what a law repeats is more by what
-        is injected more.
-        """
+        """The same with another torque (N, n) [N m] injected, which a repeated torque contains."""
         other = copy.copy(self)
         record = self.record
-        drive = self.record.rig.drive
+        drive = record.rig.drive
         columns: dict[str, Any] = {"injected": torque}
         name = column = "injected"
         if not self.loop.injected:
-            more = torque if record.injected is None else torque - record.injected
+            # The loop repeats a logged column, in which the injected torque was measured too.
+            change = torque if record.injected is None else torque - record.injected
             name = "logged"
             column = str(self.loop.law.replays)
-            more = drive.motor_torque(more) / drive.motor_gain if column == "current" else more
-            columns[column] = getattr(record, column) + more
+            if column == "current":
+                change = drive.motor_torque(change) / drive.motor_gain
+            columns[column] = getattr(record, column) + change
         other.record = dataclasses.replace(record, **columns)
         other._tables = self._kernel.with_held(
             self._tables, name, self.clock.bridged(columns[column])
@@ -159,27 +186,32 @@ class Followed(Experiment):
         """
         return self.block([values])[0]
 
-    def block(self, some: Sequence[Floats]) -> list[Floats]:
-        """The same for at most `LOGGED` vectors of values, side by side; empty lanes repeat the
-        last.
-        """
+    def block(self, vectors: Sequence[Floats]) -> list[Floats]:
+        """The same for at most `LOGGED` vectors of values, side by side in the lanes of a kernel."""
         n = self.loop.n
         loop = self.loop
+
+        # 1. Initial states. The last numbers of a loop are its encoder offsets: by these the arm
+        # begins elsewhere than its counts say.
         states = []
         lanes = []
-        for values in some:
+        for values in vectors:
             (q, qd), numbers = self._start(values)
-            # where the encoder offset is
             states.append(loop.initial_state(q + numbers[-n:], qd, numbers))
             lanes.append(numbers[self.places])
+
+        # 2. Empty lanes repeat the last vector: a kernel has no lane that does nothing.
         empty = LOGGED - len(states)
         state, lane = (np.array(rows + rows[-1:] * empty).T.copy() for rows in (states, lanes))
+
+        # 3. Simulate part by part, and weight what is measured of each.
         uniform = self.numbers[list(self._kernel.uniform)]
         rows = self.clock.rows
-        found = np.empty((len(some), len(self.clock.rows), n))
+        innovations = np.empty((len(vectors), len(rows), n))
         sound = np.ones(LOGGED, bool)
         for part, tables in self._kernel.parts(self._tables, len(self.clock)):
             state, errors = self._kernel.run(tables, part.stop - part.start, state, lane, uniform)
+<<<<<<< HEAD
             own = slice(*np.searchsorted(rows, (part.start, part.stop)).tolist())
             seen = errors[rows[own] - part.start]
             sound &= np.isfinite(seen).all(axis=(0, 1))
@@ -188,14 +220,28 @@ class Followed(Experiment):
         sound &= loop.sound(state)
         found[~sound[: len(some)]] = np.inf
         return list(found.reshape(len(some), -1))
+=======
+            in_part = slice(*np.searchsorted(rows, (part.start, part.stop)).tolist())
+            measured = errors[rows[in_part] - part.start]
+            sound &= np.isfinite(measured).all(axis=(0, 1))
+            for j, weighted in enumerate(innovations):
+                np.multiply(measured[:, :, j], self.weight[in_part], out=weighted[in_part])
+
+        # 4. The state ends with a flag: 1 while it was bounded and D positive definite. A run that
+        # lost either costs inf in all its rows.
+        sound &= (state[-1] > 0) & bounded(state[: 2 * n])
+        innovations[~sound[: len(vectors)]] = np.inf
+        return list(innovations.reshape(len(vectors), -1))
+>>>>>>> ede46c97 (identification: settings, names and comments of the replay)
 
 
 def speed_of(counts: Floats, window: int) -> Floats:
     """Counts that pass in a sample (N, n), over a window on both sides of it."""
     rows = np.arange(len(counts))
-    before = np.maximum(rows - window, 0)
-    after = np.minimum(rows + window, len(counts) - 1)
-    return np.asarray((counts[after] - counts[before]) / np.maximum(after - before, 1)[:, None])
+    # At the ends of the log the window is shorter.
+    low = np.maximum(rows - window, 0)
+    high = np.minimum(rows + window, len(counts) - 1)
+    return np.asarray((counts[high] - counts[low]) / np.maximum(high - low, 1)[:, None])
 
 
 def _steady(moved: Floats) -> Floats:
@@ -206,7 +252,10 @@ def _steady(moved: Floats) -> Floats:
     lacks, excites elastic gears like a compliance of their own. A joint that is slow most of the
     time is left out of this.
     """
-    slow = (moved < _SLOW)[:, (moved < _SLOW).mean(axis=0) < 0.5].any(axis=1)
-    felt = np.append(0, np.cumsum(slow))
+    slow_joints = moved < SETTINGS.slow
+    slow = slow_joints[:, slow_joints.mean(axis=0) < 0.5].any(axis=1)
+    # Slow samples so far: where the number does not grow over the window there was none in it.
+    number = np.append(0, np.cumsum(slow))
     rows = np.arange(slow.size)
-    return np.asarray(felt[rows + 1] == felt[np.maximum(rows - _RINGING, 0)], dtype=float)
+    begin = np.maximum(rows - SETTINGS.ringing, 0)
+    return np.asarray(number[rows + 1] == number[begin], dtype=float)

@@ -19,9 +19,9 @@ from plant.parts.arguments import array, known_options, whole
 from plant.parts.fields import Floats
 from plant.simulation.loop_kernel import LANES
 
-# joints up to which the inertia of candidates is checked at too few poses to be worth another
-# thread
-_FEW = 2
+# Joints up to which the inertia of candidates is checked at so few poses that another thread takes
+# longer to start than it saves.
+_SINGLE_THREADED = 2
 
 
 @functools.lru_cache
@@ -136,7 +136,7 @@ class _Scored(Experiment):
 
     @functools.cached_property
     def _tables(self) -> tuple[Any, ...]:
-        """What a run reads: large, and made when the first one is asked for."""
+        """Tables that a run reads: large, and made for the first run."""
         return self._kernel.along(
             self.loop, **self.driven, data=self.data(self.record.error_pulses)
         )
@@ -147,27 +147,31 @@ class _Scored(Experiment):
         numbers[:, self.places] = population
         costs = np.full(len(population), np.inf)
 
+        # 1. Refuse candidates that are no arm. Their simulations would be wasted.
         sound = np.flatnonzero(np.isfinite(population).all(axis=1))
         sound = sound[self._all_margins(numbers[sound], threads) >= 0]
+
+        # 2. Simulate the others, as many as a kernel has lanes in a block.
         blocks = [sound[i : i + LANES] for i in range(0, len(sound), LANES)]
         results = shared_out(lambda rows: self._block(population[rows]), blocks, threads)
         costs[sound] = np.concatenate([np.empty(0), *results])
         return costs
 
     def _all_margins(self, numbers: Floats, threads: int) -> Floats:
-        """What `_margins` says, of as many joints as are worth another thread by several."""
-        if self.loop.n <= _FEW or threads == 1:
+        """`_margins` of all candidates, by several threads where that is worth it."""
+        if self.loop.n <= _SINGLE_THREADED or threads == 1:
             return self._margins(numbers)
         size = max(1, -(-len(numbers) // threads))
-        some = [numbers[i : i + size] for i in range(0, len(numbers), size)]
-        return np.concatenate([np.empty(0), *shared_out(self._margins, some, threads)])
+        blocks = [numbers[i : i + size] for i in range(0, len(numbers), size)]
+        return np.concatenate([np.empty(0), *shared_out(self._margins, blocks, threads)])
 
     def _margins(self, numbers: Floats) -> Floats:
         """Smallest pivot (P,) of D less the motors' own inertia, of candidates given by all
         their numbers (P, k).
         """
         p = self.loop.dynamics.p
-        f = numbers[:, : self.loop.dynamics.p]
+        f = numbers[:, :p]
+        # All candidates share rig and law: one check of the whole population.
         if max(self.places) < p:
             return least_inertia_margin(self.loop.dynamics, self.record.rig, f)
         margins = np.full(len(f), -np.inf)
@@ -176,7 +180,8 @@ class _Scored(Experiment):
             try:
                 rig = self.record.rig.with_numbers(row[-rig_size:])
                 self.loop.law.with_numbers(row[p:-rig_size])
-            except ValueError:  # such a rig, or such a law, there cannot be
+            except ValueError:
+                # No rig, or no law, can have these numbers: the candidate costs inf.
                 continue
             margins[i] = least_inertia_margin(self.loop.dynamics, rig, f[i : i + 1])[0]
         return margins
@@ -190,6 +195,18 @@ class _Scored(Experiment):
         final, steps = self._kernel.run(
             self._tables, state, lanes, self.numbers[list(self._kernel.uniform)]
         )
+<<<<<<< HEAD
         score = self.loop.read_state(final).score
         complete = self.loop.sound(final) & np.isfinite(score) & (steps == self.steps)
+=======
+        # The state ends with the score and a flag: 1 while it was bounded and D positive definite.
+        score = final[-2]
+        ok = final[-1]
+        complete = (
+            (ok > 0)
+            & bounded(final[: 2 * self.loop.dynamics.n])
+            & np.isfinite(score)
+            & (steps == self.steps)
+        )
+>>>>>>> ede46c97 (identification: settings, names and comments of the replay)
         return np.where(complete, score, np.inf)[: len(candidates)]

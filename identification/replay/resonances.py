@@ -1,5 +1,4 @@
-"""Elastic gears in coordinates that a search can move in: squared periods and damping ratios of
-their resonances.
+"""Elastic gears by squared periods and damping ratios of their resonances.
 
 Deflections are proportional to compliance, and rigid gears are at its zero; so each stiffness k is
 searched as 1 / omega^2 = m / k, the compliance times the link's inertia m (D_ii less the rotor's)
@@ -86,11 +85,9 @@ def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats,
 
 
 def on_gears(record: Record) -> Record:
-    """The same record on elastic gears, where its rig says nothing of them; their numbers say
-    nothing yet.
-    """
+    """The record on elastic gears, whose numbers are placeholders where its rig states none."""
     rig = record.rig
-    rotors = record.rig.drive.reflected_inertia()
+    rotors = rig.drive.reflected_inertia()
     if rig.drive.elasticity is not None:
         return record
     if not rotors.all():
@@ -199,6 +196,7 @@ class Resonances(WithPrior):
         values = coordinates.copy()
         m = self.inertia(coordinates)
         m = np.where(m > 0, m, np.nan)
+        # Stiffness first: a damping ratio is relative to it.
         for i, place in self.stiffness.items():
             values[place] = m[i] / coordinates[place] if coordinates[place] > 0 else np.nan
         for i, place in self.damping.items():
@@ -215,9 +213,11 @@ class Resonances(WithPrior):
         steps = step.copy()
         bounds = bounds.copy()
         m = self.inertia(values)
-        root = 2 * np.sqrt(np.maximum(m, 0) * self._stiffness(values))
+        # Critical damping, 2 sqrt(k m).
+        critical = 2 * np.sqrt(np.maximum(m, 0) * self._stiffness(values))
         places = [*self.stiffness.values(), *self.damping.values()]
         bounds[places] = np.maximum(bounds[places], 0.0)
+        # A stiffness without bounds has zero and infinity, whose inverses are meant.
         with np.errstate(divide="ignore", invalid="ignore"):
             for i, place in self.stiffness.items():
                 squared = (1 / (2 * np.pi * np.array(SETTINGS.resonances[::-1]))) ** 2
@@ -225,13 +225,16 @@ class Resonances(WithPrior):
                 z[place] = np.clip(m[i] / values[place], *bounds[place])
                 steps[place] = max(SETTINGS.least_step, SETTINGS.step * z[place])
             for i, place in self.damping.items():
-                bounds[place] = np.clip(np.log(bounds[place] / root[i]), *np.log(SETTINGS.damping))
+                bounds[place] = np.clip(
+                    np.log(bounds[place] / critical[i]), *np.log(SETTINGS.damping)
+                )
                 z[place] = np.clip(_LOG_RATIO, *bounds[place])
                 steps[place] = SETTINGS.damping_step
         return Start(z, steps, bounds)
 
     def slopes(self, coordinates: Floats) -> Floats:
         """Derivative (k, k) of the values by the coordinates."""
+        # Relative steps, of 1 for a coordinate at zero.
         steps = SETTINGS.difference * np.maximum(
             np.abs(coordinates), np.where(coordinates == 0, 1.0, 0.0)
         )

@@ -1,5 +1,4 @@
-"""Delay of the counts of a log: read a fraction of a sample late, they look like friction and bias
-everything else.
+"""Delay of the counts of a log, which looks like friction and biases all other values.
 
 A delay of d samples shifts every count by d times the counts that pass in one. With f found and
 friction known, the difference between measured and simulated errors is then proportional to the
@@ -20,11 +19,27 @@ from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 from plant.parts.sums import dot
 
-# delay [samples] that matters, and from how many of its standard deviations on
-_LATE = 0.02
-_SURE = 3.0
 
-_WINDOW = 5  # samples before and after, over which the speed of the counts is taken
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TimingSettings:
+    """When counts are called late; chosen by hand.
+
+    Parameters
+    ----------
+    least : float
+        Least delay that matters [samples].
+    certain : float
+        Standard deviations from which on a delay is certain.
+    window : int
+        Samples on either side over which the speed of the counts is taken.
+    """
+
+    least: float = 0.02
+    certain: float = 3.0
+    window: int = 5
+
+
+SETTINGS = TimingSettings()
 
 
 def delay_of(
@@ -34,27 +49,30 @@ def delay_of(
     values: Floats,
     **options: Any,
 ) -> tuple[float, float]:
-    """How many samples late the counts of records are, against a simulation with these values; and
-    its deviation.
+    """Delay of the counts of records against a simulation with these values, and its deviation.
 
     Returns delay, std: [samples]; a positive delay is a count that is read too late.
     """
     prediction = Prediction(dynamics, records, unknown, **options)
-    # the search's loop, uncorrected
+    # Without correction: an observer would take up a part of the delay. It is the loop of the
+    # search with gains of zero, whose kernel is compiled already.
     difference = prediction.innovations(np.append(values, 0 * prediction.nuisances))
     if not np.isfinite(difference).all():
         return np.nan, np.inf
-    speed = np.concatenate([speed_of(record.counts, _WINDOW).ravel() for record in records])
-    weight = prediction.weights
-    slope = dot(difference, weight * speed) / dot(weight * speed, weight * speed)
-    left = difference - slope * weight * speed
-    std = np.sqrt(np.mean(left**2) * variance_inflation(left) / dot(weight * speed, weight * speed))
+    speed = np.concatenate([speed_of(record.counts, SETTINGS.window).ravel() for record in records])
+    # Weighted like the difference, of which they are a multiple if counts are late.
+    speed = prediction.weights * speed
+    square = dot(speed, speed)
+    slope = dot(difference, speed) / square
+    residual = difference - slope * speed
+    std = np.sqrt(np.mean(residual**2) * variance_inflation(residual) / square)
+    # The model is ahead of late counts: its difference is measured less predicted.
     return float(-slope), float(std)
 
 
 def is_late(delay: float, std: float) -> bool:
     """Whether a delay and its deviation [samples] say that counts are late, or early."""
-    return abs(delay) > max(_LATE, _SURE * std)
+    return abs(delay) > max(SETTINGS.least, SETTINGS.certain * std)
 
 
 @known_options
@@ -96,5 +114,6 @@ def without_delay(record: Record, samples: float) -> Record:
             f"samples must be within one; got {samples}. Shift the columns by whole rows first."
         )
     return dataclasses.replace(
-        record, error_pulses=record.error_pulses - samples * speed_of(record.counts, _WINDOW)
+        record,
+        error_pulses=record.error_pulses - samples * speed_of(record.counts, SETTINGS.window),
     )
