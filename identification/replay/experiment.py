@@ -282,15 +282,6 @@ class Rounding(Experiment):
             state, errors = self._kernel.run(
                 tables, len(tables[1]), state, lanes, numbers[list(self._kernel.uniform)]
             )
-<<<<<<< HEAD
-            own = slice(*np.searchsorted(rows, (done, done + len(errors))).tolist())
-            for j, counts in enumerate(found):
-                counts[own] = (self._reference[done : done + len(errors)] - errors[:, :, j])[
-                    rows[own] - done
-                ]
-            done += len(errors)
-        if not self.loop.sound(state).all() or not np.isfinite(found).all():
-=======
             end = done + len(errors)
             # The block has samples between those of the log where this has gaps: they are left out.
             in_block = slice(*np.searchsorted(rows, (done, end)).tolist())
@@ -298,9 +289,7 @@ class Rounding(Experiment):
                 of_block = self._reference[done:end] - errors[:, :, j]
                 counts[in_block] = of_block[rows[in_block] - done]
             done = end
-        sound = (state[-1] > 0) & bounded(state[: 2 * self.loop.n])
-        if not sound.all() or not np.isfinite(logs).all():
->>>>>>> ede46c97 (identification: settings, names and comments of the replay)
+        if not self.loop.sound(state).all() or not np.isfinite(logs).all():
             raise ValueError(
                 "the model must stay on the log's path; simulated with what was found, it diverges."
             )

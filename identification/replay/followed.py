@@ -211,28 +211,16 @@ class Followed(Experiment):
         sound = np.ones(LOGGED, bool)
         for part, tables in self._kernel.parts(self._tables, len(self.clock)):
             state, errors = self._kernel.run(tables, part.stop - part.start, state, lane, uniform)
-<<<<<<< HEAD
-            own = slice(*np.searchsorted(rows, (part.start, part.stop)).tolist())
-            seen = errors[rows[own] - part.start]
-            sound &= np.isfinite(seen).all(axis=(0, 1))
-            for j, weighted in enumerate(found):
-                np.multiply(seen[:, :, j], self.weight[own], out=weighted[own])
-        sound &= loop.sound(state)
-        found[~sound[: len(some)]] = np.inf
-        return list(found.reshape(len(some), -1))
-=======
             in_part = slice(*np.searchsorted(rows, (part.start, part.stop)).tolist())
             measured = errors[rows[in_part] - part.start]
             sound &= np.isfinite(measured).all(axis=(0, 1))
             for j, weighted in enumerate(innovations):
                 np.multiply(measured[:, :, j], self.weight[in_part], out=weighted[in_part])
 
-        # 4. The state ends with a flag: 1 while it was bounded and D positive definite. A run that
-        # lost either costs inf in all its rows.
-        sound &= (state[-1] > 0) & bounded(state[: 2 * n])
+        # 4. A run that diverged costs inf in all its rows.
+        sound &= loop.sound(state)
         innovations[~sound[: len(vectors)]] = np.inf
         return list(innovations.reshape(len(vectors), -1))
->>>>>>> ede46c97 (identification: settings, names and comments of the replay)
 
 
 def speed_of(counts: Floats, window: int) -> Floats:

@@ -195,18 +195,6 @@ class _Scored(Experiment):
         final, steps = self._kernel.run(
             self._tables, state, lanes, self.numbers[list(self._kernel.uniform)]
         )
-<<<<<<< HEAD
         score = self.loop.read_state(final).score
         complete = self.loop.sound(final) & np.isfinite(score) & (steps == self.steps)
-=======
-        # The state ends with the score and a flag: 1 while it was bounded and D positive definite.
-        score = final[-2]
-        ok = final[-1]
-        complete = (
-            (ok > 0)
-            & bounded(final[: 2 * self.loop.dynamics.n])
-            & np.isfinite(score)
-            & (steps == self.steps)
-        )
->>>>>>> ede46c97 (identification: settings, names and comments of the replay)
         return np.where(complete, score, np.inf)[: len(candidates)]
