@@ -1,16 +1,16 @@
-"""The genetic algorithm of 3.7 on the load parameters, as the paper's conclusion has it: a window
-replayed.
+"""`GeneticEstimator`: the genetic algorithm of 3.7 on the parameters of a load, on a window.
 
-Each candidate is the arm with a load. It is simulated under the torque that was applied, corrected
-a little at every sample by the counts (as in `identification.replay.prediction`), and costs the sum
-of its squared innovations [pulses^2]. Without correction the replay of an arm in open loop would be
-a matter of its initial speed; with it, what is compared is what the counts say of the torque, over
-about the length of the kernels of the other estimator. Tracking errors of the closed loop itself
-say less: its law keeps them within a pulse for any candidate.
+Each candidate is the arm with a load. It is simulated under the applied torque, corrected a little
+at every sample by the counts (as in `identification.replay.prediction`), and costs the sum of its
+squared innovations [pulses^2]. Without the correction the simulation in open loop would depend on
+the initial speed above all; with it, the comparison covers about the length of the kernels of the
+other estimator. A simulation of the closed loop would show less: its law keeps the tracking error
+within a pulse for any candidate.
 
 Source: paper, conclusion (stages 1 and 2), and 3.7.
 """
 
+import dataclasses
 import functools
 
 import casadi as ca
@@ -27,18 +27,37 @@ from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
 
-_STEPS = 1  # sub-steps per sample: a window is short, and corrected
-
-_STEP = 0.1  # of the differences for the curvature, as a share of the range of masses
-
-_MISFIT = 4.0  # from which on no load explains a window, in the rounding's standard deviation
-
 _ROUNDING = np.sqrt(1 / 12)  # standard deviation of a rounded count [pulses]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GeneticEstimatorSettings:
+    """Numbers of the genetic estimator beside those of its genetic algorithm.
+
+    Chosen by hand; ``tests/benchmarks/payload.py genetic`` measures errors of the mass.
+
+    Parameters
+    ----------
+    steps : int
+        Sub-steps per sample of the simulation; one is enough for a short, corrected window.
+    difference : float
+        Step of the differences for the curvature, as a share of the range of masses.
+    misfit : float
+        RMS innovation above which no load explains a window, in that of rounding.
+    """
+
+    steps: int = 1
+    difference: float = 0.1
+    misfit: float = 4.0
+
+
+SETTINGS = GeneticEstimatorSettings()
+
+
 class GeneticEstimator:
-    """A load from a window by the genetic algorithm, with the settings of 3.7; a replay forgets
-    over `length` [s].
+    """Estimator of a load by the genetic algorithm of 3.7, on a window of counts and torques.
+
+    `length`: time over which the correction by the counts forgets [s].
     """
 
     def __init__(self, arm: Arm, rig: Rig, shape: LoadShape, length: float, seed: int = 0) -> None:
@@ -55,7 +74,7 @@ class GeneticEstimator:
             dynamics=arm.dynamics,
             rig=smooth_rig(rig),
             law=LoggedTorque(),
-            steps_per_sample=_STEPS,
+            steps_per_sample=SETTINGS.steps,
             correction=correction,
             score=_squares(arm.n),
         )
@@ -64,8 +83,10 @@ class GeneticEstimator:
 
     @property
     def bounds(self) -> Floats:
-        """Of mass [kg] and, where it is unknown, place along the line (0 to 1), (1 or 2, 2)."""
-        rows = [self.shape.mass, *([(0.0, 1.0)] if len(self.shape.places) > 1 else [])]
+        """Bounds of the mass [kg] and of an unknown centre on its line (0 to 1), (1 or 2, 2)."""
+        rows = [self.shape.mass]
+        if len(self.shape.places) > 1:
+            rows.append(np.array([0.0, 1.0]))
         return np.array(rows, dtype=float)
 
     def parameters(self, candidates: Floats) -> Floats:
@@ -73,52 +94,63 @@ class GeneticEstimator:
         per_kg = self.shape.per_kg
         if candidates.shape[1] == 1:
             return candidates[:, :1] * per_kg
-        place = candidates[:, 1] * (len(per_kg) - 1)
-        low = np.minimum(place.astype(int), len(per_kg) - 2)
-        share = (place - low)[:, None]
+        # Linear interpolation between the two nearest centres of the shape.
+        centre = candidates[:, 1] * (len(per_kg) - 1)
+        low = np.minimum(centre.astype(int), len(per_kg) - 2)
+        share = (centre - low)[:, None]
         return candidates[:, :1] * ((1 - share) * per_kg[low] + share * per_kg[low + 1])
 
     def __call__(self, window: Window) -> PayloadEstimate:
         """Estimate from a window of at least three kernels."""
+        # 1. The best mass and centre.
         costs = self._costs(window)
         result = minimize_genetic(costs, self.bounds, self.settings, self.seed)
-        best, (low, high) = result.x, self.shape.mass
-        near = np.repeat(best[None], 3, axis=0)
-        middle = np.clip(best[0], low + _STEP * (high - low), high - _STEP * (high - low))
-        near[:, 0] = middle + _STEP * (high - low) * np.array([-1, 0, 1])
-        around = costs(near)
+        best = result.x
+        low, high = self.shape.mass
+
+        # 2. Curvature of the cost along the mass, by three points within the range.
+        step = SETTINGS.difference * (high - low)
+        points = np.repeat(best[None], 3, axis=0)
+        points[:, 0] = np.clip(best[0], low + step, high - step) + step * np.array([-1, 0, 1])
+        around = costs(points)
         samples = len(window) - self._start
-        curvature = (around[0] - 2 * around[1] + around[2]) / (_STEP * (high - low)) ** 2 / 2
+        curvature = (around[0] - 2 * around[1] + around[2]) / step**2 / 2
+
+        # 3. Its standard deviation, for innovations that are correlated over the memory of the
+        # correction; at most that of a uniform distribution.
         misfit = float(np.sqrt(max(result.cost, 0.0) / (samples * self.arm.n)) / _ROUNDING)
         noise = max(misfit * _ROUNDING, _ROUNDING) ** 2 * self._smoothing.per_independent
-        even = (high - low) / np.sqrt(12)
-        std = float(min(even, np.sqrt(noise / curvature))) if curvature > 0 else float(even)
-        message, sufficient = judged(self.shape, misfit < _MISFIT, misfit, std)
+        uniform = (high - low) / np.sqrt(12)
+        std = float(min(uniform, np.sqrt(noise / curvature))) if curvature > 0 else float(uniform)
+        explained = misfit < SETTINGS.misfit
+        message, sufficient = judged(self.shape, explained, misfit, std)
         parameters = self.parameters(best[None])[0]
-        place = (
-            parameters[1:4] / best[0]
-            if best[0] > 0
-            else self.shape.places[len(self.shape.places) // 2]
-        )
+        centres = self.shape.places
+        # The first moments of no mass say nothing of its centre.
+        position = parameters[1:4] / best[0] if best[0] > 0 else centres[len(centres) // 2]
         return PayloadEstimate(
             mass=float(best[0]),
             std=std,
             interval=np.clip(best[0] + NORMAL * std * np.array([-1, 1]), low, high),
             parameters=parameters,
-            position=place,
+            position=position,
             sufficient=sufficient,
-            explained=misfit < _MISFIT,
+            explained=explained,
             misfit=misfit,
             message=message,
         )
 
     def _costs(self, window: Window):
+        """Cost function of a window: candidates (P, 1 or 2) -> squared innovations (P,)."""
+        # 1. Begin at the middle of the first kernel, with the smoothed position and speed there.
         loop = self._loop
         start = self._start
         n = self.arm.n
         q, qd, _ = self._smoothing.motion(
             self.rig.cell_centre(window.counts[: self._smoothing.samples])
         )
+
+        # 2. Tables of the kernel: logged torque, counts, and a weight of 1 for each.
         angle = self.rig.cell_centre(window.counts[start:])
         counts = self.rig.position_in_pulses(angle)
         samples = len(counts)
@@ -128,7 +160,7 @@ class GeneticEstimator:
             (
                 time[:0],
                 time,
-                np.repeat(time, _STEPS, axis=0),
+                np.repeat(time, loop.steps_per_sample, axis=0),
                 np.column_stack([counts, np.ones(samples)]),
             )
         )
@@ -146,7 +178,7 @@ class GeneticEstimator:
         return costs
 
     def _block(self, f, state, tables, uniform):
-        """Costs of at most `LANES` candidates; empty lanes repeat the last."""
+        """Costs of at most `LANES` candidates; empty lanes repeat the last one."""
         lanes = f[np.minimum(np.arange(LANES), len(f) - 1)].T.copy()
         final, _ = self._kernel.run(tables, state, lanes, uniform)
         state = self._loop.read_state(final)
@@ -155,8 +187,9 @@ class GeneticEstimator:
 
 @functools.lru_cache(maxsize=8)
 def _squares(n: int) -> ca.Function:
-    """Of the innovations (n), the first part of a sample's log; the counts and a weight are its
-    data.
+    """Score of a sample: its squared innovations, times its weight, as a casadi Function.
+
+    The log of a sample begins with the innovations (n); its data are counts (n) and a weight.
     """
     log = ca.SX.sym("log", n)
     data = ca.SX.sym("data", n + 1)

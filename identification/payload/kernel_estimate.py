@@ -1,9 +1,8 @@
-"""The window estimator: a load from 100 to 200 ms of counts and torque, by smooth kernels on the
-torque equation.
+"""`KernelEstimator`: a load from 100 to 200 ms of counts and torque, by smooth kernels.
 
-One kernel that ends smoothly at zero is convolved with both sides, only where it lies within the
-samples; rates and accelerations are convolutions with its differences. So nothing rings at the ends
-of a window, where a zero-phase low-pass erred ten times more.
+A kernel that ends smoothly at zero is convolved with both sides of the torque equation, only where
+it lies within the samples; rates and accelerations are convolutions with its differences. So no
+filter rings at the ends of a window, where a zero-phase low-pass had ten times the error.
 """
 
 import dataclasses
@@ -24,9 +23,9 @@ from plant.parts.fields import Floats
 
 @dataclasses.dataclass(frozen=True)
 class Smoothing:
-    """A Hann kernel and its differences.
+    """Smooth position, rate and acceleration by a Hann kernel and its differences.
 
-    `length`: of the kernel [s]. `period`: of the samples [s].
+    `length`: of the kernel [s]. `period`: sample period [s].
     """
 
     length: float
@@ -34,17 +33,19 @@ class Smoothing:
 
     @functools.cached_property
     def _kernels(self) -> Floats:
-        """Value, rate and acceleration (3, L + 2), for `numpy.convolve`."""
+        """Kernels of value, rate and acceleration (3, L + 2), for `numpy.convolve`."""
         count = max(3, round(self.length / self.period))
         hann = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2
         hann /= hann.sum()
         h = self.period
-        parts = ([0, 1, 0], np.array([1, 0, -1]) / (2 * h), np.array([1, -2, 1]) / h**2)
-        return np.array([np.convolve(hann, part) for part in parts])
+        # `numpy.convolve` reverses the kernel, so the rate has its later sample first. The value is
+        # padded to the length of the differences.
+        stencils = ([0, 1, 0], np.array([1, 0, -1]) / (2 * h), np.array([1, -2, 1]) / h**2)
+        return np.array([np.convolve(hann, stencil) for stencil in stencils])
 
     @property
     def samples(self) -> int:
-        """Of the kernel, with one more at each end for the differences."""
+        """Length of the kernels in samples, with one more at each end for the differences."""
         return self._kernels.shape[1]
 
     def value(self, x: Floats) -> Floats:
@@ -52,44 +53,58 @@ class Smoothing:
         return self._convolved(x, 0)
 
     def motion(self, q: Floats) -> tuple[Floats, Floats, Floats]:
-        """Smoothed position, its rate and its acceleration, each (N - samples + 1, n), of q (N,
-        n).
-        """
+        """Smoothed position, rate and acceleration, each (N - samples + 1, n), of q (N, n)."""
         return self._convolved(q, 0), self._convolved(q, 1), self._convolved(q, 2)
 
     @property
     def of_rounding(self) -> float:
-        """Standard deviation of the acceleration per standard deviation of independent samples
-        [1/s^2].
-        """
+        """Standard deviation of the acceleration over that of independent samples [1/s^2]."""
         return float(np.linalg.norm(self._kernels[2]))
 
     @property
     def per_independent(self) -> float:
-        """Samples per independent one of the acceleration: neighbours share theirs.
+        """Number of samples per independent sample of the acceleration; neighbours correlate.
 
-        The acceleration's kernel is one period of a cosine; shifted by that over 2 pi it has lost
-        its correlation.
+        The acceleration's kernel is one period of a cosine. Shifted by a period over 2 pi it is
+        uncorrelated.
         """
         return max(1.0, (self.samples - 2) / (2 * np.pi))
 
-    def _convolved(self, x: Floats, which: int) -> Floats:
-        return np.column_stack(
-            [np.convolve(column, self._kernels[which], "valid") for column in x.T]
-        )
+    def _convolved(self, x: Floats, order: int) -> Floats:
+        kernel = self._kernels[order]
+        return np.column_stack([np.convolve(column, kernel, "valid") for column in x.T])
 
 
-# Speed [rad/s] that a joint must have throughout a kernel: below, its friction is not known to
-# slide one way.
-_SLOW = 0.05
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class KernelSettings:
+    """Limits of the kernel estimator.
+
+    Chosen by hand; ``tests/benchmarks/payload.py`` measures errors and intervals of the mass.
+
+    Parameters
+    ----------
+    slow : float
+        Speed that a joint must have throughout a kernel [rad/s]: a slower one may stick, and its
+        friction is then unknown.
+    misfit_rigid, misfit_elastic : float
+        Misfit above which no load explains a window, on rigid gears, and on elastic ones, which
+        oscillate.
+    """
+
+    slow: float = 0.05
+    misfit_rigid: float = 2.0
+    misfit_elastic: float = 20.0
+
+
+SETTINGS = KernelSettings()
 
 
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """What a controller saw of a segment of time.
+    """Counts and torques of a controller over a segment of time.
 
     `counts` (N, n): encoder counts at each sample. `torque` (N, n): applied joint torque [N m],
-    each from its sample to the next. `before` (n,): applied up to the first sample [N m].
+    each from its sample to the next. `before` (n,): torque applied until sample 0 [N m].
     """
 
     counts: Floats
@@ -101,14 +116,15 @@ class Window:
 
     @property
     def at_samples(self) -> Floats:
-        """Torque (N, n) around each sample: the mean of those on both sides of it."""
+        """Torque (N, n) at each sample: the mean of those before and after it."""
         return (self.torque + np.vstack([self.before[None], self.torque[:-1]])) / 2
 
 
 class TorqueWindow:
-    """The torque equation of an arm and a rig as identified, with a load, along windows.
+    """Torque equation of an identified arm and rig with a load, along windows.
 
-    `unknown`: names of what is `uncertain` beside the load, or else known: all of f, and friction.
+    `unknown`: names of f and of friction, the columns of the equation. `uncertain`: whether their
+    errors are estimated beside the load; if not, they are exact.
     """
 
     def __init__(
@@ -124,10 +140,9 @@ class TorqueWindow:
         self.smoothing = smoothing
         self.unknown = tuple(unknown)
         self.uncertain = uncertain
-        names, function = balance(arm.dynamics, rig, self.unknown, False)
+        _, function = balance(arm.dynamics, rig, self.unknown, False)
         self._kernel = MapKernel(function, outer=1)
-        values = dict(zip(names, np.concatenate([arm.f, rig.number_values()]), strict=True))
-        self._numbers = np.array(list(values.values()))[:, None]
+        self._numbers = np.concatenate([arm.f, rig.number_values()])[:, None]
         self._of_f = [self.unknown.index(name) for name in arm.dynamics.names]
 
     @functools.cached_property
@@ -135,43 +150,49 @@ class TorqueWindow:
         return self.arm.dynamics.load_matrix()
 
     def rows(self, window: Window, basis: Floats, loaded: Floats) -> tuple[Floats, Floats, Floats]:
-        """Columns of the load, columns of what is uncertain, and torque that the empty arm does not
-        explain.
+        """Columns of a load and of the unknowns, and the torque that the empty arm leaves.
 
         Each row is divided by its standard deviation: that of the rounded counts, through the
         inertia, with a row counted as its share of an independent one.
 
-        `basis` (b, 10): standard parameters of loads. `loaded` (10,): of the load with which the
-        inertia is taken.
+        `basis` (b, 10): standard parameters of loads. `loaded` (10,): those of the load that the
+        inertia includes.
 
         Returns load (R, b); uncertain (R, u); torque (R,).
         """
+        # 1. Smooth both sides of the equation.
         n = self.arm.n
         u = len(self.unknown)
         rig = self.rig
         q, qd, qdd = self.smoothing.motion(rig.cell_centre(window.counts))
         torque = self.smoothing.value(window.at_samples)
         results = self._kernel(np.vstack([q.T, qd.T, qdd.T]), self._numbers)[:, 0]
-        # casadi's matrices are joined column by column
+
+        # 2. Columns of the unknowns, their torque, and columns of the load. casadi stores a matrix
+        # column by column.
         uncertain = results[: n * u].reshape(u, n, -1)
         rest = torque.T - results[n * u :]
         load = np.tensordot(basis @ self._load.T, uncertain[self._of_f], axes=1)
-        good = np.abs(qd.T) > _SLOW + np.abs(qdd.T) * self.smoothing.length / 2
+
+        # 3. Use a joint only while it slides in one direction throughout the kernel.
+        sliding = np.abs(qd.T) > SETTINGS.slow + np.abs(qdd.T) * self.smoothing.length / 2
+
+        # 4. Rounding errors of all joints act through the inertia.
         inertia = self.arm.dynamics.D(q[len(q) // 2], self.arm.f + self._load @ loaded).full()
         scale = 1 / (self.rounding * np.linalg.norm(inertia * self._per_count, axis=1))
-        weight = np.broadcast_to(scale[:, None], good.shape)[good]
+        weight = np.broadcast_to(scale[:, None], sliding.shape)[sliding]
         return (
-            load[:, good].T * weight[:, None],
-            uncertain[:, good].T * weight[:, None],
-            rest[good] * weight,
+            load[:, sliding].T * weight[:, None],
+            uncertain[:, sliding].T * weight[:, None],
+            rest[sliding] * weight,
         )
 
     @functools.cached_property
     def rounding(self) -> float:
-        """Standard deviation of a count's acceleration [1/s^2], as of one independent row.
+        """Standard deviation of the acceleration by rounding, of one independent row [1/s^2].
 
-        What rounding does to neighbouring rows has opposite signs and cancels in part: alone it
-        counts half.
+        Rounding errors of neighbouring rows have opposite signs and cancel in part: without
+        uncertain numbers they count half.
         """
         share = 1.0 if self.uncertain else 0.5
         return self.smoothing.of_rounding * np.sqrt(share * self.smoothing.per_independent / 12)
@@ -182,21 +203,14 @@ class TorqueWindow:
         return np.asarray(np.abs(np.diagonal(self.rig.to_angle(np.eye(self.arm.n)))))
 
 
-KERNEL = 0.04  # length of the smooth kernel [s]
-
-
-# Misfit from which on no load explains a window: on rigid gears, and on elastic ones, which
-# oscillate.
-_RIGID = 2.0
-_ELASTIC = 20.0
+KERNEL = 0.04  # length of the smooth kernel on rigid gears [s]
 
 
 def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
-    """Length of the smooth kernel [s]: 40 ms, or on elastic gears two periods of the lowest
-    resonance with a full load.
+    """Length of the kernel [s]: 40 ms, or two periods of the lowest resonance of elastic gears.
 
-    There a Hann kernel has its first zero. The resonance is that of the links against locked
-    motors, at joints' zero.
+    A Hann kernel of that length has its first zero at the resonance. This is that of the links with
+    the heaviest load against locked motors, at joint angles of zero.
     """
     gears = rig.drive.elasticity
     if gears is None:
@@ -214,13 +228,12 @@ def friction_names(rig: Rig) -> list[str]:
 
 
 def uncertainty(
-    arm: Arm, rig: Rig, found: Identification | None, friction: float
+    arm: Arm, rig: Rig, identification: Identification | None, friction: float
 ) -> tuple[tuple[str, ...], Floats]:
-    """Names of what is uncertain beside the load, and a root (u, v) of its covariance.
+    """Names (u) of the uncertain numbers beside the load, and a root (u, v) of their covariance.
 
-    `arm`, `rig`: as the law has them. `found`: that gave them, for its covariance. `friction`:
-    standard deviation of the friction levels, as a share of them, where the identification does not
-    have one.
+    `arm`, `rig`: those of the law. `identification`: their source, for its covariance. `friction`:
+    relative standard deviation of the friction levels of which the identification has none.
     """
     if real("friction", friction, "Give a share, such as 0.05.") < 0:
         raise ValueError(
@@ -228,50 +241,54 @@ def uncertainty(
         )
     names = arm.dynamics.names
     root = np.zeros((arm.dynamics.p, 0))
-    if found is not None:
-        instance("found", found, Identification, "Pass what identify gave, or leave it out.")
-        if found.covariance is None:
+    if identification is not None:
+        instance(
+            "found", identification, Identification, "Pass what identify gave, or leave it out."
+        )
+        if identification.covariance is None:
             raise ValueError(
-                f"found must have a covariance; {found.search.method!r} provides none. Leave it"
-                " out, or search on."
+                f"found must have a covariance; {identification.search.method!r} provides none."
+                " Leave it out, or search on."
             )
-        linear = [
-            i for i, name in enumerate(found.fit.unknown) if name in (*names, *friction_names(rig))
-        ]
-        if found.arm.dynamics.names != names:
+        fit = identification.fit
+        linear = [i for i, name in enumerate(fit.unknown) if name in (*names, *friction_names(rig))]
+        if identification.arm.dynamics.names != names:
             raise ValueError(
                 "found must be of the law's arm; its f has other names. Pass the one that gave the"
                 " arm."
             )
-        values, vectors = np.linalg.eigh(found.covariance[np.ix_(linear, linear)])
-        names = tuple(found.fit.unknown[i] for i in linear)
+        # A root by eigenvectors: the covariance of fixed numbers is singular.
+        values, vectors = np.linalg.eigh(identification.covariance[np.ix_(linear, linear)])
+        names = tuple(fit.unknown[i] for i in linear)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-    more = [name for name in friction_names(rig) if name not in names] if friction else []
+    # Levels of friction without a covariance are independent of all others.
+    stated = [name for name in friction_names(rig) if name not in names] if friction else []
     levels = dict(zip(rig.number_names(), rig.number_values(), strict=True))
-    own = np.diag([friction * abs(levels[name]) for name in more])
-    zeros = np.zeros((len(names), len(more))), np.zeros((len(more), root.shape[1]))
-    return (*names, *more), np.block([[root, zeros[0]], [zeros[1], own]])
+    deviations = np.diag([friction * abs(levels[name]) for name in stated])
+    above = np.zeros((len(names), len(stated)))
+    below = np.zeros((len(stated), root.shape[1]))
+    return (*names, *stated), np.block([[root, above], [below, deviations]])
 
 
 class KernelEstimator:
-    """Least squares on the smooth torque equation, with what is uncertain of arm and friction
-    estimated along.
+    """Least squares of a load on the smooth torque equation, with uncertain arm and friction.
 
-    `arm`: without a load. `root` (u, v): root of the covariance of the unknowns; with no columns
-    all is known.
+    `arm`: without a load. `root` (u, v): root of the covariance of the unknowns; without columns
+    all are exact.
 
-    The applied torque is one side of the equation, so that a saturated amplifier does no harm to
-    it. Behind elastic gears the equation is that of rigid ones: the kernel is long enough to take
-    out their resonance (`kernel_length`).
+    The applied torque is one side of the equation, so that a saturated amplifier does no harm. With
+    elastic gears the equation is that of rigid ones: the kernel is long enough to remove their
+    resonance (`kernel_length`).
     """
 
     def __init__(
         self, arm: Arm, rig: Rig, shape: LoadShape, unknown: Sequence[str], root: ArrayLike
     ) -> None:
-        self.shape, length = shape, kernel_length(arm, rig, shape)
-        self._limit = _RIGID if rig.drive.elasticity is None else _ELASTIC
+        self.shape = shape
+        rigid = rig.drive.elasticity is None
+        self._limit = SETTINGS.misfit_rigid if rigid else SETTINGS.misfit_elastic
         self._root = array("root", root, (len(unknown), None), advice="Give a row per unknown.")
-        smoothing = Smoothing(length, rig.period)
+        smoothing = Smoothing(kernel_length(arm, rig, shape), rig.period)
         self._window = TorqueWindow(arm, rig, smoothing, unknown, uncertain=self._root.shape[1] > 0)
 
     def __call__(self, window: Window) -> PayloadEstimate:

@@ -1,4 +1,4 @@
-"""What `find_load` found, and what should be known before the mass is trusted."""
+"""Result of `find_load`: the load, its intervals, and warnings about them."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -15,26 +15,46 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
 
-# RMS innovation [pulses] above which more than rounding is left: 1.2 times 0.289
-_EXPLAINED = 0.347
 
-_BY_CHANCE = 4.0  # standard deviations of chi-square above its mean from which on it is not chance
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LoadWarningSettings:
+    """Limits above which `find_load` warns.
 
-# Share of a range within which a value lies at its end; standard deviations below zero from which
-# on a mass is called negative; and Birge ratio from which on logs are said to differ.
-_AT_END = 1e-6
-_NEGATIVE = 2.0
-_APART = 2.0
+    Chosen by hand; ``tests/benchmarks/find_load.py`` counts the loads with a warning.
+
+    Parameters
+    ----------
+    explained : float
+        RMS innovation that rounding explains [pulses]: 1.2 times 0.289, that of rounding alone.
+    by_chance : float
+        Standard deviations of chi-square above its mean that chance explains.
+    at_end : float
+        Distance from the end of a range at which a value lies on it, relative, or absolute of a
+        value below 1.
+    negative : float
+        Standard deviations below zero at which a mass is negative.
+    apart : float
+        Birge ratio above which the logs differ.
+    """
+
+    explained: float = 0.347
+    by_chance: float = 4.0
+    at_end: float = 1e-6
+    negative: float = 2.0
+    apart: float = 2.0
+
+
+WARNING = LoadWarningSettings()
 
 
 def birge(runs: Sequence[tuple[float, float]]) -> float:
-    """Root of chi-square per degree of freedom of some masses; 0 of less than two."""
-    told = [(mass, std) for mass, std in runs if np.isfinite(mass)]
-    if len(told) < 2:
+    """Birge ratio: root of chi-square per degree of freedom of masses; 0 of fewer than two."""
+    fitted = [(mass, std) for mass, std in runs if np.isfinite(mass)]
+    if len(fitted) < 2:
         return 0.0
-    masses, stds = np.array(told).T
+    masses, stds = np.array(fitted).T
     mean = np.average(masses, weights=stds**-2)
-    return float(np.sqrt((((masses - mean) / stds) ** 2).sum() / (len(told) - 1)))
+    return float(np.sqrt((((masses - mean) / stds) ** 2).sum() / (len(fitted) - 1)))
 
 
 def warnings_of(
@@ -47,40 +67,49 @@ def warnings_of(
     square: float,
     freedom: int,
 ) -> Iterator[str]:
-    """Lines about a fit."""
+    """Warnings about a fit, one line each."""
+    # 1. Values that the range determined, not the log.
     bounds = search.bounds(problem)
     values = fit.values
-    for name, value, own, (low, high) in zip(fit.unknown, values, std, bounds, strict=True):
-        if own > 0 and min(value - low, high - value) <= _AT_END * max(1.0, abs(value)):
+    for name, value, deviation, (low, high) in zip(fit.unknown, values, std, bounds, strict=True):
+        distance = min(value - low, high - value)
+        if deviation > 0 and distance <= WARNING.at_end * max(1.0, abs(value)):
             end = "lower" if value - low < high - value else "upper"
             yield f"{name} ends at the {end} bound, {value:.4g}; intervals do not count that."
-    if values[0] < -_NEGATIVE * std[0]:
+    if values[0] < -WARNING.negative * std[0]:
         yield (
             "the mass is negative; the known arm is heavier than that of the log, or a sign or a"
             " unit is wrong."
         )
-    if (fit.rms_innovation or 0.0) > _EXPLAINED:
+
+    # 2. Effects that the model lacks.
+    if (fit.rms_innovation or 0.0) > WARNING.explained:
         yield (
             f"rounding does not explain the fit: RMS innovation {fit.rms_innovation:.2f} pulses,"
             " rounding alone gives 0.29; arm, gears or friction differ from the model, and the"
             " mass may be off by more than its interval."
         )
+
+    # 3. Friction that did not come from the log.
     hidden = [
         name
-        for name, own in zip(fit.unknown, std, strict=True)
-        if own == 0 and name.startswith("drive.")
+        for name, deviation in zip(fit.unknown, std, strict=True)
+        if deviation == 0 and name.startswith("drive.")
     ]
     if friction is None and hidden:
         yield (
             f"{', '.join(hidden)} is not identifiable from these logs, and was taken from the rig."
         )
     if friction is not None:
-        said = "as exact" if friction == 0 else f"within {friction:.0%}"
+        tolerance = "as exact" if friction == 0 else f"within {friction:.0%}"
         yield (
-            f"friction was taken from the rig, {said}; leave friction out to find it beside the"
-            " load."
+            f"friction was taken from the rig, {tolerance}; leave friction out to find it beside"
+            " the load."
         )
-    if square > freedom + _BY_CHANCE * np.sqrt(2 * freedom):
+
+    # 4. Contradictions: another arm, and logs that differ. The variance of chi-square is twice its
+    # degrees of freedom.
+    if square > freedom + WARNING.by_chance * np.sqrt(2 * freedom):
         yield (
             f"no load on this arm explains the logs: chi-square {square:.0f} of {freedom}; arm,"
             " gears or friction differ from the model. The deviation counts that as if it were"
@@ -91,8 +120,8 @@ def warnings_of(
             "the logs do not tell all of f: what is uncertain of the identified arm is not in the"
             " interval."
         )
-    if birge(runs) > _APART:
-        masses = ", ".join(f"{mass:.4g} +- {own:.2g}" for mass, own in runs)
+    if birge(runs) > WARNING.apart:
+        masses = ", ".join(f"{mass:.4g} +- {deviation:.2g}" for mass, deviation in runs)
         yield (
             f"the records alone differ more than their deviations: {masses} kg; the deviation"
             " counts that."
@@ -101,7 +130,7 @@ def warnings_of(
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Load(Shown, Frozen):
-    """A load on the last link, or another one. Print it.
+    """Mass and centre of mass of a load on a link, and the arm with it. Print it.
 
     Attributes
     ----------
@@ -115,18 +144,19 @@ class Load(Shown, Frozen):
         Centre of mass in the frame of the link's body [m]; NaN along an axis that is not
         identifiable from the torques. Of a given position it is that, with a deviation of 0.
     names : tuple of str
-        Of all that was unknown: ``mass``, ``com[i]``, numbers of friction.
+        Of the unknowns: ``mass``, ``com[i]``, numbers of friction.
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
     rig : Rig
-        Of the first record, with the friction that was found.
+        That of the first record, with the fitted friction.
     runs : tuple of (float, float)
         Mass and standard deviation of each record alone [kg]; empty of a single one.
     chi_square, freedom : float, int
-        By how much an arm with any f follows the logs better, and its degrees of freedom: about as
-        many, by chance. NaN and 0 where the logs do not tell all of f, so that nothing was tested.
+        Chi-square by which an arm with free f follows the logs better, and its degrees of freedom,
+        which chance alone gives. NaN and 0 where the logs do not determine all of f, so that
+        nothing was tested.
     warnings : tuple of str
-        What should be known before the mass is trusted, one line each.
+        Reasons for which the mass may be wrong, one line each.
     """
 
     mass: float
@@ -146,42 +176,39 @@ class Load(Shown, Frozen):
 
     @property
     def interval(self) -> Floats:
-        """That holds the mass with 95 % (2,) [kg]."""
+        """95 % interval (2,) of the mass [kg]."""
         return self.mass + NORMAL * self.std * np.array([-1.0, 1.0])
 
     def _short(self) -> str:
+        text = f"{self.mass:.4g} +- {self.std:.2g} kg"
         count = len(self.warnings)
-        return (
-            f"{self.mass:.4g} +- {self.std:.2g}"
-            f" kg{f', {count} warning' * bool(count)}{'s' * (count > 1)}"
-        )
+        if count:
+            text += f", {count} warning{'s' * (count > 1)}"
+        return text
 
     def _shown(self) -> Iterator[Piece]:
         low, high = self.interval
-        said = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
-        yield Verdict(said, not self.warnings)
-        where = [
-            f"{axis} {at:.4g} +- {std:.2g}" if np.isfinite(at) else f"{axis} is not identifiable"
-            for axis, at, std in zip("xyz", self.com, self.com_std, strict=True)
+        mass = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
+        yield Verdict(mass, not self.warnings)
+        centre = [
+            f"{axis} {x:.4g} +- {std:.2g}" if np.isfinite(x) else f"{axis} is not identifiable"
+            for axis, x, std in zip("xyz", self.com, self.com_std, strict=True)
         ]
-        yield f"centre of mass [m]: {', '.join(where)}"
-        std = np.sqrt(np.diag(self.covariance))
-        yield Table(
-            (),
-            [
-                (name, f"{self.values[i]:.4g}", f"+- {std[i]:.2g}" if std[i] > 0 else "known")
-                for i, name in enumerate(self.names)
-                if name.startswith("drive.")
-            ],
-            words=(2,),
-        )
-        yield from (
-            f"record {k} alone: {mass:.4g} +- {own:.2g} kg"
-            for k, (mass, own) in enumerate(self.runs)
-        )
-        tested = (
-            f"chi-square {self.chi_square:.1f} of {self.freedom}" if self.freedom else "not tested"
-        )
-        yield f"test of another arm in place of a load: {tested}"
+        yield f"centre of mass [m]: {', '.join(centre)}"
+        friction = []
+        for name, value, variance in zip(
+            self.names, self.values, np.diag(self.covariance), strict=True
+        ):
+            if name.startswith("drive."):
+                # The variance of a number that the rig states exactly is zero.
+                deviation = f"+- {np.sqrt(variance):.2g}" if variance > 0 else "known"
+                friction.append((name, f"{value:.4g}", deviation))
+        yield Table((), friction, words=(2,))
+        for k, (alone, deviation) in enumerate(self.runs):
+            yield f"record {k} alone: {alone:.4g} +- {deviation:.2g} kg"
+        test = "not tested"
+        if self.freedom:
+            test = f"chi-square {self.chi_square:.1f} of {self.freedom}"
+        yield f"test of another arm in place of a load: {test}"
         yield f"RMS innovation {self.rms_innovation:.3f} pulses (rounding alone gives 0.289)"
         yield Warned(self.warnings)

@@ -1,8 +1,8 @@
-"""Prediction error of a known arm with an unknown load, and unknown friction beside it.
+"""Prediction-error fit of a load on a known arm, with unknown friction beside it.
 
-What a search of a load has in common with that of f (`identification.search`): the records' laws,
-run along their logs, whose memory may be unknown; the start from the torque equation; Gauss-Newton
-on the innovations. Here f is that of the known arm and a function of a few numbers of the load.
+It shares with the fit of f (`identification.search`) the laws, run along their logs from a state
+that may be unknown, the start from the torque equation, and Gauss-Newton on the innovations. Here f
+is that of the known arm plus increments, which are functions of a few numbers of the load.
 """
 
 import dataclasses
@@ -23,18 +23,61 @@ from plant import Body, Dynamics
 from plant.mechanics.base_parameters import independent_columns
 from plant.parts.fields import Floats
 
-# share of its own below which what a direction does to f is a combination of what others do
-_SAME = 1e-7
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LoadSearchSettings:
+    """Steps and limits of the fit of a load.
+
+    Chosen by hand; ``tests/benchmarks/find_load.py`` measures errors and coverage of the masses.
+
+    Parameters
+    ----------
+    dependent : float
+        Share of its own length that a column of increments must have outside the span of the
+        others, for mass and centre to be separately identifiable.
+    mass_step : float
+        Step of the central differences of the mass [kg].
+    centre_step : float
+        The same of a coordinate of the centre of mass [m].
+    friction_step : float
+        The same of friction, in standard deviations of the torque equation's fit.
+    relative_step : float
+        The same of f where all of it is free, relative, and of a load's increments.
+    least_size : float
+        Size of an f, relative to the largest, below which its step does not shrink further.
+    light : float
+        Mass below which the torque equation gives no start for the centre [kg].
+    centre_start : float
+        Coordinates of the centre at the start of the fit of such a load [m].
+    friction_error : float
+        Relative error of the stated friction up to which the torque equation gives its start.
+    reach : float
+        Largest coordinate of the centre of mass in the link's frame [m].
+    """
+
+    dependent: float = 1e-7
+    mass_step: float = 0.01
+    centre_step: float = 0.002
+    friction_step: float = 0.05
+    relative_step: float = 1e-3
+    least_size: float = 0.05
+    light: float = 0.05
+    centre_start: float = 0.1
+    friction_error: float = 0.9
+    reach: float = 2.0
+
+
+SETTINGS = LoadSearchSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class UnknownLoad:
-    """Numbers of a load, and the increments of f that they are.
+    """Unknown mass and centre of a load, and the increments of f that they cause.
 
     `matrix` (p, 10): increments of f by the load's standard parameters. `position` (3,): centre of
-    mass where it is known, or 0 where it is unknown or does not show [m]. `inertia` (6,): about the
-    centre of mass [kg m^2]. `shown`: axes of the link's frame along which the place of the centre
-    is unknown.
+    mass [m] where it is known; 0 along axes where it is unknown or has no effect. `inertia` (6,):
+    about the centre of mass [kg m^2]. `shown`: axes of the link's frame along which the centre is
+    unknown and has an effect.
     """
 
     matrix: Floats
@@ -46,15 +89,24 @@ class UnknownLoad:
     def of(
         cls, dynamics: Dynamics, link: int | str, position: Floats | None, inertia: Floats
     ) -> Self:
-        """Of a load on a link, whose place may be unknown."""
+        """A load on a link, with a known or unknown centre of mass.
+
+        Raises
+        ------
+        ValueError
+            Mass and centre are not separately identifiable.
+        """
         matrix = dynamics.load_matrix(link)
         if position is not None:
             return cls(matrix=matrix, position=position, inertia=inertia, shown=())
         shown = tuple(axis for axis in range(3) if matrix[:, 1 + axis].any())
+        # Without its inertia a load changes f linearly, by its first moments and its mass.
         moments = matrix[:, [*(1 + axis for axis in shown), 0]]
-        if not moments.any() or len(
-            independent_columns(moments, range(len(shown) + 1), _SAME)[0]
-        ) <= len(shown):
+        count = 0
+        if moments.any():
+            columns = range(len(shown) + 1)
+            count = len(independent_columns(moments, columns, SETTINGS.dependent)[0])
+        if count <= len(shown):
             raise ValueError(
                 "mass and centre of the load must be separately identifiable; on this arm or link"
                 " they are not. Give position."
@@ -63,43 +115,31 @@ class UnknownLoad:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the unknown numbers."""
+        """Names of the unknown numbers, mass first."""
         return ("mass", *(f"com[{axis}]" for axis in self.shown))
 
     def com(self, values: Floats) -> Floats:
-        """Centre of mass (3,) [m]; 0 along axes that do not show."""
+        """Centre of mass (3,) [m]; 0 along axes where it has no effect."""
         com = self.position.copy()
         com[list(self.shown)] = values[1 : len(self.names)]
         return com
 
     def increments(self, values: Floats) -> Floats:
-        """Of f (p,), by mass and centre (k,)."""
+        """Increments (p,) of f, by mass and centre (k,)."""
         unit = Body(mass=1.0, com=self.com(values)).standard_parameters
-        own = np.concatenate([np.zeros(4), self.inertia]) if values[0] else np.zeros(10)
-        return np.asarray(self.matrix @ (values[0] * unit + own))
-
-
-_STEPS = (0.01, 0.002)  # of the central differences: of the mass [kg], and of its place [m]
-
-_SMALL = 0.05  # the same of friction, in standard deviations of the torque equation's fit
-
-_RELATIVE = 1e-3  # the same of f where all of it is free, relative, and of a load's increments
-
-_LIGHT = 0.05  # mass [kg] below which its place is not looked for in the torque equation
-
-_FAR = 0.9  # share by which friction may be off what the rig states for the search to start there
-
-_REACH = 2.0  # how far off its frame a load is [m]
+        # The stated inertia does not scale with the mass, but a load of no mass is no load.
+        inertia = np.concatenate([np.zeros(4), self.inertia]) if values[0] else np.zeros(10)
+        return np.asarray(self.matrix @ (values[0] * unit + inertia))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class FreeArm:
-    """What logs say of an arm with any f, beside the known arm with a load.
+    """Comparison of the known arm and its load with an arm of free f.
 
-    `square`, `freedom`: chi-square, and degrees of freedom, by which any other f follows the logs
-    better than every load: chance, or what arm, gears and drives have and the model lacks. NaN and
-    0 where the logs do not tell all of f. `shares` (l,): what is to be added to the numbers of the
-    load, as the known arm is uncertain; 0 of an exact one. `covariance` (l, l) or None: of the
+    `square`, `freedom`: chi-square by which a free f follows the logs better than any load, and its
+    degrees of freedom; it exceeds these where arm, gears or drives differ from the model. NaN and 0
+    where the logs do not determine all of f. `shares` (l,): correction of the numbers of the load
+    for the uncertainty of the known arm; 0 of an exact one. `covariance` (l, l) or None: of the
     load, with that of the known arm.
     """
 
@@ -111,12 +151,12 @@ class FreeArm:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class LoadSearch:
-    """What is known, and what is not.
+    """Known arm, unknown load, and prior of friction: the fit of a load.
 
-    `f` (p,): of the arm without the load. `load`: or anything with its ``names`` and
-    ``increments``. `mass` (2,): between which it is [kg]. `friction` (d,): as the rig states it, in
-    the order of the problem's unknowns after f. `deviation` (d,): standard deviations of that; inf
-    of what is unknown, 0 of what is known. `covariance` (p, p): of `f`; 0 of an exact arm.
+    `f` (p,): of the arm without the load. `load`: an `UnknownLoad`, or an object with its ``names``
+    and ``increments``. `mass` (2,): range of the mass [kg]. `friction` (d,): values of the rig, in
+    the order of the problem's unknowns after f. `deviation` (d,): their standard deviations; inf if
+    unknown, 0 if exact. `covariance` (p, p): of `f`; 0 of an exact arm.
     """
 
     f: Floats
@@ -127,86 +167,89 @@ class LoadSearch:
     covariance: Floats
 
     def fitted(self, problem: Problem) -> Outcome:
-        """The prediction error's fit of mass, centre and friction, as a method of identification.
+        """Prediction-error fit of mass, centre and friction, as a method of identification.
 
-        Friction that is not identifiable, such as that of a joint at rest, stays as the rig states
-        it.
+        Friction that is not identifiable, such as that of a joint at rest, keeps the value of the
+        rig.
         """
         friction = problem.unknown[len(self.f) :]
         try:
             return self._fitted(problem)
         except NotIdentifiableError as error:
             shown = np.array([name != error.name for name in friction])
+            # The number of the error is no unknown friction: the load is not identifiable.
             if not (self.deviation[~shown] > 0).any():
                 raise
-        return dataclasses.replace(self, deviation=np.where(shown, self.deviation, 0.0)).fitted(
-            problem
-        )
+        # Fix that number, and fit again; another one may be the next.
+        fixed = dataclasses.replace(self, deviation=np.where(shown, self.deviation, 0.0))
+        return fixed.fitted(problem)
 
     def _fitted(self, problem: Problem) -> Outcome:
+        """One fit, in which every friction with a deviation must be identifiable."""
         start, std = self.start(problem)
-        view = WithLoad(
-            self, problem.prediction(memories=problem.memories), problem.unknown[len(self.f) :]
-        )
-        k = len(start)
+        friction = problem.unknown[len(self.f) :]
+        view = WithLoad(self, problem.prediction(memories=problem.memories), friction)
         loads = len(self.load.names)
-        steps = np.concatenate([[_STEPS[0]], [_STEPS[1]] * (loads - 1), _SMALL * std[loads:]])
+        centre = [SETTINGS.centre_step] * (loads - 1)
+        # Fixed friction has a deviation of zero, and so a step of zero.
+        steps = np.concatenate([[SETTINGS.mass_step], centre, SETTINGS.friction_step * std[loads:]])
         solution = view.followed(start, steps, self.bounds(problem), bool(problem.memories))
-        resumptions = (
-            view.prediction.resumptions(view.whole(solution.values)) if problem.memories else ()
-        )
-        unknown = (*self.load.names, *problem.unknown[len(self.f) :])
-        fit = fit_of(solution, unknown, solution.values[:k], resumptions=resumptions)
+        solved = view.whole(solution.values)
+        resumptions = view.prediction.resumptions(solved) if problem.memories else ()
+        unknown = (*self.load.names, *friction)
+        fit = fit_of(solution, unknown, solution.values[: len(start)], resumptions=resumptions)
         stages = {"prediction error": solution.values, "steps": steps[loads:]}
         return Outcome(fit=fit, evaluations=view.prediction.evaluations, stages=stages)
 
     def free(self, problem: Problem, outcome: Outcome) -> FreeArm:
-        """All of f, fitted beside friction: its difference from the known f, in units of the
-        covariances of both.
+        """Fit all of f beside friction, and compare it with the known f and a load.
 
-        Generalised least squares: the load takes of the difference what it can, the rest is the
-        contradiction.
+        Generalised least squares, weighted by the covariances of both f: the load explains as much
+        of the difference as it can, and the rest is the contradiction.
         """
+        # 1. Fit free increments of f, from those of the load.
         fit = outcome.fit
         loads = len(self.load.names)
         p = len(self.f)
-        found = fit.values[:loads]
-        more = self.load.increments(fit.values)
+        load = fit.values[:loads]
+        increments = self.load.increments(fit.values)
         free = dataclasses.replace(self, load=AnyLoad(names=problem.dynamics.names))
         view = WithLoad(free, problem.prediction(memories=problem.memories), problem.unknown[p:])
-        size = np.maximum(np.abs(self.f + more), 0.05 * np.abs(self.f).max())
-        steps = np.append(_RELATIVE * size, outcome.stages["steps"])
-        start = np.concatenate([more, outcome.stages["prediction error"][loads:]])
+        size = np.maximum(np.abs(self.f + increments), SETTINGS.least_size * np.abs(self.f).max())
+        steps = np.append(SETTINGS.relative_step * size, outcome.stages["steps"])
+        start = np.concatenate([increments, outcome.stages["prediction error"][loads:]])
         limits = np.vstack([np.tile([-np.inf, np.inf], (p, 1)), self.bounds(problem)[loads:]])
         try:
             solution = view.followed(start, steps, limits, False)
             weight = np.linalg.inv(solution.covariance[:p, :p] + self.covariance)
-        except (ValueError, np.linalg.LinAlgError):
+        except (ValueError, np.linalg.LinAlgError):  # the logs do not determine all of f
             return FreeArm()
-        change = _RELATIVE * np.eye(loads)
+
+        # 2. Split the difference into the part along the columns of the load, and the rest.
         slopes = np.column_stack(
             [
-                self.load.increments(found + step) - self.load.increments(found - step)
-                for step in change
+                self.load.increments(load + step) - self.load.increments(load - step)
+                for step in SETTINGS.relative_step * np.eye(loads)
             ]
-        ) / (2 * _RELATIVE)
-        left = solution.values[:p] - more
+        ) / (2 * SETTINGS.relative_step)
+        difference = solution.values[:p] - increments
         covariance = np.linalg.inv(slopes.T @ weight @ slopes)
-        shares = covariance @ (slopes.T @ weight @ left)
-        left = left - slopes @ shares
-        told: dict[str, Any] = (
-            {"shares": shares, "covariance": covariance} if self.covariance.any() else {}
-        )
-        return FreeArm(square=float(left @ weight @ left), freedom=p - loads, **told)
+        shares = covariance @ (slopes.T @ weight @ difference)
+        rest = difference - slopes @ shares
+        comparison = FreeArm(square=float(rest @ weight @ rest), freedom=p - loads)
+        if not self.covariance.any():
+            # The numbers of the load's own fit hold for an exact arm.
+            return comparison
+        return dataclasses.replace(comparison, shares=shares, covariance=covariance)
 
     def bounds(self, problem: Problem) -> Floats:
-        """Of mass, centre and friction (k, 2)."""
-        return np.vstack(
-            [self.mass, *[(-_REACH, _REACH)] * len(self.load.shown), problem.bounds[len(self.f) :]]
-        )
+        """Bounds (k, 2) of mass, centre and friction."""
+        centre = [(-SETTINGS.reach, SETTINGS.reach)] * len(self.load.shown)
+        return np.vstack([self.mass, *centre, problem.bounds[len(self.f) :]])
 
     def start(self, problem: Problem) -> tuple[Floats, Floats]:
-        """Values (k,) from the torque equation of the counts, and standard deviations."""
+        """Values (k,) by the torque equation of the counts, and their standard deviations (k,)."""
+        # 1. Subtract the known arm and the fixed friction from the torque of each record.
         systems = []
         p = len(self.f)
         linear = [
@@ -214,7 +257,7 @@ class LoadSearch:
             for name in problem.unknown
             if name in problem.dynamics.names or name.startswith(LINEAR)
         ]
-        columns, offset = self._columns()
+        of_load, offset = self._columns()
         free = self.deviation > 0
         for record, about in each_named(problem.records):
             with about:
@@ -226,31 +269,40 @@ class LoadSearch:
                 - of_f @ (self.f + offset)
                 - of_friction[:, :, ~free] @ self.friction[~free]
             )
-            regressor = np.concatenate([of_f @ columns, of_friction[:, :, free]], axis=2)
+            regressor = np.concatenate([of_f @ of_load, of_friction[:, :, free]], axis=2)
             systems.append(dataclasses.replace(system, regressor=regressor, torque=torque))
+
+        # 2. Least squares of mass, first moments and unknown friction.
         loads = len(self.load.names)
         friction = np.flatnonzero(free)
         names = (*map(spoken, self.load.names), *(linear[p + i] for i in friction))
         fit = weighted(problem.dynamics, names, systems)
         values = np.append(np.zeros(loads), self.friction)
         std = np.zeros(loads + len(free))
-        places = [*range(loads), *(loads + friction)]
-        values[places], std[places] = fit.values, fit.std
-        heavy = abs(values[0]) > _LIGHT
-        values[1:loads] = values[1:loads] / values[0] if heavy else 0.1
-        near = np.abs(values[loads:] - self.friction) < np.minimum(
-            self.deviation, _FAR * np.abs(self.friction)
-        )
-        near |= (self.friction == 0) & (np.abs(values[loads:]) < self.deviation)
-        values[loads:] = np.where(near, values[loads:], self.friction)
+        columns = [*range(loads), *(loads + friction)]
+        values[columns] = fit.values
+        std[columns] = fit.std
+
+        # 3. The centre is the first moment over the mass; a light load has none that is sure.
+        heavy = abs(values[0]) > SETTINGS.light
+        values[1:loads] = values[1:loads] / values[0] if heavy else SETTINGS.centre_start
+
+        # 4. Friction that contradicts the rig comes from poor data: start from the rig there.
+        errors = np.abs(values[loads:] - self.friction)
+        tolerance = np.minimum(self.deviation, SETTINGS.friction_error * np.abs(self.friction))
+        plausible = errors < tolerance
+        # An offset of 0 has no relative error.
+        plausible |= (self.friction == 0) & (np.abs(values[loads:]) < self.deviation)
+        values[loads:] = np.where(plausible, values[loads:], self.friction)
         return np.clip(values, *self.bounds(problem).T), std
 
     def _columns(self) -> tuple[Floats, Floats]:
-        """Increments of f (p, l) by mass and first moments, their inertia left aside; and by the
-        stated inertia.
+        """Increments (p, l) of f by mass and first moments, and (p,) by the stated inertia.
+
+        The inertia of an unknown centre, quadratic in it, is neglected.
         """
-        matrix = self.load.matrix
         load = self.load
+        matrix = load.matrix
         offset = matrix[:, 4:] @ load.inertia
         if not load.shown:
             return (load.increments(np.array([1.0])) - offset)[:, None], offset

@@ -1,4 +1,4 @@
-"""A prediction in the numbers of a load and of friction, in place of f and friction."""
+"""Prediction error as a function of a load and friction, in place of f and friction."""
 
 import dataclasses
 from typing import Any
@@ -12,30 +12,32 @@ from identification.replay.residual import Reparametrised, WithPrior
 from identification.search.polish import by_stages
 from plant.parts.fields import Floats
 
-# Relative change of the noise from which on stated friction is weighed anew; chosen by hand.
+# Relative change of the noise above which the priors of friction are weighed anew, and the fit is
+# repeated. Chosen by hand.
 _CHANGED = 0.05
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class AnyLoad:
-    """Increments of f that need not be those of a load."""
+    """Free increments of f, in place of those of a load."""
 
     names: tuple[str, ...]
 
     def increments(self, values: Floats) -> Floats:
+        """Increments (p,) of f: the leading values."""
         return values[: len(self.names)]
 
 
 def spoken(name: str) -> str:
-    """What messages call a number of the load."""
+    """Name of a number of the load in messages."""
     return f"{name} of the load"
 
 
 class WithLoad(WithPrior):
-    """A prediction whose unknowns are those of a load, friction, and its nuisances.
+    """Residual whose unknowns are numbers of a load, friction, and the nuisances of a prediction.
 
-    Friction that is stated with a deviation comes behind the innovations. `search`: the known arm,
-    its load and its stated friction.
+    `search`: the `LoadSearch` with the known arm, its load and the priors of friction, whose rows
+    come behind the innovations. `friction`: names of the friction, in the order of the search.
     """
 
     def __init__(self, search: Any, prediction: Prediction, friction: tuple[str, ...]) -> None:
@@ -45,26 +47,24 @@ class WithLoad(WithPrior):
         nuisances = prediction.unknown[len(search.f) + len(friction) :]
         unknown = (*map(spoken, search.load.names), *friction, *nuisances)
         self._gains = sum("correction." in name for name in unknown)
-        self._stated = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
-        super().__init__(
-            Reparametrised(prediction, unknown, self.whole),
-            self._deviations,
-            len(self._stated),
-            ROUNDING,
-        )
+        # An infinite deviation is no prior; friction without a deviation is fixed.
+        self._priors = np.flatnonzero(np.isfinite(search.deviation) & (search.deviation > 0))
+        # Rounding is the noise until a fit shows more.
+        residual = Reparametrised(prediction, unknown, self.whole)
+        super().__init__(residual, self._deviations, len(self._priors), ROUNDING)
 
     def whole(self, values: Floats) -> Floats:
-        """Values that the prediction takes."""
+        """Values of the prediction: f of the arm with its load, friction and nuisances."""
         return np.append(self.search.f + self.search.load.increments(values), values[self._loads :])
 
     def _deviations(self, values: Floats) -> Floats:
-        """Deviations of friction from the stated, in its standard deviations."""
-        friction = values[self._loads :][self._stated]
-        deviation = self.search.deviation[self._stated]
-        return np.asarray((friction - self.search.friction[self._stated]) / deviation)
+        """Differences of the friction from its priors, in their standard deviations."""
+        friction = values[self._loads :][self._priors]
+        deviation = self.search.deviation[self._priors]
+        return np.asarray((friction - self.search.friction[self._priors]) / deviation)
 
     def followed(self, start: Floats, steps: Floats, bounds: Floats, by_stage: bool) -> Solution:
-        """Least sum of squares from a start of what is unknown, or of that and of the nuisances."""
+        """Least sum of squares from a start of the unknowns, with or without the nuisances."""
         k = len(steps)
         prediction = self.prediction
         begin = np.append(start, prediction.nuisances) if len(start) == k else start
@@ -74,19 +74,20 @@ class WithLoad(WithPrior):
         solution = by_stages(self, begin, steps, bounds, gains)
 
         def reweigh(solution: Solution) -> bool:
-            # Both, always: records and joints first, since they decide what an innovation tells.
+            # Always both. The weights of records and joints come before: the noise follows them.
             changed = self.reweigh(solution.values)
             return self.trust(solution) or changed
 
         return reweighed(self, solution, steps, bounds, reweigh)
 
     def trust(self, solution: Solution) -> bool:
-        """Weigh stated friction by what an innovation tells in this log; whether that changes
-        much.
+        """Weigh the priors by the noise of the innovations; whether that changed much.
+
+        A prior weighs like one independent reading, so autocorrelation inflates the noise.
         """
-        if not len(self._stated):
+        if not len(self._priors):
             return False
-        before = self.noise
+        previous = self.noise
         inflation = variance_inflation(solution.residual)
         self.noise = float(solution.rms_innovation * np.sqrt(inflation))
-        return abs(self.noise / before - 1) > _CHANGED
+        return abs(self.noise / previous - 1) > _CHANGED

@@ -1,14 +1,14 @@
-"""The load on a known arm, from logs of its own: mass, centre of mass, and friction beside it.
+"""`find_load`: mass and centre of mass of a load on a known arm, from logs, with unknown friction.
 
-Friction changes with load, temperature and wear; a load that is found with friction taken as stated
-is as wrong as that is. So friction and its offsets are unknown beside the load, or stated with a
-deviation that counts in the interval.
+Friction changes with load, temperature and wear, and an error of it is an error of the load. So
+friction and its offsets are unknown beside the load, or stated with a deviation that widens the
+interval.
 
-The interval counts what the model lacks as far as the logs show it. All of f is fitted freely; by
-how much it differs from the known f by more than a load can is a chi-square. And where several logs
-have been made, each is fitted alone. The covariance is multiplied by the larger of the two per
-degree of freedom (the Birge ratio), where that exceeds one. An arm that was identified brings its
-covariance: the load is the generalised least squares of the difference in f. An arm alone counts as
+The interval includes the errors of the model as far as the logs show them. All of f is fitted
+freely; its difference from the known f that no load explains gives a chi-square. Of several logs,
+each is also fitted alone, which gives another one. The covariance is multiplied by the larger one
+per degree of freedom (the squared Birge ratio), where that exceeds one. An identified arm has a
+covariance: the load is then the generalised least squares of the difference in f. An `Arm` is
 exact, and then deviations of hundredths of a gram, under sampled laws, are too small.
 
 Source: R. T. Birge, The calculation of errors by the method of least squares, Physical Review 40
@@ -42,7 +42,8 @@ from plant.checkup.lost_rows import bridged
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
 
-# [kg]; the lightest where the centre is unknown, of which nothing has none
+# Range of the mass where the user states none [kg]: wider than any load on a robot, but finite for
+# Gauss-Newton. A centre is only defined of a positive mass.
 _HEAVIEST = 1e3
 _LIGHTEST = 1e-3
 
@@ -59,21 +60,21 @@ def find_load(
     friction: float | None = None,
     steps_per_sample: int = 4,
 ) -> Load:
-    """A load on a known arm, from one log or several, under any law.
+    """Mass and centre of mass of a load on a known arm, from one log or several, under any law.
 
     Parameters
     ----------
     arm : Identification, TorqueFit or Arm
-        Without the load. Of what was fitted the covariance of f counts; an arm alone is taken as
-        exact.
+        Without the load. Of an identified or fitted arm the covariance of f counts; an `Arm` is
+        taken as exact.
     record : Record or sequence of Record
         Made with the load. The torque is that of the law, as for `identify`: a law with a memory is
-        run along its log, also where this was cut; or that of the log, also where no law is known.
+        run along its log, also if this was cut; or that of the log, also if no law is known.
     position : (3,) array_like, optional
-        Centre of mass in the frame of the link's body [m]. Left out, it is found, along the axes
-        that show.
+        Centre of mass in the frame of the link's body [m]. By default it is unknown, along the axes
+        on which the torques depend.
     link : int or str
-        Place of the link in the chain, or its name.
+        Number of the link in the chain, or its name.
     mass : (low, high), optional
         Range of the mass [kg].
     inertia : (6,) array_like, optional
@@ -82,7 +83,7 @@ def find_load(
     friction : float, optional
         Relative standard deviation of the rigs' viscous and Coulomb friction, and of offsets in the
         Coulomb level; 0 takes them as exact. By default all are unknown, offsets within the Coulomb
-        level: in a log that was cut a constant torque may also be what the law remembered.
+        level: in a log that was cut a constant torque may also come from the law's memory.
     steps_per_sample : int
 
     Returns
@@ -108,10 +109,13 @@ def find_load(
     >>> print(0 < load.mass < 3)
     True
     """
-    exact, covariance = _known(arm)
-    arm = instance("arm", exact, Arm, "The order is arm, record, position.")
-    given, _ = as_records(arm.dynamics, record, None)
-    records = [bridged(_with_offsets(each)) for each in given]
+    # 1. Arm and records.
+    known_arm, covariance = _known(arm)
+    arm = instance("arm", known_arm, Arm, "The order is arm, record, position.")
+    originals, _ = as_records(arm.dynamics, record, None)
+    records = [bridged(_with_offsets(original)) for original in originals]
+
+    # 2. The load, and the ranges of its numbers.
     if position is not None:
         position = array(
             "position",
@@ -126,10 +130,10 @@ def find_load(
         advice="Give Ixx ... Izz [kg m^2].",
     )
     load = UnknownLoad.of(arm.dynamics, link, position, moments)
-    least = -_HEAVIEST if position is not None else _LIGHTEST
-    low, high = array(
-        "mass", (least, _HEAVIEST) if mass is None else mass, (2,), advice="Give (low, high) [kg]."
-    )
+    if mass is None:
+        # With a known centre the mass may be negative: it shows a wrong sign or a heavier arm.
+        mass = (-_HEAVIEST if position is not None else _LIGHTEST, _HEAVIEST)
+    low, high = array("mass", mass, (2,), advice="Give (low, high) [kg].")
     if not low < high or (position is None and low <= 0):
         rule = (
             "increase" if not low < high else "be positive where the place of the load is unknown"
@@ -139,6 +143,8 @@ def find_load(
         raise ValueError(
             f"friction must not be negative; got {friction:g}. Give a share, such as 0.1, or 0."
         )
+
+    # 3. The fit of all records, and of each alone.
     search = _search(arm, records[0].rig, load, (float(low), float(high)), friction, covariance)
     options = {"steps_per_sample": steps_per_sample, "sweeps": 3, "threads": None}
     outcome, problem = _followed(arm, records, search, options)
@@ -146,24 +152,24 @@ def find_load(
     return _assessed(arm, search, outcome, problem, runs, ratio, friction)
 
 
-def _known(found: Identification | TorqueFit | Arm) -> tuple[Arm, Floats]:
-    """An arm, and the covariance of its f; 0 of an exact one."""
-    if not isinstance(found, (Identification, TorqueFit)):
-        return found, np.zeros((len(found.f) if isinstance(found, Arm) else 0,) * 2)
-    warn_of_doubts(found, "find_load")
-    if isinstance(found, TorqueFit):
-        arm = found.dynamics.arm(found.f)
-        return arm, covariance_of(found.dynamics.names, found.names, found.covariance)
-    return found.arm, covariance_of_f(found, found.arm)
+def _known(source: Identification | TorqueFit | Arm) -> tuple[Arm, Floats]:
+    """The arm of a fit, and the covariance (p, p) of its f; 0 of an exact arm."""
+    if not isinstance(source, (Identification, TorqueFit)):
+        # Anything else than an arm is refused by the caller.
+        p = len(source.f) if isinstance(source, Arm) else 0
+        return source, np.zeros((p, p))
+    warn_of_doubts(source, "find_load")
+    if isinstance(source, TorqueFit):
+        arm = source.dynamics.arm(source.f)
+        return arm, covariance_of(source.dynamics.names, source.names, source.covariance)
+    return source.arm, covariance_of_f(source, source.arm)
 
 
 def _with_offsets(record: Record) -> Record:
-    """The record with a friction offset in its rig, 0 where it states none; without a law it
-    replays its torque.
-    """
+    """The record with a friction offset in its rig; without a law it replays its torque."""
     drive = record.rig.drive
-    # held from one sample to the next, as LoggedTorque does, it acts half a sample late
     if record.law is None:
+        # LoggedTorque holds a torque until the next sample, so that it acts half a sample late.
         torque = measured_torque(record)
         ahead = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
         record = dataclasses.replace(record, law=LoggedTorque(), torque=ahead)
@@ -182,20 +188,23 @@ def _search(
     friction: float | None,
     covariance: Floats,
 ) -> LoadSearch:
+    """Fit of the load: viscous and Coulomb friction and offsets, with their prior deviations."""
     drive = rig.drive
     offset = np.zeros(rig.n) if drive.curve is None else drive.curve.offset
-    stated = [drive.viscous, drive.coulomb, offset]
-    level = np.where(drive.coulomb > 0, drive.coulomb, np.inf)
-    deviation = [np.full(rig.n, np.inf), np.full(rig.n, np.inf), level]
-    if friction is not None:
+    if friction is None:
+        # Without a Coulomb level nothing limits an offset.
+        level = np.where(drive.coulomb > 0, drive.coulomb, np.inf)
+        deviation = [np.full(rig.n, np.inf), np.full(rig.n, np.inf), level]
+    else:
+        # An offset is stated as 0: its deviation is that of the Coulomb level.
         deviation = [
-            friction * np.abs(each) for each in (drive.viscous, drive.coulomb, drive.coulomb)
+            friction * np.abs(level) for level in (drive.viscous, drive.coulomb, drive.coulomb)
         ]
     return LoadSearch(
         f=arm.f,
         load=load,
         mass=mass,
-        friction=np.concatenate(stated),
+        friction=np.concatenate([drive.viscous, drive.coulomb, offset]),
         deviation=np.concatenate(deviation),
         covariance=covariance,
     )
@@ -204,7 +213,7 @@ def _search(
 def _followed(
     arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, Any]
 ) -> tuple[Outcome, Problem]:
-    """The fit, and the problem that it is of: laws began with their logs, or before."""
+    """Outcome of the fit, and its problem: of laws that started with their logs, or before."""
     kinds = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
     unknown = (*arm.dynamics.names, *(f"{kind}[{i}]" for kind in kinds for i in range(arm.n)))
     objective = Objective(arm.dynamics, records, unknown, **options)
@@ -223,15 +232,16 @@ def _followed(
         zeros=False,
         options=dict(options),
     )
-    problems = dict[int, Problem]()
+    # `with_memory` returns the better outcome alone; remember the problem of each.
+    fits = list[tuple[Outcome, Problem]]()
 
     def fitted(problem: Problem) -> Outcome:
         outcome = search.fitted(problem)
-        problems[id(outcome)] = problem
+        fits.append((outcome, problem))
         return outcome
 
-    outcome = with_memory(problem, fitted)
-    return outcome, problems[id(outcome)]
+    best = with_memory(problem, fitted)
+    return next((outcome, problem) for outcome, problem in fits if outcome is best)
 
 
 def _alone(
@@ -244,7 +254,7 @@ def _alone(
     for record in records:
         try:
             fit = _followed(arm, [record], search, options)[0].fit
-        except ValueError:  # one log alone need not tell
+        except ValueError:  # one log alone need not determine the load
             runs.append((np.nan, np.inf))
             continue
         runs.append((float(fit.values[0]), float(fit.std[0])))
@@ -260,34 +270,38 @@ def _assessed(
     ratio: float,
     friction: float | None,
 ) -> Load:
+    """Load of a fit: corrected for the uncertain arm, its interval widened by the Birge ratio."""
+    # 1. The difference from a free f: its part along the load, and the ratio of the rest.
     free = search.free(problem, outcome)
     load = search.load
-    count = len(search.load.names)
+    count = len(load.names)
     square = free.square
     freedom = free.freedom
-    ratio = max(ratio, np.sqrt(square / freedom)) if freedom else ratio
+    if freedom:
+        ratio = max(ratio, np.sqrt(square / freedom))
     fit = outcome.fit
-    covariance = np.array(outcome.fit.covariance)
+    covariance = np.array(fit.covariance)
     if free.covariance is not None:
-        values = np.clip(
-            fit.values + np.append(free.shares, np.zeros(len(fit.values) - count)),
-            *search.bounds(problem).T,
-        )
-        fit, covariance[:count, :count] = dataclasses.replace(fit, values=values), free.covariance
+        values = fit.values + np.append(free.shares, np.zeros(len(fit.values) - count))
+        fit = dataclasses.replace(fit, values=np.clip(values, *search.bounds(problem).T))
+        covariance[:count, :count] = free.covariance
     covariance *= ratio**2
+
+    # 2. The centre of mass; NaN along axes on which no torque depends.
     std = np.sqrt(np.diag(covariance))
     com = load.com(fit.values)
     com_std = np.zeros(3)
     com_std[list(load.shown)] = std[1:count]
     if load.shown:
         hidden = [axis for axis in range(3) if axis not in load.shown]
-        com[hidden] = com_std[hidden] = np.nan
-    arm_with = arm.dynamics.arm(arm.f + load.increments(fit.values))
+        com[hidden] = np.nan
+        com_std[hidden] = np.nan
+    loaded_arm = arm.dynamics.arm(arm.f + load.increments(fit.values))
     named = dict(zip(fit.unknown[count:], fit.values[count:], strict=True))
     return Load(
         mass=float(fit.values[0]),
         std=float(std[0]),
-        arm=arm_with,
+        arm=loaded_arm,
         rms_innovation=float(fit.rms_innovation or 0.0),
         com=com,
         com_std=com_std,

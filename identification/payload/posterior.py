@@ -1,5 +1,6 @@
-"""What is possible of a load, a range of masses on a line of places; and its distribution given
-a window.
+"""Prior of a load, masses and centres, and its posterior distribution given a window.
+
+Read `LoadShape` (the prior), `information` (least squares of a window), `posterior`.
 """
 
 import dataclasses
@@ -19,16 +20,45 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_PLACES = 61  # along the line where the centre may be
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PosteriorSettings:
+    """Grids of the posterior distribution of a load, and the limits of its use.
+
+    Chosen by hand; ``tests/benchmarks/payload.py`` measures errors and intervals of the mass.
+
+    Parameters
+    ----------
+    centres : int
+        Number of centres of mass along a line.
+    masses : int
+        Number of masses at which the interval is computed.
+    tails : float
+        Standard deviations from the mean beyond which the distribution is negligible.
+    too_little : float
+        Standard deviation of the mass, over the width of its range, above which a window is not
+        used; with no information at all it is 0.29.
+    outside : float
+        Standard deviations beyond the range at which a mass is outside it.
+    """
+
+    centres: int = 61
+    masses: int = 401
+    tails: float = 6.0
+    too_little: float = 0.15
+    outside: float = 3.0
+
+
+POSTERIOR = PosteriorSettings()
 
 
 @dataclasses.dataclass(frozen=True)
 class LoadShape:
-    """Loads of any mass in a range whose centre is at a known place, or along a line.
+    """Prior of a load: a range of masses, and a centre that is known or lies on a line.
 
-    `mass` (2,): lowest and highest [kg]. `places` (K, 3): where the centre may be, in the frame of
-    the last link's body [m]; one where it is known. `inertia` (6,): own inertia about the centre,
-    per kg [m^2]; zero for a point mass.
+    `mass` (2,): lowest and highest [kg]. `places` (K, 3): possible centres of mass in the frame of
+    the last link's body [m], equally likely; one if known. `inertia` (6,): about the centre, per kg
+    [m^2]; zero for a point mass.
     """
 
     mass: Floats
@@ -45,7 +75,14 @@ class LoadShape:
         reach: ArrayLike,
         inertia: ArrayLike,
     ) -> Self:
-        """From what a user states."""
+        """`LoadShape` from a user's range of mass, and either a position or a line.
+
+        Raises
+        ------
+        ValueError
+            An argument out of range, or a position and a line.
+        """
+        # 1. Mass and inertia.
         limits = array(
             "mass",
             mass,
@@ -57,26 +94,30 @@ class LoadShape:
                 f"mass must be a range from 0 or more upwards; got {mass!r}. Give kg, such as"
                 " (0, 5)."
             )
-        own = array(
+        moments = array(
             "inertia",
             inertia,
             (6,),
             advice="Give Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre, per kg.",
         )
-        if own.any():
-            Body(mass=1.0, com=np.zeros(3), inertia=own).require_physical("of the load")
+        if moments.any():
+            Body(mass=1.0, com=np.zeros(3), inertia=moments).require_physical("of the load")
+
+        # 2. A known centre.
         if position is not None:
             if along is not None:
                 raise ValueError(
                     "a load has a known position, or one along a line; got both. Leave one out."
                 )
-            place = array(
+            centre = array(
                 "position",
                 position,
                 (3,),
                 advice="Give x, y, z in the frame of the last link's body [m].",
             )
-            return cls(limits, place[None], own)
+            return cls(limits, centre[None], moments)
+
+        # 3. A line from the origin of the frame: distances times a unit vector.
         ends = array(
             "reach",
             reach,
@@ -98,40 +139,45 @@ class LoadShape:
             "Give a direction that is not zero.",
             positive=True,
         )
-        return cls(
-            limits, np.linspace(ends[0], ends[1], _PLACES)[:, None] * direction / length, own
-        )
+        distances = np.linspace(ends[0], ends[1], POSTERIOR.centres)[:, None]
+        return cls(limits, distances * direction / length, moments)
 
     @functools.cached_property
     def per_kg(self) -> Floats:
-        """Standard parameters (K, 10) of 1 kg at each place."""
-        bodies = (Body(mass=1.0, com=place, inertia=self.inertia) for place in self.places)
+        """Standard parameters (K, 10) of 1 kg at each centre."""
+        bodies = (Body(mass=1.0, com=centre, inertia=self.inertia) for centre in self.places)
         return np.array([body.standard_parameters for body in bodies])
 
     @functools.cached_property
     def basis(self) -> Floats:
-        """Standard parameters (b, 10) of which those of all places are combinations: one, or of
-        a parabola three.
+        """Standard parameters (b, 10) that span those of all centres: of one, or of three.
+
+        Along a line they are quadratic in the distance, so three points determine all.
         """
         chosen = [0] if len(self.places) == 1 else [0, len(self.places) // 2, len(self.places) - 1]
         return self.per_kg[chosen]
 
     @functools.cached_property
     def shares(self) -> Floats:
-        """Shares (K, b) of the basis at each place."""
+        """Coefficients (K, b) of the basis for each centre."""
         return np.asarray(np.linalg.lstsq(self.basis.T, self.per_kg.T, rcond=None)[0].T)
 
     @property
     def prior(self) -> Floats:
-        """Standard parameters (10,) of half the heaviest load, in the middle of the places."""
+        """Standard parameters (10,) of half the heaviest load, at the middle centre."""
         return self.mass[1] / 2 * self.per_kg[len(self.places) // 2]
 
 
 def _outwards(arm: Arm) -> Floats:
-    """Axis of the last link's frame along which its own centre of mass lies, as far as f says it
-    by itself.
+    """Axis (3,) of the last link's frame along which its own centre of mass lies, by f.
+
+    Raises
+    ------
+    ValueError
+        No f belongs to the last link alone.
     """
     matrix = np.array(arm.dynamics.lumping.matrix)
+    # Rows of f to which no other link contributes.
     alone = ~matrix[:, : -len(STANDARD)].any(axis=1)
     increments = arm.dynamics.load_matrix()[alone]
     phi = (
@@ -139,6 +185,7 @@ def _outwards(arm: Arm) -> Floats:
         if alone.any()
         else np.zeros(len(LOAD))
     )
+    # First moments m x, m y, m z follow the mass; one that f does not contain counts as zero.
     moments = np.where(np.abs(increments).sum(axis=0) > 0, phi, 0.0)[1:4]
     if not np.linalg.norm(moments) > 1e-3 * np.abs(arm.f).max():
         raise ValueError(
@@ -150,38 +197,28 @@ def _outwards(arm: Arm) -> Floats:
     return np.asarray(np.sign(moments[longest]) * np.eye(3)[longest])
 
 
-# standard deviation of the mass, in its range, above which a window says too little (evenly: 0.29)
-_TOO_LITTLE = 0.15
-
-_OUTSIDE = 3.0  # standard deviations by which a mass is outside its range
-
-# standard deviations to which a distribution is looked at, and at how many masses
-_FAR = 6.0
-_GRID = 401
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PayloadEstimate(Shown, Frozen):
-    """What a window says of a load.
+    """Estimate of a load from a window of counts and torques.
 
     Attributes
     ----------
     mass, std : float
-        Mean and standard deviation [kg] within the stated range; of a load that is outside, the
-        nearest mass, and how far it is away.
+        Mean and standard deviation [kg] within the stated range; of a load outside it, the nearest
+        mass and the distance of the load from it.
     interval : (2,) numpy.ndarray
-        That holds the mass with 95 % [kg]; of a load outside the range, it goes there.
+        95 % interval of the mass [kg]; of a load outside the range, it reaches there.
     parameters : (10,) numpy.ndarray
-        Standard parameters of the load (`Body.standard_parameters`), the mean.
+        Mean of the standard parameters of the load (`Body.standard_parameters`).
     position : (3,) numpy.ndarray
-        Centre of mass [m], in the frame of the last link's body; the mean.
+        Mean of the centre of mass [m], in the frame of the last link's body.
     sufficient : bool
-        Whether it may be used; otherwise `message` says why not, and `mass` is not to be believed.
+        Whether the estimate may be used; if not, `message` gives the reason, and `mass` is
+        unreliable.
     explained : bool
-        Whether one load, constant over the window, can be what was seen.
+        Whether one constant load explains the window.
     misfit : float
-        Root mean square of what remains of the torque equation, in standard deviations of the
-        rounded counts.
+        RMS residual of the torque equation, in standard deviations that rounding causes.
     message : str
     """
 
@@ -196,36 +233,36 @@ class PayloadEstimate(Shown, Frozen):
     message: str
 
     def _short(self) -> str:
-        return (
-            f"{self.mass:.3g} +- {self.std:.2g} kg{'' if self.sufficient else ', not to be used'}"
-        )
+        reservation = "" if self.sufficient else ", not to be used"
+        return f"{self.mass:.3g} +- {self.std:.2g} kg{reservation}"
 
     def _shown(self) -> Iterator[Piece]:
         low, high = self.interval
-        said = f"mass {self.mass:.3g} +- {self.std:.2g} kg, 95 % from {low:.3g} to {high:.3g}"
-        yield Verdict(
-            said if self.sufficient else f"not to be used: {self.message}", self.sufficient
-        )
-        place = ", ".join(f"{x:.3g}" for x in self.position)
-        rows = [
-            ("centre of mass [m]", place),
-            ("misfit [standard deviations of the counts]", f"{self.misfit:.2g}"),
-        ]
-        yield Table((), [*([] if self.sufficient else [("mass [kg]", f"{self.mass:.3g}")]), *rows])
+        verdict = f"mass {self.mass:.3g} +- {self.std:.2g} kg, 95 % from {low:.3g} to {high:.3g}"
+        rows = []
+        if not self.sufficient:
+            verdict = f"not to be used: {self.message}"
+            rows.append(("mass [kg]", f"{self.mass:.3g}"))
+        yield Verdict(verdict, self.sufficient)
+        rows.append(("centre of mass [m]", ", ".join(f"{x:.3g}" for x in self.position)))
+        rows.append(("misfit [standard deviations of the counts]", f"{self.misfit:.2g}"))
+        yield Table((), rows)
 
 
 def information(load: Floats, uncertain: Floats, torque: Floats) -> tuple[Floats, Floats, float]:
-    """Information matrix (b, b) and vector (b,) of the load's columns, and the sum of squares
-    without a load.
+    """Information matrix (b, b) and vector (b,) of a load, and the sum of squares without one.
 
-    Each uncertain column is scaled such that its number has a standard deviation of 1; their
-    numbers are estimated along, and what they could explain is not counted for the load.
+    `load` (R, b), `uncertain` (R, u), `torque` (R,): weighted columns of the torque equation. Each
+    uncertain column is scaled such that its number has a prior standard deviation of 1. These
+    numbers are estimated as well: the part of the torque that they can explain is no information
+    about the load.
     """
     columns = np.column_stack([load, torque])
     normal = columns.T @ columns
-    told = uncertain.T @ columns
-    if len(told):
-        normal -= told.T @ np.linalg.solve(np.eye(len(told)) + uncertain.T @ uncertain, told)
+    cross = uncertain.T @ columns
+    if len(cross):
+        # Schur complement of the uncertain numbers; the unit matrix is their prior.
+        normal -= cross.T @ np.linalg.solve(np.eye(len(cross)) + uncertain.T @ uncertain, cross)
     return normal[:-1, :-1], normal[:-1, -1], float(normal[-1, -1])
 
 
@@ -237,12 +274,13 @@ def posterior(
     rows: int,
     misfit_limit: float = 2.0,
 ) -> PayloadEstimate:
-    """Estimate from `information`; mass and place are evenly likely beforehand.
+    """Posterior distribution of mass and centre; the prior is uniform in both.
 
-    `matrix`, `vector`, `square`: from `information`. `rows`: of the window. `misfit_limit`: root
-    mean square of what remains, in that of rounding, from which on no load explains a window; from
-    1 on it widens the distribution.
+    `matrix`, `vector`, `square`: from `information`. `rows`: number of rows of the window.
+    `misfit_limit`: RMS residual, in that of rounding, above which no load explains a window; above
+    1 it widens the distribution.
     """
+    # 1. Each centre k has a quadratic log-likelihood of the mass m: m pull - m^2 weight / 2.
     low, high = shape.mass
     weight = np.einsum("kb,bc,kc->k", shape.shares, matrix, shape.shares)
     pull = shape.shares @ vector
@@ -250,6 +288,7 @@ def posterior(
         interval = np.array([low + 0.025 * (high - low), high - 0.025 * (high - low)])
         message = "the arm rests, or no joint moves that feels a load; the prior stays"
         return nothing(shape, shape.prior, interval, message)
+    # A centre without an effect on the torques has no weight: avoid the division by zero.
     weight = np.maximum(weight, 1e-12 * weight.max())
     misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
     weight = weight / max(1.0, misfit) ** 2
@@ -258,12 +297,17 @@ def posterior(
     sigma = 1 / np.sqrt(weight)
     a = (low - centre) / sigma
     b = (high - centre) / sigma
+    # 2. Truncated to the range, the normal distribution has the probability exp(inside), which with
+    # the likelihood of the centre gives its odds.
     inside = _log_between(a, b)
     log_odds = pull**2 / weight / 2 + np.log(sigma) + inside
     odds = np.exp(log_odds - log_odds.max())
     odds /= odds.sum()
+
+    # 3. Mean and variance of the truncated normal distributions, then of their mixture.
     with np.errstate(over="ignore", under="ignore"):
-        peak_a, peak_b = (np.exp(-(x**2) / 2 - inside) / np.sqrt(2 * np.pi) for x in (a, b))
+        peak_a = np.exp(-(a**2) / 2 - inside) / np.sqrt(2 * np.pi)
+        peak_b = np.exp(-(b**2) / 2 - inside) / np.sqrt(2 * np.pi)
     mean = np.clip(centre + sigma * (peak_a - peak_b), low, high)
     spread = 1 + a * peak_a - b * peak_b - (peak_a - peak_b) ** 2
     variance = sigma**2 * np.clip(np.where(np.isfinite(spread), spread, 0.0), 0.0, 1.0)
@@ -272,19 +316,23 @@ def posterior(
     likely = int(np.argmax(log_odds))
     parameters = (odds * mean) @ shape.per_kg
     position = parameters[1:4] / mass if mass > 1e-6 else shape.places[likely]
-    ends = max(low, mass - _FAR * std), min(high, mass + _FAR * std)
+    reach = POSTERIOR.tails * std
+    ends = max(low, mass - reach), min(high, mass + reach)
+    interval = _interval(odds, centre, sigma, inside, ends)
+
+    # 4. Verdict. A load far outside the range shows that the range is wrong: the interval is then
+    # that of the likeliest centre without the range.
     message, sufficient = judged(shape, misfit <= misfit_limit, misfit, std)
-    over = (centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely]
-    if sufficient and max(over) > _OUTSIDE:
+    outside = max((centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely])
+    if sufficient and outside > POSTERIOR.outside:
         message = (
             f"the load is outside its range: {centre[likely]:.2f} kg of {low:g} to {high:g}; the"
             " nearest is taken"
         )
-    interval = _interval(odds, centre, sigma, inside, ends)
-    if max(over) > _OUTSIDE:  # the range is not believed any more
+    if outside > POSTERIOR.outside:
         std = float(np.hypot(sigma[likely], centre[likely] - mass))
-        sides = np.append(interval, centre[likely] + NORMAL * sigma[likely] * np.array([-1, 1]))
-        interval = np.array([sides.min(), sides.max()])
+        limits = np.append(interval, centre[likely] + NORMAL * sigma[likely] * np.array([-1, 1]))
+        interval = np.array([limits.min(), limits.max()])
     return PayloadEstimate(
         mass=mass,
         std=std,
@@ -299,10 +347,10 @@ def posterior(
 
 
 def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tuple[str, bool]:
-    """What an estimate of the mass is worth, and whether it is to be used."""
+    """Message about an estimate of the mass, and whether it may be used."""
     if not explained:
         return f"no load explains this window (misfit {misfit:.1f}); the prior stays", False
-    if std > _TOO_LITTLE * (shape.mass[1] - shape.mass[0]):
+    if std > POSTERIOR.too_little * (shape.mass[1] - shape.mass[0]):
         return f"the window says too little (std {std:.2g} kg); the prior stays", False
     return "sufficient", True
 
@@ -310,7 +358,7 @@ def judged(shape: LoadShape, explained: bool, misfit: float, std: float) -> tupl
 def nothing(
     shape: LoadShape, parameters: Floats, interval: Floats, message: str
 ) -> PayloadEstimate:
-    """Where nothing was found: the load that is taken, by its ten parameters."""
+    """Estimate of a window without information: a load of these ten standard parameters."""
     return PayloadEstimate(
         mass=float(parameters[0]),
         std=float(np.ptp(shape.mass) / np.sqrt(12)),
@@ -325,9 +373,10 @@ def nothing(
 
 
 def _log_between(a: Floats, b: Floats) -> Floats:
-    """Logarithm of the normal probability between a and b, also far out."""
+    """Logarithm of the normal probability between a and b, accurate in both tails."""
     from scipy.special import log_ndtr
 
+    # Above the mean both probabilities are close to 1; mirrored, their difference is exact.
     flip = a > 0
     low = np.where(flip, -b, a)
     high = np.where(flip, -a, b)
@@ -338,13 +387,14 @@ def _log_between(a: Floats, b: Floats) -> Floats:
 def _interval(
     odds: Floats, centre: Floats, sigma: Floats, inside: Floats, ends: tuple[float, float]
 ) -> Floats:
-    """The likeliest 95 % of the mixture, which is negligible outside these ends; a bound of the
-    range can be in it.
+    """Interval of the likeliest 95 % of the mixture, which is negligible outside these ends.
+
+    It may end at a bound of the range.
     """
-    grid = np.linspace(*ends, _GRID)[:, None]
+    grid = np.linspace(*ends, POSTERIOR.masses)[:, None]
     log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside
     density = np.exp(log_density - log_density.max()) @ odds
     likeliest = np.argsort(-density)
     needed = np.searchsorted(np.cumsum(density[likeliest]), 0.95 * density.sum()) + 1
-    kept = grid[likeliest[:needed], 0]
-    return np.array([kept.min(), kept.max()])
+    masses = grid[likeliest[:needed], 0]
+    return np.array([masses.min(), masses.max()])

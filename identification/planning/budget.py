@@ -1,10 +1,9 @@
-"""Pulse budget: how much a motion excites each parameter, and the Cramer-Rao bound, before the
-experiment.
+"""`pulse_budget`: excitation of each parameter by a motion, and its Cramer-Rao bound.
 
 The closed loop, without rounding, is simulated with each number a little larger and a little
-smaller: by how many pulses the tracking error changes is all that a log can hold of it. With
-readings that err by rounding alone, uniformly within a quantisation cell, it gives the Cramer-Rao
-bound on the standard deviation by any method.
+smaller: the change of the tracking error in pulses is all the information in a log about it. If
+readings err by rounding alone, uniformly within a quantisation cell, it gives the Cramer-Rao bound
+on the standard deviation by any method.
 """
 
 import dataclasses
@@ -23,18 +22,19 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown
 from plant.parts.tables import Table
 
-# of the central differences, as a share of a number (or of the largest f, for one that is zero)
+# Step of the central differences, relative to a number, or to the largest f where that is zero.
+# Chosen by hand: without rounding the loop is smooth, and simulated to some 1e-16.
 _STEP = 1e-4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Budget(Shown, Frozen):
-    """How much a motion excites each parameter.
+    """Sensitivity of the tracking error to each parameter, and its Cramer-Rao bound.
 
     Attributes
     ----------
     dynamics : Dynamics
-        What its names of f mean.
+        Explains the names of f.
     names : tuple of str
     values : (k,) numpy.ndarray
     peak, rms : (k,) numpy.ndarray
@@ -43,7 +43,7 @@ class Budget(Shown, Frozen):
     bound : (k,) numpy.ndarray
         Smallest standard deviation of each with all of them unknown, from rounding alone.
     bound_alone : (k,) numpy.ndarray
-        The same with all others known.
+        The same if all others are known.
     """
 
     dynamics: Dynamics
@@ -55,10 +55,10 @@ class Budget(Shown, Frozen):
     bound_alone: Floats
 
     def _short(self) -> str:
-        least = int(self.peak.argmin())
-        name = short_names(self.dynamics, self.names)[least]
+        weakest = int(self.peak.argmin())
+        name = short_names(self.dynamics, self.names)[weakest]
         return (
-            f"{len(self.names)} numbers; {name} is excited least, {self.peak[least]:.2g} pulses"
+            f"{len(self.names)} numbers; {name} is excited least, {self.peak[weakest]:.2g} pulses"
             " for 1 %"
         )
 
@@ -94,13 +94,12 @@ def pulse_budget(
     unknown: Iterable[str] | None = None,
     duration: float | None = None,
 ) -> Budget:
-    """By how many pulses each number of an experiment changes the tracking error, and its
-    Cramer-Rao bound.
+    """Change of the tracking error by each number of an experiment, and its Cramer-Rao bound.
 
     Parameters
     ----------
     arm : Arm
-        Known roughly, as from a data sheet.
+        Roughly known, as from a data sheet.
     rig : Rig
     law : Law
     reference : Reference
@@ -128,19 +127,27 @@ def pulse_budget(
     --------
     >>> from plant import puma560
     >>> from identification import pulse_budget
-    >>> budget = pulse_budget(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=1.0)
+    >>> rig, law, path = puma560.rig(), puma560.p_law(), puma560.reference()
+    >>> budget = pulse_budget(puma560.arm(), rig, law, path, duration=1.0)
     >>> print((budget.peak > 0).all())
     True
     """
+    # 1. Values of the unknowns, by name, of arm, rig and law.
     record = simulate(arm, rig, law, reference, duration=duration)
     prediction = Prediction(arm.dynamics, record, unknown, simulated=True)
-    known = dict(zip(arm.dynamics.names, arm.f, strict=True))
-    known |= dict(zip(rig.number_names(), rig.number_values(), strict=True))
-    known |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
-    values = np.array([known[name] for name in prediction.unknown])
+    numbers = dict(zip(arm.dynamics.names, arm.f, strict=True))
+    numbers |= dict(zip(rig.number_names(), rig.number_values(), strict=True))
+    numbers |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
+    values = np.array([numbers[name] for name in prediction.unknown])
+
+    # 2. Sensitivities of all readings (M, k) by central differences. `slopes` may change its steps,
+    # so it gets a copy.
     step = _STEP * np.where(values == 0, np.abs(arm.f).max(), np.abs(values))
     change = slopes(prediction, values, step.copy(), np.arange(len(values))) / step
     per_cent = np.abs(change * 0.01 * values)
+
+    # 3. The inverse of their squares, times the variance of rounding. Columns in steps keep the
+    # matrix well scaled; values of the readings do not matter, so any column serves as such.
     covariance = least_squares(
         prediction.unknown, change * np.abs(step), change[:, 0], dependent=1e-7
     )[1]

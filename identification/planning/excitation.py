@@ -1,15 +1,16 @@
-"""Optimal excitation: harmonics that minimise the largest variance of the parameters, within
-limits.
+"""Optimal excitation: harmonics that minimise the largest variance of f, within limits.
 
 The torque equation in f has one row per joint and sample, weighted by the torque of one pulse of
-tracking error. The inverse of its normal matrix bounds the variance of each f; the largest of them,
-each relative to the width of its range, is minimised over the amplitudes of a sum of harmonics,
-within limits of position, speed, acceleration and torque, by Ipopt with derivatives from casadi.
+tracking error. The inverse of its normal matrix bounds the variance of each f. Ipopt, with
+derivatives from casadi, minimises the largest of them, each relative to the width of its range,
+over the amplitudes of a sum of harmonics, within limits of position, speed, acceleration and
+torque. Read `design_motion`, then `_Problem`.
 
 Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Transactions on
 Robotics and Automation 13 (1997), for sums of harmonics.
 """
 
+import dataclasses
 import functools
 from collections.abc import Iterable, Iterator
 from typing import Any, Literal, overload
@@ -26,25 +27,58 @@ from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
 from plant.simulation.executors import mapped
 
-_SAMPLES = 120  # of a period, at which the equation is set up and the limits hold
-_SHARPNESS = 4  # power of the mean that stands for the largest variance
-# share of a limit's width that is kept free: between the samples the motion goes a little further
-_MARGIN = 0.01
-_MANY = 20  # parameters above which one start is the usual
-_LEAST_UNIT = 1e-2  # of the largest parameter: as far as any other one is worth to be known
-_FULL = 100.0  # pulses of error at which a loop without a law takes its largest torque
-_LEAST_PULSES = 100  # by which every motor has to move, at least
-_SLACK = 1e-3  # by how much a limit may be exceeded [SI]
-# Where Ipopt ends, too: the limits are kept, and the objective has hardly changed for some
-# iterations.
-_SETTLED = {
-    "acceptable_tol": 1e9,
-    "acceptable_constr_viol_tol": 1e-4,
-    "acceptable_compl_inf_tol": 1e-3,
-    "acceptable_obj_change_tol": 1e-3,
-    "acceptable_iter": 6,
-}
-_TORQUE = 0.8  # share of the amplifier's limit that the model's torque and friction may take
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExcitationSettings:
+    """Numbers that shape the search for an optimal excitation.
+
+    Chosen by hand; ``tests/benchmarks/identification_study.py`` measures the errors of f on
+    designed motions.
+
+    Parameters
+    ----------
+    samples : int
+        Samples of a period at which the equation is set up and the limits hold.
+    sharpness : int
+        Power of the mean that replaces the largest variance, whose derivative jumps.
+    margin : float
+        Share of the width of a limit that stays free: between the samples the motion goes a little
+        further.
+    torque : float
+        Share of the amplifier's limit that the torque of the model, with viscous friction, may
+        reach.
+    slack : float
+        Excess of a limit that the result may have [SI].
+    harmonics, iterations : int
+        Defaults of `design_motion`.
+    starts, starts_of_many : int
+        The same, and that of more parameters than `many`, where a start takes long.
+    many : int
+    least_unit : float
+        Least unit of an f without a range, as a share of the largest f: smaller ones need no better
+        accuracy.
+    full_error : float
+        Error at which a loop without a stated law takes its largest torque [pulses].
+    least_pulses : int
+        Least motion of every motor [pulses].
+    """
+
+    samples: int = 120
+    sharpness: int = 4
+    margin: float = 0.01
+    torque: float = 0.8
+    slack: float = 1e-3
+    harmonics: int = 5
+    iterations: int = 200
+    starts: int = 3
+    starts_of_many: int = 1
+    many: int = 20
+    least_unit: float = 1e-2
+    full_error: float = 100.0
+    least_pulses: int = 100
+
+
+SETTINGS = ExcitationSettings()
 
 
 @overload
@@ -83,8 +117,9 @@ def design_motion(
     iterations: int | None = None,
     executor: Any = None,
 ) -> Harmonics | tuple[Harmonics, ...]:
-    """Harmonics from rest that excite the parameters of an arm; ``design_motion(chain, rig)`` for a
-    first experiment.
+    """Periodic motion from rest that excites the parameters of an arm, within its limits.
+
+    ``design_motion(chain, rig)`` designs the motion of the initial experiment.
 
     Parameters
     ----------
@@ -92,11 +127,10 @@ def design_motion(
         Known roughly, or as its model file says; its torques are kept below the amplifier's limit.
     rig : Rig
     law : Law, optional
-        Of the position loop, without memory; gives the torque of a pulse. By default all joints
-        have errors of the same share of their largest torque. Of parameters.
+        Of the position loop, without memory; determines the torque of a pulse. By default a pulse
+        takes the same share of the largest torque on all joints. Of parameters.
     kind : {"parameters", "multisine"}
-        What is to be found: f, or the responses of `frequency_response`. Options below that say so
-        are of one kind.
+        Purpose: f, or the responses of `frequency_response`. Some options belong to one kind.
     period : float
         [s]; of a multisine the nearest whole number of samples.
     position : (n, 2) array_like, optional
@@ -118,13 +152,13 @@ def design_motion(
     iterations : int, optional
         Of Ipopt, per start, at most; 200.
     executor : optional
-        Where the starts are followed, side by side: a `concurrent.futures.Executor`, a Dask
-        ``Client``, or a function that makes one.
+        Runs the starts in parallel: a `concurrent.futures.Executor`, a Dask ``Client``, or a
+        function that makes one.
 
     Returns
     -------
     Harmonics, or tuple of n Harmonics
-        The latter of a multisine, one per record: all joints move in each, and none as in another
+        The latter of a multisine, one per record: all joints move in each, differently in every
         one.
 
     Raises
@@ -134,7 +168,8 @@ def design_motion(
 
     See Also
     --------
-    identification.frequency_response, identification.pulse_budget, plant.visibility, plant.Harmonics
+    identification.frequency_response, identification.pulse_budget, plant.visibility,
+    plant.Harmonics
 
     Examples
     --------
@@ -147,9 +182,10 @@ def design_motion(
     >>> path.n, path.period
     (2, 4.0)
     """
+    # 1. Arguments; those of the other kind are refused.
     instance("rig", rig, Rig, "The order is arm, rig, law.")
-    known, rig = experiment_of(arm, rig)
-    model: Arm = instance("arm", known, Arm, "The order is arm, rig, law.")
+    design_arm, rig = experiment_of(arm, rig)
+    model: Arm = instance("arm", design_arm, Arm, "The order is arm, rig, law.")
     period = real("period", period, "Give seconds.", positive=True)
     search = {
         "law": law,
@@ -157,75 +193,82 @@ def design_motion(
         "starts": starts,
         "seed": seed,
         "iterations": iterations,
+        "executor": executor,
     }
-    own = {"parameters": search | {"executor": executor}, "multisine": {"frequencies": frequencies}}
-    other = "parameters" if choice("kind", kind, tuple(own)) == "multisine" else "multisine"
-    for name in (name for name, value in own[other].items() if value is not None):
-        raise ValueError(
-            f'{name} is for kind="{other}"; got it for kind="{kind}". Leave one of them out.'
-        )
+    options = {"parameters": search, "multisine": {"frequencies": frequencies}}
+    other_kind = (
+        "parameters" if choice("kind", kind, tuple(options)) == "multisine" else "multisine"
+    )
+    for name, value in options[other_kind].items():
+        if value is not None:
+            raise ValueError(
+                f'{name} is for kind="{other_kind}"; got it for kind="{kind}". Leave one of them'
+                " out."
+            )
     if kind == "multisine":
-        return multisines(
-            model, rig, period, frequencies, _TORQUE, (position, velocity, acceleration)
-        )
-    usual = 1 if model.dynamics.p > _MANY else 3
-    harmonics = 5 if harmonics is None else harmonics
+        limits = position, velocity, acceleration
+        return multisines(model, rig, period, frequencies, SETTINGS.torque, limits)
+    harmonics = SETTINGS.harmonics if harmonics is None else harmonics
+    many = model.dynamics.p > SETTINGS.many
+    usual = SETTINGS.starts_of_many if many else SETTINGS.starts
     starts = usual if starts is None else whole("starts", starts, "Leave it out for the usual.")
-    iterations = (
-        200
-        if iterations is None
-        else whole("iterations", iterations, "Leave it out for the usual.")
-    )
+    if iterations is None:
+        iterations = SETTINGS.iterations
+    iterations = whole("iterations", iterations, "Leave it out for the usual.")
+
+    # 2. Optimise from random starts: one after the other in one problem, or each in its own.
     limits = motion_limits(model, period, harmonics, position, velocity, acceleration)
-    of_problem = model, rig, law, period, harmonics
-    begins = list(
-        _starts(np.random.default_rng(seed or 0), starts, _rates(period, harmonics), *limits)
-    )
+    experiment = model, rig, law, period, harmonics
+    random = np.random.default_rng(seed or 0)
+    begins = list(_starts(random, starts, _rates(period, harmonics), *limits))
     if executor is None:
-        found = [_end(of_problem, limits, iterations, begins)]
+        ends = [_end(experiment, limits, iterations, begins)]
     else:
-        found = mapped(
-            functools.partial(_end, of_problem, limits, iterations),
-            [[each] for each in begins],
-            executor,
-        )
-    _, motion = min(
-        (end for end in found if end is not None), key=lambda end: end[0], default=(None, None)
-    )
-    if motion is None:
+        run = functools.partial(_end, experiment, limits, iterations)
+        ends = mapped(run, [[begin] for begin in begins], executor)
+    ends = [end for end in ends if end is not None]
+    if not ends:
         raise ValueError(
             f"limits must allow a motion; none of {starts} starts found one. Widen them."
         )
-    moved = np.ptp(rig.position_in_pulses(motion(np.linspace(0, period, _SAMPLES)).q), axis=0)
-    if (moved < _LEAST_PULSES).any():
+    _, motion = min(ends, key=lambda end: end[0])
+
+    # 3. A motor that hardly moves leaves its friction and inertia unknown.
+    path = motion(np.linspace(0, period, SETTINGS.samples))
+    moved = np.ptp(rig.position_in_pulses(path.q), axis=0)
+    if (moved < SETTINGS.least_pulses).any():
         label = model.dynamics.chain.joint_labels[int(moved.argmin())]
         raise ValueError(
-            f"limits must allow {_LEAST_PULSES} pulses on every motor; that of {label} moves by"
-            f" {moved.min():.0f}. Widen them."
+            f"limits must allow {SETTINGS.least_pulses} pulses on every motor; that of {label}"
+            f" moves by {moved.min():.0f}. Widen them."
         )
     return motion
 
 
 def _rates(period: float, harmonics: int) -> Floats:
-    """Angular frequency of each harmonic [rad/s]."""
+    """Angular frequencies (harmonics,) [rad/s]."""
     return np.asarray(2 * np.pi / period * np.arange(1, harmonics + 1), dtype=np.float64)
 
 
 def _end(
-    of_problem: Any, limits: Any, iterations: int, starts: list[Any]
+    experiment: Any, limits: Any, iterations: int, starts: list[Any]
 ) -> tuple[float, Harmonics] | None:
-    """The best end of these starts, in a problem of its own."""
-    problem = _Problem(*of_problem)
+    """Cost and motion of the best of these starts, or None; makes its own problem."""
+    # casadi's problems cannot be sent to another process.
+    problem = _Problem(*experiment)
     problem.limit(*limits)
     return problem.solved(starts, iterations)
 
 
 class _Problem:
-    """The largest variance of f as a function of the amplitudes, for Ipopt."""
+    """Ipopt problem: the largest variance of f as a function of the amplitudes."""
 
     def __init__(self, arm: Arm, rig: Rig, law: Law | None, period: float, harmonics: int) -> None:
-        self.period, order = period, np.arange(1, harmonics + 1)
-        angle = 2 * np.pi / period * np.arange(_SAMPLES)[:, None] * period / _SAMPLES * order
+        # 1. The motion at the samples of a period, linear in the amplitudes.
+        self.period = period
+        samples = SETTINGS.samples
+        order = np.arange(1, harmonics + 1)
+        angle = 2 * np.pi / period * np.arange(samples)[:, None] * period / samples * order
         rate = _rates(period, harmonics)
         c = np.cos(angle)
         s = np.sin(angle)
@@ -236,26 +279,30 @@ class _Problem:
         cosine = self.opti.variable(n, harmonics)
         sine = self.opti.variable(n, harmonics)
         self.amplitudes = offset, cosine, sine
-        self.q = ca.repmat(offset, 1, _SAMPLES) + cosine @ c.T + sine @ s.T
+        self.q = ca.repmat(offset, 1, samples) + cosine @ c.T + sine @ s.T
         self.qd = cosine @ (-s * rate).T + sine @ (c * rate).T
         self.qdd = cosine @ (-c * rate**2).T + sine @ (-s * rate**2).T
+
+        # 2. The normal matrix of all samples, and the torque at each.
         information, tau = _equation(arm, rig, law)
         along = self.q, self.qd, self.qdd
-        total = information.map(_SAMPLES)(*along)
-        self.torques = tau.map(_SAMPLES)(*along)
-        self.torque_limit = _TORQUE * rig.drive.torque_limit()
+        total = information.map(samples)(*along)
+        self.torques = tau.map(samples)(*along)
+        self.torque_limit = SETTINGS.torque * rig.drive.torque_limit()
         total = ca.reshape(ca.sum2(total), p, p)
+
+        # 3. Its inverse has the variances on the diagonal. A little of the unit matrix keeps it
+        # regular where a start does not excite an f. The logarithm takes the scale from the cost.
         matrix = ca.SX.sym("M", p, p)
         diagonal = ca.Function(
             "variance", [matrix], [inverse(ca.tril2symm(ca.tril(matrix))).diagonal]
         )
-        variance = diagonal(total / _SAMPLES + 1e-9 * ca.DM.eye(p))
-        self.opti.minimize(ca.log(ca.sum1(variance**_SHARPNESS)) / _SHARPNESS)
+        variance = diagonal(total / samples + 1e-9 * ca.DM.eye(p))
+        sharpness = SETTINGS.sharpness
+        self.opti.minimize(ca.log(ca.sum1(variance**sharpness)) / sharpness)
 
     def limit(self, position: Floats, velocity: Floats, acceleration: Floats) -> None:
-        """Keep motion and torque within limits at every sample; the arm is at rest where it
-        begins.
-        """
+        """Keep motion and torque within limits at every sample; the arm starts from rest."""
         self.opti.subject_to(self.qd[:, 0] == 0)
         for value, low, high in (
             (self.q, position[:, 0], position[:, 1]),
@@ -264,7 +311,7 @@ class _Problem:
             (self.torques, -self.torque_limit, self.torque_limit),
         ):
             for i in np.flatnonzero(np.isfinite(high)).tolist():
-                margin = _MARGIN * (high[i] - low[i])
+                margin = SETTINGS.margin * (high[i] - low[i])
                 self.opti.subject_to(
                     self.opti.bounded(low[i] + margin, value[i, :].T, high[i] - margin)
                 )
@@ -272,34 +319,44 @@ class _Problem:
     def solved(
         self, starts: Iterable[tuple[Floats, ...]], iterations: int
     ) -> tuple[float, Harmonics] | None:
-        """Cost and motion of the best end from these starts that keeps the limits."""
+        """Cost and motion of the best end that keeps the limits, from these starts; or None."""
         opti = self.opti
-        quiet = {"print_time": False, "error_on_fail": False}
-        settings = {"print_level": 0, "sb": "yes", "max_iter": iterations, "tol": 1e-4}
-        opti.solver(
-            "ipopt", quiet, settings | _SETTLED | {"hessian_approximation": "limited-memory"}
-        )
-        best: tuple[Any, ...] | None = None
+        options = {
+            "print_level": 0,
+            "sb": "yes",
+            "max_iter": iterations,
+            "tol": 1e-4,
+            "hessian_approximation": "limited-memory",
+            # Ipopt also ends where the limits are kept and the cost has hardly changed for some
+            # iterations, however far the dual variables are from their optimum.
+            "acceptable_tol": 1e9,
+            "acceptable_constr_viol_tol": 1e-4,
+            "acceptable_compl_inf_tol": 1e-3,
+            "acceptable_obj_change_tol": 1e-3,
+            "acceptable_iter": 6,
+        }
+        opti.solver("ipopt", {"print_time": False, "error_on_fail": False}, options)
+        best: tuple[float, Harmonics] | None = None
         for start in starts:
             for amplitude, value in zip(self.amplitudes, start, strict=True):
                 opti.set_initial(amplitude, value)
             try:
-                found = opti.solve_limited()
+                # A limited number of iterations is no failure.
+                solution = opti.solve_limited()
             except RuntimeError:  # this start leads nowhere
                 continue
             excess = ca.vertcat(ca.vec(opti.g - opti.ubg), ca.vec(opti.lbg - opti.g))
-            if np.max(found.value(excess)) < _SLACK and (
-                best is None or found.value(opti.f) < best[0]
-            ):
-                best = (
-                    found.value(opti.f),
-                    *(np.reshape(found.value(x), x.shape) for x in self.amplitudes),
+            cost = solution.value(opti.f)
+            if np.max(solution.value(excess)) < SETTINGS.slack and (best is None or cost < best[0]):
+                # casadi gives a single column as a vector.
+                offset, cosine, sine = (
+                    np.reshape(solution.value(x), x.shape) for x in self.amplitudes
                 )
-        if best is None:
-            return None
-        return best[0], Harmonics(
-            period=self.period, offset=best[1].ravel(), cosine=best[2], sine=best[3]
-        )
+                best = (
+                    cost,
+                    Harmonics(period=self.period, offset=offset.ravel(), cosine=cosine, sine=sine),
+                )
+        return best
 
 
 def _starts(
@@ -310,35 +367,39 @@ def _starts(
     velocity: Floats,
     acceleration: Floats,
 ) -> Iterator[tuple[Floats, ...]]:
-    """Random amplitudes: offset (n,), cosine and sine (n, harmonics)."""
+    """Random amplitudes of motions within limits: offset (n,), cosine and sine (n, harmonics)."""
+    # `reach`: amplitude of the lowest harmonic that all limits allow.
     middle = position.mean(axis=1)
     half = np.diff(position, axis=1).ravel() / 2
     reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
     for _ in range(starts):
+        # Amplitudes that fall with the square of the order have the same acceleration.
         share = random.normal(size=(2, len(middle), len(rate))) / (
             np.arange(1, len(rate) + 1) ** 2 * 3
         )
-        share[1] -= np.outer(share[1] @ rate, rate) / (rate @ rate)  # at rest at the beginning
+        # The speed at the beginning is the sum of rate times sine: project it out.
+        share[1] -= np.outer(share[1] @ rate, rate) / (rate @ rate)
         yield middle, share[0] * reach[:, None], share[1] * reach[:, None]
 
 
 def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Function]:
-    """What one sample adds to the normal matrix, f relative to the width of its range; and its
-    torque.
-    """
+    """Normal matrix of one sample, for f relative to the width of its range; and its torque."""
     n = arm.n
     dynamics = arm.dynamics
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     if dynamics.ranges is None:
-        unit = np.maximum(np.abs(arm.f), _LEAST_UNIT * np.abs(arm.f).max())
+        unit = np.maximum(np.abs(arm.f), SETTINGS.least_unit * np.abs(arm.f).max())
     else:
+        # A fixed f, whose range has no width, needs a unit, too.
         unit = np.diff(dynamics.ranges, axis=1).ravel()
         unit = np.where(unit > 0, unit, unit.max())
+    # A row in pulses has the same noise, that of rounding, on every joint.
     per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
     scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments = [q, qd, qdd]
     names = ["q", "qd", "qdd"]
     moving, at_rest = lumped_torque(dynamics.chain, dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
+    # Coulomb friction jumps, so it is not in this torque, but in the rest of the amplifier's limit.
     tau = moving + at_rest + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
     return (
         ca.Function("information", arguments, [ca.vec(scaled.T @ scaled)], names, ["M"]),
@@ -347,12 +408,16 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
 
 
 def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
-    """Joint torque [N m] (n,) that one pulse of error on every motor makes, magnitude; without a
-    law its share.
+    """Magnitude (n,) of the joint torque by one pulse of error on every motor [N m].
+
+    Raises
+    ------
+    ValueError
+        A law with a memory, whose torque does not follow from the error.
     """
     if law is None:
         limit = rig.drive.torque_limit()
-        return np.where(np.isfinite(limit), limit, 1.0) / _FULL
+        return np.where(np.isfinite(limit), limit, 1.0) / SETTINGS.full_error
     if law.has_memory(rig.n):
         raise ValueError(
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of"
@@ -360,8 +425,11 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
         )
     block = law.block(rig)
     zero = np.zeros(rig.n)
-    without, with_error = (
-        block.step([], zero, zero, zero, zero + e, zero, zero, rig.period, block.values)[0]
-        for e in (0.0, 1.0)
-    )
-    return np.abs((with_error - without).full().ravel())
+
+    def torque(pulses: float) -> Any:
+        error = zero + pulses
+        step = block.step([], zero, zero, zero, error, zero, zero, rig.period, block.values)
+        return step[0]
+
+    # The difference removes a torque at no error, such as that of gravity compensation.
+    return np.abs((torque(1.0) - torque(0.0)).full().ravel())

@@ -1,8 +1,7 @@
-"""Motor tests: the P gain from currents and tracking errors, friction from currents at constant
-speeds.
+"""`motor_test`: P gain from currents and tracking errors, friction from currents at constant speed.
 
-Source: paper 4.2 (P from the current that belongs to a tracking error), reference [14] of the
-paper (friction from the current of a motor that turns at constant speed).
+Source: paper 4.2 (P from the current at a tracking error), reference [14] of the paper (friction
+from the current of a motor that turns at constant speed).
 """
 
 import dataclasses
@@ -21,12 +20,14 @@ from plant.parts.shown import Piece, Shown
 from plant.parts.sums import dot
 from plant.parts.tables import Table
 
-_BELOW_LIMIT = 0.98  # share of the amplifier's limit up to which a current follows the error
+# Share of the amplifier's limit up to which a current follows the error. Chosen by hand, a little
+# below 1, so that no saturated current counts.
+_BELOW_LIMIT = 0.98
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class MotorFit(Shown, Frozen):
-    """Numbers found on motors, with their standard deviations; motor side.
+    """Fitted numbers of motors with their standard deviations, motor side.
 
     Attributes
     ----------
@@ -57,16 +58,15 @@ def motor_test(
     current: ArrayLike | None = None,
     motor_gain: float | None = None,
 ) -> MotorFit:
-    """P gain of each motor from a record's currents, or friction of one motor from currents at
-    constant speeds.
+    """P gains from the currents of a record, or friction of a motor from currents at its speeds.
 
-    Of gain (amperes per pulse) and motor constant K_i only the product is identifiable from a
-    motion: with K_i wrong by a factor, the gain is wrong by the same.
+    A motion only identifies the product of gain (amperes per pulse) and motor constant K_i: if K_i
+    is wrong by a factor, the gain is wrong by the same.
 
     Parameters
     ----------
     record : Record, optional
-        Under P control, with `current`: for the gains [N m per pulse]. Without it, of a motor
+        Under P control, with `current`: for the gains [N m per pulse]. Without a record, of a motor
         without its arm:
     speed : (N,) array_like
         Of the motor, constant, in both directions [rad/s].
@@ -84,8 +84,8 @@ def motor_test(
     Raises
     ------
     ValueError
-        No currents, or a motor whose errors are a pulse at most; speeds in one direction only, in
-        which friction and offset are not separately identifiable.
+        No currents, or a motor whose errors are a pulse at most; speeds in one direction only,
+        where friction and offset are not separately identifiable.
 
     See Also
     --------
@@ -101,15 +101,15 @@ def motor_test(
     >>> motor_test(speed=(-100, -50, 50, 100), current=(-1.4, -1.2, 1.2, 1.4), motor_gain=0.2).names
     ('viscous', 'coulomb', 'offset')
     """
-    constant = (speed, current, motor_gain)
+    at_speed = (speed, current, motor_gain)
     if record is None:
-        if any(each is None for each in constant):
+        if any(value is None for value in at_speed):
             raise ValueError(
                 "speed, current and motor_gain must come together; got some. Give all three, or a"
                 " record."
             )
-        return _friction(*constant)
-    if any(each is not None for each in constant):
+        return _friction(*at_speed)
+    if any(value is not None for value in at_speed):
         raise ValueError(
             "a record must come alone; got speed, current or motor_gain beside it. Leave them out."
         )
@@ -127,21 +127,24 @@ def _gains(record: Record) -> MotorFit:
     if record.current is None:
         raise ValueError("the record must hold currents; it has none. Log them, or state the gain.")
     drive = record.rig.drive
-    found = []
+    names = tuple(f"law.gain[{i}]" for i in range(record.n))
+    gains = []
     for i in range(record.n):
         error = record.error_pulses[:, i]
         torque = drive.motor_gain[i] * record.current[:, i]
+        # Fewer rows than two unknowns and a residual, or errors of one pulse, determine no slope.
         rows = np.abs(record.current[:, i]) < _BELOW_LIMIT * drive.current_limit[i]
         if rows.sum() < 3 or np.ptp(error[rows]) < 2:
             raise ValueError(
                 f"the motor of {record.rig.joint_labels[i]} must have errors of several pulses"
                 " below its limit; it has none. Log a motion."
             )
-        found.append(
-            _line([f"law.gain[{i}]", "offset"], [error[rows], np.ones(rows.sum())], torque[rows])
-        )
-    values, std = np.array(found)[:, :, 0].T
-    return MotorFit(names=tuple(f"law.gain[{i}]" for i in range(record.n)), values=values, std=std)
+        # An offset of the current must not change the slope.
+        columns = [error[rows], np.ones(rows.sum())]
+        values, std = _line([names[i], "offset"], columns, torque[rows])
+        gains.append((values[0], std[0]))
+    values, std = np.array(gains).T
+    return MotorFit(names=names, values=values, std=std)
 
 
 def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
@@ -156,6 +159,7 @@ def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
         )
     names = ("viscous", "coulomb", "offset")
     values, std = _line(names, [speeds, np.sign(speeds), np.ones(len(speeds))], torque)
+    # Slightly negative values are noise; clearly negative ones are an error of the user.
     if (values[:2] < -2 * std[:2]).any():
         raise ValueError(
             f"friction must be positive; found viscous {values[0]:.3g} and coulomb {values[1]:.3g}."
@@ -166,7 +170,7 @@ def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
 
 
 def _line(names: Sequence[str], columns: Sequence[Floats], target: Floats) -> tuple[Floats, Floats]:
-    """Least squares and its standard deviations, from the residual."""
+    """Least squares of a target (N,), and standard deviations from its residual."""
     rows = np.column_stack(columns)
     if len(rows) <= len(names):
         raise ValueError(

@@ -1,8 +1,8 @@
-"""Limits of a first experiment's motion; multisines for frequency responses, of low crest factor.
+"""Motion limits of an experiment; multisines of low crest factor for frequency responses.
 
-In record m joint j is later by j m / n of the period. At lines that share no factor with n the
-records are orthogonal so, and all joints move in all of them, each with the crest factor of one
-signal.
+In record m the signal of joint j is delayed by j m / n of the period. At lines that share no factor
+with n this makes the records orthogonal, while all joints move in all of them, each with the crest
+factor of one signal.
 
 Source: E. van der Ouderaa, J. Schoukens, J. Renneboog, Peak factor minimization using a
 time-frequency domain swapping algorithm, IEEE Transactions on Instrumentation and Measurement 37
@@ -20,26 +20,63 @@ from plant import Arm, Chain, Dynamics, Harmonics, Rig
 from plant.parts.arguments import array
 from plant.parts.fields import Floats
 
-# Share of the way to a limit, and of a limit of speed; [rad] to either side of joints without
-# limits; near a pose.
-_SHARE = 0.9
-_AROUND = np.pi / 2
-_NARROW = 0.1
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MotionSettings:
+    """Default limits of an experiment's motion, and numbers of the design of multisines.
 
-def experiment_of(given: Any, rig: Rig) -> tuple[Any, Rig]:
-    """The arm of a chain with bodies, with the drive's rotors where it has none, and the rig within
-    its efforts.
+    Chosen by hand; ``tests/identification/planning`` checks limits, crest factor and the measured
+    responses.
 
-    Anything else as it is.
+    Parameters
+    ----------
+    share : float
+        Share of the chain's limits of position and speed that a motion may use.
+    around : float
+        Angle to either side of a joint without limits [rad].
+    narrow : float
+        Share of the range of positions that a multisine may use: it stays near a pose.
+    lines : int
+        Number of lines where the user states none.
+    highest : float
+        Highest of them, as a share of the sampling rate.
+    clipped : tuple of (float, float, int)
+        Lowest and highest share of the peak at which the search for phases clips the signal, and
+        the number of its rounds.
+    samples : int
+        Samples per period of the highest line in that search.
+    rounds : int
+        Rounds in which the amplitudes shrink until the drives can give the torque.
+    slack : float
+        Share by which the torque may then exceed its limit.
     """
-    if not isinstance(given, Chain):
-        return given, rig
-    rig.require_fit(given)
-    rotors = any(body.rotor for body in given.bodies)
-    dynamics = Dynamics.from_chain(given if rotors else given.with_rotors(rig.drive))
-    if given.limits is not None:
-        rig = dataclasses.replace(rig, drive=rig.drive.limited_to(given.limits.effort))
+
+    share: float = 0.9
+    around: float = np.pi / 2
+    narrow: float = 0.1
+    lines: int = 25
+    highest: float = 0.1
+    clipped: tuple[float, float, int] = (0.5, 0.98, 200)
+    samples: int = 8
+    rounds: int = 20
+    slack: float = 1e-3
+
+
+SETTINGS = MotionSettings()
+
+
+def experiment_of(source: Any, rig: Rig) -> tuple[Any, Rig]:
+    """The arm of a chain, and the rig within the chain's efforts; anything else stays as it is.
+
+    A chain without rotors gets those of the drive.
+    """
+    if not isinstance(source, Chain):
+        return source, rig
+    rig.require_fit(source)
+    rotors = any(body.rotor for body in source.bodies)
+    dynamics = Dynamics.from_chain(source if rotors else source.with_rotors(rig.drive))
+    if source.limits is not None:
+        rig = dataclasses.replace(rig, drive=rig.drive.limited_to(source.limits.effort))
     return dynamics.arm(dynamics.f()), rig
 
 
@@ -52,7 +89,11 @@ def motion_limits(
     acceleration: ArrayLike | None,
     narrow: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Limits as given; else those of the chain, and as fast as the harmonics can go within them."""
+    """Position (n, 2), velocity (n,) and acceleration (n,) limits: the user's, or the chain's.
+
+    Where neither states one, it is what the harmonics need within the others.
+    """
+    # Angular frequency of the highest harmonic [rad/s].
     chain = arm.dynamics.chain
     fastest = 2 * np.pi * harmonics / period
     advice = "Give one per joint."
@@ -63,15 +104,17 @@ def motion_limits(
         lower = chain.limits.lower
         upper = chain.limits.upper
         speed = chain.limits.velocity
-    position = (
-        _within(chain, lower, upper, _NARROW if narrow else 1.0) if position is None else position
-    )
+    if position is None:
+        position = _within(chain, lower, upper, SETTINGS.narrow if narrow else 1.0)
     position = array(
         "position", position, (arm.n, 2), advice="Give the lowest and highest angle of each joint."
     )
-    own = np.minimum(_SHARE * speed, fastest * np.diff(position, axis=1).ravel() / 2)
-    velocity = array("velocity", own if velocity is None else velocity, (arm.n,), advice=advice)
-    acceleration = fastest * velocity if acceleration is None else acceleration
+    if velocity is None:
+        amplitude = np.diff(position, axis=1).ravel() / 2
+        velocity = np.minimum(SETTINGS.share * speed, fastest * amplitude)
+    velocity = array("velocity", velocity, (arm.n,), advice=advice)
+    if acceleration is None:
+        acceleration = fastest * velocity
     acceleration = array("acceleration", acceleration, (arm.n,), advice=advice)
     if (
         not (position[:, 0] < position[:, 1]).all()
@@ -86,8 +129,9 @@ def motion_limits(
 
 
 def _within(chain: Chain, lower: Floats, upper: Floats, part: float) -> Floats:
-    """Positions (n, 2) that leave a share of the way to the limits free; of a joint without, a
-    right angle around 0.
+    """Positions (n, 2) around the middle of the limits, this part of the usable range.
+
+    The limits of a joint that turns without end are a right angle around 0.
     """
     endless = upper - lower >= 2 * np.pi
     for i in np.flatnonzero(~np.isfinite(upper - lower)):
@@ -96,42 +140,29 @@ def _within(chain: Chain, lower: Floats, upper: Floats, part: float) -> Floats:
                 f"position must be given: {chain.joint_labels[i]} slides without limits. Give"
                 " (n, 2)."
             )
-    lower = np.where(endless, -_AROUND, lower)
-    upper = np.where(endless, _AROUND, upper)
+    lower = np.where(endless, -SETTINGS.around, lower)
+    upper = np.where(endless, SETTINGS.around, upper)
     middle = (lower + upper) / 2
-    half = part * _SHARE * (upper - lower) / 2
+    half = part * SETTINGS.share * (upper - lower) / 2
     return np.column_stack([middle - half, middle + half])
 
 
-# by default: lines, and the highest of them, as a share of the sampling rate
-_LINES = 25
-_HIGHEST = 0.1
-
-# Of the search for phases: shares of the peak at which it clips in turn, samples per period of the
-# highest line.
-_CLIPPED = np.linspace(0.5, 0.98, 200)
-_TIMES = 8
-
-# Rounds in which amplitudes shrink to the torque that is allowed, and share by which the last may
-# exceed it.
-_FITS = 20
-_SLACK = 1e-3
-
-
 def _lines(rig: Rig, period: float, frequencies: ArrayLike | None) -> NDArray[np.intp]:
-    """Multiples of 1 / period that are excited: those nearest the frequencies that share no
-    factor with n.
-    """
-    top = _HIGHEST / rig.period
-    wanted = np.geomspace(min(2 / period, top), top, _LINES) if frequencies is None else frequencies
+    """Multiples of 1 / period nearest to the frequencies, without a common factor with n."""
+    wanted = frequencies
+    if wanted is None:
+        # From two periods in a record on; evenly spaced in the logarithm.
+        top = SETTINGS.highest / rig.period
+        wanted = np.geomspace(min(2 / period, top), top, SETTINGS.lines)
     wanted = array("frequencies", wanted, ("F",), advice="Give the lines [Hz].")
     nyquist = 0.5 / rig.period
     if not len(wanted) or not ((wanted > 0) & (wanted < nyquist)).all():
         rule = f"be positive, and below half the sampling rate, {nyquist:.4g} Hz"
         raise ValueError(f"frequencies must {rule}; got {wanted}. Give the lines [Hz].")
-    free = np.arange(1, round(nyquist * period) + 1)
-    free = free[np.gcd(free, rig.n) == 1]
-    return np.unique(free[np.abs(free - period * wanted[:, None]).argmin(axis=1)])
+    multiples = np.arange(1, round(nyquist * period) + 1)
+    multiples = multiples[np.gcd(multiples, rig.n) == 1]
+    # Two frequencies can have the same nearest line.
+    return np.unique(multiples[np.abs(multiples - period * wanted[:, None]).argmin(axis=1)])
 
 
 def multisines(
@@ -142,9 +173,12 @@ def multisines(
     share: float,
     limits: tuple[Any, Any, Any],
 ) -> tuple[Harmonics, ...]:
-    """Motions of n records within limits of position, velocity and acceleration, and this share
-    of the torques.
+    """Multisines of n records within limits of position, velocity, acceleration and torque.
+
+    `share`: share of the amplifiers' limits that the torque may reach.
     """
+    # 1. Spectrum of one joint: the amplitudes fall with the frequency, so that all lines have the
+    # same speed.
     period = max(round(period / rig.period), 1) * rig.period
     lines = _lines(rig, period, frequencies)
     position, velocity, acceleration = motion_limits(
@@ -152,22 +186,29 @@ def multisines(
     )
     unit = np.zeros(lines[-1], complex)
     unit[lines - 1] = -1j * np.exp(1j * _phases(lines)) / lines
-    later = np.exp(-2j * np.pi / arm.n * np.outer(np.arange(arm.n), np.arange(1, len(unit) + 1)))
-    room = np.diff(position, axis=1).ravel() / 2
+    delay = np.exp(-2j * np.pi / arm.n * np.outer(np.arange(arm.n), np.arange(1, len(unit) + 1)))
+    reach = np.diff(position, axis=1).ravel() / 2
     middle = position.mean(axis=1)
 
     def motion(size: Floats, record: int) -> Harmonics:
-        each = size[:, None] * unit * later**record
-        return Harmonics(period=period, offset=middle, cosine=each.real, sine=-each.imag)
+        amplitude = size[:, None] * unit * delay**record
+        return Harmonics(period=period, offset=middle, cosine=amplitude.real, sine=-amplitude.imag)
 
-    of_one = motion(np.ones(arm.n), 0)(np.linspace(0, period, 4 * _TIMES * len(unit)))
-    peaks = np.abs(of_one - np.array([middle, 0 * middle, 0 * middle])[:, None]).max(axis=1)
-    size = (np.array([room, velocity, acceleration]) / peaks).min(axis=0)
+    # 2. The largest amplitude that position, velocity and acceleration allow. Between its own
+    # samples a signal goes further, so the peaks are taken at four times as many.
+    times = np.linspace(0, period, 4 * SETTINGS.samples * len(unit))
+    unit_motion = motion(np.ones(arm.n), 0)(times)
+    peaks = np.abs(unit_motion - np.array([middle, 0 * middle, 0 * middle])[:, None]).max(axis=1)
+    size = (np.array([reach, velocity, acceleration]) / peaks).min(axis=0)
+
+    # 3. Shrink it to the torque beside the one that holds the pose. A joint's torque depends on the
+    # amplitudes of all, hence several rounds.
     holding = motion(0 * size, 0).torque_share(arm, rig) / share
-    for _ in range(_FITS if (holding < 1).all() else 0):
+    for _ in range(SETTINGS.rounds if (holding < 1).all() else 0):
         motions = tuple(motion(size, record) for record in range(arm.n))
-        needed = np.max([each.torque_share(arm, rig) for each in motions], axis=0) / share
-        if (needed < 1 + _SLACK).all():
+        shares = [record.torque_share(arm, rig) for record in motions]
+        needed = np.max(shares, axis=0) / share
+        if (needed < 1 + SETTINGS.slack).all():
             return motions
         size = size * np.minimum((1 - holding) / np.maximum(needed - holding, 1e-9), 1)
     joint = int(holding.argmax())
@@ -182,20 +223,22 @@ def multisines(
 
 
 def _phases(lines: NDArray[np.intp]) -> Floats:
-    """Phases of cosines of one amplitude at these lines for a low crest factor: from
-    Schroeder's, clipped in turns.
+    """Phases of cosines of equal amplitude at these lines, for a low crest factor.
+
+    From Schroeder's phases: clip the signal, take the phases of the result, and clip less and less.
     """
-    count = _TIMES * int(lines[-1])
+    count = SETTINGS.samples * int(lines[-1])
     phases: Floats = -np.pi * np.arange(len(lines)) ** 2 / len(lines)
     best = phases
-    least = np.inf
-    for share in _CLIPPED:
+    lowest = np.inf
+    for share in np.linspace(*SETTINGS.clipped):
         spectrum = np.zeros(count // 2 + 1, complex)
         spectrum[lines] = np.exp(1j * phases)
         signal = np.fft.irfft(spectrum, count)
         peak = np.abs(signal).max()
-        if peak < least:
+        # The peak need not fall in every round.
+        if peak < lowest:
             best = phases
-            least = peak
+            lowest = peak
         phases = np.angle(np.fft.rfft(np.clip(signal, -share * peak, share * peak))[lines])
     return best

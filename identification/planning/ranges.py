@@ -1,4 +1,5 @@
-"""Ranges of the search: f from the size and the mass of the robot, by interval arithmetic.
+"""`ranges`: ranges of f from the size and the mass of the robot, by interval arithmetic.
+
 Source: paper 3.6.
 """
 
@@ -18,11 +19,10 @@ from plant.parts.fields import Floats
 
 @dataclasses.dataclass(frozen=True)
 class Interval:
-    """All numbers from `low` to `high`; sums, products and powers of intervals hold all results
-    that are possible.
+    """Numbers from `low` to `high`; sums, products and powers contain all possible results.
 
-    The result is the exact range where every quantity occurs once, or always with the same sign of
-    its influence, as in equation (3).
+    The result is the exact range if every quantity occurs once, or always with the same sign of its
+    influence, as in equation (3).
     """
 
     low: float
@@ -37,24 +37,26 @@ class Interval:
 
     @staticmethod
     def of(value: "Interval | ArrayLike") -> "Interval":
-        """Interval of a number, a pair or an interval."""
+        """Interval from a number, a pair or an interval."""
         if isinstance(value, Interval):
             return value
         ends: Any = [value, value] if np.ndim(value) == 0 else value
         low, high = array("interval", ends, (2,), advice="Give a number, or low and high.")
         return Interval(float(low), float(high))
 
-    def __add__(self, other: "Interval | ArrayLike") -> "Interval":
-        other = Interval.of(other)
-        return Interval(self.low + other.low, self.high + other.high)
+    def __add__(self, value: "Interval | ArrayLike") -> "Interval":
+        term = Interval.of(value)
+        return Interval(self.low + term.low, self.high + term.high)
 
-    def __mul__(self, other: "Interval | ArrayLike") -> "Interval":
-        other = Interval.of(other)
-        products = [a * b for a in (self.low, self.high) for b in (other.low, other.high)]
+    def __mul__(self, value: "Interval | ArrayLike") -> "Interval":
+        # Any pair of ends can give the extremes, by their signs.
+        factor = Interval.of(value)
+        products = [a * b for a in (self.low, self.high) for b in (factor.low, factor.high)]
         return Interval(min(products), max(products))
 
     def __pow__(self, exponent: int) -> "Interval":
         whole("exponent", exponent, "Multiply otherwise.")
+        # An even power has its least value, zero, inside an interval around zero.
         ends = [self.low**exponent, self.high**exponent]
         inside = [0.0] if exponent % 2 == 0 and self.low < 0 < self.high else []
         return Interval(min(ends + inside), max(ends))
@@ -62,21 +64,20 @@ class Interval:
     def __neg__(self) -> "Interval":
         return Interval(-self.high, -self.low)
 
-    def __sub__(self, other: "Interval | ArrayLike") -> "Interval":
-        return self + -Interval.of(other)
+    def __sub__(self, value: "Interval | ArrayLike") -> "Interval":
+        return self + -Interval.of(value)
 
-    def __rsub__(self, other: "Interval | ArrayLike") -> "Interval":
-        return -self + other
+    def __rsub__(self, value: "Interval | ArrayLike") -> "Interval":
+        return -self + value
 
     __radd__ = __add__
     __rmul__ = __mul__
 
 
 def centre_range(extent: ArrayLike) -> Interval:
-    """Range of a coordinate of the centre of mass from the link's extent (l_min, l_max) [m]: its
-    middle half.
+    """Range of a coordinate of the centre of mass from the link's extent (l_min, l_max) [m].
 
-    Source: paper eq. (5).
+    It is the middle half, from l_min / 2 to l_max / 2. Source: paper eq. (5).
     """
     low, high = array(
         "extent", extent, (2,), advice="Give l_min and l_max of the link in its frame [m]."
@@ -85,8 +86,9 @@ def centre_range(extent: ArrayLike) -> Interval:
 
 
 def greatest_inertia(mass: float, radius: float) -> float:
-    """Largest Izz [kg m^2] of a link: all of its greatest mass at its greatest radius [kg, m].
-    Source: paper 3.6.
+    """Largest Izz of a link: its greatest mass at its greatest radius [kg m^2].
+
+    `mass` [kg], `radius` [m]. Source: paper 3.6.
     """
     return mass * radius**2
 
@@ -125,14 +127,13 @@ class LinkSize:
     radius: float | None = None
 
     def intervals(self, reflect: Callable[[float], float]) -> SimpleNamespace:
-        """Intervals of m, x, y, Izz (about the centre of mass) and J; `reflect` takes Jm to the
-        joint.
-        """
+        """Intervals of m, x, y, Izz (about the centre of mass) and J = `reflect`(Jm)."""
         mass = Interval.of(self.mass)
         x = centre_range(self.x)
         y = centre_range(self.y)
         radius = self.radius
         if radius is None:
+            # The corner of the centre's rectangle that is furthest from the axis.
             radius = float(np.hypot(max(-x.low, x.high), max(-y.low, y.high)))
         inertia = Interval(0.0, greatest_inertia(mass.high, radius))
         low, high = self.motor_inertia
@@ -141,9 +142,10 @@ class LinkSize:
         )
 
 
-_MOTOR = (1e-4, 1e-3)  # Jm of a motor of the PUMA 560, at least and at most [kg m^2]
+# Least and greatest Jm of a motor of the PUMA 560 [kg m^2]. Source: paper 3.6.
+_MOTOR = (1e-4, 1e-3)
 
-# What 3.6 says of the links of the paper's robot.
+# Links of the paper's robot. Source: paper 3.6.
 PUMA560 = (
     LinkSize(mass=(5, 25), x=(-0.24, 0.50), y=(-0.14, 0.14), motor_inertia=_MOTOR),
     LinkSize(mass=(1, 10), x=(-0.08, 0.08), y=(-0.50, 0.0), motor_inertia=_MOTOR, radius=0.25),
@@ -156,8 +158,7 @@ def ranges(
     drive: Drive | None = None,
     **lengths: ArrayLike,
 ) -> Floats:
-    """Ranges (p, 2) of f from sizes and masses; without arguments, those of f1..f9 from what 3.6
-    says of its robot.
+    """Ranges (p, 2) of f from sizes and masses; by default those of f1..f9 of the paper's robot.
 
     Parameters
     ----------
@@ -173,8 +174,8 @@ def ranges(
     Returns
     -------
     (p, 2) numpy.ndarray
-        Every f that the intervals allow: each end is the least or greatest value that a combination
-        of terms can give.
+        Every f that the intervals allow: each end is the least or greatest value of any combination
+        of terms.
 
     Raises
     ------
@@ -189,23 +190,28 @@ def ranges(
     --------
     >>> from plant import puma560
     >>> from identification import LinkSize, ranges
-    >>> sizes = [LinkSize(mass=(10, 20), x=(-0.1, 0.5), y=(-0.1, 0.1), motor_inertia=(1e-4, 3e-4))] * 2
-    >>> ranges(puma560.equation_3, sizes, puma560.rig().drive, a3=(0.4, 0.45)).shape, ranges().shape
+    >>> motor = (1e-4, 3e-4)
+    >>> size = LinkSize(mass=(10, 20), x=(-0.1, 0.5), y=(-0.1, 0.1), motor_inertia=motor)
+    >>> drive = puma560.rig().drive
+    >>> ranges(puma560.equation_3, [size, size], drive, a3=(0.4, 0.45)).shape, ranges().shape
     ((9, 2), (9, 2))
 
     Source: paper 3.6.
     """
     motors = puma560.rig().drive if drive is None else drive
 
+    # The gear of each joint reflects its motor's inertia to the joint side.
     def reflect(joint: int, motor_inertia: float) -> float:
         return float(motors.reflected_inertia(np.full(motors.n, motor_inertia))[joint])
 
-    lengths = {"a3": (0.3, 0.5)} if sizes is PUMA560 and not lengths else lengths
+    if sizes is PUMA560 and not lengths:
+        lengths = {"a3": (0.3, 0.5)}
     if len(sizes) != motors.n:
         raise ValueError(
             f"sizes must be {motors.n}, one per joint of the drive; got {len(sizes)}. Give each"
             " link's."
         )
     links = [size.intervals(functools.partial(reflect, joint)) for joint, size in enumerate(sizes)]
+    # The equation computes with intervals as it does with numbers.
     f = equation(*links, **{name: Interval.of(length) for name, length in lengths.items()})
     return np.array([(value.low, value.high) for value in f.values()])

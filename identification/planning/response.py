@@ -1,10 +1,9 @@
-"""Measured frequency responses: of the arm and of its closed loop, from logs of periodic
-excitation.
+"""`frequency_response`: responses of arm and closed loop from logs of periodic excitation.
 
 At each excited frequency the amplitudes of joint angles Y, torques U and excitations E, a column
 per record, give the plant Y U^-1, and the loop. Under a sampled law torques are held from sample to
-sample, and so is the plant the sampled one; under fast hardware it is, well below half the sampling
-rate, the continuous one. The feedback makes Y and U alike noisy, so both are means over periods of
+sample, and the plant is the sampled one; under fast hardware it is the continuous one, well below
+half the sampling rate. The feedback makes both Y and U noisy, so both are means over the periods of
 an excitation that repeats exactly.
 
 Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed.
@@ -33,16 +32,20 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 
-# times what the rounding of the reference makes of a line: above it, the line is excited
+# A line of the reference is excited if it is this many times the line that rounding causes: the
+# standard deviation of the response is then below a tenth. Chosen by hand.
 _ABOVE = 10.0
 
-_FAINT = 1e-3  # share of the strongest line of an injected torque, above which a line is excited
+# A line of an injected torque, which is not rounded, is excited if it exceeds this share of the
+# strongest line. Chosen by hand.
+_FAINT = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrequencyResponse(Shown, Frozen):
-    """Measured frequency responses with their standard deviations (of the complex number: both
-    parts together).
+    """Measured frequency responses of plant and loop, with standard deviations.
+
+    A standard deviation is that of the complex number: both parts together.
 
     Attributes
     ----------
@@ -51,14 +54,14 @@ class FrequencyResponse(Shown, Frozen):
     plant, plant_std : (n, n, F) numpy.ndarray
         From joint torques [N m] to joint angles [rad].
     loop, loop_std : (n, n, F) numpy.ndarray
-        From commanded to measured angles [rad/rad]; where torque was injected, from that to the
-        whole torque: the input sensitivity [N m/(N m)].
+        From commanded to measured angles [rad/rad]; with an injected torque, from that to the sum
+        of torques: the input sensitivity [N m/(N m)].
     period : float
-        Of the samples [s].
+        Sample period [s].
     joints : tuple of str
         Labels.
     held : float
-        How long a torque is held [s]; 0 under fast hardware.
+        Time for which a torque is held [s]; 0 under fast hardware.
     """
 
     frequency: Floats
@@ -71,16 +74,15 @@ class FrequencyResponse(Shown, Frozen):
     held: float
 
     def resonances(self, drive: Drive) -> Resonances:
-        """Lowest resonance of each joint on its gear, for `Elasticity.from_resonance` at the pose
-        of the records.
+        """Lowest resonance of each joint on its gear, for `Elasticity.from_resonance`.
 
-        Of a drive with encoders on its motors: `hz`, `damping_ratio` and their standard deviations,
-        `_std`, each (n,).
+        They are those at the pose of the records, of a drive with encoders on its motors: `hz`,
+        `damping_ratio` and their standard deviations, `_std`, each (n,).
         """
         return resonances(self.frequency, self.plant, self.plant_std, self.held, drive)
 
     def to_control(self, which: str = "plant") -> "control.FrequencyResponseData":
-        """One of both responses, "plant" or "loop", as python-control's FRD, sampled."""
+        """Response "plant" or "loop" as python-control's sampled FRD."""
         import control
 
         response = getattr(self, choice("which", which, ("plant", "loop")))
@@ -88,21 +90,19 @@ class FrequencyResponse(Shown, Frozen):
 
     @literal
     def plot(self, ax: Any = None, *, model: Any = None) -> Any:
-        """Draw magnitude and phase of the plant, each joint by its own torque, with two standard
-        deviations.
+        """Plot magnitude and phase of the plant's diagonal, with two standard deviations.
 
         Parameters
         ----------
         ax : array of 2 matplotlib Axes, optional
         model : python-control system, optional
-            Drawn beside it, such as a state space or transfer function from torques to angles.
+            For comparison: a state space or transfer function from torques to angles.
         """
         axes = row_by_row(ax, 2, 1, time=False)[:, 0]
-        modelled = (
-            None
-            if model is None
-            else model(np.exp(2j * np.pi * self.frequency * self.period), squeeze=False)
-        )
+        modelled = None
+        if model is not None:
+            # A sampled model is a function of z.
+            modelled = model(np.exp(2j * np.pi * self.frequency * self.period), squeeze=False)
         for joint, label in enumerate(self.joints):
             response = self.plant[joint, joint]
             colour = colour_of(joint)
@@ -134,49 +134,46 @@ class FrequencyResponse(Shown, Frozen):
         )
 
     def _shown(self) -> Iterator[Piece]:
-        head = (
-            "plant [rad/(N m)]",
-            *(f"at {self.frequency[k]:.3g} Hz" for k in (0, -1)),
-            "std, median",
-        )
-        sizes = [(np.abs(self.plant[j, j]), self.plant_std[j, j]) for j in range(len(self.joints))]
-        rows = [
-            (f"{a[0]:.3g}", f"{a[-1]:.3g}", f"{100 * np.median(std / a):.2g} %") for a, std in sizes
-        ]
-        yield Table(head, [(joint, *row) for joint, row in zip(self.joints, rows, strict=True)])
+        low, high = self.frequency[0], self.frequency[-1]
+        head = ("plant [rad/(N m)]", f"at {low:.3g} Hz", f"at {high:.3g} Hz", "std, median")
+        rows = []
+        for j, joint in enumerate(self.joints):
+            size = np.abs(self.plant[j, j])
+            std = 100 * np.median(self.plant_std[j, j] / size)
+            rows.append((joint, f"{size[0]:.3g}", f"{size[-1]:.3g}", f"{std:.2g} %"))
+        yield Table(head, rows)
 
 
 @known_options
 def frequency_response(
     records: Record | Sequence[Record], *, period: float | None = None, skip: int = 1
 ) -> FrequencyResponse:
-    """Frequency responses of an arm and of its closed loop, measured in logs of periodic
-    excitation.
+    """Frequency responses of an arm and of its closed loop, from logs of periodic excitation.
 
-    Each record repeats one excitation: of its reference (`plant.Harmonics`), or a torque that was
-    injected while the reference moved slowly enough to leave the lines alone. An arm of n joints
-    needs n records, each excited otherwise.
+    Each record repeats one excitation: of its reference (`plant.Harmonics`), or an injected torque
+    while the reference moves too slowly to reach the lines. An arm of n joints needs n records,
+    each with another excitation.
 
     Parameters
     ----------
     records : Record or sequence of Record
-        Of one rig, with torque or current; at least two whole periods after those that are skipped.
+        Of one rig, with torque or current; at least two periods after the skipped ones.
     period : float, optional
         Of the excitation [s]; by default that of the reference.
     skip : int
-        Periods at the beginning that are left out, while the arm settles.
+        Periods at the beginning that do not count, since the arm settles.
 
     Returns
     -------
     FrequencyResponse
-        Standard deviations are from the differences between periods, at least what rounding to
-        counts makes of one.
+        Standard deviations come from the differences between periods; they are at least those that
+        rounding to counts causes.
 
     Raises
     ------
     ValueError
-        Too few records or periods, a period that is no whole number of samples, samples that are
-        missing, records without torque or excitation, or that excite the same.
+        Too few records or periods, a period of a fraction of a sample, missing samples, records
+        without torque or excitation, or with the same excitation.
 
     See Also
     --------
@@ -189,41 +186,46 @@ def frequency_response(
     >>> from plant import Harmonics, puma560, simulate
     >>> rig, lines = puma560.rig(), np.zeros((2, 2, 20))
     >>> lines[0, 0, 9] = lines[1, 1, 9] = 0.01
-    >>> paths = [Harmonics(period=1.4, offset=(0.3, -0.4), cosine=each, sine=0 * each) for each in lines]
+    >>> pose = {"period": 1.4, "offset": (0.3, -0.4), "sine": np.zeros((2, 20))}
+    >>> paths = [Harmonics(cosine=cosine, **pose) for cosine in lines]
     >>> log = [simulate(puma560.arm(), rig, puma560.p_law(), path, duration=5.6) for path in paths]
     >>> measured = frequency_response(log)
     >>> measured.to_control("loop").ninputs
     2
     """
+    # 1. Records of one rig, with one kind of excitation, as many as joints.
     logs = [records] if isinstance(records, Record) else list(records)
-    for each in logs:
-        instance("each record", each, Record, "Give what simulate returns, or Record.read.")
+    for log in logs:
+        instance("each record", log, Record, "Give what simulate returns, or Record.read.")
     n = logs[0].rig.n if logs else 0
     if len(logs) < max(n, 1):
         raise ValueError(
             f"records must be as many as joints, {n}; got {len(logs)}. Use design_motion(...)."
         )
-    if any(each.rig != logs[0].rig for each in logs):
+    if any(log.rig != logs[0].rig for log in logs):
         raise ValueError("records must be of one rig; they differ. Measure each arm apart.")
-    injected = [each.injected is not None for each in logs]
+    injected = [log.injected is not None for log in logs]
     if any(injected) != all(injected):
         raise ValueError(
             "records must all have an injected torque, or none; got both. Measure both apart."
         )
-    spans = {_samples(each, period) for each in logs}
+    spans = {_samples(log, period) for log in logs}
     if len(spans) > 1:
         raise ValueError(
             f"records must have one period; got {sorted(spans)} samples. Give records of one"
             " excitation."
         )
-    (samples,), skip = spans, whole("skip", skip, "Periods that are left out.", least=0)
-    signals = [_lines(each, samples, skip) for each in logs]
+    (samples,) = spans
+    skip = whole("skip", skip, "Periods that are left out.", least=0)
+
+    # 2. Amplitudes of each period, the excited lines, and the responses there.
+    signals = [_lines(log, samples, skip) for log in logs]
     lines, excitation = _excited(signals, logs, samples, injected[0])
     return _responses(signals, lines, excitation, logs, samples, injected[0])
 
 
 def _samples(record: Record, period: float | None) -> int:
-    """Samples of one period of the excitation."""
+    """Number of samples of one period of the excitation."""
     step = record.rig.period
     if (
         not np.allclose(np.diff(record.t), step, rtol=0, atol=1e-3 * step)
@@ -232,15 +234,13 @@ def _samples(record: Record, period: float | None) -> int:
         raise ValueError(
             "records must have every sample; some are missing or invalid. Give a part without gaps."
         )
-    own = getattr(record.reference, "period", None)
-    if period is None and own is None:
+    if period is None:
+        period = getattr(record.reference, "period", None)
+    if period is None:
         raise ValueError(
             "period must be given; the reference states none. It is that of the excitation [s]."
         )
-    span = (
-        real("period", own if period is None else period, "Of the excitation [s].", positive=True)
-        / step
-    )
+    span = real("period", period, "Of the excitation [s].", positive=True) / step
     if abs(span - round(span)) > 1e-6 * span:
         raise ValueError(
             f"period must be a whole number of samples of {step:g} s; got {span:.6g}. Choose"
@@ -250,7 +250,7 @@ def _samples(record: Record, period: float | None) -> int:
 
 
 def _lines(record: Record, samples: int, skip: int) -> dict[str, Complex]:
-    """Amplitudes (P, F, n) of each signal in every period but the first `skip`."""
+    """Amplitudes (P, F, n) of angle, torque and excitation in each period but the skipped ones."""
     rig = record.rig
     periods = len(record) // samples - skip
     if periods < 2:
@@ -266,32 +266,36 @@ def _lines(record: Record, samples: int, skip: int) -> dict[str, Complex]:
     }
     signals["excitation"] = rig.to_angle(reference) if record.injected is None else record.injected
     cut = slice(skip * samples, (skip + periods) * samples)
-    return {
-        name: (
-            2
-            / samples
-            * np.fft.rfft(np.asarray(each)[cut].reshape(periods, samples, -1), axis=1)[:, 1:]
-        )
-        for name, each in signals.items()
-    }
+    amplitudes = {}
+    for name, signal in signals.items():
+        rows = np.asarray(signal)[cut].reshape(periods, samples, -1)
+        # Line 0, the mean, has no phase.
+        amplitudes[name] = 2 / samples * np.fft.rfft(rows, axis=1)[:, 1:]
+    return amplitudes
 
 
 def _rounding(record: Record, samples: int) -> Floats:
-    """Standard deviation (n,) [rad] of the amplitude of a line that comes from rounding to
-    counts, in one period.
+    """Standard deviation (n,) of the amplitude of a line of one period by rounding [rad].
+
+    Rounding has a variance of 1 / 12 count^2, spread evenly over the lines.
     """
-    one = np.abs(np.stack([record.rig.to_angle(each) for each in np.eye(record.rig.n)], axis=1))
-    return np.sqrt((one**2).sum(axis=1) / 12 * 4 / samples)
+    rig = record.rig
+    # A coupling turns a count of one motor into angles of several joints.
+    count = np.abs(np.stack([rig.to_angle(motor) for motor in np.eye(rig.n)], axis=1))
+    return np.sqrt((count**2).sum(axis=1) / 12 * 4 / samples)
 
 
 def _excited(
     signals: list[dict[str, Complex]], logs: list[Record], samples: int, injected: bool
 ) -> tuple[NDArray[np.intp], Complex]:
     """Excited lines, and the excitation (F, n, M) there."""
-    mean = np.stack([each["excitation"].mean(axis=0) for each in signals], axis=2)
-    least = (
-        _FAINT * np.abs(mean).max() if injected else _ABOVE * _rounding(logs[0], samples)[:, None]
-    )
+    mean = np.stack([signal["excitation"].mean(axis=0) for signal in signals], axis=2)
+    if injected:
+        least = _FAINT * np.abs(mean).max()
+    else:
+        least = _ABOVE * _rounding(logs[0], samples)[:, None]
+    # Relative to that, the weakest combination of joints must be excited: the smallest singular
+    # value of the matrix (n, M) of a line.
     singular = np.linalg.svd(
         mean / np.maximum(np.broadcast_to(least, mean.shape[1:]), 1e-300), compute_uv=False
     )
@@ -312,37 +316,43 @@ def _responses(
     samples: int,
     injected: bool,
 ) -> FrequencyResponse:
-    """Both responses and their standard deviations, by what differs from period to period."""
+    """Both responses, and their standard deviations by the differences between periods."""
+    # 1. Responses of the means over periods.
     rounding = _rounding(logs[0], samples)
-    Y, U = (
-        np.stack([s[name].mean(axis=0)[lines] for s in signals], axis=2)
-        for name in ("angle", "torque")
-    )
+    Y = np.stack([signal["angle"].mean(axis=0)[lines] for signal in signals], axis=2)
+    U = np.stack([signal["torque"].mean(axis=0)[lines] for signal in signals], axis=2)
     plant = Y @ np.linalg.pinv(U)
     loop = (U if injected else Y) @ np.linalg.pinv(E)
-    own = np.zeros((2, *Y.shape))  # variances of what no response explains: plant, loop
-    for m, each in enumerate(signals):
-        angle, torque = (
-            each[name][:, lines] - each[name][:, lines].mean(axis=0) for name in ("angle", "torque")
-        )
-        periods = len(angle)
-        left = angle - np.einsum("fij,pfj->pfi", plant, torque), torque if injected else angle
-        for k in range(2):
-            own[k, :, :, m] = (np.abs(left[k]) ** 2).sum(axis=0) / (periods * (periods - 1))
-    own[0] += rounding[:, None] ** 2
-    own[1] += 0 if injected else rounding[:, None] ** 2
-    std = [np.sqrt(own[k] @ np.abs(np.linalg.pinv(which)) ** 2) for k, which in enumerate((U, E))]
-    frequency = (lines + 1) / (samples * logs[0].rig.period)
-    ordered = [np.moveaxis(each, 0, -1) for each in (plant, std[0], loop, std[1])]
+
+    # 2. Variances of the means of the output that no response explains. The torque of a period
+    # explains a part of the angle; the excitation repeats exactly and explains no difference.
+    plant_variance = np.zeros(Y.shape)
+    loop_variance = np.zeros(Y.shape)
+    for m, signal in enumerate(signals):
+        angle = signal["angle"][:, lines] - signal["angle"][:, lines].mean(axis=0)
+        torque = signal["torque"][:, lines] - signal["torque"][:, lines].mean(axis=0)
+        residual = angle - np.einsum("fij,pfj->pfi", plant, torque)
+        output = torque if injected else angle
+        freedom = len(angle) * (len(angle) - 1)
+        plant_variance[:, :, m] = (np.abs(residual) ** 2).sum(axis=0) / freedom
+        loop_variance[:, :, m] = (np.abs(output) ** 2).sum(axis=0) / freedom
+    # Rounding may repeat from period to period, so that differences do not show it.
+    plant_variance += rounding[:, None] ** 2
+    if not injected:
+        loop_variance += rounding[:, None] ** 2
+
+    # 3. They act on the responses through the inverse of the input.
+    plant_std = np.sqrt(plant_variance @ np.abs(np.linalg.pinv(U)) ** 2)
+    loop_std = np.sqrt(loop_variance @ np.abs(np.linalg.pinv(E)) ** 2)
     law = logs[0].law
     rig = logs[0].rig
     held = rig.period if law is None else law.period or 0.0
     return FrequencyResponse(
-        frequency=frequency,
-        plant=ordered[0],
-        plant_std=ordered[1],
-        loop=ordered[2],
-        loop_std=ordered[3],
+        frequency=(lines + 1) / (samples * rig.period),
+        plant=np.moveaxis(plant, 0, -1),
+        plant_std=np.moveaxis(plant_std, 0, -1),
+        loop=np.moveaxis(loop, 0, -1),
+        loop_std=np.moveaxis(loop_std, 0, -1),
         period=rig.period,
         joints=tuple(rig.joint_labels),
         held=held,
