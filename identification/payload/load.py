@@ -188,8 +188,8 @@ class Load(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         low, high = self.interval
-        mass = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
-        yield Verdict(mass, not self.warnings)
+        verdict = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
+        yield Verdict(verdict, not self.warnings)
         centre = [
             f"{axis} {x:.4g} +- {std:.2g}" if np.isfinite(x) else f"{axis} is not identifiable"
             for axis, x, std in zip("xyz", self.com, self.com_std, strict=True)
@@ -204,8 +204,8 @@ class Load(Shown, Frozen):
                 deviation = f"+- {np.sqrt(variance):.2g}" if variance > 0 else "known"
                 friction.append((name, f"{value:.4g}", deviation))
         yield Table((), friction, words=(2,))
-        for k, (alone, deviation) in enumerate(self.runs):
-            yield f"record {k} alone: {alone:.4g} +- {deviation:.2g} kg"
+        for k, (mass, std) in enumerate(self.runs):
+            yield f"record {k} alone: {mass:.4g} +- {std:.2g} kg"
         test = "not tested"
         if self.freedom:
             test = f"chi-square {self.chi_square:.1f} of {self.freedom}"

@@ -233,7 +233,7 @@ class LoadSearch:
             ]
         ) / (2 * SETTINGS.relative_step)
         difference = solution.values[:p] - increments
-        covariance = np.linalg.inv(slopes.T @ weight @ slopes)
+        covariance: Any = np.linalg.inv(slopes.T @ weight @ slopes)
         shares = covariance @ (slopes.T @ weight @ difference)
         rest = difference - slopes @ shares
         comparison = FreeArm(square=float(rest @ weight @ rest), freedom=p - loads)

@@ -226,12 +226,12 @@ def design_motion(
     else:
         run = functools.partial(_end, experiment, limits, iterations)
         ends = mapped(run, [[begin] for begin in begins], executor)
-    ends = [end for end in ends if end is not None]
-    if not ends:
+    valid = [end for end in ends if end is not None]
+    if not valid:
         raise ValueError(
             f"limits must allow a motion; none of {starts} starts found one. Widen them."
         )
-    _, motion = min(ends, key=lambda end: end[0])
+    _, motion = min(valid, key=lambda end: end[0])
 
     # 3. A motor that hardly moves leaves its friction and inertia unknown.
     path = motion(np.linspace(0, period, SETTINGS.samples))
