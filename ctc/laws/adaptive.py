@@ -1,22 +1,18 @@
-"""Adaptive computed torque on the passivity of the arm: f-hat is adapted from the tracking
-error.
-"""
+"""Adaptive computed torque from the passivity of the arm: f-hat follows the tracking error."""
+
+import functools
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig
 from plant.laws.law import Setpoint, Step
-from plant.laws.terms import filtered_difference, no_reading
+from plant.laws.terms import SMOOTHED, filtered_difference
 from plant.parts.arguments import array, signs
 from plant.parts.fields import Nested, Vector
 from plant.parts.part import number, part, structure
-
-# Share of the amplifier's limit above which a cut of the torque counts; rounding errors are far
-# below.
-_AT_THE_LIMIT = 1e-9
+from plant.parts.vector import Fields, per_joint, scalars
 
 
 @part
@@ -75,11 +71,11 @@ class Adaptive(ModelLaw):
         signs(self, positive=("bandwidth", "filter"), not_negative=("gain", "adaptation"))
         names = self.arm.dynamics.names
         if len(self.adaptation) != len(names):
-            each = (
-                f"{len(names)} numbers, one for each of {names[0]}..{names[-1]}; got"
-                f" {len(self.adaptation)}"
+            raise ValueError(
+                f"adaptation must have {len(names)} numbers, one for each of"
+                f" {names[0]}..{names[-1]}; got {len(self.adaptation)}. Zero keeps a parameter as"
+                " it is."
             )
-            raise ValueError(f"adaptation must have {each}. Zero keeps a parameter as it is.")
         if self.ranges is not None:
             ranges = array(
                 "ranges",
@@ -90,42 +86,48 @@ class Adaptive(ModelLaw):
             outside = np.flatnonzero((self.arm.f < ranges[:, 0]) | (self.arm.f > ranges[:, 1]))
             if len(outside):
                 i = outside[0]
-                which = (
-                    f"{names[i]} = {self.arm.f[i]:g} is not in [{ranges[i, 0]:g},"
-                    f" {ranges[i, 1]:g}]. Widen them."
-                )
                 raise ValueError(
-                    f"ranges must hold the arm's f, where the adaptation starts; {which}"
+                    "ranges must hold the arm's f, where the adaptation starts;"
+                    f" {names[i]} = {self.arm.f[i]:g} is not in [{ranges[i, 0]:g},"
+                    f" {ranges[i, 1]:g}]. Widen them."
                 )
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """The arm's f, no reading yet, no torque commanded."""
-        return np.concatenate([self.arm.f, no_reading(n), np.zeros(n)])
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """f-hat, which starts at the arm's f; the error's low-pass; the torque commanded last."""
+        f = scalars(self.arm.dynamics.p, start=self.arm.f)
+        return Fields(f=f, error=SMOOTHED, commanded=per_joint())
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
-        """One sample: error and its rate -> s -> torque with f-hat as it was -> f-hat."""
-        n = self.arm.n
-        model = self.arm.dynamics
-        f = state[: model.p]
-        memory = state[model.p : -n]
-        commanded = state[-n:]
+        """One sample: error and its rate -> s -> torque with the old f-hat -> new f-hat."""
+        before = self.fields.read(state, self.arm.n)
+        f = before.f
+
+        # 1. The error, its rate, and the reference velocity that the error corrects.
         q = rig.cell_centre(pulses)
         e = setpoint.q - q
-        rate, memory = filtered_difference(e, memory, self.filter, dt)
+        rate, memory = filtered_difference(e, before.error, self.filter, dt)
         s = rate + self.bandwidth * e
         v = setpoint.qd + self.bandwidth * e
         vd = setpoint.qdd + self.bandwidth * rate
-        Y = model.Y(q, setpoint.qd - rate, v, vd)
-        wanted = (
-            Y @ f + self.gain * s + self.rig.drive.friction(setpoint.qd) - self.rig.spring_torque(q)
-        )
-        cut = ca.fabs(torque - commanded) > _AT_THE_LIMIT * rig.drive.torque_limit()
-        learning = ca.if_else(ca.sum1(cut) > 0, 0, dt)
-        f = f + learning * self.adaptation * (Y.T @ s)
+
+        # 2. The torque: linear in f, so that the same regressor adapts f.
+        Y = self.arm.dynamics.Y(q, setpoint.qd - rate, v, vd)
+        model = Y @ f
+        friction = self.rig.drive.friction(setpoint.qd)
+        commanded = model + self.gain * s + friction - self.rig.spring_torque(q)
+
+        # 3. Adapt, except while a torque is cut: the error then has another cause than f. Rounding
+        # makes differences far below this share of the limit.
+        cut = ca.fabs(torque - before.commanded) > 1e-9 * rig.drive.torque_limit()
+        learning_time = ca.if_else(ca.sum1(cut) > 0, 0, dt)
+        f = f + learning_time * self.adaptation * (Y.T @ s)
         if self.ranges is not None:
             low, high = np.transpose(self.ranges)
             f = ca.fmin(ca.fmax(f, low), high)
-        return wanted, ca.vertcat(f, memory, wanted)
+        return commanded, self.fields.write(
+            self.arm.n, f=f, error=memory, commanded=commanded
+        )

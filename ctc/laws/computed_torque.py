@@ -1,4 +1,4 @@
-"""Computed torque from identified parameters: D-hat and h-hat are the arm's own.
+"""Computed torque from identified parameters: D-hat and h-hat are those of the arm.
 Source: paper Fig. 2.
 """
 
@@ -10,45 +10,42 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctc.laws.default_gains import default_bandwidth, known_gains
+from ctc.laws.computed_torque_settings import SETTINGS, ComputedTorqueSettings
+from ctc.laws.default_gains import default_gains
+from ctc.laws.delay_queue import DelayQueue
+from ctc.laws.friction_model import (
+    LearntFriction,
+    NoFriction,
+    ShaftFriction,
+    StatedFriction,
+    shares,
+    speed_share,
+    unexplained,
+)
 from ctc.laws.gear_gains import gear_gains
-from ctc.laws.gears import Deviation, braked, gears_along, speed_share
+from ctc.laws.gears import Deviation, ElasticGears, RigidGears, braked
 from ctc.laws.model_law import ModelLaw
-from ctc.laws.turning_back import boosted, fresh_and_swings, learn, shares, unexplained
+from ctc.laws.start_boost import NoBoost, StartBoost
 from plant import Law, Rig
-from plant.laws.law import Setpoint
-from plant.machine.friction import friction_impulse
-from plant.mechanics.symmetric_inverse import Inverse
+from plant.laws.law import Setpoint, Step
 from plant.parts.arguments import signs
 from plant.parts.part import number, part, structure
+from plant.parts.vector import MODEL_TORQUE, TORQUE_ERROR, Fields, per_joint, scalars
 from plant.realtime.running import Running
-
-# Speeds [pulses/s] from which on Coulomb friction is fed forward in full, and the start has all of
-# its boost.
-_SLIDES = 30.0
-_BEGINS = 10.0
-
-# By which the dead zone is wider for joints whose reference stands; sweeps of its predicted
-# friction.
-_STANDING = 2.5
-_SWEEPS = 4
-
-_MOST = 0.5  # bandwidth times period, of a boosted regulator
 
 
 @part
 class ComputedTorque(ModelLaw):
-    """tau = D-hat qdd_r + h-hat + friction + delta + L J (k1 e + k2 edot): an observer that knows
-    friction and cells.
+    """tau = D-hat qdd_r + h-hat + friction + delta + L J (k1 e + k2 edot), with an observer.
 
-    Once per sample an observer predicts the error e = q_r - q from the torque that was really
-    applied, with D-hat, h-hat and friction as a set: a joint that sticks is predicted to stick.
-    Only by what the counts show beyond a share of their quantisation cell it corrects the error,
-    its rate, and a disturbance torque delta, joint by joint, with a Kalman filter's gains. The
-    feedback is a linear-quadratic regulator's, with the inertia J that each joint feels, 1 /
-    (D^-1)_jj, on rigid gears carrying the joints after it along (D = L P L^T). Coulomb friction is
-    fed forward without jumps. On elastic gears, stated or identified, links are predicted apart
-    from motors, which follow q_r.
+    Once per sample the observer predicts the error e = q_r - q from the torque that was really
+    applied, with D-hat, h-hat and friction as a set: a joint that sticks is predicted to stick. It
+    corrects the error, its rate and a disturbance torque delta, joint by joint and with the gains
+    of a Kalman filter, only by the part of the innovation that exceeds `dead_zone` times half a
+    cell of the encoder. The feedback is that of a linear-quadratic regulator. It uses the inertia
+    J = 1 / (D^-1)_jj that each joint feels, and on rigid gears it carries the joints after each
+    joint along (D = L P L^T). Coulomb friction is fed forward without jumps. With elastic gears in
+    the rig the observer predicts links apart from motors, and the motors follow q_r.
 
     Parameters
     ----------
@@ -57,37 +54,40 @@ class ComputedTorque(ModelLaw):
     rig : Rig, optional
         The identified rig, ``found.rig``: its friction is fed forward.
     bandwidth : float, optional
-        Of the regulator [rad/s]: its poles have this magnitude. By default with an arm, which does
-        not say how well it is known, 360; with an identification 145, with friction identified too
-        120, or more where counts are finer than f and friction are known; with gears stated 100; at
-        most 0.3 over the period, less on elastic gears.
+        Magnitude of the regulator's poles [rad/s]. Default with an arm, whose accuracy is unknown:
+        360; with an identification: 145; with friction identified too: 120, or more where counts
+        are finer than f and friction are known; with stated gears: 100. At most 0.3 over the
+        period, and less on elastic gears.
     observer_ratio : float, optional
-        Bandwidth of the observer, as a multiple of the regulator's: 1.3, or 1 with friction
-        identified, rigid gears.
+        Bandwidth of the observer over that of the regulator. Default: 1.3; with friction
+        identified and rigid gears: 1.
     dead_zone : float, optional
-        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing (2.5
-        times that where the reference stands): more is quieter, and slower to see what the model
-        lacks. By default 0 with an arm, with an identification 0.2, where friction was identified
-        too 0.45 (less the more bandwidth that takes), with gears 0.4.
+        Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing; 2.5
+        times as wide where the reference stands. A larger one reduces torque chatter but delays
+        the disturbance estimate. Default with an arm: 0; with an identification: 0.2; with friction
+        identified too: 0.45, less with a higher bandwidth; with stated gears: 0.4.
     friction : bool
-        Know the friction of the rig: fed forward, and predicted.
+        Whether the model has the friction of the rig: it is fed forward, and predicted.
     learn_friction, learnable : bool, float
-        Learn, where joints turn back, by which share, at most `learnable` (0 to 0.99), Coulomb and
-        viscous friction differ from the rig's: `Running.friction` has what was learnt, `start`
-        begins with it.
+        Whether to learn, where joints turn back, the shares by which Coulomb and viscous friction
+        differ from the rig's, and the largest such share (0 to 0.99). `Running.friction` has the
+        learnt friction, and `start` takes it.
     start_boost, start_time : float, optional
-        Where a joint begins to move or turns back, or counts show what the model lacks, its
-        regulator is `start_boost` times as fast, the observer the square root of that, both with
-        the time constant `start_time` [s]: 4 and 10 over the bandwidth, or with friction
-        identified, rigid gears 2.7 and 40; not once they swing, nor on predicted gears.
+        Factor on the regulator's bandwidth where a joint begins to move or turns back, or where
+        counts show a model error, and the time constant with which it decays [s]; the observer's
+        bandwidth is raised by the square root. Default: 4, and 10 over the bandwidth; with friction
+        identified and rigid gears: 2.7 and 40. The boost is disabled after two detected
+        oscillations, and always with elastic gears in the model.
     measured : bool
-        Evaluate D-hat and h-hat at the observed q and qd instead of the reference.
+        Whether to evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int
-        Samples, 0 or 1, by which the torque acts later than its own sample (a controller that needs
-        the whole period to compute); the observer predicts across it.
+        Samples, 0 or 1, by which the torque acts later than its own sample, as with a controller
+        that needs the whole period to compute. The observer predicts across it.
     gear_gains : (m,) numpy.ndarray, optional
-        Worked out from the rest; None on rigid gears, with backlash, too fast for the period,
-        encoders on the links.
+        Result, computed from the other fields: gains on elastic gears. None for rigid gears, gears
+        with backlash, gears too stiff for the period, and encoders on the links.
+    settings : ComputedTorqueSettings, optional
+        Thresholds and rates that seldom need a change.
 
     Raises
     ------
@@ -122,56 +122,94 @@ class ComputedTorque(ModelLaw):
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
     gear_gains: Any = number(("m",), default=None)
+    settings: ComputedTorqueSettings = structure(ComputedTorqueSettings, default=SETTINGS)
 
     def __post_init__(self) -> None:
-        found = self.arm
-        if self.bandwidth is None:
-            faster = functools.partial(ComputedTorque, getattr(found, "arm", found))
-            chosen = default_bandwidth(
-                found, self.rig, lambda rig, bandwidth: faster(rig, bandwidth=bandwidth)
-            )
-            object.__setattr__(self, "bandwidth", chosen)
-        known = known_gains(found, self.rig)
-        for name in ("dead_zone", "observer_ratio", "start_boost"):
+        trial = functools.partial(ComputedTorque, getattr(self.arm, "arm", self.arm))
+        defaults = default_gains(self.arm, self.rig, self.bandwidth, trial)
+        for name in ("bandwidth", "dead_zone", "observer_ratio", "start_boost"):
             if getattr(self, name) is None:
-                object.__setattr__(self, name, getattr(known, name))
-        settles = self.start_time is None
-        if settles:
-            object.__setattr__(self, "start_time", 1.0)  # for now
-        object.__setattr__(self, "gear_gains", None)  # for now, too
+                object.__setattr__(self, name, getattr(defaults, name))
+        # Computed below; `dataclasses.replace` hands in those of another bandwidth.
+        object.__setattr__(self, "gear_gains", None)
         super().__post_init__()
-        positive = ("bandwidth", "observer_ratio", "start_boost", "start_time")
-        signs(self, positive=positive, not_negative=("dead_zone", "learnable"))
-        for name, most, usual in (("dead_zone", 1, 0.2), ("learnable", 0.99, 0.4)):
-            if getattr(self, name) > most:
+        signs(self, positive=("bandwidth", "observer_ratio", "start_boost"))
+        if self.start_time is None:
+            object.__setattr__(self, "start_time", defaults.start_time / self.bandwidth)
+        signs(self, positive=("start_time",), not_negative=("dead_zone", "learnable"))
+        for name, limit, usual in (("dead_zone", 1, 0.2), ("learnable", 0.99, 0.4)):
+            if getattr(self, name) > limit:
                 raise ValueError(
-                    f"{name} must be a share, 0 to {most}; got {getattr(self, name):g}. {usual} is"
+                    f"{name} must be a share, 0 to {limit}; got {getattr(self, name):g}. {usual} is"
                     " usual."
                 )
-        if settles:
-            object.__setattr__(self, "start_time", known.start_time / self.bandwidth)
         if self.delay not in (0, 1):
             raise ValueError(
                 f"delay must be 0 or 1 sample; got {self.delay!r}. Longer delays need another"
                 " design."
             )
-        gains = gear_gains(self.arm, self.rig, self.bandwidth, self.observer_ratio * self.bandwidth)
+        gains = gear_gains(
+            self.arm,
+            self.rig,
+            self.bandwidth,
+            self.observer_ratio * self.bandwidth,
+            self.settings.predicted_stiffness,
+        )
         object.__setattr__(self, "gear_gains", gains)
 
+    def describe(self) -> dict[str, Any]:
+        """Kind and fields; settings only where they are not the usual ones, as in older files."""
+        description = super().describe()
+        if self.settings == SETTINGS:
+            del description["settings"]
+        return description
+
     def sliding(self) -> Law:
-        """As of every law; learning nothing, which it does where joints turn back alone."""
+        """As of every law; it learns no friction, which it would only where joints turn back."""
         return dataclasses.replace(super().sliding(), learn_friction=False)
 
+    # -- the blocks -------------------------------------------------------------------------------
     @property
-    def _learns(self) -> bool:
-        return self.friction and self.learn_friction
+    def gears(self) -> type[RigidGears] | type[ElasticGears]:
+        """How the model carries its links."""
+        return RigidGears if self.gear_gains is None else ElasticGears
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """On the reference with nothing applied yet; every joint has all of its boost; no sample
-        taken.
+    @property
+    def friction_model(self) -> NoFriction:
+        """Friction of the model."""
+        if not self.friction:
+            return NoFriction(self)
+        return LearntFriction(self) if self.learn_friction else StatedFriction(self)
+
+    @property
+    def boost(self) -> StartBoost | NoBoost:
+        """Faster gains for a while where a joint begins or turns back."""
+        return StartBoost(self) if self.gear_gains is None else NoBoost()
+
+    @property
+    def queue(self) -> DelayQueue:
+        """Torques that do not act yet."""
+        return DelayQueue(self.delay)
+
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """Error and rate of the joints, disturbance torque, torque needed a sample ago, and blocks.
+
+        `impulse` is that of the predicted dry friction [N m s]; `begun` is 1 after the first
+        sample.
         """
-        rows = 5 + self.delay + 5 * self._learns + (2 if self.gear_gains is None else 4)
-        return np.concatenate([np.zeros(rows * n), np.ones(n), [0.0]])
+        return Fields(
+            error=per_joint(),
+            rate=per_joint(),
+            disturbance=per_joint(role=TORQUE_ERROR),
+            needed=per_joint(role=MODEL_TORQUE),
+            impulse=per_joint(),
+            queue=self.queue.fields,
+            friction=self.friction_model.fields,
+            gears=self.gears.fields,
+            boost=self.boost.fields,
+            begun=scalars(),
+        )
 
     def start(
         self,
@@ -182,16 +220,15 @@ class ComputedTorque(ModelLaw):
         friction: ArrayLike | None = None,
         **options: Any,
     ) -> Running:
-        """This law as a running controller, as `Law.start`, that begins with what is known of the
-        arm at rest.
+        """This law as a running controller, as `Law.start`, from what is known of the arm at rest.
 
         Parameters
         ----------
         torque : (n,) array_like, optional
-            Joint torque [N m] that holds the arm now: what it differs from h-hat by more than
-            static friction explains is the disturbance torque to begin with.
+            Joint torque [N m] that holds the arm now. Its difference from h-hat, less what static
+            friction explains, is the disturbance torque to begin with.
         friction : (2, n) array_like, optional
-            Coulomb [N m] and viscous [N m s/rad] friction, motor side, that was learnt before:
+            Coulomb [N m] and viscous [N m s/rad] friction, motor side, that an earlier run learnt:
             `Running.friction`.
 
         Raises
@@ -211,135 +248,124 @@ class ComputedTorque(ModelLaw):
         """
         running = super().start(rig, pulses, **options)
         n = self.arm.n
-        known = np.zeros(len(running.state))
+        state = self.fields.read(running.state, n)
+        disturbance = state.disturbance
+        friction_state = state.friction
         if torque is not None:
-            known[2 * n : 3 * n] = unexplained(torque, self, running.rig, rig.cell_centre(pulses))
+            centre = rig.cell_centre(pulses)
+            disturbance = disturbance + unexplained(torque, self, running.rig, centre)
         if friction is not None:
-            known[self._learnt(n)] = shares(
-                friction, self.rig.drive, self.learnable if self._learns else None
-            ).ravel()
-        running.begin(running.state + known)
+            learns = isinstance(self.friction_model, LearntFriction)
+            limit = self.learnable if learns else None
+            coulomb, viscous = shares(friction, self.rig.drive, limit)
+            friction_state = friction_state._replace(coulomb=coulomb, viscous=viscous)
+        state = state._replace(disturbance=disturbance, friction=friction_state)
+        running.begin(self.fields.write(n, **state._asdict()))
         return running
 
     def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coulomb [N m] and viscous [N m s/rad] friction (2, n), motor side, as learnt in a
-        state of the law.
-        """
-        differs = state[self._learnt(self.arm.n)].reshape(2, -1) if self._learns else 0.0
-        return np.array([self.rig.drive.coulomb, self.rig.drive.viscous]) * (1 + differs)
+        """Coulomb [N m] and viscous [N m s/rad] friction (2, n), motor side, as learnt."""
+        drive = self.rig.drive
+        stated = np.array([drive.coulomb, drive.viscous])
+        if not isinstance(self.friction_model, LearntFriction):
+            return stated
+        learnt = self.fields.read(state, self.arm.n).friction
+        return stated * (1 + np.array([learnt.coulomb, learnt.viscous]))
 
-    def _learnt(self, n: int) -> slice:
-        """Where in the state the learnt shares of Coulomb and viscous friction are."""
-        return slice((5 + self.delay) * n, (7 + self.delay) * n)
-
-    def torque_errors(self, n: int) -> tuple[range, ...]:
-        """The disturbance torque."""
-        return (range(2 * n, 3 * n),)
-
-    def model_torques(self, n: int) -> tuple[range, ...]:
-        """What the model needed in the sample before."""
-        return (range(3 * n, 4 * n),)
-
+    # -- the step ---------------------------------------------------------------------------------
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
-        """One sample: what acted -> predict -> correct -> feed back -> torque.
+    ) -> Step:
+        """One sample: reference -> predict -> correct -> learn friction -> feed back.
         Source: paper Fig. 2.
         """
         n = self.arm.n
-        drive = self.rig.drive
-        e, rate, delta, before, impulse, *pending, fresh = (
-            state[i * n : (i + 1) * n] for i in range((state.numel() - 1) // n)
-        )
-        begun = state[-1]
-        coupling = drive.coupling
-        rigid = self.gear_gains is None
-        pending, kept = (pending[:-2], pending[-2:]) if rigid else (pending[:-4], pending[-4:])
-        if self._learns:
-            pending, (coulomb, drag, *recent) = (
-                pending[: self.delay],
-                pending[self.delay : self.delay + 5],
-            )
-        gears, needed, link = gears_along(
-            self, setpoint, (e, rate), [] if rigid else kept, begun, dt
-        )
+        settings = self.settings
+        coupling = self.rig.drive.coupling
+        before = self.fields.read(state, n)
+        begun = before.begun
+
+        # 1. What the reference needs now.
+        gears = self.gears.at(self, setpoint, before, dt)
         speed = coupling.shaft(setpoint.qd)
-        viscous, level = ca.SX.zeros(n), ca.SX.zeros(n)
-        if self.friction:
-            viscous, level = drive.joint_viscous(), drive.joint_coulomb(speed)
-            stated = level, viscous * speed
-            if self._learns:
-                viscous = viscous * (1 + drag)
-                level = level * (1 + coulomb)
-            needed = needed + coupling.joint_torque(viscous * speed + drive.joint_offset())
+        friction = self.friction_model.at(before.friction, speed)
+        needed = gears.needed + friction.needed
 
-        def predicted(
-            deviation: Deviation, impulse: ca.SX, acted: ca.SX, time: ca.SX
-        ) -> tuple[Deviation, ca.SX]:
-            """Deviation after `time` under a torque beyond what was needed, and the impulse of
-            friction (n, 1).
-            """
-
-            def friction(mobility: Inverse, free: ca.SX) -> ca.SX:
-                held = friction_impulse(
-                    mobility, -mobility.alone * (speed - free), impulse, time * level, _SWEEPS
-                )
-                # not even its slope is left without friction, at rest
-                return ca.if_else(level > 0, held, 0)
-
-            return gears.moved(
-                deviation,
-                coupling.shaft_torque(acted - delta) + viscous * deviation[1],
-                friction,
-                time,
-            )
-
-        # The reference moved on while the torque was held: what was needed is the mean of then and
-        # now.
-        deviation = coupling.shaft(e), coupling.shaft(rate), *([] if rigid else kept[:2])
-        deviation, impulse = predicted(
-            deviation, impulse, torque - (before + needed) / 2, begun * dt
+        # 2. Predict from the torque that really acted. The reference moved on while it was held:
+        # what was needed is the mean of then and now.
+        deviation = gears.deviation(before, coupling)
+        pushed = torque - (before.needed + needed) / 2 - before.disturbance
+        deviation, impulse = self._predicted(
+            gears, friction, deviation, before.impulse, pushed, begun * dt
         )
-        outside = setpoint.q - coupling.joint(deviation[0]) - rig.cell_centre(pulses)
-        seen = begun * rig.position_in_pulses(outside)
-        begins = ca.fabs(speed_share(self.rig, speed, _BEGINS))
-        share = ca.fmin(self.dead_zone * (_STANDING - (_STANDING - 1) * begins), 1)
-        outside = coupling.shaft(rig.outside_cell(outside, pulses, share))
-        first = (1 - begun) * outside, 0  # where it begins, the first counts alone say
-        deviation = tuple(each + first[i % 2] for i, each in enumerate(deviation))
-        distance = rig.position_in_pulses(coupling.joint(deviation[0]))
-        boost = boosted(self.start_boost, fresh * begins, distance, kept[1]) if rigid else 1
-        deviation, found = gears.corrected(deviation, begun * outside, boost)
-        delta = delta + coupling.joint_torque(found)
 
-        learnt = []
-        if self._learns:
-            heading = speed_share(self.rig, speed, _SLIDES)
-            shaft = coupling.shaft_torque(delta)
-            known, shaft, recent = learn(
-                (coulomb, drag), recent, stated, shaft, heading, self.learnable, dt
-            )
-            level = level + stated[0] * (known[0] - coulomb)
-            needed = needed + coupling.joint_torque(stated[1] * (known[1] - drag))
-            delta = coupling.joint_torque(shaft)
-            learnt = [*known, *recent]
+        # 3. Correct by the part of the innovation beyond the dead zone of the counted cell.
+        outside = setpoint.q - coupling.joint(deviation.angle) - rig.cell_centre(pulses)
+        distance = begun * rig.position_in_pulses(outside)
+        moving = ca.fabs(speed_share(self.rig, speed, settings.boost_speed))
+        standing = settings.standing_dead_zone
+        dead_zone = ca.fmin(self.dead_zone * (standing - (standing - 1) * moving), 1)
+        innovation = coupling.shaft(rig.outside_cell(outside, pulses, dead_zone))
+        # Nothing was predicted before the first sample, so there the counts alone give the error.
+        jump = (1 - begun) * innovation
+        deviation = deviation.with_angles(lambda angle: angle + jump)
+        error = rig.position_in_pulses(coupling.joint(deviation.angle))
+        boost = self.boost.factor(before.boost, moving, error)
+        deviation, added = gears.corrected(deviation, begun * innovation, boost)
+        disturbance = before.disturbance + coupling.joint_torque(added)
 
-        # With a delay, what is commanded now acts one sample later: predict the error to then.
-        ahead = (
-            predicted(deviation, impulse, pending[0] - needed, dt)[0] if self.delay else deviation
+        # 4. Learn friction from the disturbance, where a joint turned back.
+        learnt = self.friction_model.learn(before.friction, friction, needed, disturbance, dt)
+        friction = learnt.friction
+        needed = learnt.needed
+        disturbance = learnt.disturbance
+
+        # 5. Feed back the deviation at the instant at which the torque acts.
+        ahead = deviation
+        if self.delay:
+            pushed = before.queue.commanded - needed - disturbance
+            ahead, _ = self._predicted(gears, friction, deviation, impulse, pushed, dt)
+        # The boost is at most what the period allows.
+        bandwidth = ca.fmin(
+            self.bandwidth * boost, ca.fmax(self.bandwidth, settings.boost_limit / dt)
         )
-        bandwidth = ca.fmin(self.bandwidth * boost, ca.fmax(self.bandwidth, _MOST / dt))
-        ahead = braked(
-            ahead, self.rig, coupling.shaft_torque(needed + delta), gears, self.bandwidth
-        )
-        sliding = speed_share(self.rig, speed + bandwidth * ahead[0] / 2, _SLIDES)
-        # What is needed moves on to the middle of the sample in which it acts.
-        coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before)
-        planned = coupling.shaft_torque(needed + coming + delta) + level * sliding
-        wanted = coupling.joint_torque(planned + gears.feedback(ahead, bandwidth, planned))
+        holding = coupling.shaft_torque(needed + disturbance)
+        ahead = braked(ahead, self.rig, holding, gears, self.bandwidth)
+        # Dry friction acts along the speed that is desired: the reference's, and that at which the
+        # error should go.
+        desired = speed + bandwidth * ahead.angle / 2
+        sliding = speed_share(self.rig, desired, settings.sliding_speed)
+        # What is needed goes on to the middle of the sample in which the torque acts.
+        coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before.needed)
+        planned = coupling.shaft_torque(needed + coming + disturbance) + friction.level * sliding
+        commanded = coupling.joint_torque(planned + gears.feedback(ahead, bandwidth, planned))
+
         turns = speed * (speed + dt * coupling.shaft(setpoint.qdd)) <= 0  # back, or from rest
-        after = fresh_and_swings(seen, turns, fresh, kept[:2], dt, self)
-        fresh, *kept = after if rigid else (fresh, *deviation[2:], *link)
-        acting, later = (pending[0], [wanted]) if self.delay else (wanted, [])
-        e, rate = (coupling.joint(each) for each in deviation[:2])
-        return acting, ca.vertcat(e, rate, delta, needed, impulse, *later, *learnt, *kept, fresh, 1)
+        following = self.fields.write(
+            n,
+            error=coupling.joint(deviation.angle),
+            rate=coupling.joint(deviation.rate),
+            disturbance=disturbance,
+            needed=needed,
+            impulse=impulse,
+            queue=self.queue.following(before.queue, commanded),
+            friction=learnt.memory,
+            gears=gears.memory(deviation),
+            boost=self.boost.following(before.boost, distance, turns, dt),
+            begun=1,
+        )
+        return self.queue.acting(before.queue, commanded), following
+
+    def _predicted(
+        self,
+        gears: RigidGears | ElasticGears,
+        friction: ShaftFriction,
+        deviation: Deviation,
+        impulse: ca.SX,
+        pushed: ca.SX,
+        time: ca.SX,
+    ) -> tuple[Deviation, ca.SX]:
+        """Deviation after `time` under a joint torque beyond the needed, and friction's impulse."""
+        # The reference's viscous friction is among what it needs; here acts that of the deviation.
+        push = self.rig.drive.coupling.shaft_torque(pushed) + friction.viscous * deviation.rate
+        return gears.moved(deviation, push, functools.partial(friction.impulse, impulse, time), time)

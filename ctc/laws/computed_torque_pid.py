@@ -1,8 +1,6 @@
-"""Computed torque with a PID feedback that rolls off above its bandwidth: for gears that give."""
+"""Computed torque with a PID feedback that rolls off above its bandwidth: for elastic gears."""
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig
@@ -11,6 +9,7 @@ from plant.laws.terms import integrated
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
+from plant.parts.vector import MODEL_ERROR, Fields, per_joint, scalars
 
 
 def rolled_off(
@@ -22,8 +21,9 @@ def rolled_off(
     damping: ca.SX,
     dt: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
-    """Filtered signal (n, 1) and its rate, one step later; of the step before it has signal, value
-    and rate.
+    """Low-pass of second order: filtered signal (n, 1) and its rate, one step later.
+
+    `before`, `value` and `rate` are signal, filtered signal and its rate a step ago.
 
     Source: Tustin's method, which is the trapezoidal rule: s = 2 / dt (z - 1) / (z + 1).
     """
@@ -35,8 +35,7 @@ def rolled_off(
 
 @part
 class ComputedTorquePID(ModelLaw):
-    """tau = D-hat(q_r) (qdd_r + a(e)) + h-hat(q_r, qd_r) + friction(qd_r), with a PID a(s) that
-    rolls off.
+    """tau = D-hat (qdd_r + a(e)) + h-hat + friction, along the reference, with a PID a(s).
 
     a(s) = w (s + w/r) (s + i) / s / ((s/f)^2 + 2 z s/f + 1), sampled by Tustin's method, once per
     sample; e is q_r minus the middle of the encoder's cell. From its upper zero to its roll-off the
@@ -73,13 +72,13 @@ class ComputedTorquePID(ModelLaw):
     --------
     >>> from plant import puma560
     >>> from ctc import ComputedTorquePID
-    >>> law = ComputedTorquePID(
-    ...     puma560.arm(), puma560.rig(), bandwidth=60, ratio=1.0, integral=10, roll_off=600, roll_off_damping=0.7
-    ... )
+    >>> feedback = {"ratio": 1.0, "integral": 10, "roll_off": 600, "roll_off_damping": 0.7}
+    >>> law = ComputedTorquePID(puma560.arm(), puma560.rig(), bandwidth=60, **feedback)
     >>> law.bandwidth
     60.0
 
-    Source: of anti-windup with the time constant sqrt(T_i T_d), Astrom and Hagglund, Advanced PID Control (2006), 3.5.
+    Source: anti-windup with the time constant sqrt(T_i T_d): Astrom and Hagglund, Advanced PID
+    Control (2006), 3.5.
     """
 
     bandwidth: float = number(())
@@ -96,32 +95,29 @@ class ComputedTorquePID(ModelLaw):
             not_negative=("integral",),
         )
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """No reading yet (the first number), nothing integrated, no torque commanded."""
-        return np.zeros(1 + 5 * n)
-
-    def model_errors(self, n: int) -> tuple[range, ...]:
-        """The integral."""
-        return (range(1, 1 + n),)
+    # read: 1 once there was a reading; error, value, rate: the low-pass and its input.
+    fields = Fields(
+        read=scalars(),
+        integral=per_joint(role=MODEL_ERROR),
+        error=per_joint(),
+        value=per_joint(),
+        rate=per_joint(),
+        commanded=per_joint(),
+    )
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
-        """One sample: what was cut off -> integral -> filtered error and its rate ->
-        acceleration -> torque.
-        """
+        """One sample: integral -> filtered error and its rate -> acceleration -> torque."""
         n = self.arm.n
-        model = self.arm.dynamics
-        f = self.arm.f
-        read, integral, before, value, rate, commanded = ca.vertsplit(
-            state, [0, *range(1, 5 * n + 2, n)]
-        )
+        before = self.fields.read(state, n)
         e = setpoint.q - rig.cell_centre(pulses)
-        D = model.D(setpoint.q, f)
-        before = ca.if_else(read > 0, before, e)
-        value = ca.if_else(read > 0, value, e)
+        D = self.arm.dynamics.D(setpoint.q, self.arm.f)
+        # The first error counts as if it had been there before, so that it makes no kick.
+        error_before = ca.if_else(before.read > 0, before.error, e)
+        value = ca.if_else(before.read > 0, before.value, e)
 
-        # a(s) = slow / s + (one + fast s) / ((s/f)^2 + 2 z s/f + 1), in partial fractions.
+        # 1. a(s) = slow / s + (one + fast s) / ((s/f)^2 + 2 z s/f + 1), in partial fractions.
         w = self.bandwidth
         lower = self.integral
         corner = self.roll_off
@@ -130,13 +126,18 @@ class ComputedTorquePID(ModelLaw):
         slow = w * upper * lower
         one = w * (upper + lower) - 2 * z / corner * slow
         fast = w - slow / corner**2
-        missing = inverse(D).solve(torque - commanded)
-        integral = integrated(
-            integral, slow * (e + before) / 2, missing, ca.sqrt(upper * lower), dt
+
+        # 2. The integral, less what the amplifier cut off, with the time constant sqrt(T_i T_d).
+        missing = inverse(D).solve(torque - before.commanded)
+        tracking = ca.sqrt(upper * lower)
+        slope = slow * (e + error_before) / 2
+        integral = integrated(before.integral, slope, missing, tracking, dt)
+
+        # 3. The low-pass, the acceleration, and the torque that it takes.
+        value, rate = rolled_off(e, error_before, value, before.rate, corner, z, dt)
+        acceleration = setpoint.qdd + integral + one * value + fast * rate
+        commanded = D @ acceleration + self.h(setpoint.q, setpoint.qd)
+        commanded = commanded + self.rig.drive.friction(setpoint.qd)
+        return commanded, self.fields.write(
+            n, read=1, integral=integral, error=e, value=value, rate=rate, commanded=commanded
         )
-        value, rate = rolled_off(e, before, value, rate, corner, z, dt)
-        wanted = D @ (setpoint.qdd + integral + one * value + fast * rate) + self.h(
-            setpoint.q, setpoint.qd
-        )
-        wanted = wanted + self.rig.drive.friction(setpoint.qd)
-        return wanted, ca.vertcat(1, integral, e, value, rate, wanted)

@@ -1,11 +1,12 @@
-"""Gains of a computed torque that is given none: by what is known of the arm, and for the gears of
-its rig.
+"""Default gains of computed torque: from the knowledge of the arm, and for the gears of its rig.
 
-With friction identified, gears rigid, the bandwidth follows from how well an acceleration is known.
-What the model lacks there, a [pulses/s^2], moves a joint by a / bandwidth^2 before the disturbance
-observer knows it: that has to stay a share of a pulse, and finer counts are more pulses.
+With friction identified and rigid gears the bandwidth follows from the uncertainty of an
+acceleration. An unmodelled acceleration a [pulses/s^2] moves a joint by a / bandwidth^2 before the
+disturbance observer has learnt it. That has to stay a share of a pulse, and finer counts are more
+pulses.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -19,8 +20,10 @@ from plant.analysis.sampled_loops import SampledLoops
 
 
 class Gains(NamedTuple):
-    """Bandwidth [rad/s], share of the cell, ratio of the observer, boost at the start, its time
-    times the bandwidth.
+    """Gains that go together.
+
+    Bandwidth [rad/s], dead zone as a share of the cell, ratio of observer to regulator, factor of
+    the boost, and time constant of the boost times the bandwidth.
     """
 
     bandwidth: float
@@ -30,110 +33,154 @@ class Gains(NamedTuple):
     start_time: float = 10.0
 
 
-# By what is known: nothing but f; f with a covariance; friction as well, and gears; friction, on
-# rigid gears: those of 60 Hz swing under a faster observer or a larger boost. More bandwidth takes
-# a smaller dead zone.
-_ARM = Gains(360.0, 0.0)
-_IDENTIFIED = Gains(145.0, 0.2)
-_GEARS = Gains(100.0, 0.4)
-_FRICTION_TOO = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DefaultGainSettings:
+    """Numbers that choose the default gains of `ComputedTorque`.
 
-# Of a pulse, by which one standard deviation of what the model lacks may move a joint, its friction
-# identified.
-_SHARE = 0.28
+    docs/background/computed_torque.md has the table of defaults, and docs/background/design.md the
+    runs that chose them; numbers without such a run were chosen by hand.
 
-# Excess of the bandwidth that this takes, up to which the least one stays: gears of 60 Hz swing
-# under more.
-_NEARLY = 1.2
-
-_SAMPLED = 0.3  # bandwidth times period, at most
-
-# by which bandwidths are lowered; the least tried [rad/s]
-_SLOWER = 0.8
-_SLOWEST = 5.0
-
-_SAMPLES = 100  # of the identified path, along which an acceleration is uncertain
-
-_POSES = 3  # of the identified path, at which loops have to be stable
-
-# stiffness, in shares of the stated, with which a law that predicts its gears has to be stable
-_OFF = 0.9, 1.0, 1.15
-
-# Share of its bandwidth that another one is stable with, and stiffnesses: a fast observer can be
-# stable on soft gears, but no longer where they are a little stiffer.
-_SPARE = 1.4
-_STIFFER = (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
-
-
-def known_gains(found: Any, rig: Any = None) -> Gains:
-    """By what is known of an arm, or by an identification; `rig` is the controller's, by default
-    the identified one.
+    Parameters
+    ----------
+    arm : Gains
+        For an arm whose accuracy is unknown.
+    identified : Gains
+        For an identification of f with a covariance.
+    elastic : Gains
+        For one of f and friction, on elastic gears.
+    friction : Gains
+        For one of f and friction, on rigid gears. Unmodelled gears of 60 Hz become unstable with a
+        faster observer or a larger boost. The dead zone falls with the square root of more
+        bandwidth.
+    share : float
+        Error [pulses] that one standard deviation of unmodelled acceleration may cause.
+    margin : float
+        Excess of the bandwidth that `share` needs, as a factor, up to which that of `friction`
+        stays: unmodelled gears of 60 Hz become unstable above.
+    period : float
+        Largest product of bandwidth and period. Chosen by hand.
+    step : float
+        Factor by which a bandwidth is reduced until it is stable. Chosen by hand.
+    smallest : float
+        Smallest bandwidth that is tried [rad/s]. Chosen by hand.
+    samples : int
+        Instants of the identified path at which the acceleration's uncertainty is evaluated.
+    poses : int
+        Poses of the identified path at which loops must be stable.
+    predicted : tuple of float
+        Stiffnesses, as shares of the stated one, with which a law that predicts its gears must be
+        stable.
+    spare : float
+        Factor on the bandwidth with which a law that takes its gears for rigid must be stable.
+    stiffer : tuple of float
+        Stiffnesses likewise, for such a law: a fast observer can be stable on soft gears, and
+        unstable where they are a little stiffer.
     """
-    if not isinstance(found, Identification) or found.covariance is None:
-        return _ARM
-    if not any(name.startswith(("drive.viscous", "drive.coulomb")) for name in found.fit.unknown):
-        return _IDENTIFIED
-    if (
-        isinstance(rig := found.rig if rig is None else rig, Rig)
-        and rig.drive.elasticity is not None
-    ):
-        return _GEARS
-    enough = float(np.sqrt(uncertain_acceleration(found) / _SHARE))
-    # whose covariance says nothing
-    if enough <= _NEARLY * _FRICTION_TOO.bandwidth or doubts(found):
-        return _FRICTION_TOO
-    bandwidth, least, share, *_ = min(enough, _ARM.bandwidth), *_FRICTION_TOO
-    return _FRICTION_TOO._replace(bandwidth=bandwidth, dead_zone=share * np.sqrt(least / bandwidth))
+
+    arm: Gains = Gains(360.0, 0.0)
+    identified: Gains = Gains(145.0, 0.2)
+    elastic: Gains = Gains(100.0, 0.4)
+    friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
+    share: float = 0.28
+    margin: float = 1.2
+    period: float = 0.3
+    step: float = 0.8
+    smallest: float = 5.0
+    samples: int = 100
+    poses: int = 3
+    predicted: tuple[float, ...] = (0.9, 1.0, 1.15)
+    spare: float = 1.4
+    stiffer: tuple[float, ...] = (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
 
 
-def uncertain_acceleration(found: Identification) -> float:
-    """Largest standard deviation that f and friction give an acceleration on the identified path
-    [pulses/s^2]; or 0.
+SETTINGS = DefaultGainSettings()
+
+
+def default_gains(
+    source: Any, rig: Any, bandwidth: float | None, trial: Callable[..., Any]
+) -> Gains:
+    """Gains for an arm or an identification, with the bandwidth worked out where it is None.
+
+    `rig`: that of the law; by default the identification's. `trial`: (rig, bandwidth=...) -> a
+    computed torque for the arm, whose loops are examined on elastic gears. If none is stable, the
+    gears are refused.
     """
-    path = found.records[0].reference
-    arm = found.arm
-    if path is None or found.covariance is None:
+    gains = known_gains(source, rig)
+    if bandwidth is None:
+        gains = gains._replace(bandwidth=_bandwidth(source, rig, gains.bandwidth, trial))
+    return gains
+
+
+def known_gains(source: Any, rig: Any = None) -> Gains:
+    """Gains from the knowledge of the arm alone, whatever the period and the gears allow."""
+    if not isinstance(source, Identification) or source.covariance is None:
+        return SETTINGS.arm
+    friction = ("drive.viscous", "drive.coulomb")
+    if not any(name.startswith(friction) for name in source.fit.unknown):
+        return SETTINGS.identified
+    if rig is None:
+        rig = source.rig
+    if isinstance(rig, Rig) and rig.drive.elasticity is not None:
+        return SETTINGS.elastic
+    gains = SETTINGS.friction
+    needed = float(np.sqrt(uncertain_acceleration(source) / SETTINGS.share))
+    # The covariance of an identification in doubt says nothing.
+    if needed <= SETTINGS.margin * gains.bandwidth or doubts(source):
+        return gains
+    bandwidth = min(needed, SETTINGS.arm.bandwidth)
+    dead_zone = gains.dead_zone * np.sqrt(gains.bandwidth / bandwidth)
+    return gains._replace(bandwidth=bandwidth, dead_zone=dead_zone)
+
+
+def uncertain_acceleration(identification: Identification) -> float:
+    """Largest standard deviation of an acceleration on the identified path [pulses/s^2].
+
+    Due to f and friction; 0 where the path or the covariance is not known.
+    """
+    path = identification.records[0].reference
+    if path is None or identification.covariance is None:
         return 0.0
-    motion = path(np.linspace(0, path.duration, _SAMPLES, endpoint=False))
-    names = linear(arm.dynamics, found.rig, found.fit.unknown)
-    regressor, _ = regressor_along(arm.dynamics, found.rig, names, motion)
-    pulses = np.column_stack([found.rig.position_in_pulses(joint) for joint in np.eye(arm.n)])
-    lacking = np.array(
+    arm = identification.arm
+    rig = identification.rig
+    fit = identification.fit
+    motion = path(np.linspace(0, path.duration, SETTINGS.samples, endpoint=False))
+    names = linear(arm.dynamics, rig, fit.unknown)
+    regressor, _ = regressor_along(arm.dynamics, rig, names, motion)
+    pulses = np.column_stack([rig.position_in_pulses(joint) for joint in np.eye(arm.n)])
+    # Change of the accelerations [pulses/s^2] per change of each parameter, sample by sample.
+    slopes = np.array(
         [pulses @ np.linalg.solve(arm.D(q), Y) for q, Y in zip(motion.q, regressor, strict=True)]
     )
-    return float(
-        np.sqrt(np.einsum("tik,kl,til->ti", lacking, found.fit.covariance_of(names), lacking).max())
-    )
+    variance = np.einsum("tik,kl,til->ti", slopes, fit.covariance_of(names), slopes)
+    return float(np.sqrt(variance.max()))
 
 
-def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], Any]) -> float:
-    """That of what is known [rad/s], or what the rig allows: for its period, and stable on its
-    elastic gears.
-
-    `rig`: of the law; by default the identification's. `law`: (rig, bandwidth) -> the computed
-    torque for the identified arm. Gears on which none is stable are refused.
-    """
-    bandwidth = known_gains(found, rig).bandwidth
-    if isinstance(found, Identification) and rig is None:
-        rig = found.rig
-    if not isinstance(rig, Rig):  # refused with the other fields
+def _bandwidth(source: Any, rig: Any, bandwidth: float, trial: Callable[..., Any]) -> float:
+    """That bandwidth, or the largest that the period and elastic gears allow [rad/s]."""
+    identified = isinstance(source, Identification)
+    if identified and rig is None:
+        rig = source.rig
+    if not isinstance(rig, Rig):  # the law refuses it, with its other fields
         return bandwidth
-    bandwidth = min(bandwidth, _SAMPLED / rig.period)
+    bandwidth = min(bandwidth, SETTINGS.period / rig.period)
     gears = rig.drive.elasticity
     if gears is None:
         return bandwidth
-    arm = getattr(found, "arm", found)
+    arm = getattr(source, "arm", source)
     poses = np.zeros((1, rig.n))
-    if isinstance(found, Identification) and found.records[0].reference is not None:
-        path = found.records[0].reference
-        poses = path(np.linspace(0, path.duration, _POSES, endpoint=False)).q
-    while bandwidth > _SLOWEST:
-        predicts = law(rig, bandwidth).gear_gains is not None
-        each = law(rig, bandwidth if predicts else _SPARE * bandwidth)
-        loops = (SampledLoops(arm, rig, each, pose) for pose in poses)
-        if all(_stable(loop, gears, _OFF if predicts else _STIFFER) for loop in loops):
+    path = source.records[0].reference if identified else None
+    if path is not None:
+        poses = path(np.linspace(0, path.duration, SETTINGS.poses, endpoint=False)).q
+    while bandwidth > SETTINGS.smallest:
+        law = trial(rig, bandwidth=bandwidth)
+        factors = SETTINGS.predicted
+        if law.gear_gains is None:
+            law = trial(rig, bandwidth=SETTINGS.spare * bandwidth)
+            factors = SETTINGS.stiffer
+        loops = (SampledLoops(arm, rig, law, pose) for pose in poses)
+        if all(_stable(loop, gears, factors) for loop in loops):
             return bandwidth
-        bandwidth *= _SLOWER
+        bandwidth *= SETTINGS.step
     raise ValueError(
         "no bandwidth is stable on these elastic gears with something to spare; take what tune"
         " finds."
@@ -141,15 +188,15 @@ def default_bandwidth(found: Any, rig: Rig | None, law: Callable[[Rig, float], A
 
 
 def _stable(loops: SampledLoops, gears: Any, factors: tuple[float, ...]) -> bool:
-    """Whether loops are stable with gears of these stiffnesses, in shares of the stated, and
-    damping to match.
-    """
-    numbers = (
-        {
+    """Whether loops are stable with gears of these stiffnesses, as shares of the stated one."""
+    for factor in factors:
+        # The damping follows the square root of the stiffness: the same damping ratio.
+        shares = (("stiffness", factor), ("damping", np.sqrt(factor)))
+        numbers = {
             f"drive.elasticity.{name}[{i}]": share * value
-            for name, share in (("stiffness", factor), ("damping", np.sqrt(factor)))
+            for name, share in shares
             for i, value in enumerate(getattr(gears, name))
         }
-        for factor in factors
-    )
-    return all(loops.unstable_pole(each) is None for each in numbers)
+        if loops.unstable_pole(numbers) is not None:
+            return False
+    return True

@@ -1,17 +1,15 @@
-"""A simple feedback with torque from the model added: gravity alone, or all that the reference
-needs.
-"""
+"""A simple feedback plus torque from the model: gravity alone, or the reference's whole torque."""
 
 import abc
+import functools
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw, base
 from plant import Law, Rig
-from plant.laws.law import Block, Setpoint, Step
+from plant.laws.law import Block, Setpoint, Step, state_of
 from plant.parts.part import part, structure
+from plant.parts.vector import Fields, per_joint
 
 
 @base
@@ -19,8 +17,8 @@ class Aided(ModelLaw):
     """Base: tau = feedback + what `aid` gives of the setpoint and the counts, as often as the
     feedback runs.
 
-    `feedback`: a simple law, such as `plant.PD`, whose period is that of the whole; of what the
-    amplifier cuts off it is told its own part.
+    `feedback`: a simple law, such as `plant.PD`, whose period is that of the whole. Its
+    anti-windup gets the applied torque less the aid.
 
     Raises
     ------
@@ -33,9 +31,9 @@ class Aided(ModelLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.feedback, ModelLaw) or self.feedback.replays:
-            given = type(self.feedback).__name__
+            kind = type(self.feedback).__name__
             raise ValueError(
-                f"feedback must be a simple law, such as PD; got {given}. Its model would count"
+                f"feedback must be a simple law, such as PD; got {kind}. Its model would count"
                 " twice."
             )
         self.feedback.block(self.rig)  # refuses gains for other joints
@@ -49,20 +47,23 @@ class Aided(ModelLaw):
         self.feedback.block(rig)  # refuses gains for other joints
         return super().block(rig)
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """The feedback's, and no aid given yet."""
-        return np.concatenate([self.feedback.initial_state(n), np.zeros(n)])
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """State of the feedback, and the aid given last [N m]."""
+        return Fields(feedback=state_of(self.feedback), aid=per_joint())
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = feedback + aid."""
-        n = rig.n
+        before = self.fields.read(state, rig.n)
+        # The feedback sees its own part of the torque, so that its anti-windup counts the rest.
+        feedback_torque = torque - before.aid
         commanded, memory = self.feedback.equations(
-            rig, state[:-n], setpoint, pulses, torque - state[-n:], dt
+            rig, before.feedback, setpoint, pulses, feedback_torque, dt
         )
         aid = self.aid(rig, setpoint, pulses)
-        return commanded + aid, ca.vertcat(memory, aid)
+        return commanded + aid, self.fields.write(rig.n, feedback=memory, aid=aid)
 
     @abc.abstractmethod
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
@@ -71,8 +72,9 @@ class Aided(ModelLaw):
 
 @part
 class PDGravity(Aided):
-    """tau = feedback + g-hat(q), with q the middle of the encoder's cell: PD control with gravity
-    compensation.
+    """tau = feedback + g-hat(q): PD control with gravity compensation.
+
+    q is the middle of the encoder's cell.
 
     Parameters
     ----------
@@ -108,8 +110,9 @@ class PDGravity(Aided):
 
 @part
 class FeedForward(Aided):
-    """tau = feedback + D-hat(q_r) qdd_r + h-hat(q_r, qd_r) + friction(qd_r): the whole model, of
-    the reference alone.
+    """tau = feedback + D-hat(q_r) qdd_r + h-hat(q_r, qd_r) + friction(qd_r).
+
+    The whole model is fed forward, along the reference alone.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ctc.laws.gears import GAINS, POWERS, ElasticGears, Springs
+from ctc.laws.gears import GAINS, POWERS, Deviation, ElasticGears, Springs
 from ctc.laws.observer import DRIFT
 from plant import Arm, Rig
 from plant.mechanics.dynamics import Dynamics
@@ -23,7 +23,9 @@ _POSES = 200  # that give the range of a joint's inertia
 _DOUBLINGS = 20  # of the horizon over which a Riccati equation is followed: 2^20 samples
 
 
-def gear_gains(arm: Arm, rig: Rig, bandwidth: float, observer: float) -> Floats | None:
+def gear_gains(
+    arm: Arm, rig: Rig, bandwidth: float, observer: float, softness: float
+) -> Floats | None:
     """Table of `ElasticGears`, or None where gears are rigid, swing too fast for the period, or
     rotors are all of D.
 
@@ -54,7 +56,7 @@ def gear_gains(arm: Arm, rig: Rig, bandwidth: float, observer: float) -> Floats 
     middle = (most + least) / 2
     half = np.maximum(most - least, 0.1 * (1 - most)) / 2
     nodes = np.cos(np.pi * (np.arange(POWERS) + 0.5) / POWERS)
-    one_joint = _one_joint()
+    one_joint = _one_joint(softness)
     fits = np.empty((GAINS, POWERS, n))
     for j in range(n):
         gains = []
@@ -90,7 +92,7 @@ def _inertia(dynamics: Dynamics, coupling: Any) -> ca.Function:
 
 
 @functools.cache
-def _one_joint() -> ca.Function:
+def _one_joint(softness: float) -> ca.Function:
     """(rotor, D, stiffness, damping, viscous friction, dt) -> A (4, 4) of its deviation, B (4, 2)
     of its torques.
 
@@ -101,8 +103,9 @@ def _one_joint() -> ca.Function:
     x = ca.SX.sym("x", 4)
     push = ca.SX.sym("push", 2)
     e, rate, e_l, rate_l = ca.vertsplit(x)
-    pushed = e, rate, e_l, rate_l - dt * push[1] / (D - rotor)
-    gears = ElasticGears(D, dt * viscous, rotor, Springs(stiffness, damping))
+    pushed = Deviation(e, rate, e_l, rate_l - dt * push[1] / (D - rotor))
+    springs = Springs(stiffness, damping)
+    gears = ElasticGears(D, dt * viscous, rotor, springs, softness=softness)
     after, _ = gears.moved(pushed, push[0] + viscous * rate, lambda *_: ca.SX(0), dt)
     return ca.Function(
         "joint", numbers, [ca.densify(ca.jacobian(ca.vertcat(*after), each)) for each in (x, push)]

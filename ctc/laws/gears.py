@@ -1,10 +1,9 @@
-"""One sample of an arm's deviation from its reference, on rigid and on elastic gears: predict,
-correct, feed back.
+"""One sample of an arm's deviation from its reference, on rigid or elastic gears.
 
-Everything is on the motors' shafts, where friction acts and encoders count. A deviation is
-reference minus arm, angle and rate of the joints; on elastic gears of the motors and then of the
-links, from the motion of links whose motors follow the reference. A push is the torque beyond what
-that motion needs, and drives deviations down.
+Both classes predict it, correct it and feed it back. All is on the motors' shafts, where friction
+acts and encoders count. A deviation is reference minus arm. On elastic gears there is one of the
+motors and one of the links, the latter from the motion of links whose motors follow the reference.
+A push is the torque beyond that motion's, and drives deviations down.
 """
 
 import functools
@@ -13,72 +12,136 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from ctc.laws.computed_torque_settings import SETTINGS
 from ctc.laws.observer import correct, filter_gains, regulator_gains
 from plant import Rig
 from plant.laws.law import Setpoint
 from plant.machine.elasticity import joined, spring
 from plant.mechanics.symmetric_inverse import Inverse, eliminated, inverse
+from plant.parts.vector import Fields, per_joint
 
-Deviation = tuple[ca.SX, ...]
-# (mobility of the motors, rate without dry friction) -> impulse of dry friction (n, 1) [N m s].
-Friction = Callable[[Inverse, ca.SX], ca.SX]
-
-# Of a joint on elastic gears: five gains of its filter and four of its regulator, polynomials of
-# its inertia.
+# Of a joint on elastic gears: five gains of its filter and four of its regulator, each a polynomial
+# of the joint's inertia with so many coefficients.
+FILTER_GAINS = 5
 GAINS = 9
 POWERS = 4
 
-# Share of the stated stiffness with which deviations are predicted: where it is too stiff, they
-# grow first.
-_SOFTER = 0.8
+# (mobility of the motors, rate without dry friction) -> impulse of dry friction (n, 1) [N m s].
+Friction = Callable[[Inverse, ca.SX], ca.SX]
+
+
+class Deviation(NamedTuple):
+    """Angle [rad] and rate [rad/s] (n, 1) of motors, and of links where these are apart."""
+
+    angle: ca.SX
+    rate: ca.SX
+    link_angle: ca.SX | None = None
+    link_rate: ca.SX | None = None
+
+    def with_angles(self, change: Callable[[ca.SX], ca.SX]) -> "Deviation":
+        """The same rates, and angles after a change."""
+        link_angle = self.link_angle
+        if link_angle is not None:
+            link_angle = change(link_angle)
+        return self._replace(angle=change(self.angle), link_angle=link_angle)
+
+
+class _Model(NamedTuple):
+    """The arm at one pose: torques on the joints, the rest on the shafts."""
+
+    D: ca.SX
+    h: ca.SX
+    inertia: ca.SX
+    drag: ca.SX
+
+
+def _model_at(law: Any, q: ca.SX, qd: ca.SX, dt: ca.SX) -> _Model:
+    D = law.arm.dynamics.D(q, law.arm.f)
+    drive = law.rig.drive
+    drag = dt * drive.joint_viscous() * law.friction
+    return _Model(D, law.h(q, qd), drive.coupling.shaft_inertia(D), drag)
 
 
 class RigidGears:
     """An arm whose motors carry the inertia D of their joints.
 
-    `drag`, viscous friction times `dt`, adds to it: friction acts with the rate at the end, so that
-    it may be faster. `limit` [N m] is the amplifiers'.
+    `drag`, viscous friction times `dt`, adds to it: friction acts with the rate at the end of the
+    step, which is stable however large it is. `limit` [N m] is the amplifiers'.
     """
+
+    fields = Fields()
+    needed: ca.SX
 
     def __init__(self, D: ca.SX, drag: ca.SX, observer: ca.SX, dt: ca.SX, limit: ca.SX) -> None:
         inertia = D + ca.diag(drag)
-        self.mobility, (self._carried, _) = inverse(inertia), eliminated(inertia)
-        self._observer, self._dt, self._limit = observer, dt, ca.fabs(limit)
+        self.mobility = inverse(inertia)
+        self._carried, _ = eliminated(inertia)
+        self._observer = observer
+        self._dt = dt
+        self._limit = ca.fabs(limit)
+
+    @classmethod
+    def at(cls, law: Any, setpoint: Setpoint, state: Any, dt: ca.SX) -> "RigidGears":
+        """The gears of a computed torque in this sample.
+
+        ``needed`` (n, 1) [N m] is the joint torque that the reference takes, less friction.
+        """
+        q = setpoint.q
+        qd = setpoint.qd
+        if law.measured:
+            q = q - state.error
+            qd = qd - state.rate
+        model = _model_at(law, q, qd, dt)
+        observer = law.observer_ratio * law.bandwidth
+        gears = cls(model.inertia, model.drag, observer, dt, law.rig.drive.torque_limit())
+        gears.needed = model.D @ setpoint.qdd + model.h
+        return gears
+
+    def deviation(self, state: Any, coupling: Any) -> Deviation:
+        """The deviation as the law's state has it."""
+        return Deviation(coupling.shaft(state.error), coupling.shaft(state.rate))
+
+    def memory(self, deviation: Deviation) -> Any:
+        """The gears' part of the law's state: none."""
+        return {}
 
     def moved(
         self, deviation: Deviation, push: ca.SX, friction: Friction, time: ca.SX
     ) -> tuple[Deviation, ca.SX]:
-        """The deviation after `time` under a push (n, 1) [N m], and the impulse of dry friction
-        [N m s].
-        """
-        e, rate = deviation
-        free = rate - time * self.mobility.solve(push)
+        """Deviation after `time` under a push (n, 1) [N m], and friction's impulse [N m s]."""
+        free = deviation.rate - time * self.mobility.solve(push)
         impulse = friction(self.mobility, free)
-        after = free - self.mobility.solve(impulse)
-        return (e + time * (rate + after) / 2, after), impulse
+        rate = free - self.mobility.solve(impulse)
+        return Deviation(deviation.angle + time * (deviation.rate + rate) / 2, rate), impulse
 
     def corrected(
-        self, deviation: Deviation, outside: ca.SX, boost: ca.SX
+        self, deviation: Deviation, innovation: ca.SX, boost: ca.SX
     ) -> tuple[Deviation, ca.SX]:
-        """Corrected by an innovation (n, 1) [rad]; and what the disturbance torque gains [N m]."""
+        """Deviation corrected by an innovation (n, 1) [rad], and disturbance torque to add [N m].
+
+        The square root of the regulator's boost is the filter's: it sees the rounding of counts.
+        """
         gains = filter_gains(self._observer * ca.sqrt(boost), self._dt)
-        e, rate, found = correct(deviation[0], deviation[1], ca.SX(0), outside, gains, self._dt)
-        return (e, rate), self.mobility.alone * found
+        angle, rate, acceleration = correct(
+            deviation.angle, deviation.rate, ca.SX(0), innovation, gains, self._dt
+        )
+        return Deviation(angle, rate), self.mobility.alone * acceleration
 
     def feedback(self, deviation: Deviation, bandwidth: ca.SX, planned: ca.SX) -> ca.SX:
         """Torque (n, 1) [N m] against a deviation, of a regulator with this bandwidth [rad/s].
 
-        Of each joint alone, and what carries those after it along: what moves a shoulder does not
-        shake the wrist. What the amplifier has no room for beside what is `planned` (n, 1) [N m]
-        does not act, and carries none along.
+        Each joint gets the torque for itself alone, and that which the joints before it need it to
+        add (D = L P L'): a shoulder then does not shake the wrist. The torque for which the
+        amplifier has no room beside what is `planned` (n, 1) [N m] does not act, and carries no
+        joint along.
         """
         stiffness, damping = regulator_gains(bandwidth, self._dt)
-        alone = self.mobility.alone * (stiffness * deviation[0] + damping * deviation[1])
+        alone = self.mobility.alone * (stiffness * deviation.angle + damping * deviation.rate)
         acts = ca.SX(0, 1)
         carried = ca.SX(0, 1)
         for i in range(alone.numel()):
             carried = ca.vertcat(carried, self._carried[i, :i] @ acts)
-            low, high = (side * self._limit[i] - planned[i] - carried[i] for side in (-1, 1))
+            low, high = (sign * self._limit[i] - planned[i] - carried[i] for sign in (-1, 1))
             acts = ca.vertcat(acts, ca.fmin(ca.fmax(alone[i], low), high))
         return carried + alone
 
@@ -92,64 +155,131 @@ class Springs(NamedTuple):
 
 
 class ElasticGears:
-    """An arm whose links are on the springs of its gears; gains from a table, for the inertia
-    that each joint feels.
+    """An arm whose links are on the springs of its gears.
+
+    The gains come from a table, at the inertia that each joint feels. Deviations are predicted with
+    the share `softness` of the stated stiffness: a model that is too stiff loses stability first.
     """
 
+    # deviation of the links, and their motion while the motors follow the reference, a sample ago
+    fields = Fields(
+        link_error=per_joint(), link_rate=per_joint(), link_angle=per_joint(), link_speed=per_joint()
+    )
+    needed: ca.SX
+    _link: tuple[ca.SX, ca.SX]
+
     def __init__(
-        self, D: ca.SX, drag: ca.SX, rotors: ca.SX, elasticity: Any, table: Any = None
+        self,
+        D: ca.SX,
+        drag: ca.SX,
+        rotors: ca.SX,
+        elasticity: Any,
+        table: Any = None,
+        softness: float = SETTINGS.predicted_stiffness,
     ) -> None:
         self.mobility = inverse(D)
         self._stated = Springs(elasticity.stiffness, elasticity.damping)
-        self._springs = Springs(_SOFTER * elasticity.stiffness, elasticity.damping)
-        self._rotors, self._links, self._dragged = rotors, D - ca.diag(rotors), rotors + drag
+        self._springs = Springs(softness * elasticity.stiffness, elasticity.damping)
+        self._rotors = rotors
+        self._links = D - ca.diag(rotors)
+        self._dragged = rotors + drag
         self._felt = inverse(self._links).alone
         if table is not None:
             self._filter, self._regulator = self._gains(table, D.shape[0])
 
+    @classmethod
+    def at(cls, law: Any, setpoint: Setpoint, state: Any, dt: ca.SX) -> "ElasticGears":
+        """As of `RigidGears`."""
+        drive = law.rig.drive
+        coupling = drive.coupling
+        rotors = drive.reflected_inertia()
+        memory = state.gears
+        begun = state.begun
+        reference = tuple(coupling.shaft(row) for row in setpoint[:3])
+        # At the first sample the links are on the reference.
+        angle = ca.if_else(begun, memory.link_angle, reference[0])
+        speed = ca.if_else(begun, memory.link_speed, reference[1])
+
+        # The model at the links' place in the middle of the sample that is over.
+        q = coupling.joint(angle + begun * dt / 2 * speed)
+        qd = begun * coupling.joint(speed + dt / 2 * reference[2])
+        if law.measured:
+            q = q - coupling.joint(memory.link_error)
+            qd = qd - coupling.joint(memory.link_rate)
+        model = _model_at(law, q, qd, dt)
+        softness = law.settings.predicted_stiffness
+        gears = cls(
+            model.inertia, model.drag, rotors, drive.elasticity, law.gear_gains, softness
+        )
+        weight = coupling.shaft_torque(model.h)
+        angle, speed, carried = gears.followed((angle, speed), reference, weight, begun, dt)
+        gears._link = angle, speed
+        gears.needed = coupling.joint_torque(carried + rotors * reference[2])
+        return gears
+
+    def deviation(self, state: Any, coupling: Any) -> Deviation:
+        """As of `RigidGears`."""
+        angle = coupling.shaft(state.error)
+        rate = coupling.shaft(state.rate)
+        return Deviation(angle, rate, state.gears.link_error, state.gears.link_rate)
+
+    def memory(self, deviation: Deviation) -> Any:
+        """The gears' part of the law's state."""
+        angle, speed = self._link
+        return {
+            "link_error": deviation.link_angle,
+            "link_rate": deviation.link_rate,
+            "link_angle": angle,
+            "link_speed": speed,
+        }
+
     def _gains(self, table: Any, n: int) -> tuple[list[ca.SX], list[ca.SX]]:
-        """Of filter and regulator at this pose; the torques in them for an inertia of 1 kg m^2."""
-        middle, half, *powers = (table[i * n : (i + 1) * n] for i in range(2 + GAINS * POWERS))
-        at = ca.fmin(ca.fmax((self._rotors * self.mobility.diagonal - middle) / half, -1), 1)
-        rows = (powers[i : i + POWERS] for i in range(0, GAINS * POWERS, POWERS))
-        gains = [functools.reduce(lambda sum_, each: sum_ * at + each, row) for row in rows]
-        return gains[:5], gains[5:]
+        """Gains of filter and regulator at this pose; torques in them are for 1 kg m^2."""
+        middle, half, *coefficients = ca.vertsplit(table, n)
+        inertia_share = self._rotors * self.mobility.diagonal
+        x = ca.fmin(ca.fmax((inertia_share - middle) / half, -1), 1)
+        gains = []
+        for i in range(0, GAINS * POWERS, POWERS):
+            # Horner's rule, from the highest power on
+            gains.append(functools.reduce(lambda sum_, c: sum_ * x + c, coefficients[i : i + POWERS]))
+        return gains[:FILTER_GAINS], gains[FILTER_GAINS:]
 
     def followed(
         self,
-        link: tuple[ca.SX, ...],
-        along: tuple[ca.SX, ...],
+        link: tuple[ca.SX, ca.SX],
+        reference: tuple[ca.SX, ...],
         weight: ca.SX,
         begun: ca.SX,
         dt: ca.SX,
     ) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Links one sample later whose motors follow the reference, and the torque through their
-        gears (n, 1) [N m].
+        """Angle and speed (n, 1) of links whose motors follow the reference, and gear torque [N m].
 
-        `link`: their position and speed a sample ago; `along`: position, speed and acceleration of
-        the reference now; `weight`: the torque that they take beside inertia. Where it begins,
-        links hang at rest.
+        `link`: angle and speed of the links a sample ago; `reference`: angle, speed and
+        acceleration now; `weight`: the torque that links take beside inertia. At the first sample
+        they hang at rest in their gears.
         """
-        (q, qd), (at, speed, acceleration) = link, along
-        before = speed - dt * acceleration
-        middle = at - dt / 2 * speed + dt * dt / 8 * acceleration
-        held = spring(
-            self._stated, middle - q - dt / 2 * qd, before - qd, dt, self._rotors, self._felt
-        )
+        q, qd = link
+        angle, speed, acceleration = reference
+        # The motors at the start and in the middle of the sample that is over.
+        speed_before = speed - dt * acceleration
+        middle = angle - dt / 2 * speed + dt * dt / 8 * acceleration
+        wound = middle - q - dt / 2 * qd
+        held = spring(self._stated, wound, speed_before - qd, dt, self._rotors, self._felt)
         pushed = dt * (held.torque - weight) + held.added * dt * acceleration
         gained = inverse(self._links + ca.diag(held.added)).solve(pushed)
-        wound = at - weight / self._stated.stiffness
-        q = ca.if_else(begun, q + dt * (qd + gained / 2), wound)
+        hanging = angle - weight / self._stated.stiffness
+        q = ca.if_else(begun, q + dt * (qd + gained / 2), hanging)
         qd = ca.if_else(begun, qd + gained, speed)
-        return q, qd, self._stated.stiffness * (at - q) + self._stated.damping * (speed - qd)
+        torque = self._stated.stiffness * (angle - q) + self._stated.damping * (speed - qd)
+        return q, qd, torque
 
     def moved(
         self, deviation: Deviation, push: ca.SX, friction: Friction, time: ca.SX
     ) -> tuple[Deviation, ca.SX]:
         """As of `RigidGears`."""
-        e, rate, e_l, rate_l = deviation
-        apart = e - e_l + time / 2 * (rate - rate_l)
-        held = spring(self._springs, apart, rate - rate_l, time, self._rotors, self._felt)
+        e, rate, link_e, link_rate = deviation
+        apart = e - link_e + time / 2 * (rate - link_rate)
+        held = spring(self._springs, apart, rate - link_rate, time, self._rotors, self._felt)
         both = joined(self._dragged, self._links, held.added)
         kick = -time * (push + held.torque)
         gained = both.links.solve(time * held.torque + both.passed * kick)
@@ -157,27 +287,26 @@ class ElasticGears:
         mobility = both.mobility()
         impulse = friction(mobility, free)
         after = free - mobility.solve(impulse)
-        after_l = rate_l + gained - both.links.solve(both.passed * impulse)
-        return (
-            e + time * (rate + after) / 2,
-            after,
-            e_l + time * (rate_l + after_l) / 2,
-            after_l,
-        ), impulse
+        link_after = link_rate + gained - both.links.solve(both.passed * impulse)
+        e = e + time * (rate + after) / 2
+        link_e = link_e + time * (link_rate + link_after) / 2
+        return Deviation(e, after, link_e, link_after), impulse
 
-    def corrected(self, deviation: Deviation, outside: ca.SX, _: ca.SX) -> tuple[Deviation, ca.SX]:
+    def corrected(
+        self, deviation: Deviation, innovation: ca.SX, _: ca.SX
+    ) -> tuple[Deviation, ca.SX]:
         """As of `RigidGears`, without a boost."""
-        *gains, found = self._filter
-        corrected = tuple(
-            each + gain * outside for each, gain in zip(deviation, gains, strict=True)
+        state_gains = self._filter[:-1]
+        torque_gain = self._filter[-1]
+        rows = (
+            row + gain * innovation for row, gain in zip(deviation, state_gains, strict=True)
         )
-        return corrected, self.mobility.alone * found * outside
+        return Deviation(*rows), self.mobility.alone * torque_gain * innovation
 
     def feedback(self, deviation: Deviation, *_: Any) -> ca.SX:
         """As of `RigidGears`, with the bandwidth of the table."""
-        return self.mobility.alone * sum(
-            gain * each for gain, each in zip(self._regulator, deviation, strict=True)
-        )
+        rows = zip(self._regulator, deviation, strict=True)
+        return self.mobility.alone * sum(gain * row for gain, row in rows)
 
 
 def braked(
@@ -187,68 +316,14 @@ def braked(
     gears: RigidGears | ElasticGears,
     bandwidth: ca.SX,
 ) -> Deviation:
-    """Deviations for a regulator: far off, a joint comes back no faster than half of its torque
-    that is left can brake.
+    """Deviation for a regulator, reduced where the joint is far off.
 
-    v^2 = 2 a e; `needed` (n, 1) is the shafts' torque without the regulator's [N m].
+    The joint then comes back along v^2 = 2 a e, no faster than half of its remaining torque can
+    brake; `needed` (n, 1) is the shafts' torque without the regulator's [N m].
     """
     limit = ca.fabs(rig.drive.torque_limit())
-    # maybe without a limit: to divide by, no more
+    # A divisor must stay positive, also where nothing remains: a twentieth of the limit does.
     braking = ca.fmax((limit - ca.fabs(needed)) / 2, limit / 20)
-    nearer = ca.sqrt(
-        ca.fmax(bandwidth**2 / 4 * gears.mobility.alone * ca.fabs(deviation[0]) / braking, 1)
-    )
-    return tuple(each if i % 2 else each / nearer for i, each in enumerate(deviation))
-
-
-def speed_share(rig: Rig, speed: ca.SX, full: float) -> ca.SX:
-    """Speed of the shafts (n, 1) over a stated one [pulses/s], within -1 and 1."""
-    pulses = rig.encoder.position_in_pulses(ca.fabs(rig.drive.gear) * speed) / full
-    return ca.fmin(ca.fmax(pulses, -1), 1)
-
-
-def gears_along(
-    law: Any,
-    setpoint: Setpoint,
-    deviation: Deviation,
-    of_links: list[ca.SX],
-    begun: ca.SX,
-    dt: ca.SX,
-) -> tuple[RigidGears | ElasticGears, ca.SX, tuple[ca.SX, ...]]:
-    """Gears of a computed torque now, the torque (n, 1) that its reference needs less friction, and
-    its links' motion.
-
-    `deviation` is that of the joints (n, 1), `of_links` what is known of links that are predicted
-    apart: deviation, and motion a sample ago. Where it begins, they are on the reference and at
-    rest.
-    """
-    drive = law.rig.drive
-    coupling = drive.coupling
-    rotors = drive.reflected_inertia()
-    q = setpoint.q
-    qd = setpoint.qd
-    along = tuple(coupling.shaft(each) for each in setpoint[:3])
-    if of_links:  # at the middle of the sample that is over
-        deviation = tuple(coupling.joint(each) for each in of_links[:2])
-        before = tuple(
-            ca.if_else(begun, each, now) for each, now in zip(of_links[2:], along[:2], strict=True)
-        )
-        q = coupling.joint(before[0] + begun * dt / 2 * before[1])
-        qd = begun * coupling.joint(before[1] + dt / 2 * along[2])
-    if law.measured:
-        q = q - deviation[0]
-        qd = qd - deviation[1]
-    D = law.arm.dynamics.D(q, law.arm.f)
-    h = law.h(q, qd)
-    inertia = coupling.shaft_inertia(D)
-    drag = dt * drive.joint_viscous() * law.friction
-    if not of_links:
-        observer = law.observer_ratio * law.bandwidth
-        return (
-            RigidGears(inertia, drag, observer, dt, drive.torque_limit()),
-            D @ setpoint.qdd + h,
-            (),
-        )
-    gears = ElasticGears(inertia, drag, rotors, drive.elasticity, law.gear_gains)
-    *motion, carried = gears.followed(before, along, coupling.shaft_torque(h), begun, dt)
-    return gears, coupling.joint_torque(carried + rotors * along[2]), tuple(motion)
+    distance = bandwidth**2 / 4 * gears.mobility.alone * ca.fabs(deviation.angle) / braking
+    reduction = ca.sqrt(ca.fmax(distance, 1))
+    return deviation.with_angles(lambda angle: angle / reduction)

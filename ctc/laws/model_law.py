@@ -82,20 +82,6 @@ class ModelLaw(Law):
         """Once per sample of the rig [s]."""
         return self.rig.period
 
-    def model_errors(self, n: int) -> tuple[range, ...]:
-        """Places in the state of accelerations (n each) that stand for what the model lacks, to
-        be re-based with it.
-        """
-        return ()
-
-    def torque_errors(self, n: int) -> tuple[range, ...]:
-        """Places in the state of torques (n each) that stand for what the model lacks."""
-        return ()
-
-    def model_torques(self, n: int) -> tuple[range, ...]:
-        """Places in the state of torques (n each) that the model needed, to be shifted with it."""
-        return ()
-
     def sliding(self) -> Law:
         """With a rig without dry friction."""
         return dataclasses.replace(self, rig=sliding_rig(self.rig))

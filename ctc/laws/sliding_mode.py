@@ -1,21 +1,19 @@
 """Sliding mode with a boundary layer: model errors below a bound are rejected, not identified."""
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from plant import Rig
 from plant.laws.law import Setpoint, Step
-from plant.laws.terms import filtered_difference, no_reading
+from plant.laws.terms import SMOOTHED, filtered_difference
 from plant.parts.arguments import signs
 from plant.parts.part import number, part
+from plant.parts.vector import Fields
 
 
 @part
 class SlidingMode(ModelLaw):
-    """tau = D-hat(q) (qdd_r + w edot + reach sat(s / layer)) + h-hat(q, qd) + friction(qd_r), s =
-    edot + w e.
+    """tau = D-hat (qdd_r + w edot + reach sat(s / layer)) + h-hat + friction, with s = edot + w e.
 
     Once per sample: q is the middle of the encoder's cell, e = q_r - q, edot its filtered
     difference and qd = qd_r - edot. Outside the layer s goes to it at `reach`, whatever the model
@@ -48,7 +46,8 @@ class SlidingMode(ModelLaw):
     --------
     >>> from plant import puma560
     >>> from ctc import SlidingMode
-    >>> SlidingMode(puma560.arm(), puma560.rig(), bandwidth=40, reach=20, layer=0.05, filter=600).layer
+    >>> arm, rig = puma560.arm(), puma560.rig()
+    >>> SlidingMode(arm, rig, bandwidth=40, reach=20, layer=0.05, filter=600).layer
     0.05
 
     Source: Slotine and Li, Applied Nonlinear Control (1991), ch. 7.
@@ -63,20 +62,21 @@ class SlidingMode(ModelLaw):
         super().__post_init__()
         signs(self, positive=("bandwidth", "reach", "layer", "filter"))
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """No reading yet."""
-        return no_reading(n)
+    fields = Fields(error=SMOOTHED)
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """One sample: error and its rate -> s -> torque."""
-        model = self.arm.dynamics
-        f = self.arm.f
+        n = self.arm.n
         q = rig.cell_centre(pulses)
         e = setpoint.q - q
-        rate, state = filtered_difference(e, state, self.filter, dt)
+        rate, memory = filtered_difference(e, self.fields.read(state, n).error, self.filter, dt)
         s = rate + self.bandwidth * e
+        # Proportional within the layer, so that the torque does not chatter at the surface.
         towards = self.reach * ca.fmax(ca.fmin(s / self.layer, 1), -1)
-        wanted = model.D(q, f) @ (setpoint.qdd + self.bandwidth * rate + towards)
-        return wanted + self.h(q, setpoint.qd - rate) + self.rig.drive.friction(setpoint.qd), state
+        acceleration = setpoint.qdd + self.bandwidth * rate + towards
+        inertia = self.arm.dynamics.D(q, self.arm.f) @ acceleration
+        friction = self.rig.drive.friction(setpoint.qd)
+        torque = inertia + self.h(q, setpoint.qd - rate) + friction
+        return torque, self.fields.write(n, error=memory)

@@ -1,5 +1,4 @@
-"""Control laws as symbolic steps: what a law has to give, and P, PD, PID, cascade and laws that
-repeat a log.
+"""Control laws as symbolic steps: the contract, P, PD, PID and cascade, laws that repeat a log.
 
-Reading order: `law` -> `terms` -> `pid`, `replayed`.
+Reading order: `law` (the contract) -> `terms` (rate, integral) -> `pid` -> `replayed`, `resumed`.
 """

@@ -1,13 +1,13 @@
-"""What a control law is: from encoder counts and a reference to a joint torque, written once as a
-symbolic step.
+"""A control law: from encoder counts and a reference to a joint torque, as one symbolic step.
 
 A law gives its `period` (None: fast hardware, evaluated at every sub-step; otherwise [s], a whole
-multiple of the sub-step), its state, and its `equations`: of them are made its kernel, the casadi
-referee, running controller, and C.
+multiple of the sub-step), the `fields` of its state, and its `equations`. Its numba kernel, its
+evaluation by casadi, its running controller and its C are all made from these.
 """
 
 import abc
 import dataclasses
+import functools
 import inspect
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from plant.machine.rig import Rig
 from plant.parts.arguments import known_options
 from plant.parts.part import Part, declared
+from plant.parts.vector import Field, Fields, vector_of
 from plant.realtime.c_export import write_c
 from plant.realtime.guards import Guards
 from plant.realtime.running import Running
@@ -30,7 +31,7 @@ Step = tuple[ca.SX, ca.SX]  # torque that a law commands, and the state that fol
 class Setpoint(NamedTuple):
     """The reference now: q, qd, qdd (n,) joint side [SI], and the same position in pulses (n,).
 
-    For a law that replays a column of its record, also what was logged (n,).
+    `logged` (n,) is this row of the column that a law replays from its record.
     """
 
     q: ca.SX
@@ -44,11 +45,11 @@ class Setpoint(NamedTuple):
 class Block:
     """A law as one symbolic step for one rig, a casadi Function.
 
-    (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). Torque
-    in is the joint torque applied last, after the amplifier's limit; `asked` is the commanded
-    torque, before it [N m]. A law that replays its record has one more input, `logged`. `names` and
-    `values` (k,) are those of the numbers: the law's own (``law.``), then the rig's; `initial` (s,)
-    is the state at the start.
+    (state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers) -> (asked, following). The
+    input `torque` is the joint torque applied last, after the amplifier's limit; `asked` is the
+    commanded torque, before that limit [N m]. A law that replays its record has one more input,
+    `logged`. `names` and `values` (k,) belong to the numbers: first the law's (``law.``), then the
+    rig's. `initial` (s,) is the state at the start.
     """
 
     step: ca.Function
@@ -59,11 +60,11 @@ class Block:
 
 
 class Law(Part, abc.ABC):
-    """Base of all laws: a new law is a `@part` class that gives ``period``, ``initial_state`` and
-    ``equations``.
+    """Base of all laws: a new law is a `@part` class with ``period``, ``fields`` and ``equations``.
 
-    A law without state derives from `StatelessLaw` and gives its equations, and a period where it
-    is sampled.
+    `fields` names the state (`plant.parts.vector.Fields`); a law may give ``initial_state`` in
+    their place, and slice its state itself. A law without state derives from `StatelessLaw` and
+    gives its equations, and a period where it is sampled.
 
     See Also
     --------
@@ -84,11 +85,31 @@ class Law(Part, abc.ABC):
     replays: str | None = None
     """Column of its record that the law repeats, or None."""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # A class that declares its fields has said how it starts. Set here, before Python looks
+        # for abstract methods, so that a law that gives neither is still refused.
+        if "fields" in vars(cls) and cls.initial_state is Law.initial_state:
+            cls.initial_state = Law._start_of_fields  # type: ignore[method-assign]  # on purpose
+
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """Names of the state, by which `equations` reads and writes it.
+
+        The state of a law that gives `initial_state` alone is one field.
+        """
+        return Fields(state=vector_of(initial=self.initial_state))
+
     @abc.abstractmethod
     def initial_state(self, n: int) -> NDArray[np.float64]:
-        """State (s,) of a law of n joints at the start; its length and its units are the law's
-        own.
+        """State (s,) of a law of n joints at the start, in the law's own units.
+
+        Follows from `fields` where the law declares them.
         """
+
+    def _start_of_fields(self, n: int) -> NDArray[np.float64]:
+        """State (s,) of a law of n joints at the start: that of its `fields`."""
+        return self.fields.initial(n)
 
     @abc.abstractmethod
     def equations(
@@ -112,32 +133,24 @@ class Law(Part, abc.ABC):
         Returns
         -------
         torque, state : casadi SX (n, 1), (s, 1)
-            Commanded joint torque, before the amplifier's limit [N m]; what follows.
+            Commanded joint torque, before the amplifier's limit [N m]; the state of the next step.
         """
 
     def has_memory(self, n: int) -> bool:
-        """Whether the commanded torque depends on more than counts and reference now: a period,
-        or a state.
-        """
+        """Whether the torque depends on more than the present counts and reference."""
         return self.period is not None or len(self.initial_state(n)) > 0
 
     def joint_labels(self, rig: Rig) -> list[str]:
-        """What to call each joint (`joint_label`): by the law's arm if it has one, otherwise by
-        the drive's names.
-        """
+        """Names of the joints in messages: those of the law's arm, otherwise of the drive."""
         arm = getattr(self, "arm", None)
         return rig.joint_labels if arm is None else arm.dynamics.chain.joint_labels
 
     def sliding(self) -> "Law":
-        """This law for joints that slide one way, as linear analysis has them: without dry
-        friction of its own.
-        """
+        """This law without dry friction in its model, as linear analysis needs it."""
         return self
 
     def replayed(self, record: Any) -> NDArray[np.float64] | None:
-        """The column (N, n) of a `Record` that this law repeats, if it has it, or None for a
-        controller.
-        """
+        """The column (N, n) of a `Record` that this law repeats, or None for a controller."""
         if self.replays is None:
             return None
         logged = getattr(record, self.replays)
@@ -159,8 +172,10 @@ class Law(Part, abc.ABC):
         torque_limit: ArrayLike | None = None,
         without: Sequence[str] = (),
     ) -> Running:
-        """This law as a running controller; one without a period (`P`) has to be called far more
-        often.
+        """This law as a running controller.
+
+        A law without a period, such as `P`, stands for fast hardware: call it far more often than
+        once per sample.
 
         Parameters
         ----------
@@ -168,15 +183,15 @@ class Law(Part, abc.ABC):
         pulses : (n,) array_like
             Encoder counts now.
         guards : Guards or None
-            What is monitored, and how the arm is stopped; None for nothing: a call that cannot be
-            answered is refused.
+            The monitors, and how they stop the arm. With None there are none, and a call that
+            cannot be answered is refused.
         torque_limit : (n,) array_like, optional
-            Lower than the amplifier's [N m], magnitude, joint side (of coupled joints: on the
-            shaft). The law knows it, as it knows that one.
+            A limit below the amplifier's [N m], magnitude, joint side (of coupled joints: on the
+            shaft). The law accounts for it as for the amplifier's.
         without : sequence of str
-            Of "gravity", "friction", "inertia" what firmware adds: left out of the torque that
-            `step` returns, as it is at the measured angle with the reference's speed and
-            acceleration. Law, limits and guards know the whole.
+            The parts, of "gravity", "friction" and "inertia", that firmware adds: `step` leaves
+            them out of the torque that it returns, evaluated at the measured angle with the
+            reference's speed and acceleration. Law, limits and guards use the whole torque.
 
         Returns
         -------
@@ -196,16 +211,15 @@ class Law(Part, abc.ABC):
         return Running(self, rig, pulses, guards, torque_limit, without)
 
     def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
-        """Torques (n, 1) of the model that firmware may add in its place; a law around a law has
-        that one's.
+        """Torques (n, 1) of the model that firmware may add in the law's place, by name.
+
+        A law around a law gives those of the inner one.
         """
         inner = getattr(self, "law", None)
         return inner.model_parts(q, qd, qdd) if isinstance(inner, Law) else {}
 
     def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Friction (2, n) as learnt in a state of the law; of a law that learns none a
-        ValueError.
-        """
+        """Friction (2, n) that a law learnt, from its state; a law that learns none refuses."""
         raise ValueError(
             f"friction must be that of a law that learns it; {type(self).__name__} learns none."
         )
@@ -223,35 +237,36 @@ class Law(Part, abc.ABC):
         guards: Guards | None = Guards(),  # noqa: B008
         without: Sequence[str] = (),
     ) -> None:
-        """This law as self-contained C99: a header, a source, a main that replays a record, and a
-        Makefile.
+        """This law as self-contained C99: header, source, a main that replays a record, Makefile.
 
         Parameters
         ----------
         folder : str or Path
-            Made if it is not there; an earlier export of the same name in it is overwritten,
-            nothing else is.
+            Created if it does not exist. An earlier export of the same name in it is overwritten,
+            and no other file.
         rig : Rig, optional
-            What the controller drives; by default the law's own.
+            The rig that the controller drives; by default the law's own.
         name : str
             Of files and functions; small letters, digits and underscores.
         output : {"torque", "dac"}
             Joint torque [N m], or counts of the converter that commands the motor currents.
         counts_per_ampere : (n,) array_like, optional
-            Of that converter, signed as it is wired; the output is rounded to whole counts, within
-            +- `largest_count`.
+            Gain of that converter, with the sign of its wiring. The output is rounded to whole
+            counts, within +- `largest_count`.
         largest_count : int
+            Largest count that the converter takes.
         guards : Guards or None
-            The C is that of ``start(rig, pulses, guards=guards)``, with every guard and stop. None,
-            and laws without a period, for the equations alone, each number under its name.
+            The C does the same as ``start(rig, pulses, guards=guards)``, with every guard and stop.
+            With None, and for laws without a period, it holds the equations alone, each number
+            under its name.
         without : sequence of str
-            What the firmware adds; as `start`.
+            The parts that the firmware adds, as in `start`.
 
         Raises
         ------
         ValueError
-            No rig; names that C could not have; a converter that ends below the amplifier's limit;
-            files of others.
+            No rig; names that are none in C; a converter whose range ends below the amplifier's
+            limit; files that are no export of this library.
         """
         write_c(
             self,
@@ -268,60 +283,74 @@ class Law(Part, abc.ABC):
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""
         n = rig.n
-        self.require_joints(n, f"{type(self).__name__}.")
+        kind = type(self).__name__
+        self.require_joints(n, f"{kind}.")
         initial = np.asarray(self.initial_state(n), float)
-        own = self.number_names("law.")
-        rigs = rig.number_names()
-        numbers = ca.SX.sym("numbers", len(own) + len(rigs))
-        law = self.with_numbers(numbers[: len(own)])
-        symbolic_rig = rig.with_numbers(numbers[len(own) :])
+        law_names = self.number_names("law.")
+        rig_names = rig.number_names()
+
+        # 1. Symbols in place of the numbers of law and rig, and of what a step reads.
+        numbers = ca.SX.sym("numbers", len(law_names) + len(rig_names))
+        law = self.with_numbers(numbers[: len(law_names)])
+        # The start of a state may depend on the law's numbers; its layout must not, so the copy
+        # with symbols keeps the layout of the law with values.
+        vars(law)["fields"] = self.fields
+        symbolic_rig = rig.with_numbers(numbers[len(law_names) :])
         state = ca.SX.sym("state", len(initial))
         dt = ca.SX.sym("dt")
-        kind = type(self).__name__
-        known = "q", "qd", "qdd", "reference_pulses", "pulses", "torque"
-        q, qd, qdd, reference_pulses, pulses, torque = (ca.SX.sym(name, n) for name in known)
+        joint_inputs = "q", "qd", "qdd", "reference_pulses", "pulses", "torque"
+        q, qd, qdd, reference_pulses, pulses, torque = (ca.SX.sym(name, n) for name in joint_inputs)
         logged = [ca.SX.sym("logged", n)] if self.replays else []
         setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
-        symbols = (symbolic_rig, state, setpoint, pulses, torque, dt)
-        try:
-            inspect.signature(law.equations).bind(*symbols)
-        except TypeError:
-            takes = (
-                f"equations of {kind} must take (self, rig, state, setpoint, pulses, torque, dt)"
-            )
-            given = inspect.signature(type(self).equations)
-            raise ValueError(f"{takes}; got {given}. Correct the arguments.") from None
-        result = law.equations(*symbols)
-        if not isinstance(result, tuple) or len(result) != 2:
-            raise ValueError(
-                f"equations of {kind} must return (torque, state); got a {type(result).__name__}."
-                " Add it."
-            )
-        asked, following = result
-        if asked.shape != (n, 1) or following.shape != (len(initial), 1):
+
+        # 2. The step, and what a law of a user's own may have wrong in it.
+        arguments = (symbolic_rig, state, setpoint, pulses, torque, dt)
+        commanded, following = _checked_step(law, arguments)
+        if commanded.shape != (n, 1) or following.shape != (len(initial), 1):
             rule = f"must give torque ({n}, 1) and state ({len(initial)}, 1)"
             raise ValueError(
-                f"{kind} {rule}; got {asked.shape} and {following.shape}. One number per joint of"
-                " the rig."
+                f"{kind} {rule}; got {commanded.shape} and {following.shape}. One number per joint"
+                " of the rig."
             )
-        names = ["state", *known, "dt", "numbers"]
+
+        # 3. A function of these symbols, and the values for which they stand.
+        names = ["state", *joint_inputs, "dt", "numbers", "logged"]
         inputs = [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged]
         step = ca.Function(
-            "law",
-            inputs,
-            [asked, following],
-            [*names, "logged"][: len(inputs)],
-            ["asked", "following"],
+            "law", inputs, [commanded, following], names[: len(inputs)], ["asked", "following"]
         )
         values = np.append(self.number_values(), rig.number_values())
-        return Block(
-            step=step, initial=initial, names=own + rigs, values=values, period=self.period
+        return Block(step, initial, law_names + rig_names, values, self.period)
+
+
+def _checked_step(law: Law, arguments: tuple[Any, ...]) -> Step:
+    """Torque and state of a law's equations; arguments or results of another form are refused."""
+    kind = type(law).__name__
+    try:
+        inspect.signature(law.equations).bind(*arguments)
+    except TypeError:
+        signature = inspect.signature(type(law).equations)
+        raise ValueError(
+            f"equations of {kind} must take (self, rig, state, setpoint, pulses, torque, dt); got"
+            f" {signature}. Correct the arguments."
+        ) from None
+    result = law.equations(*arguments)
+    if not isinstance(result, tuple) or len(result) != 2:
+        raise ValueError(
+            f"equations of {kind} must return (torque, state); got a {type(result).__name__}."
+            " Add it."
         )
+    return result
+
+
+def state_of(law: Law) -> Field:
+    """The state of a law as one field of a law around it, with the roles of its own fields."""
+    starts_otherwise = type(law).initial_state is not Law._start_of_fields
+    return vector_of(law.fields, law.initial_state if starts_otherwise else None)
 
 
 class StatelessLaw(Law):
-    """Base of laws without state: the torque depends on counts, reference and the last applied
-    torque alone.
+    """Base of laws without state: torque from counts, reference and the last applied torque.
 
     See Also
     --------
@@ -342,6 +371,4 @@ class StatelessLaw(Law):
 
     period: float | None = None
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """No state, (0,)."""
-        return np.empty(0)
+    fields = Fields()

@@ -1,15 +1,17 @@
 """P, PD and PID control on the tracking error in pulses; the cascade of industrial drives."""
 
+import functools
+from typing import Any
+
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from plant.laws.law import Law, Setpoint, StatelessLaw, Step
-from plant.laws.terms import difference, filtered_difference, integrated, no_reading
+from plant.laws.terms import SMOOTHED, difference, filtered_difference, integrated, readings
 from plant.machine.rig import Rig
 from plant.parts.arguments import optional_period, signs
 from plant.parts.fields import Vector
 from plant.parts.part import number, part, structure
+from plant.parts.vector import Fields, per_joint
 
 
 @part
@@ -17,7 +19,7 @@ class P(StatelessLaw):
     """P control, the experiment's: motor torque proportional to the tracking error in pulses.
 
     It is fast hardware (a counter and an amplifier), evaluated at every sub-step: sampled at the
-    log's 0.7 ms the same loop would be unstable.
+    0.7 ms of the log, the same loop would be unstable.
 
     Parameters
     ----------
@@ -52,8 +54,7 @@ class P(StatelessLaw):
 
 @part
 class PD(Law):
-    """PD control: motor torque = gain e + derivative edot, with e the tracking error in pulses and
-    edot its derivative.
+    """PD control: motor torque = gain e + derivative edot, e being the tracking error in pulses.
 
     Parameters
     ----------
@@ -90,18 +91,17 @@ class PD(Law):
         signs(self, positive=("filter",), not_negative=("gain", "derivative"))
         optional_period(self)
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """No reading yet."""
-        return no_reading(n)
+    fields = Fields(error=SMOOTHED)
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k (P e + D edot)."""
-        motor, state = self.motor_torque(setpoint.pulses - pulses, state, dt)
-        return rig.drive.joint_torque(motor), state
+        memory = self.fields.read(state, rig.n).error
+        motor, memory = self.motor_torque(setpoint.pulses - pulses, memory, dt)
+        return rig.drive.joint_torque(motor), self.fields.write(rig.n, error=memory)
 
-    def motor_torque(self, error: ca.SX, memory: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def motor_torque(self, error: ca.SX, memory: Any, dt: ca.SX) -> tuple[ca.SX, Any]:
         """Motor torque (n,) [N m] for an error (n,) [pulses], and the filter's memory."""
         rate, memory = filtered_difference(error, memory, self.filter, dt)
         return self.gain * error + self.derivative * rate, memory
@@ -137,37 +137,35 @@ class PID(PD):
         super().__post_init__()
         signs(self, positive=("gain",), not_negative=("integral",))
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """No reading yet, nothing integrated, nothing commanded."""
-        return np.concatenate([no_reading(n), np.zeros(2 * n)])
+    # `commanded`, on the motor, tells one step later how much the amplifier cut off.
+    fields = PD.fields.extended(integral=per_joint(), commanded=per_joint())
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k (P e + I (integral of e) + D edot)."""
-        n = rig.n
+        before = self.fields.read(state, rig.n)
         error = setpoint.pulses - pulses
-        memory = state[: n + 1]
-        integral = state[n + 1 : -n]
-        asked = state[-n:]
-        missing = rig.drive.motor_torque(torque) - asked
+        missing = rig.drive.motor_torque(torque) - before.commanded
         tracking = self.integral / self.gain  # type: ignore[operator]  # mypy takes inherited fields for what goes in
-        integral = integrated(integral, self.integral * error, missing, tracking, dt)
+        integral = integrated(before.integral, self.integral * error, missing, tracking, dt)
 
-        motor, memory = self.motor_torque(error, memory, dt)
-        return rig.drive.joint_torque(motor + integral), ca.vertcat(
-            memory, integral, motor + integral
+        motor, memory = self.motor_torque(error, before.error, dt)
+        commanded = motor + integral
+        following = self.fields.write(
+            rig.n, error=memory, integral=integral, commanded=commanded
         )
+        return rig.drive.joint_torque(commanded), following
 
 
 @part
 class Cascade(Law):
-    """Cascade control: P on the position, PI on the speed; motor torque = speed (w - pulses') +
-    integral of the same.
+    """Cascade control of industrial drives: P on the position, PI on the speed.
 
-    The commanded speed is w = position e, with e the tracking error in pulses; pulses' is the
-    filtered difference of the counts, or their difference over some samples. Nothing is fed
-    forward, so in steady motion the error is the reference's speed over `position`.
+    Motor torque = speed (w - pulses') + integral of the same. The commanded speed is w = position
+    e, with e the tracking error in pulses; pulses' is the filtered difference of the counts, or
+    their difference over some samples. Nothing is fed forward, so in steady motion the error is the
+    reference's speed over `position`.
 
     Parameters
     ----------
@@ -230,26 +228,26 @@ class Cascade(Law):
         if self.filter is not None:
             signs(self, positive=("filter",))
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """No reading yet, nothing integrated, nothing commanded."""
-        return np.concatenate([no_reading(n, self.difference or 1), np.zeros(2 * n)])
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """Readings for the speed, integral and command [N m on the motor]."""
+        pulses = readings(self.difference) if self.difference else SMOOTHED
+        return Fields(pulses=pulses, integral=per_joint(), commanded=per_joint())
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
-        n = rig.n
-        memory = state[: -2 * n]
-        integral = state[-2 * n : -n]
-        asked = state[-n:]
-        missing = rig.drive.motor_torque(torque) - asked
+        before = self.fields.read(state, rig.n)
+        missing = rig.drive.motor_torque(torque) - before.commanded
         if self.difference:
-            rate, memory = difference(pulses, memory, self.difference, dt)
+            rate, memory = difference(pulses, before.pulses, self.difference, dt)
         else:
-            rate, memory = filtered_difference(pulses, memory, self.filter, dt)
-        slow = self.position * (setpoint.pulses - pulses) - rate
+            rate, memory = filtered_difference(pulses, before.pulses, self.filter, dt)
+        too_slow = self.position * (setpoint.pulses - pulses) - rate
         integral = integrated(
-            integral, self.integral * slow, missing, self.integral / self.speed, dt
+            before.integral, self.integral * too_slow, missing, self.integral / self.speed, dt
         )
-        motor = self.speed * slow + integral
-        return rig.drive.joint_torque(motor), ca.vertcat(memory, integral, motor)
+        motor = self.speed * too_slow + integral
+        following = self.fields.write(rig.n, pulses=memory, integral=integral, commanded=motor)
+        return rig.drive.joint_torque(motor), following

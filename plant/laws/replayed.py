@@ -1,6 +1,4 @@
-"""Laws that repeat the torque or the current of a log, in open loop; and what a law without
-memory commanded in one.
-"""
+"""Laws that repeat a log's torque or current in open loop; commands of a law without memory."""
 
 from typing import Any
 
@@ -44,10 +42,9 @@ class LoggedTorque(StatelessLaw):
 
 @part
 class LoggedCurrent(StatelessLaw):
-    """The logged motor currents, the record's column `current` [A], repeated in open loop by the
-    rig's motor gain.
+    """The logged motor currents, the record's column `current` [A], repeated in open loop.
 
-    The current of a sample acts from there to the next: zero-order hold.
+    The rig's motor gain makes torque of them. The current of a sample acts from there to the next: zero-order hold.
 
     See Also
     --------
@@ -69,12 +66,14 @@ class LoggedCurrent(StatelessLaw):
         return rig.drive.joint_torque(rig.drive.motor_gain, setpoint.logged), state
 
 
-_AT_ONCE = 1 << 14  # samples that are worked out at once
+# Samples in one call of casadi, chosen by hand: it bounds the memory, and changes no result.
+_SAMPLES_PER_CALL = 1 << 14
 
 
 def commanded_torque(record: Any) -> NDArray[np.float64] | None:
-    """Commanded torques (N, n) [N m] of a record under a law without memory, before the limit;
-    None for other laws.
+    """Torque (N, n) [N m] that a law without memory commanded in a log, before the limit.
+
+    None for other laws: their state in the middle of a log is not known.
     """
     law = record.law
     rig = record.rig
@@ -82,12 +81,11 @@ def commanded_torque(record: Any) -> NDArray[np.float64] | None:
         return None
     block = law.block(rig)
     counts = record.counts
-    found = np.empty((len(record), record.n))
+    torque = np.empty((len(record), record.n))
     zero = np.zeros(record.n)
-    for start in range(0, len(record), _AT_ONCE):
-        rows = slice(start, start + _AT_ONCE)
-        pulses = record.reference_pulses[rows].T, counts[rows].T
-        found[rows] = (
-            block.step([], zero, zero, zero, *pulses, zero, rig.period, block.values)[0].full().T
-        )
-    return found
+    for start in range(0, len(record), _SAMPLES_PER_CALL):
+        rows = slice(start, start + _SAMPLES_PER_CALL)
+        inputs = zero, zero, zero, record.reference_pulses[rows].T, counts[rows].T, zero
+        commanded, _ = block.step([], *inputs, rig.period, block.values)
+        torque[rows] = commanded.full().T
+    return torque

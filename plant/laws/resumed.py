@@ -1,6 +1,4 @@
-"""Laws that go on where they were: from a state in the middle of a motion, on the arm or along
-the counts of a log.
-"""
+"""Laws that go on from a state in the middle of a motion, on the arm or along a log's counts."""
 
 from __future__ import annotations
 
@@ -13,30 +11,32 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.laws.law import Block, Law, Setpoint, Step
+from plant.laws.law import Block, Law, Setpoint, Step, state_of
 from plant.machine.rig import Rig
 from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part, structure
+from plant.parts.vector import Fields, per_joint, scalars, vector_of
 
 FAST = 4  # steps per sample along a log, of a law without a period
 
-_AT_ONCE = 1000  # steps of a law in one call
+# Steps of a law in one call of casadi, chosen by hand: it bounds the memory of a long log, and
+# changes no result.
+_STEPS_PER_CALL = 1000
 
 
 @part
 class Resumed(Law):
-    """A law that goes on from a state, where it would start anew: its first step finds the memory
-    as it was.
+    """A law that continues from a state: its first step finds the memory of an earlier run.
 
-    Its numbers have the names of the law's own, and then ``state[j]``.
+    Its numbers have the names of the inner law's numbers, followed by ``state[j]``.
 
     Parameters
     ----------
     law : Law
         A controller.
     state : (s,) array_like
-        Its memory before the first step, as `Law.initial_state` has it at a start.
+        Memory before the first step, in the layout of ``law.initial_state``.
 
     See Also
     --------
@@ -45,7 +45,8 @@ class Resumed(Law):
     Examples
     --------
     >>> from plant import PD, Resumed
-    >>> law = Resumed(law=PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600.0), state=(1.0, 0.5, 0, 0))
+    >>> pd = PD(gain=(0.2, 0.1), derivative=(0.004, 0.002), filter=600.0)
+    >>> law = Resumed(law=pd, state=(1.0, 0.5, 0, 0))
     >>> law.initial_state(2)
     array([0., 0., 0., 1.])
     """
@@ -71,45 +72,46 @@ class Resumed(Law):
         yield f"{prefix}state", self, self.__dataclass_fields__["state"], self.state
 
     def along(self, rig: Rig) -> AlongLog:
-        """The same law, from the same state, reading the counts of a log that was made with a
-        rig.
-        """
+        """The same law from the same state, reading the counts of a log made with this rig."""
         return AlongLog(law=self.law, state=self.state, whole=not rig.encoder.smooth)
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """Nothing yet, and a flag that the first step is to come."""
-        return np.append(np.zeros(len(self.law.initial_state(n))), 1.0)
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """The law's memory, and 1 until the first step is done.
+
+        The memory is zero until then: the first step adds `state`, so that those numbers stay
+        symbols of the kernel.
+        """
+        memory = vector_of(self.law.fields, lambda n: np.zeros(state_of(self.law).length(n)))
+        return Fields(law=memory, begins=scalars(start=1.0))
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for a rig."""
-        count = len(self.law.initial_state(rig.n))
-        if len(self.state) != count:
-            given = (
-                f"state of {type(self.law).__name__} must have {count} numbers; got"
-                f" {len(self.state)}"
+        length = len(self.law.initial_state(rig.n))
+        if len(self.state) != length:
+            raise ValueError(
+                f"state of {type(self.law).__name__} must have {length} numbers; got"
+                f" {len(self.state)}. Give what its initial_state({rig.n}) has, as it was."
             )
-            raise ValueError(f"{given}. Give what its initial_state({rig.n}) has, as it was.")
         return super().block(rig)
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """One step of the law."""
-        memory = state[:-1]
-        first = state[-1]
-        asked, following = self.law.equations(
-            rig, memory + first * self.state, setpoint, pulses, torque, dt
-        )
-        return asked, ca.vertcat(following, 0)
+        now = self.fields.read(state, rig.n)
+        memory = now.law + now.begins * self.state
+        commanded, memory = self.law.equations(rig, memory, setpoint, pulses, torque, dt)
+        return commanded, self.fields.write(rig.n, law=memory, begins=0)
 
 
 @part
 class AlongLog(Resumed):
-    """A law that reads the counts of its record in place of the arm's: its torque is that of the
-    log; as `Resumed`.
+    """A resumed law that reads the counts of its record in place of the arm's.
 
-    ``whole``: counts are whole numbers that the law reads as they are. Fast hardware, without a
-    period, is given straight lines between the middles of their cells.
+    It therefore commands the torque of the log. ``whole``: the counts are whole numbers, and a
+    sampled law reads them as they are. Fast hardware, without a period, reads straight lines
+    between the middles of their cells.
     """
 
     whole: bool = structure(bool, default=True)
@@ -118,16 +120,16 @@ class AlongLog(Resumed):
     def replayed(self, record: Any) -> NDArray[np.float64]:
         """Counts (N, n) that the law reads, on straight lines across samples that are not valid."""
         counts = record.counts
-        known = record.valid > 0
+        valid = record.valid > 0
         encoder = record.rig.encoder
         if not self.rounds:
             counts = encoder.position_in_pulses(encoder.cell_centre(counts))
-        if not known.any():
+        if not valid.any():
             raise ValueError(
                 "the record must have valid samples; it has none. Check the column valid."
             )
         return np.column_stack(
-            [np.interp(record.t, record.t[known], column[known]) for column in counts.T]
+            [np.interp(record.t, record.t[valid], column[valid]) for column in counts.T]
         )
 
     @property
@@ -136,8 +138,9 @@ class AlongLog(Resumed):
         return self.whole and self.period is not None
 
     def block(self, rig: Rig) -> Block:
-        """This law as a symbolic step; the rig's encoder counts as the law's did, also where the
-        rig is smooth.
+        """This law as a symbolic step.
+
+        The encoder rounds as that of the law did, also where the rig is smooth.
         """
         encoder = dataclasses.replace(rig.encoder, smooth=not self.rounds)
         return super().block(dataclasses.replace(rig, encoder=encoder))
@@ -153,8 +156,7 @@ class AlongLog(Resumed):
     def steps(
         self, rig: Rig, columns: Sequence[Floats], period: float, states: Iterable[Any]
     ) -> Iterator[tuple[Floats, Floats]]:
-        """Joint torque (K, n) after the amplifier's limit [N m] and memory (K, s) of K steps, from
-        each of some states.
+        """Joint torque (K, n) after the limit [N m] and memory (K, s) of K steps, for each state.
 
         `columns`: q, qd, qdd, reference_pulses and counts, each (K, n), at times that are a
         `period` [s] apart.
@@ -162,45 +164,57 @@ class AlongLog(Resumed):
         block = self.block(rig)
         count = len(columns[-1])
         n = rig.n
-        s = len(block.initial)
-        own = len(block.values) - len(rig.number_values())
+        carried_fields = _carried(block)
+        laws = len(block.values) - len(rig.number_values())
         along = _repeated(_step(block, rig).serialize())
-        blocks = -(-count // _AT_ONCE)
-        # the last one is filled up
-        rows = np.minimum(np.arange(blocks * _AT_ONCE), count - 1).reshape(blocks, -1)
-        given = *columns, np.full((count, 1), period)
+        calls = -(-count // _STEPS_PER_CALL)
+        # The function takes a fixed number of steps; the last call repeats the last row.
+        rows = np.minimum(np.arange(calls * _STEPS_PER_CALL), count - 1).reshape(calls, -1)
+        inputs = *columns, np.full((count, 1), period)
         for state in states:
-            numbers = np.concatenate([block.values[: own - s + 1], state, block.values[own:]])
-            carried = np.empty((rows.size, s + n))
-            last = np.concatenate([block.initial, np.zeros(n)])
-            for some in rows:
-                first = some[0]
-                (done,) = evaluated(
-                    along, last, *(part[some] for part in given), np.tile(numbers, (_AT_ONCE, 1))
+            numbers = np.concatenate(
+                [block.values[: laws - len(self.state)], state, block.values[laws:]]
+            )
+            done = np.empty((rows.size, carried_fields.length(n)))
+            carried = carried_fields.initial(n)
+            for call in rows:
+                (steps,) = evaluated(
+                    along,
+                    carried,
+                    *(column[call] for column in inputs),
+                    np.tile(numbers, (_STEPS_PER_CALL, 1)),
                 )
-                carried[first : first + _AT_ONCE], last = done, done[-1]
-            yield carried[:count, s:], carried[:count, : s - 1]
+                done[call[0] : call[0] + _STEPS_PER_CALL] = steps
+                carried = steps[-1]
+            record = carried_fields.read(done[:count].T, n)
+            yield record.torque.T, self.fields.read(record.state, n).law.T
 
 
-def _step(block: Any, rig: Any) -> ca.Function:
+def _carried(block: Block) -> Fields:
+    """The vector that goes from step to step along a log."""
+    return Fields(state=vector_of(initial=lambda n: block.initial), torque=per_joint())
+
+
+def _step(block: Block, rig: Rig) -> ca.Function:
     """(memory and torque, reference, counts, dt, numbers) -> memory and torque a step later."""
     n = rig.n
-    s = len(block.initial)
-    own = len(block.values) - len(rig.number_values())
-    carried = ca.SX.sym("carried", s + n)
+    fields = _carried(block)
+    laws = len(block.values) - len(rig.number_values())
+    vector = ca.SX.sym("carried", fields.length(n))
+    carried = fields.read(vector, n)
     dt = ca.SX.sym("dt")
     numbers = ca.SX.sym("numbers", len(block.values))
     columns = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "counts")]
-    asked, following = block.step(
-        carried[:s], *columns[:4], columns[4], carried[s:], dt, numbers, columns[4]
+    counts = columns[-1]
+    commanded, following = block.step(
+        carried.state, *columns, carried.torque, dt, numbers, counts
     )
-    given = rig.with_numbers(numbers[own:]).drive.limited(asked)
-    return ca.Function(
-        "step", [carried, *columns, dt, numbers], [ca.densify(ca.vertcat(following, given))]
-    )
+    torque = rig.with_numbers(numbers[laws:]).drive.limited(commanded)
+    after = ca.densify(fields.write(n, state=following, torque=torque))
+    return ca.Function("step", [vector, *columns, dt, numbers], [after])
 
 
 @functools.lru_cache(maxsize=8)
 def _repeated(step: str) -> ca.Function:
-    """Some steps in a row; `step` is serialised, the same for laws that differ in numbers."""
-    return ca.Function.deserialize(step).mapaccum("along", _AT_ONCE, {"base": 10})
+    """Many steps in a row; `step` is serialised, the same for laws that differ in numbers."""
+    return ca.Function.deserialize(step).mapaccum("along", _STEPS_PER_CALL, {"base": 10})

@@ -6,6 +6,9 @@ with those names, and writes a new one by name, so that no other file slices it 
 
 import collections
 import dataclasses
+import functools
+import keyword
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -37,16 +40,40 @@ class Field:
         Value of every number at the start, in the field's unit.
     role : str, optional
         Meaning that other code asks for (`Fields.places`), such as `TORQUE_ERROR`.
+    inner : Fields, optional
+        Names within this field, which is still read and written as one vector.
+    initial_vector : callable, optional
+        n -> the numbers at the start, from which the length follows (`vector_of`).
     """
 
     size: int | None = None
     rows: int = 1
     start: Any = 0.0
     role: str | None = None
+    inner: "Fields | None" = None
+    initial_vector: Callable[[int], Any] | None = None
 
     def length(self, n: int) -> int:
         """Numbers of this field for n joints."""
+        if self.initial_vector is not None:
+            return len(self.initial_vector(n))
+        if self.inner is not None:
+            return self.inner.length(n)
         return self.rows * n if self.size is None else self.size
+
+    def initial(self, n: int) -> Floats:
+        """The numbers (length,) at the start."""
+        if self.initial_vector is not None:
+            return np.asarray(self.initial_vector(n), float)
+        if self.inner is not None:
+            return self.inner.initial(n)
+        return np.broadcast_to(np.asarray(self.start, float), self.length(n))
+
+    def places(self, n: int, role: str) -> tuple[range, ...]:
+        """Places of a role, counted from the start of this field."""
+        if self.inner is not None:
+            return self.inner.places(n, role)
+        return (range(self.length(n)),) if self.role == role else ()
 
 
 def per_joint(rows: int = 1, *, start: Any = 0.0, role: str | None = None) -> Field:
@@ -57,6 +84,27 @@ def per_joint(rows: int = 1, *, start: Any = 0.0, role: str | None = None) -> Fi
 def scalars(size: int = 1, *, start: Any = 0.0, role: str | None = None) -> Field:
     """A field of `size` numbers, however many joints there are."""
     return Field(size=size, start=start, role=role)
+
+
+def vector_of(
+    fields: "Fields | None" = None, initial: Callable[[int], Any] | None = None
+) -> Field:
+    """A field that is a whole vector, such as the state of a wrapped law; its roles are found.
+
+    Parameters
+    ----------
+    fields : Fields, optional
+        Names within that vector.
+    initial : callable, optional
+        n -> the vector at the start, where it has no names, or starts otherwise than they say.
+    """
+    return Field(inner=fields, initial_vector=initial)
+
+
+@functools.lru_cache(maxsize=256)
+def _record(names: tuple[str, ...]) -> Any:
+    """Class of the record with these attributes; made once, since making it takes 0.2 ms."""
+    return collections.namedtuple("State", names)  # type: ignore[misc]
 
 
 class Fields:
@@ -71,7 +119,8 @@ class Fields:
     Raises
     ------
     ValueError
-        A field that is neither; in `write`, a missing name, an unknown name or a wrong length.
+        A field that is neither, a name that clashes; in `write`, a missing name, an unknown name or
+        a wrong length.
 
     Examples
     --------
@@ -87,13 +136,19 @@ class Fields:
 
     def __init__(self, **fields: "Field | Fields") -> None:
         for name, field in fields.items():
+            # a record's attributes: what a tuple has by itself cannot be read by that name
+            if name.startswith("_") or keyword.iskeyword(name) or hasattr(tuple, name):
+                raise ValueError(
+                    f"the field '{name}' must have a name that a record can have; it clashes with"
+                    " Python's own. Rename it."
+                )
             if not isinstance(field, Field | Fields):
                 raise ValueError(
                     f"the field '{name}' must be a Field or a group of Fields; got a"
                     f" {type(field).__name__}. Use per_joint() or scalars()."
                 )
         self.fields = fields
-        self._record = collections.namedtuple("State", fields)  # type: ignore[misc]
+        self._record = _record(tuple(fields))
 
     def __repr__(self) -> str:
         return f"Fields({', '.join(self.fields)})"
@@ -104,13 +159,24 @@ class Fields:
 
     def initial(self, n: int) -> Floats:
         """The vector (length,) at the start."""
-        starts = [
-            field.initial(n)
-            if isinstance(field, Fields)
-            else np.broadcast_to(np.asarray(field.start, float), field.length(n))
-            for field in self.fields.values()
-        ]
-        return np.concatenate([np.empty(0), *starts])
+        starts = [np.empty(0)]
+        for name, field in self.fields.items():
+            try:
+                starts.append(field.initial(n))
+            except ValueError:
+                raise ValueError(
+                    f"the field '{name}' must start with one number or with {field.length(n)}; got"
+                    f" shape {np.shape(getattr(field, 'start', 0))}. Correct its start."
+                ) from None
+        return np.concatenate(starts)
+
+    def extended(self, **fields: "Field | Fields") -> "Fields":
+        """These fields and then more; a name that is there already is refused."""
+        for name in fields.keys() & self.fields.keys():
+            raise ValueError(
+                f"the field '{name}' must be declared once; {self} has it already. Rename one."
+            )
+        return Fields(**self.fields, **fields)
 
     def read(self, vector: Any, n: int) -> Any:
         """The vector (length,) as a record: an attribute per field.
@@ -127,7 +193,7 @@ class Fields:
         values = {}
         for name, place in self.at(n).items():
             field = self.fields[name]
-            part = vector[place.start : place.stop]
+            part = _part(vector, place)
             if isinstance(field, Fields):
                 part = field.read(part, n)
             elif field.size == 1:
@@ -180,10 +246,21 @@ class Fields:
         """Places of all the fields of a role, those inside groups included, in order."""
         places: list[range] = []
         for name, place in self.at(n).items():
-            field = self.fields[name]
-            if isinstance(field, Fields):
-                inner = field.places(n, role)
-                places += [range(place.start + x.start, place.start + x.stop) for x in inner]
-            elif field.role == role:
-                places.append(place)
+            begin = place.start
+            inner = self.fields[name].places(n, role)
+            places += [range(begin + x.start, begin + x.stop) for x in inner]
         return tuple(places)
+
+    def changed(self, vector: Any, n: int, role: str, change: Callable[[Any], Any]) -> Any:
+        """The casadi vector with `change` applied to every field of a role, groups included."""
+        for place in self.places(n, role):
+            before = _part(vector, range(place.start))
+            after = _part(vector, range(place.stop, vector.shape[0]))
+            vector = ca.vertcat(before, change(_part(vector, place)), after)
+        return vector
+
+
+def _part(vector: Any, place: range) -> Any:
+    """Those numbers of a vector; of casadi's a column, also where there are none."""
+    rows = slice(place.start, place.stop)
+    return vector[rows, 0] if isinstance(vector, ca.SX | ca.MX | ca.DM) else vector[rows]

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.laws.terms import filtered_difference, no_reading
+from plant.laws.terms import SMOOTHED, filtered_difference
 
 
 def rates(signal, pole, dt):
     """Rate of a sampled signal (N,), sample by sample."""
-    memory, found = no_reading(1), []
+    memory, found = SMOOTHED.read(SMOOTHED.initial(1), 1), []
     for value in signal:
         rate, memory = filtered_difference(np.array([value]), memory, pole, dt)
-        memory = np.array(memory).ravel()
+        memory = type(memory)(*(np.array(part).ravel() for part in memory))
         found.append(float(rate))
     return np.array(found)
 

@@ -10,7 +10,7 @@ import pytest
 from ctc import ComputedTorque, FeedForward
 from plant import PD, PID, Cascade, Resumed, puma560, replay, simulate
 from plant.laws.resumed import AlongLog
-from plant.laws.terms import difference
+from plant.laws.terms import difference, readings
 from plant.simulation.law_run import run_law
 
 ARM, RIG, PATH = puma560.literature_arm(1.5), puma560.rig(), puma560.reference()
@@ -80,7 +80,9 @@ def test_the_difference_over_samples_is_that_of_the_counts():
     import casadi as ca
 
     signal, memory = ca.SX.sym("signal", 2), ca.SX.sym("memory", 7)
-    step = ca.Function("step", [signal, memory], [*difference(signal, memory, 3, ca.SX(0.5))])
+    fields = readings(3)
+    rate, following = difference(signal, fields.read(memory, 2), 3, ca.SX(0.5))
+    step = ca.Function("step", [signal, memory], [rate, fields.write(2, **following._asdict())])
     path, state, rates = np.cumsum(np.arange(12.0).reshape(6, 2), axis=0), np.zeros(7), []
     for row in path:
         rate, state = step(row, state)

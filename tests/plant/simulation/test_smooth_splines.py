@@ -63,7 +63,7 @@ def test_a_law_in_blocks_remembers_across_them(monkeypatch):
     """
     whole = run_law(log(2345))
     resumed._repeated.cache_clear()
-    monkeypatch.setattr(resumed, "_AT_ONCE", 7)
+    monkeypatch.setattr(resumed, "_STEPS_PER_CALL", 7)
     parts = run_law(log(2345))
     resumed._repeated.cache_clear()
     assert whole.given.shape == (2345, 2)

@@ -1,0 +1,81 @@
+"""Settings of computed torque that seldom need a change: thresholds of its boost and friction."""
+
+from plant.parts.arguments import signs, whole
+from plant.parts.part import Part, part, structure
+
+
+@part
+class ComputedTorqueSettings(Part):
+    """Design numbers of `ComputedTorque`; they are structure, so that no kernel has them as inputs.
+
+    docs/background/computed_torque.md derives them and names the runs that tested them; numbers
+    without such a run were chosen by hand.
+
+    Parameters
+    ----------
+    sliding_speed : float
+        Speed [pulses/s] from which on Coulomb friction is fed forward in full; below it in
+        proportion, so that the torque does not jump where a joint turns back. Chosen by hand.
+    friction_sweeps : int
+        Gauss-Seidel sweeps over the joints for the impulse of predicted dry friction, which starts
+        at that of the sample before. Chosen by hand.
+    learning_rate : float
+        Rate [1/s] at which friction is learnt where a joint turns back. Chosen by hand.
+    learning_memory : float
+        Time constant [s] of heading, viscous torque and disturbance before the turn, against which
+        their change is measured. Chosen by hand.
+    standing_dead_zone : float
+        Factor on `dead_zone` where the reference stands: a count that flips there tells of no
+        motion, and an answer to it would make a standing joint hum. Chosen by hand.
+    predicted_stiffness : float
+        Share of the stated stiffness of elastic gears with which deviations are predicted: a model
+        that is too stiff loses stability first. With 0.8 the arm of the literature is stable for
+        true stiffnesses from 0.82 to 1.24 of the stated one.
+    boost_speed : float
+        Speed of the reference [pulses/s] from which on the boost is full. Chosen by hand.
+    boost_error : float
+        Error [pulses] beyond which the boost falls in proportion: a large error would take the
+        torque from limit to limit. Chosen by hand.
+    boost_limit : float
+        Largest product of boosted bandwidth and period; a `bandwidth` above it stays. Chosen by
+        hand.
+    swing_distance : float
+        Predicted distance from the middle of the counted cell [pulses] that counts as a swing,
+        without a dead zone. Benchmark: tests/benchmarks/everyday.py --mujoco 60 --hz 60.
+    swing_dead_zone : float
+        Decrease of `swing_distance` [pulses] with a dead zone of 1: the smaller the dead zone, the
+        more of the rounding is predicted. Chosen by hand.
+    load_distance : float
+        Distance [pulses] beyond that of a swing, with the same sign for more than a sample, from
+        which on the model lacks something, such as a load. Chosen by hand.
+    swing_time : float
+        Longest time between distances of opposite signs in a swing, less a sample, times
+        `bandwidth`. Benchmark: as `swing_distance`.
+    swing_memory : float
+        Time constant [s] with which swings are forgotten. Chosen by hand.
+    """
+
+    sliding_speed: float = structure(float, default=30.0)
+    friction_sweeps: int = structure(int, default=4)
+    learning_rate: float = structure(float, default=40.0)
+    learning_memory: float = structure(float, default=0.4)
+    standing_dead_zone: float = structure(float, default=2.5)
+    predicted_stiffness: float = structure(float, default=0.8)
+    boost_speed: float = structure(float, default=10.0)
+    boost_error: float = structure(float, default=5.0)
+    boost_limit: float = structure(float, default=0.5)
+    swing_distance: float = structure(float, default=1.0)
+    swing_dead_zone: float = structure(float, default=0.75)
+    load_distance: float = structure(float, default=0.25)
+    swing_time: float = structure(float, default=0.67)
+    swing_memory: float = structure(float, default=10.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        not_negative = ("learning_rate", "swing_dead_zone", "load_distance")
+        names = [name for name in self.__dataclass_fields__ if name not in not_negative]
+        signs(self, positive=names, not_negative=not_negative)
+        whole("friction_sweeps", self.friction_sweeps, "Four are usual.")
+
+
+SETTINGS = ComputedTorqueSettings()
