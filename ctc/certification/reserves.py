@@ -14,10 +14,12 @@ import numpy as np
 
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.plants import Plants
+from ctc.laws.model_law import ModelLaw
 from plant import Law, Resumed, Rig
 from plant.parts.arguments import real
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
+from plant.parts.vector import TORQUE_ERROR
 
 _BANDWIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 _PERIODS = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
@@ -131,7 +133,7 @@ def held(certificate: Any, samples: int | None) -> Any:
     law, path, plants = certificate.law, certificate.reference, certificate.plants.first(samples)
     arm = plants.arm
     drive = plants.rig.drive
-    errors = law.torque_errors(arm.n) if hasattr(law, "torque_errors") else ()
+    errors = law.fields.places(arm.n, TORQUE_ERROR) if isinstance(law, ModelLaw) else ()
     if not errors:
         name = type(law).__name__
         raise ValueError(

@@ -128,6 +128,4 @@ class Adaptive(ModelLaw):
         if self.ranges is not None:
             low, high = np.transpose(self.ranges)
             f = ca.fmin(ca.fmax(f, low), high)
-        return commanded, self.fields.write(
-            self.arm.n, f=f, error=memory, commanded=commanded
-        )
+        return commanded, self.fields.write(self.arm.n, f=f, error=memory, commanded=commanded)

@@ -368,4 +368,6 @@ class ComputedTorque(ModelLaw):
         """Deviation after `time` under a joint torque beyond the needed, and friction's impulse."""
         # The reference's viscous friction is among what it needs; here acts that of the deviation.
         push = self.rig.drive.coupling.shaft_torque(pushed) + friction.viscous * deviation.rate
-        return gears.moved(deviation, push, functools.partial(friction.impulse, impulse, time), time)
+        return gears.moved(
+            deviation, push, functools.partial(friction.impulse, impulse, time), time
+        )

@@ -163,7 +163,10 @@ class ElasticGears:
 
     # deviation of the links, and their motion while the motors follow the reference, a sample ago
     fields = Fields(
-        link_error=per_joint(), link_rate=per_joint(), link_angle=per_joint(), link_speed=per_joint()
+        link_error=per_joint(),
+        link_rate=per_joint(),
+        link_angle=per_joint(),
+        link_speed=per_joint(),
     )
     needed: ca.SX
     _link: tuple[ca.SX, ca.SX]
@@ -208,9 +211,7 @@ class ElasticGears:
             qd = qd - coupling.joint(memory.link_rate)
         model = _model_at(law, q, qd, dt)
         softness = law.settings.predicted_stiffness
-        gears = cls(
-            model.inertia, model.drag, rotors, drive.elasticity, law.gear_gains, softness
-        )
+        gears = cls(model.inertia, model.drag, rotors, drive.elasticity, law.gear_gains, softness)
         weight = coupling.shaft_torque(model.h)
         angle, speed, carried = gears.followed((angle, speed), reference, weight, begun, dt)
         gears._link = angle, speed
@@ -241,7 +242,9 @@ class ElasticGears:
         gains = []
         for i in range(0, GAINS * POWERS, POWERS):
             # Horner's rule, from the highest power on
-            gains.append(functools.reduce(lambda sum_, c: sum_ * x + c, coefficients[i : i + POWERS]))
+            gains.append(
+                functools.reduce(lambda sum_, c: sum_ * x + c, coefficients[i : i + POWERS])
+            )
         return gains[:FILTER_GAINS], gains[FILTER_GAINS:]
 
     def followed(
@@ -298,9 +301,7 @@ class ElasticGears:
         """As of `RigidGears`, without a boost."""
         state_gains = self._filter[:-1]
         torque_gain = self._filter[-1]
-        rows = (
-            row + gain * innovation for row, gain in zip(deviation, state_gains, strict=True)
-        )
+        rows = (row + gain * innovation for row, gain in zip(deviation, state_gains, strict=True))
         return Deviation(*rows), self.mobility.alone * torque_gain * innovation
 
     def feedback(self, deviation: Deviation, *_: Any) -> ca.SX:

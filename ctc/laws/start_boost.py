@@ -70,9 +70,7 @@ class StartBoost:
         decay = dt * law.bandwidth / settings.swing_time
         recent = ca.exp(decay - 1)
         swung = ca.logic_and(size > threshold, memory.sign * sign < -recent)
-        load = ca.logic_and(
-            size > threshold + settings.load_distance, memory.sign * sign > recent
-        )
+        load = ca.logic_and(size > threshold + settings.load_distance, memory.sign * sign > recent)
         forgotten = memory.swings * ca.exp(-dt / settings.swing_memory)
         faded = memory.sign * ca.exp(-dt * law.bandwidth / settings.swing_time)
         spent = memory.remaining * ca.exp(-dt / law.start_time)

@@ -1,6 +1,7 @@
 """A law with a torque that was learnt along one path added to its own."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import casadi as ca
@@ -8,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plant import Law, Reference, Rig
-from plant.laws.law import Block, Setpoint, Step
+from plant.laws.law import Block, Setpoint, Step, state_of
 from plant.parts.arguments import array
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import number, part, structure
+from plant.parts.vector import Fields, per_joint, scalars
 from plant.realtime.running import Running
 
 _NEAR = 3.0  # pulses within which the arm stands where the path begins, when the law is started
@@ -85,9 +87,10 @@ class LearntTorque(Law):
         place = np.clip(np.asarray(t, float), 0, self.reference.duration) / self.reference.duration
         return np.asarray(np.cos(np.pi * np.outer(place, np.arange(len(a)))) @ a)
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """The law's; the torque that was added last, time, and whether it has begun."""
-        return np.append(self.law.initial_state(n), np.zeros(n + 2))
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """The law's state; the torque added last [N m], the time [s], and 1 once it has begun."""
+        return Fields(law=state_of(self.law), added=per_joint(), time=scalars(), begun=scalars())
 
     def sliding(self) -> Law:
         """With the law as it is then."""
@@ -139,26 +142,29 @@ class LearntTorque(Law):
         return super().start(rig, pulses, **options)
 
     def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The law's own."""
-        return self.law.friction_in(state[: -self.rig.n - 2])
+        """As the inner law learnt it."""
+        return self.law.friction_in(self.fields.read(state, self.rig.n).law)
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
-        """The law, which knows nothing of the torque beside its own; cos(k x) by Chebyshev's
-        recursion.
-        """
+        """The torque of the law, which does not see what is added, plus the learnt one."""
         n = rig.n
+        before = self.fields.read(state, n)
         end = self.reference.duration
-        time = state[-1] * (state[-2] + dt)
+        time = before.begun * (before.time + dt)
+
+        # cos(k x) by Chebyshev's recursion, cos((k + 1) x) = 2 cos(x) cos(k x) - cos((k - 1) x):
+        # one cosine in the controller, however many terms.
         cosine = ca.cos(ca.pi / end * ca.fmin(time, end))
-        before = cosine
-        now = ca.SX(1)
+        previous = cosine
+        term = ca.SX(1)
         added = ca.SX.zeros(n)
-        for k in range(self.terms.shape[0] // n):
-            added += self.terms[k * n : (k + 1) * n] * now
-            before, now = now, 2 * cosine * now - before
-        own = state[: -n - 2]
-        given = state[-n - 2 : -2]
-        asked, memory = self.law.equations(rig, own, setpoint, pulses, torque - given, dt)
-        return asked + added, ca.vertcat(memory, added, time, 1)
+        for amplitude in ca.vertsplit(self.terms, n):
+            added += amplitude * term
+            following = 2 * cosine * term - previous
+            previous = term
+            term = following
+        inner_torque = torque - before.added
+        asked, memory = self.law.equations(rig, before.law, setpoint, pulses, inner_torque, dt)
+        return asked + added, self.fields.write(n, law=memory, added=added, time=time, begun=1)

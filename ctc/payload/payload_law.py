@@ -1,55 +1,88 @@
-"""The stage of the payload estimator that runs in the loop: a law whose model carries a load, and
-what watches it.
+"""A law whose model carries a load, and a monitor of it: the payload estimator's part in the loop.
 
-Written once in casadi as every law, so it is simulated by the kernels, runs in a controller, and is
-exported as C. The load is state: whoever writes ten other numbers into ``wanted`` swaps the model
-at the next step, bumplessly.
+It is written once in casadi, as every law, so that kernels simulate it, a controller runs it, and C
+is exported of it. The load is state: ten other numbers in ``wanted`` swap the model at the next
+step, without a jump of the torque.
 """
 
 import copy
 import dataclasses
-from typing import Any
+import functools
+from typing import Any, NamedTuple
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict, triple_pole
 from plant import Law, Rig
-from plant.laws.law import Block, Setpoint, Step
+from plant.laws.law import Block, Setpoint, Step, state_of
 from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs
 from plant.parts.fields import Nested, Vector
 from plant.parts.part import number, part, structure
+from plant.parts.vector import (
+    MODEL_ERROR,
+    MODEL_TORQUE,
+    TORQUE_ERROR,
+    Fields,
+    per_joint,
+    scalars,
+)
+
+# Added to the squared torque of 1 kg, in units of the noise: no division by zero at a pose at which
+# a load takes no torque.
+_TINY = 1e-12
+
+
+class _Swap(NamedTuple):
+    """A swap of the load at this sample.
+
+    `swapped`: whether there is one. `inertia`, `inertia_before` (n, n): of the feedback, with and
+    before it. `torque`, `torque_before` (n, 1): what the model needs along the reference [N m].
+    """
+
+    swapped: ca.SX
+    inertia: ca.SX
+    inertia_before: ca.SX
+    torque: ca.SX
+    torque_before: ca.SX
+
+    def acceleration(self, old: ca.SX) -> ca.SX:
+        """An unexplained acceleration (n, 1), re-based: D' x' = D x + torque - torque'."""
+        moment = self.inertia_before @ old + self.torque_before - self.torque
+        return ca.if_else(self.swapped, inverse(self.inertia).solve(moment), old)
+
+    @property
+    def gained(self) -> ca.SX:
+        """Torque (n, 1) that the model gains [N m]."""
+        return ca.if_else(self.swapped, self.torque - self.torque_before, 0)
 
 
 @part
 class PayloadLaw(Law):
-    """A law with a model, whose arm carries a load that can be swapped, and a watch over changes of
-    it.
+    """A law whose arm carries a load that can be swapped, and a monitor of changes of the load.
 
-    The state is that of the law, then phi (10, the standard parameters of the load in the model),
-    ``wanted`` (10), the observer of the disturbance (3 n), its slow part (n) [N m], and the change
-    (1).
+    The state (`fields`) holds that of the law, the ten standard parameters of the load in the model
+    (`load`) and of the one that it shall have from the next step on (`wanted`).
 
-    A swap keeps the disturbance torque: what of the law's state stands for accelerations that the
-    model did not explain is re-based, D' x' = D x + model - model', with the model's torque along
-    the reference. The commanded torque then differs by (D' - D) times the feedback of the tracking
-    error, and by nothing else.
+    A swap keeps the disturbance torque. The accelerations in the law's state that the model did not
+    explain are re-based, D' x' = D x + model - model', with the model's torque along the reference.
+    The commanded torque then differs by (D' - D) times the feedback of the tracking error, and by
+    nothing else.
 
     On rigid gears the law has the model that carries the load, so that its bandwidth stays. On
-    elastic ones its feedback keeps the inertia of the empty arm, since above their resonance a load
-    is not felt and a higher gain would make them swing (``stiffened=False``): what the load needs
-    is fed forward beside it, and re-based likewise.
+    elastic gears its feedback keeps the inertia of the empty arm, since above the resonance the
+    motor does not feel the load, and a higher gain would make the gears unstable
+    (``stiffened=False``). The torque that the load needs is then fed forward beside the law, and
+    re-based likewise.
 
     The change is that of the disturbance torque against its own slow part, weighed by the torque of
-    the load per kg: in standard deviations of what friction that is uncertain would do; positive
-    where the load grows. After a swap it begins anew, from nothing that the model lacks: a swap to
-    a wrong load is a change.
+    1 kg of load. Its unit is the standard deviation that uncertain friction gives it, and it is
+    positive where the load grows. It begins anew after a swap, as if the model were right: a swap
+    to a wrong load is then a change.
 
-    `law`: that holds an arm. `start_with` (10,): standard parameters of the load at the start
+    `law`: a law that holds an arm. `start_with` (10,): standard parameters of the load at the start
     (`Body.standard_parameters`). `per_kg` (10,): of 1 kg where loads are expected. `noise` (n,):
     standard deviation of the disturbance torque's changes without a change of the load [N m].
     `stiffened`: whether the feedback, too, has the inertia of the load. `observer`: triple pole of
@@ -93,24 +126,26 @@ class PayloadLaw(Law):
         """The law's [s]."""
         return self.law.period
 
-    def places(self, n: int) -> dict[str, range]:
-        """Where in the state the parts are."""
-        sizes = {
-            "law": len(self.law.initial_state(n)),
-            "load": len(LOAD),
-            "wanted": len(LOAD),
-            "observer": 3 * n,
-            "slow": n,
-            "change": 1,
-        }
-        ends = np.cumsum([0, *sizes.values()]).tolist()
-        return {name: range(a, b) for name, a, b in zip(sizes, ends[:-1], ends[1:], strict=True)}
+    @functools.cached_property
+    def fields(self) -> Fields:
+        """The law's state; the load in the model, and the wanted one; observer, slow part, change.
 
-    def initial_state(self, n: int) -> NDArray[np.float64]:
-        """The law's, the load to start with twice, and nothing observed yet."""
-        return np.concatenate(
-            [self.law.initial_state(n), self.start_with, self.start_with, np.zeros(4 * n + 1)]
+        Of the observer: tracking error, its rate, and the disturbance as an acceleration; `slow` is
+        the disturbance's slow part [N m].
+        """
+        load = scalars(len(LOAD), start=self.start_with)
+        return Fields(
+            law=state_of(self.law),
+            load=load,
+            wanted=load,
+            observer=Fields(error=per_joint(), rate=per_joint(), disturbance=per_joint()),
+            slow=per_joint(),
+            change=scalars(),
         )
+
+    def places(self, n: int) -> dict[str, range]:
+        """Places of each field in the state, by name."""
+        return self.fields.at(n)
 
     def sliding(self) -> Law:
         """The law's own."""
@@ -125,77 +160,86 @@ class PayloadLaw(Law):
     ) -> Step:
         """One sample: swap -> law with the model that carries the load -> disturbance -> change."""
         n = rig.n
+        before = self.fields.read(state, n)
         dynamics = self.arm.dynamics
-        parts = {name: state[where.start : where.stop] for name, where in self.places(n).items()}
-        matrix = ca.DM(dynamics.load_matrix())
-        drive = self.rig.drive
-        models = [self.arm.f + matrix @ parts[name] for name in ("load", "wanted")]
-        inertias = [dynamics.D(setpoint.q, f) for f in models]
+        f = self.arm.f
         q, qd, qdd = setpoint[:3]
-        before, after = (
-            D @ qdd + dynamics.h(q, qd, f) for D, f in zip(inertias, models, strict=True)
-        )
-        swapped = ca.sum1(ca.fabs(parts["wanted"] - parts["load"])) > 0
-        empty = dynamics.D(setpoint.q, self.arm.f)
-        from_inertia, to_inertia = inertias if self.stiffened else (empty, empty)
-        rebase = inverse(to_inertia).solve
+        load_matrix = ca.DM(dynamics.load_matrix())
 
-        own = ca.vertsplit(parts["law"])
-        for some in self.law.model_errors(n):
-            x = ca.vertcat(*(own[i] for i in some))
-            new = ca.if_else(swapped, rebase(from_inertia @ x + before - after), x)
-            for i, value in zip(some, ca.vertsplit(new), strict=True):
-                own[i] = value
-        errors = self.law.torque_errors(n)
-        torques = self.law.model_torques(n) if self.stiffened else ()
-        gained = ca.vertsplit(ca.if_else(swapped, after - before, 0))
-        for places, sign in ((errors, -1), (torques, 1)):
-            for i, value in (
-                (i, value) for some in places for i, value in zip(some, gained, strict=True)
-            ):
-                own[i] = own[i] + sign * value
+        # 1. The models with the load before and the load now, along the reference.
+        f_before = f + load_matrix @ before.load
+        f_now = f + load_matrix @ before.wanted
+        D_before = dynamics.D(q, f_before)
+        D_now = dynamics.D(q, f_now)
+        needed_before = D_before @ qdd + dynamics.h(q, qd, f_before)
+        needed = D_now @ qdd + dynamics.h(q, qd, f_now)
+        swapped = ca.sum1(ca.fabs(before.wanted - before.load)) > 0
+        empty = dynamics.D(q, f)
+        inertias = (D_now, D_before) if self.stiffened else (empty, empty)
+        swap = _Swap(swapped, *inertias, needed, needed_before)
+
+        # 2. The law, its memory re-based to the new model.
+        memory = self._rebased(before.law, n, swap)
         if self.stiffened:
-            law = _with_f(self.law, models[1])
+            law = _with_f(self.law, f_now)
             beside = ca.SX.zeros(n)
             acted = torque
         else:
             law = self.law
-            beside = after - empty @ setpoint.qdd - dynamics.h(setpoint.q, setpoint.qd, self.arm.f)
-            # What acted was commanded with the load before; an error of torque that is re-based
-            # stands beside it.
-            acted = torque - (beside if errors else beside + before - after)
-        asked, following = law.equations(rig, ca.vertcat(*own), setpoint, pulses, acted, dt)
-        asked = asked + beside
+            beside = needed - empty @ qdd - dynamics.h(q, qd, f)
+            # The torque that acted was commanded with the load before. A law that has an error of
+            # torque had it re-based, so that it counts as one with the load now.
+            errors = self.law.fields.places(n, TORQUE_ERROR)
+            acted = torque - (beside if errors else beside + needed_before - needed)
+        commanded, memory = law.equations(rig, memory, setpoint, pulses, acted, dt)
+        commanded = commanded + beside
 
-        e, rate, disturbance = ca.vertsplit(parts["observer"], n)
-        needed = after - self.rig.spring_torque(setpoint.q) + drive.friction(setpoint.qd)
-        v = inverse(inertias[1]).solve(torque - needed)
-        e, rate, disturbance = predict(e, rate, ca.if_else(swapped, 0, disturbance), v, dt)
-        innovation = setpoint.q - rig.cell_centre(pulses) - e
-        seen = correct(e, rate, disturbance, innovation, triple_pole(self.observer, dt), dt)
-        lacking = inertias[1] @ seen[2]
-        slow = ca.if_else(swapped, 0, parts["slow"])
+        # 3. Observe the disturbance, which begins anew at a swap.
+        e, rate, disturbance = before.observer
+        friction = self.rig.drive.friction(qd)
+        reference_torque = needed - self.rig.spring_torque(q) + friction
+        v = inverse(D_now).solve(torque - reference_torque)
+        predicted = predict(e, rate, ca.if_else(swapped, 0, disturbance), v, dt)
+        innovation = q - rig.cell_centre(pulses) - predicted[0]
+        gains = triple_pole(self.observer, dt)
+        error, rate, disturbance = correct(*predicted, innovation, gains, dt)
+
+        # 4. Its change against its slow part, weighed by the torque of 1 kg of load.
+        lacking = D_now @ disturbance
+        slow = ca.if_else(swapped, 0, before.slow)
         slow = slow + (1 - ca.exp(-dt / self.memory)) * (lacking - slow)
-        one = matrix @ self.per_kg
-        weight = (
-            dynamics.D(setpoint.q, one) @ setpoint.qdd + dynamics.h(setpoint.q, setpoint.qd, one)
-        ) / self.noise
-        change = ca.dot(weight, (lacking - slow) / self.noise) / ca.sqrt(
-            ca.dot(weight, weight) + _TINY
+        one = load_matrix @ self.per_kg
+        weight = (dynamics.D(q, one) @ qdd + dynamics.h(q, qd, one)) / self.noise
+        size = ca.sqrt(ca.dot(weight, weight) + _TINY)
+        change = ca.dot(weight, (lacking - slow) / self.noise) / size
+        following = self.fields.write(
+            n,
+            law=memory,
+            load=before.wanted,
+            wanted=before.wanted,
+            observer={"error": error, "rate": rate, "disturbance": disturbance},
+            slow=slow,
+            change=change,
         )
-        return asked, ca.vertcat(following, parts["wanted"], parts["wanted"], *seen, slow, change)
+        return commanded, following
 
-
-_TINY = 1e-12  # beside the squared torque of 1 kg in units of the noise, where a load has none
+    def _rebased(self, memory: ca.SX, n: int, swap: _Swap) -> ca.SX:
+        """The law's memory after a swap, so that the torque does not jump with the model."""
+        fields = self.law.fields
+        memory = fields.changed(memory, n, MODEL_ERROR, swap.acceleration)
+        memory = fields.changed(memory, n, TORQUE_ERROR, lambda old: old + -1 * swap.gained)
+        if self.stiffened:
+            memory = fields.changed(memory, n, MODEL_TORQUE, lambda old: old + swap.gained)
+        return memory
 
 
 def _with_f(law: Any, f: ca.SX) -> Any:
     """The same law with other parameters of its arm, in an equation."""
     arm = copy.copy(law.arm)
-    other = object.__new__(type(law))
     object.__setattr__(arm, "f", f)
+    # Not `dataclasses.replace`, which would check symbols as if they were numbers.
+    other = object.__new__(type(law))
     for field in dataclasses.fields(law):
-        object.__setattr__(
-            other, field.name, arm if field.name == "arm" else getattr(law, field.name)
-        )
+        value = arm if field.name == "arm" else getattr(law, field.name)
+        object.__setattr__(other, field.name, value)
     return other

@@ -152,9 +152,7 @@ class PID(PD):
 
         motor, memory = self.motor_torque(error, before.error, dt)
         commanded = motor + integral
-        following = self.fields.write(
-            rig.n, error=memory, integral=integral, commanded=commanded
-        )
+        following = self.fields.write(rig.n, error=memory, integral=integral, commanded=commanded)
         return rig.drive.joint_torque(commanded), following
 
 

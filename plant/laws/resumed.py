@@ -206,9 +206,7 @@ def _step(block: Block, rig: Rig) -> ca.Function:
     numbers = ca.SX.sym("numbers", len(block.values))
     columns = [ca.SX.sym(name, n) for name in ("q", "qd", "qdd", "reference_pulses", "counts")]
     counts = columns[-1]
-    commanded, following = block.step(
-        carried.state, *columns, carried.torque, dt, numbers, counts
-    )
+    commanded, following = block.step(carried.state, *columns, carried.torque, dt, numbers, counts)
     torque = rig.with_numbers(numbers[laws:]).drive.limited(commanded)
     after = ca.densify(fields.write(n, state=following, torque=torque))
     return ca.Function("step", [vector, *columns, dt, numbers], [after])

@@ -21,9 +21,7 @@ def readings(samples: int) -> Fields:
     return Fields(signals=per_joint(rows=samples), begun=scalars())
 
 
-def filtered_difference(
-    signal: ca.SX, memory: Any, pole: ca.SX, dt: ca.SX
-) -> tuple[ca.SX, Any]:
+def filtered_difference(signal: ca.SX, memory: Any, pole: ca.SX, dt: ca.SX) -> tuple[ca.SX, Any]:
     """Filtered rate (n,) [signal / s] of a signal (n,), and the memory for the next call.
 
     `memory` is a record of `SMOOTHED`; at its start the rate is zero, whatever the signal is.

@@ -86,9 +86,7 @@ def scalars(size: int = 1, *, start: Any = 0.0, role: str | None = None) -> Fiel
     return Field(size=size, start=start, role=role)
 
 
-def vector_of(
-    fields: "Fields | None" = None, initial: Callable[[int], Any] | None = None
-) -> Field:
+def vector_of(fields: "Fields | None" = None, initial: Callable[[int], Any] | None = None) -> Field:
     """A field that is a whole vector, such as the state of a wrapped law; its roles are found.
 
     Parameters

@@ -14,9 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctc import ComputedTorque, evaluate
-from ctc.laws.computed_torque import _BEGINS, _SLIDES
+from ctc.laws.computed_torque_settings import SETTINGS
 from ctc.laws.observer import DRIFT
-from ctc.laws.turning_back import _REMEMBERED, _WITHIN
 from plant import PD, Body, Drive, Encoder, Harmonics, Rig, everyday_motions, puma560, simulate
 from plant.mechanics.chain import Chain
 from plant.mechanics.dynamics import Dynamics
@@ -79,7 +78,9 @@ def test_the_first_torque_is_inverse_dynamics_and_friction(seed):
     q, qd, qdd = RIG.cell_centre(pulses), random.normal(0, 0.5, 2), random.normal(0, 1, 2)
     qd *= random.choice([1.0, 0.005], 2)  # thousands of pulses/s, or some tens
     b, c, k = RIG.drive.viscous, RIG.drive.coulomb, RIG.drive.gear
-    share = np.clip(np.abs(k) * qd * RIG.encoder.resolution / (2 * np.pi) / _SLIDES, -1, 1)
+    share = np.clip(
+        np.abs(k) * qd * RIG.encoder.resolution / (2 * np.pi) / SETTINGS.sliding_speed, -1, 1
+    )
     expected = arm().inverse(q, qd, qdd) + b * k**2 * qd + c * abs(k) * share
     expected = np.clip(expected, -LIMIT, LIMIT)
     np.testing.assert_allclose(
@@ -178,7 +179,9 @@ def test_the_closed_loop_is_the_one_written_down_by_hand(period, bandwidth, rati
     robot = weightless()
     A, B, C = error_loops(np.linalg.inv(robot.D(POSE)), bandwidth, ratio * bandwidth, period, delay)
     got = linearised(robot, period, bandwidth=bandwidth, observer_ratio=ratio, delay=delay)
-    swings = np.exp(-period * np.repeat([bandwidth / _WITHIN, 1 / _REMEMBERED], 2))
+    swings = np.exp(
+        -period * np.repeat([bandwidth / SETTINGS.swing_time, 1 / SETTINGS.swing_memory], 2)
+    )
     known = np.concatenate([np.linalg.eigvals(A + B @ C), np.ones(2), swings])
     expected = np.concatenate([known, np.zeros(len(got) - len(known))])
     coefficients = np.poly(expected)
@@ -295,10 +298,15 @@ def test_the_torque_does_not_jump_where_the_motion_turns_back():
     q, pulse = RIG.cell_centre(pulses), RIG.to_angle(np.ones(2))
     speeds = np.linspace(-2, 2, 41)
     torque = np.array(
-        [asked(law(), pulses, q, share * _SLIDES * np.abs(pulse), STILL)[0] for share in speeds]
+        [
+            asked(law(), pulses, q, share * SETTINGS.sliding_speed * np.abs(pulse), STILL)[0]
+            for share in speeds
+        ]
     )
-    rest = np.array([arm().inverse(q, s * _SLIDES * np.abs(pulse), STILL) for s in speeds])
-    rest += speeds[:, None] * _SLIDES * np.abs(pulse) * RIG.drive.joint_viscous()
+    rest = np.array(
+        [arm().inverse(q, s * SETTINGS.sliding_speed * np.abs(pulse), STILL) for s in speeds]
+    )
+    rest += speeds[:, None] * SETTINGS.sliding_speed * np.abs(pulse) * RIG.drive.joint_viscous()
     np.testing.assert_allclose(
         torque - rest, np.clip(speeds, -1, 1)[:, None] * LEVEL, rtol=0, atol=1e-10
     )
@@ -312,7 +320,7 @@ def test_the_feed_forward_of_friction_follows_the_speed_that_is_desired():
     slippery = dataclasses.replace(RIG, drive=dataclasses.replace(RIG.drive, coulomb=(0, 0)))
     q, pulse = RIG.cell_centre(pulses), np.abs(RIG.to_angle(np.ones(2)))
     for share in (0.2, -0.5, 3.0):
-        e = share * pulse * _SLIDES / 50
+        e = share * pulse * SETTINGS.sliding_speed / 50
         # The counts agree with the error; the joint sticks, so that the prediction keeps it.
         base = [
             asked(
@@ -564,11 +572,15 @@ def test_a_joint_starts_faster_where_its_own_reference_begins_to_move():
     """
     pulses = np.array([300, -700])
     q, pulse = RIG.cell_centre(pulses), np.abs(RIG.to_angle(np.ones(2)))
-    motion = q, pulse * (0.0, 2 * _BEGINS), STILL
+    motion = q, pulse * (0.0, 2 * SETTINGS.boost_speed), STILL
     off = pulses + np.array([2, -3])
     boosted, plain, half = (
         asked(law(start_boost=boost, start_time=0.05, dead_zone=0.0), off, q, speed, STILL)
-        for boost, speed in ((3.0, motion[1]), (1.0, motion[1]), (3.0, pulse * (0.0, _BEGINS / 2)))
+        for boost, speed in (
+            (3.0, motion[1]),
+            (1.0, motion[1]),
+            (3.0, pulse * (0.0, SETTINGS.boost_speed / 2)),
+        )
     )
     assert boosted[0][0] == plain[0][0]
     assert abs(boosted[0][1] - plain[0][1]) > 1

@@ -15,6 +15,7 @@ from ctc import ComputedTorquePID, certify, error_loop, evaluate, margins
 from identification import identify
 from plant import Elasticity, PointToPoint, puma560, simulate, to_control
 from plant.parts.part import part
+from plant.parts.vector import MODEL_ERROR
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Path
@@ -269,4 +270,4 @@ def test_bad_numbers_are_refused_in_one_line(name):
 
 def test_what_errors_of_the_model_move_is_the_integral_of_each_joint():
     """The state begins with the flag of the first reading."""
-    assert [list(some) for some in law(TUNINGS["rigid"]).model_errors(2)] == [[1, 2]]
+    assert law(TUNINGS["rigid"]).fields.places(2, MODEL_ERROR) == (range(1, 3),)

@@ -114,7 +114,7 @@ def test_links_of_a_motor_on_its_reference_move_as_scipy_has_them():
 
 def test_gains_of_a_joint_solve_riccati_s_equations():
     """As scipy does, of a joint in SI units: here they are scaled, and doubled."""
-    A, B = (each.full() for each in _one_joint()(MOTOR, MOTOR + LINK, K, DAMPING, 0.0, 1e-3))
+    A, B = (each.full() for each in _one_joint(0.8)(MOTOR, MOTOR + LINK, K, DAMPING, 0.0, 1e-3))
     wc, wo = 50.0, 80.0
     gains = _joint_gains(A, 2.0 * B, 1e-3, wc, wo)
     torque = 2.0 * B[:, :1]

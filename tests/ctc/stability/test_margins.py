@@ -11,7 +11,7 @@ import pytest
 from error_loops import error_loops
 
 from ctc import ComputedTorque
-from ctc.laws.turning_back import _REMEMBERED
+from ctc.laws.computed_torque_settings import SETTINGS
 from ctc.stability.margins import error_loop, margins, opened
 from identification import identify
 from plant import PointToPoint, StatelessLaw, puma560, simulate
@@ -120,7 +120,10 @@ def test_the_simulation_agrees_on_the_gain_margin(factor, grows):
     A, B, C = SampledLoops(ARM, rig, law, POSE).matrices()
     poles = np.abs(np.linalg.eigvals(A + B @ C))
     expected = (
-        np.log(poles[~np.isclose(poles, np.exp(-DT / _REMEMBERED), rtol=0, atol=1e-9)].max()) / DT
+        np.log(
+            poles[~np.isclose(poles, np.exp(-DT / SETTINGS.swing_memory), rtol=0, atol=1e-9)].max()
+        )
+        / DT
     )
     assert (expected > 5) if grows else (expected < -5)
     hold = PointToPoint(start=POSE, goal=POSE, duration=0.4)
