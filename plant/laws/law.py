@@ -85,12 +85,15 @@ class Law(Part, abc.ABC):
     replays: str | None = None
     """Column of its record that the law repeats, or None."""
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        # A class that declares its fields has said how it starts. Set here, before Python looks
-        # for abstract methods, so that a law that gives neither is still refused.
-        if "fields" in vars(cls) and cls.initial_state is Law.initial_state:
-            cls.initial_state = Law._start_of_fields  # type: ignore[method-assign]  # on purpose
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        cls = type(self)
+        # Each follows from the other; a law that gives neither would go in a circle.
+        if cls.fields is Law.fields and cls.initial_state is Law.initial_state:
+            raise ValueError(
+                f"{cls.__name__} must give all that Law declares; it lacks fields. Define them, or"
+                " derive from StatelessLaw."
+            )
 
     @functools.cached_property
     def fields(self) -> Fields:
@@ -100,15 +103,11 @@ class Law(Part, abc.ABC):
         """
         return Fields(state=vector_of(initial=self.initial_state))
 
-    @abc.abstractmethod
     def initial_state(self, n: int) -> NDArray[np.float64]:
         """State (s,) of a law of n joints at the start, in the law's own units.
 
-        Follows from `fields` where the law declares them.
+        By default that of its `fields`.
         """
-
-    def _start_of_fields(self, n: int) -> NDArray[np.float64]:
-        """State (s,) of a law of n joints at the start: that of its `fields`."""
         return self.fields.initial(n)
 
     @abc.abstractmethod
@@ -345,7 +344,7 @@ def _checked_step(law: Law, arguments: tuple[Any, ...]) -> Step:
 
 def state_of(law: Law) -> Field:
     """The state of a law as one field of a law around it, with the roles of its own fields."""
-    starts_otherwise = type(law).initial_state is not Law._start_of_fields
+    starts_otherwise = type(law).initial_state is not Law.initial_state
     return vector_of(law.fields, law.initial_state if starts_otherwise else None)
 
 

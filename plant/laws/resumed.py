@@ -173,7 +173,7 @@ class AlongLog(Resumed):
         inputs = *columns, np.full((count, 1), period)
         for state in states:
             numbers = np.concatenate(
-                [block.values[: laws - len(self.state)], state, block.values[laws:]]
+                [block.values[: laws - np.size(self.state)], state, block.values[laws:]]
             )
             done = np.empty((rows.size, carried_fields.length(n)))
             carried = carried_fields.initial(n)

@@ -102,7 +102,7 @@ def vector_of(fields: "Fields | None" = None, initial: Callable[[int], Any] | No
 @functools.lru_cache(maxsize=256)
 def _record(names: tuple[str, ...]) -> Any:
     """Class of the record with these attributes; made once, since making it takes 0.2 ms."""
-    return collections.namedtuple("State", names)  # type: ignore[misc]
+    return collections.namedtuple("State", names)
 
 
 class Fields:
