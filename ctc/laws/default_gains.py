@@ -77,10 +77,10 @@ class DefaultGainSettings:
         unstable where they are a little stiffer.
     """
 
-    arm: Gains = Gains(360.0, 0.0)
-    identified: Gains = Gains(145.0, 0.2)
-    elastic: Gains = Gains(100.0, 0.4)
-    friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
+    arm: Gains = Gains(360.0, 0.0)  # noqa: RUF009
+    identified: Gains = Gains(145.0, 0.2)  # noqa: RUF009
+    elastic: Gains = Gains(100.0, 0.4)  # noqa: RUF009
+    friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)  # noqa: RUF009
     share: float = 0.28
     margin: float = 1.2
     period: float = 0.3
