@@ -1,12 +1,12 @@
 """Pass band and least speeds of a torque fit, chosen by cross-validation over segments of the logs.
 
 A narrow band and high speeds hold the equations that can be trusted: rounding of the counts,
-elasticity and uncertain signs of friction are outside. They alone tell inertias and offsets poorly.
-A wide band holds more, until noise in the accelerations makes every value too small; its own
-residual does not show that. So a fit is judged by the torques of segments that it has not seen, in
-all *narrower* bands: it may use its band as long as it predicts these no worse than their own fits
-do. Least speeds likewise, judged at higher speeds. Of those that are no worse by more than one
-standard error over the segments, or by ten per cent, the most inclusive is taken.
+elasticity and uncertain signs of friction are outside. These equations alone determine inertias and
+offsets poorly. A wide band holds more, until noise in the accelerations makes every value too
+small; its own residual does not show that. So a fit is judged by the torques of segments that it
+has not seen, in all *narrower* bands: it may use its band as long as it predicts these no worse
+than their own fits do. Least speeds likewise, judged at higher speeds. Of those that are no worse
+by more than one standard error over the segments, or by ten per cent, the most inclusive is taken.
 
 Sources: O. V. Lepskii, On a problem of adaptive estimation in Gaussian white noise, Theory of
 Probability and its Applications 35 (1990) (the widest that agrees with all narrower ones); L.
@@ -29,21 +29,41 @@ from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
-SEGMENTS = 10  # segments of all logs together, at least; and of each log, at most
+# Segments of all logs together, at least; and of each log, at most.
+SEGMENTS = 10
 
 # Least speeds that are tested, in the usual speed of each joint, the most cautious first.
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
 
-# Standard errors over the segments by which the squared errors of prediction may be larger, and
-# from which on nothing more inclusive is tried.
-_WORSE = 1.0
-_FAR = 3.0
 
-_SMALL = 0.1  # the same, relative, that does not count however regular it is
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BandChoiceSettings:
+    """When a band, or a least speed, predicts worse than a more cautious one.
 
-# equations per unknown, and segments, below which a band says too little to judge others
-_ENOUGH = 10
-_LEAST = 4
+    Parameters
+    ----------
+    worse : float
+        Standard errors over the segments by which the squared errors of prediction may be larger:
+        the rule of one standard error (Breiman).
+    far : float
+        Standard errors from which on nothing more inclusive is tried; chosen by hand.
+    small : float
+        Relative increase of the squared errors that does not count however regular it is; chosen by
+        hand.
+    equations : int
+        Least equations per unknown of a fit that can judge others; chosen by hand.
+    segments : int
+        Least segments over which errors are compared; chosen by hand.
+    """
+
+    worse: float = 1.0
+    far: float = 3.0
+    small: float = 0.1
+    equations: int = 10
+    segments: int = 4
+
+
+SETTINGS = BandChoiceSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -68,9 +88,9 @@ class FitTrial(Shown):
     @property
     def row(self) -> tuple[str, ...]:
         """Its cells in a table of all trials."""
-        against = (
-            ("", "") if self.against is None else (f"{self.worse:+.1f}", self._number(self.against))
-        )
+        against = ("", "")
+        if self.against is not None:
+            against = (f"{self.worse:+.1f}", self._number(self.against))
         return self._number(self.at), f"{self.rows}", *against, self._verdict
 
     @property
@@ -81,11 +101,11 @@ class FitTrial(Shown):
         return f"{at:.3g} Hz" if self.unit == "Hz" else f"{at:.0%}"
 
     def _short(self) -> str:
-        where = "" if self.unit == "Hz" else f" {self.unit}"
-        said = f"{self._number(self.at)}{where}, {self.rows} equations"
+        unit = "" if self.unit == "Hz" else f" {self.unit}"
+        text = f"{self._number(self.at)}{unit}, {self.rows} equations"
         if self.against is not None:
-            said += f", {self.worse:+.1f} standard errors against {self._number(self.against)}"
-        return f"{said}{f', {self._verdict}' * bool(self._verdict)}"
+            text += f", {self.worse:+.1f} standard errors against {self._number(self.against)}"
+        return f"{text}, {self._verdict}" if self._verdict else text
 
     def _shown(self) -> Iterator[Piece]:
         yield self._short()
@@ -105,32 +125,37 @@ class _Tried:
         """Mean squared error (S,) with which fits without each segment (S, k) predict it; NaN of
         one without rows.
         """
-        found = np.full(len(fits), np.nan)
+        losses = np.full(len(fits), np.nan)
         for s in np.unique(self.segment):
-            some = self.segment == s
-            missed = (self.target[some] - product(self.rows[some], fits[s])) * self.weight[some]
-            found[s] = np.mean(missed**2)
-        return found
+            unseen = self.segment == s
+            predicted = product(self.rows[unseen], fits[s])
+            error = (self.target[unseen] - predicted) * self.weight[unseen]
+            losses[s] = np.mean(error**2)
+        return losses
 
     def worse(self, other: "_Tried") -> float:
-        """By how many standard errors `other` predicts these equations worse; what passes, where
-        hardly so.
+        """By how many standard errors `other` predicts these equations worse; no more than passes
+        where the difference is small.
         """
-        own = self.losses(self.without)
-        more = self.losses(other.without) - own
-        kept = np.isfinite(more)
-        if kept.sum() < _LEAST:
+        losses = self.losses(self.without)
+        # The same segments, pair by pair: they differ much more from each other than two fits do.
+        increase = self.losses(other.without) - losses
+        both = np.isfinite(increase)
+        if both.sum() < SETTINGS.segments:
             return -np.inf
-        mean = more[kept].mean()
-        error = more[kept].std(ddof=1) / np.sqrt(kept.sum())
-        score = float(mean / error) if error > 0 else float(np.sign(mean) * np.inf if mean else 0.0)
-        return score if mean > _SMALL * own[kept].mean() else min(score, _WORSE)
+        mean = increase[both].mean()
+        error = increase[both].std(ddof=1) / np.sqrt(both.sum())
+        # Segments that all differ alike: the difference is certain, unless there is none.
+        certain = float(np.sign(mean) * np.inf) if mean else 0.0
+        score = float(mean / error) if error > 0 else certain
+        small = not mean > SETTINGS.small * losses[both].mean()
+        return min(score, SETTINGS.worse) if small else score
 
 
 class _Choice:
-    """Settings that are tested in turn, each against those of before that are more cautious.
+    """Values that are tested in turn, each against the more cautious ones before it.
 
-    `trials`: what came of each.
+    `trials`: the result of each value.
     """
 
     def __init__(
@@ -144,30 +169,36 @@ class _Choice:
         self._cautious = cautious
         self._seconds = seconds
         self._weights = weights
-        self._tried, self.trials = dict[float, _Tried](), dict[float, FitTrial]()
+        self._tried = dict[float, _Tried]()
+        self.trials = dict[float, FitTrial]()
 
     def worse(self, at: float, systems: Sequence[System], gap: float) -> float:
         """By how many standard errors it predicts worse than a more cautious one; -inf if there
         are too few yet.
         """
-        found = tried(systems, self._seconds, gap, self._weights)
-        if found is None:
+        fit = tried(systems, self._seconds, gap, self._weights)
+        if fit is None:
             return -np.inf
         scores = {
-            other: each.worse(found)
-            for other, each in self._tried.items()
-            if self._cautious(other, at)
+            value: cautious.worse(fit)
+            for value, cautious in self._tried.items()
+            if self._cautious(value, at)
         }
+        # The harshest of the more cautious ones judges it; the most cautious has no judge.
         against = max(scores, key=scores.__getitem__, default=None)
-        most = -np.inf if against is None else scores[against]
-        rows = len(found.target)
-        self._tried[at] = found
+        worst = -np.inf if against is None else scores[against]
+        self._tried[at] = fit
         self.trials[at] = FitTrial(
-            at=at, unit=self._unit, rows=rows, worse=most, against=against, passed=most <= _WORSE
+            at=at,
+            unit=self._unit,
+            rows=len(fit.target),
+            worse=worst,
+            against=against,
+            passed=worst <= SETTINGS.worse,
         )
-        return most
+        return worst
 
-    def said(self, best: float, order: Iterable[float]) -> tuple[FitTrial, ...]:
+    def ordered(self, best: float, order: Iterable[float]) -> tuple[FitTrial, ...]:
         """All trials in this order, with the chosen one marked."""
         return tuple(dataclasses.replace(self.trials[at], chosen=at == best) for at in order)
 
@@ -178,7 +209,7 @@ def choose_band(
     seconds: Floats,
     weights: Floats | None,
 ) -> tuple[float, tuple[FitTrial, ...]]:
-    """The widest pass band of some, none of the narrower ones contradicting.
+    """The widest pass band that no narrower one contradicts.
 
     Octaves first, until one is too wide, then the bands before it. Of several logs none wider than
     most choose alone: friction that differs between them hides what a wide band does. `bands`:
@@ -187,20 +218,25 @@ def choose_band(
     stated.
     """
     if len(seconds) > 1:
-        equations, alone = functools.cache(equations), [bands[-1]] * len(seconds)
+        # Each log chooses alone; one that is too short to choose leaves the choice to the others.
+        equations = functools.cache(equations)
+        alone = [bands[-1]] * len(seconds)
         for i in range(len(seconds)):
             log = slice(i, i + 1)
-            own = None if weights is None else weights[i : i + 1]
+            of_log_weights = None if weights is None else weights[log]
 
             def of_log(band: float, log: slice = log) -> Sequence[System]:
                 return equations(band)[log]
 
-            with contextlib.suppress(ValueError):  # too short to choose
-                alone[i] = choose_band(bands, of_log, seconds[log], own)[0]
+            with contextlib.suppress(ValueError):
+                alone[i] = choose_band(bands, of_log, seconds[log], of_log_weights)[0]
         bands = [band for band in bands if band <= np.median(alone)]
     choice = _Choice("Hz", operator.lt, seconds, weights)
+
+    # 1. Octaves, until one is far too wide. The memory of a filter is one over its band: so wide is
+    # the gap around a segment that is left out.
     for octave in bands[::2]:
-        if choice.worse(octave, equations(octave), 1 / octave) > _FAR:
+        if choice.worse(octave, equations(octave), 1 / octave) > SETTINGS.far:
             break
     if not choice.trials:
         raise ValueError(
@@ -208,13 +244,14 @@ def choose_band(
             " state band, cutoff and least_speed."
         )
     best = max(trial.at for trial in choice.trials.values() if trial.passed)
+
+    # 2. The half octave above the best.
     for between in bands[1::2]:
-        if (
-            best < between < 2 * best
-            and choice.worse(between, equations(between), 1 / between) <= _WORSE
-        ):
+        if not best < between < 2 * best:
+            continue
+        if choice.worse(between, equations(between), 1 / between) <= SETTINGS.worse:
             best = between
-    return best, choice.said(best, sorted(choice.trials))
+    return best, choice.ordered(best, sorted(choice.trials))
 
 
 def choose_speed(
@@ -229,27 +266,25 @@ def choose_speed(
     """
     choice = _Choice("of the usual speed", operator.gt, seconds, weights)
     for share in shares:
-        if choice.worse(share, equations(share), gap) > _FAR:
+        if choice.worse(share, equations(share), gap) > SETTINGS.far:
             break
     if not choice.trials:
         return 0.0, ()
     best = min(trial.at for trial in choice.trials.values() if trial.passed)
-    return best, choice.said(best, choice.trials)
+    return best, choice.ordered(best, choice.trials)
 
 
 def tried(
     systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None
 ) -> _Tried | None:
-    """Fits without each segment, and without what is within a gap [s] of it; None of too few
+    """Fits without each segment, and without the equations within a gap [s] of it; None of too few
     equations.
     """
     places = Places.of(systems)
-    rows, target = (
-        np.concatenate([getattr(each, part)[each.used] for each in systems])
-        for part in ("regressor", "torque")
-    )
+    rows = np.concatenate([system.regressor[system.used] for system in systems])
+    target = np.concatenate([system.torque[system.used] for system in systems])
     k = rows.shape[1]
-    if len(target) < _ENOUGH * k:
+    if len(target) < SETTINGS.equations * k:
         return None
     segment, segments = places.segments(seconds, SEGMENTS)
     weight = _weight(rows, target, places, weights)
@@ -257,10 +292,12 @@ def tried(
     weighted_target = target * weight
     without = np.full((segments, k), np.nan)
     for s in np.unique(segment):
-        own = segment == s
-        record = places.record[own][0]
-        t = places.t[own]
+        inside = segment == s
+        record = places.record[inside][0]
+        t = places.t[inside]
+        # Filters carry torques of the segment into its neighbourhood: that is left out as well.
         near = (places.record == record) & (places.t > t.min() - gap) & (places.t < t.max() + gap)
+        # With fewer equations the fit has no residual, and predicts nothing.
         if (~near).sum() > 2 * k:
             without[s] = _solved(weighted_rows[~near], weighted_target[~near])
     return _Tried(rows=rows, target=target, weight=weight, segment=segment, without=without)
@@ -272,11 +309,16 @@ def _weight(rows: Floats, target: Floats, places: Places, weights: Floats | None
         return np.asarray(weights[places.record, places.joint])
     residual = target - product(rows, _solved(rows, target))
     squares = np.bincount(places.joint, residual**2) / np.maximum(np.bincount(places.joint), 1)
-    return np.asarray(1 / np.maximum(np.sqrt(squares), 1e-9 * np.abs(target).max())[places.joint])
+    # A joint that is explained exactly, as in a noiseless log, must not have an infinite weight.
+    sigma = np.maximum(np.sqrt(squares), 1e-9 * np.abs(target).max())
+    return np.asarray(1 / sigma[places.joint])
 
 
 def _solved(rows: Floats, target: Floats) -> Floats:
-    """Least squares with columns of one length; what the rows do not show stays small."""
+    """Least squares with columns of one length; directions that the rows do not show stay small.
+
+    Not `least_squares`, which refuses dependent columns: a segment left out may make some so.
+    """
     lengths = np.sqrt((rows * rows).sum(axis=0))
     lengths = np.where(lengths > 0, lengths, 1.0)
     return np.asarray(least(rows / lengths, target, 1e-9) / lengths)

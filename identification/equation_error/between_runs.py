@@ -1,12 +1,11 @@
-"""What differs between runs of one machine: whether their own fits agree, and a variance that they
-share.
+"""Differences between runs of one machine: agreement of their fits, and a variance that they share.
 
 Friction warms up, a cable lies elsewhere: each run has values of its own, about those of the
 machine. Of each group of parameters (f, viscous and Coulomb friction, offsets) the variance between
 runs is that of a one-way model of random effects, by restricted maximum likelihood over the
 parameters of the group, whose scatter within a run is known from noise and blocks. Friction and
-gears differ relative to their size, the rest in standard deviations of one run. Of the common fit
-it is what each run moves the values by: what a run hardly tells, it hardly moves.
+gears differ relative to their size, the rest in standard deviations of one run. The common fit is
+moved by each run: a run that hardly determines a value hardly moves it.
 
 Sources: W. G. Cochran, The combination of estimates from different experiments, Biometrics 10, 1954
 (agreement); G. Knapp, J. Hartung, Improved tests for a random effects meta-regression, Statistics
@@ -43,19 +42,40 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import norm, product, products
 
-# share of the largest direction from which on a run shows one, and of it that a value may lack
-_SHOWN = 1e-10
 
-# chance that the intervals of a parameter are called apart, where only noise makes runs differ
-_AGREE = 0.05
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BetweenRunsSettings:
+    """How runs are compared.
 
-# standard deviation at least, in the torque; and share of a run that counts as one
-_EXACT = 1e-9
-_HEARD = 1e-6
+    Parameters
+    ----------
+    shown : float
+        Least information of a direction that a run shows, relative to the largest; also the largest
+        share of a value that may lie in directions it does not show. Chosen by hand: rounding.
+    disagree : float
+        Probability that the intervals of a parameter are called apart where only noise makes runs
+        differ.
+    exact : float
+        Least standard deviation, relative to the torque: the fit of a noiseless log. Chosen by
+        hand.
+    share : float
+        Least share of a run in a common value that says anything of it; chosen by hand.
+    further : int
+        Most further logs that are counted; chosen by hand.
+    shown_difference : float
+        Least difference between runs that is reported, as a share or in standard deviations; chosen
+        by hand: it prints as 0.1 %.
+    """
 
-# logs that are counted; and share, or deviations, that is told
-_MOST = 1000
-_TOLD = 5e-4
+    shown: float = 1e-10
+    disagree: float = 0.05
+    exact: float = 1e-9
+    share: float = 1e-6
+    further: int = 1000
+    shown_difference: float = 5e-4
+
+
+SETTINGS = BetweenRunsSettings()
 
 ONE_LOG = (
     "intervals by blocks of one log: what differs between runs is not in them; a second log would"
@@ -113,8 +133,13 @@ class BetweenRuns(Shown, Frozen):
 
         That of each run alone, what differs between runs, and what no further log reduces.
         """
+        # Half of an interval is a quarter of its variance: no further log takes away `common`.
         some = np.flatnonzero(common < 0.25 * (within + added + common))
-        of_some = within[some], added[some], apart.freedom[some], len(each), common[some]
+        further = 0
+        if some.size:
+            further = _further(
+                within[some], added[some], apart.freedom[some], len(each), common[some]
+            )
         compared = np.isfinite(std).sum(axis=0) > 1
         return cls(
             values=each,
@@ -122,49 +147,47 @@ class BetweenRuns(Shown, Frozen):
             compared=compared,
             agree=compared & _agree(each, std),
             **apart._asdict(),
-            further=_further(*of_some) if some.size else 0,
+            further=further,
             never=len(common) - some.size,
         )
 
     @property
     def half_width(self) -> Floats:
-        """Of the 95 % intervals (R, k) of what each log says, with what differs between logs."""
-        return np.asarray(
-            NORMAL * np.sqrt(self.std**2 + (self.deviation * wider(self.freedom)) ** 2)
-        )
+        """Of the 95 % intervals (R, k) of each log's values, with the deviation between logs."""
+        between = self.deviation * wider(self.freedom)
+        return np.asarray(NORMAL * np.sqrt(self.std**2 + between**2))
 
     @property
     def left_out(self) -> str:
-        """What to say of logs that alone tell nothing: "" where there are none."""
+        """Clause of messages on logs that alone determine nothing: "" where there are none."""
         count = int(np.isnan(self.std).all(axis=1).sum())
         return f", but for {count} that alone do{'es' * (count == 1)} not tell all" if count else ""
 
     def among(self, places: NDArray[np.intp], count: int) -> Self:
-        """The same of so many values, of which these (k,) are at places; of the others nothing
-        is known.
+        """The same of `count` values, of which these (k,) are at places; nothing is known of the
+        rest.
         """
-        rest = {"values": np.nan, "std": np.nan, "freedom": MANY}
-        whole = dict[str, Any]()
+        unknown = {"values": np.nan, "std": np.nan, "freedom": MANY}
+        extended = dict[str, Any]()
         for name in ("values", "std", "compared", "agree", "deviation", "freedom"):
-            own = getattr(self, name)
-            whole[name] = np.full((*own.shape[:-1], count), rest.get(name, 0), own.dtype)
-            whole[name][..., places] = own
-        return dataclasses.replace(self, **whole)
+            field = getattr(self, name)
+            extended[name] = np.full((*field.shape[:-1], count), unknown.get(name, 0), field.dtype)
+            extended[name][..., places] = field
+        return dataclasses.replace(self, **extended)
 
     def _short(self) -> str:
         return f"{self.agree.sum()} of {self.compared.sum()} intervals agree between runs"
 
     def _shown(self) -> Iterator[Piece]:
-        said = [
-            (
-                f"{name} by {share:.1%}"
-                if name in RELATIVE
-                else f"{name} by {share:.2g} standard deviations of a run"
+        differences = []
+        for name, share in self.groups.items():
+            size = (
+                f"{share:.1%}" if name in RELATIVE else f"{share:.2g} standard deviations of a run"
             )
-            for name, share in self.groups.items()
-            if share > _TOLD
-        ]
-        yield f"{self._short()}; they differ in {', in '.join(said) or 'nothing beside noise'}"
+            if share > SETTINGS.shown_difference:
+                differences.append(f"{name} by {size}")
+        text = ", in ".join(differences) or "nothing beside noise"
+        yield f"{self._short()}; they differ in {text}"
         fixed = (
             f"what a rig may state wrongly makes half or more of {self.never} of the"
             f" {len(self.agree)}"
@@ -178,10 +201,10 @@ class BetweenRuns(Shown, Frozen):
 
 
 class _Runs(NamedTuple):
-    """What each run alone says.
+    """The fit of each run alone.
 
-    `each`, `std` (R, k): values, NaN where it does not tell. `left` (M,): residual of these fits.
-    `share` (R, k): how far a run moves the common value if its own is larger by one, times R.
+    `each`, `std` (R, k): values, NaN where a run does not determine one. `left` (M,): residual of
+    these fits. `share` (R, k): change of the common value per change of a run's, times R.
     """
 
     each: Floats
@@ -200,97 +223,109 @@ def between_runs(
     blocks: NDArray[np.intp],
     common: Floats | float = 0.0,
 ) -> tuple[BetweenRuns, Floats]:
-    """How two logs or more of a weighted fit differ, and the covariance (k, k) of its values with
-    that.
+    """Differences between the logs of a weighted fit, and the covariance (k, k) of its values with
+    them.
 
     `values` (k,), `noise` (k, k): of the fit, and covariance by noise alone. `rows` (M, k),
     `residual` (M,): weighted. `runs`, `blocks` (M,): log, and block of a log, of each row, from 0;
-    -1 of what no log says. `common` (k,): variance that no further log reduces.
+    -1 of rows of no log. `common` (k,): variance that no further log reduces.
     """
+    # 1. Each run alone, and the covariance from blocks: noise may be correlated within them.
     scale = np.sqrt((rows * rows).sum(axis=0))
     alone = _alone(values, rows, residual, runs, blocks)
-    exact = _EXACT * norm(values * scale) / scale
+    exact = SETTINGS.exact * norm(values * scale) / scale
     count, k = alone.each.shape
     covariance = at_least(noise, run_std(rows, alone.left, blocks))
+
+    # 2. Change of the common values by each run, and its variance from blocks within the run.
     moved = count * run_moves(rows, residual, runs)
     scatter = count * run_moves(rows, alone.left, blocks)
-    owner = np.array([runs[np.argmax(blocks == block)] for block in range(len(scatter))])
-    inside = np.stack([(scatter[owner == run] ** 2).sum(axis=0) for run in range(count)])
+    run_of_block = np.array([runs[np.argmax(blocks == block)] for block in range(len(scatter))])
+    inside = np.stack([(scatter[run_of_block == run] ** 2).sum(axis=0) for run in range(count)])
     inside = np.maximum(np.maximum(inside, count * np.diag(noise)), exact**2)
+    # Values that move together with the blocks count as one in the degrees of freedom.
     alike = (scatter / np.maximum(np.sqrt((scatter**2).sum(axis=0)), 1e-300)).T
+
+    # 3. The variance between runs, group by group.
     std = np.maximum(alone.std, exact)
     added = np.zeros(k)
     apart = differing(names, values, alone.each, std, alike)
     for name, at in groups_of(names, alone.std).items():
         size = size_of(name, values[at], std[:, at])
         share = np.abs(alone.share[:, at])
-        # what moves it is hardly a change of itself: it is as large as what moves it within
+        # Changes of other values move it more than its own: so they are as large as within a run.
         if name not in RELATIVE:
             size = np.sqrt(inside[:, at].mean(axis=0))
             share = np.ones_like(share)
         variance = restricted(
             name, moved[:, at] / size, np.sqrt(inside[:, at]) / size, share, about=0.0
         )
-        added[at] = (
-            variance * size**2 * (share**2).sum(axis=0) / count**2 * wider(apart.freedom[at]) ** 2
-        )
+        of_mean = (share**2).sum(axis=0) / count**2
+        added[at] = variance * size**2 * of_mean * wider(apart.freedom[at]) ** 2
     within = np.diag(covariance)
-    found = BetweenRuns.of(alone.each, std, apart, within, added, np.broadcast_to(common, k))
-    return found, at_least(covariance, np.sqrt(within + added))
+    between = BetweenRuns.of(alone.each, std, apart, within, added, np.broadcast_to(common, k))
+    return between, at_least(covariance, np.sqrt(within + added))
 
 
 def _alone(
     values: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp], blocks: NDArray[np.intp]
 ) -> _Runs:
+    """The fit of each run alone in the directions that it shows; others stay as in `values`."""
     scale = np.sqrt((rows * rows).sum(axis=0))
     count = int(runs.max()) + 1
-    whole = products(rows / scale)
+    common = products(rows / scale)
     left = residual.copy()
-    each, std, share = np.empty((3, count, len(values)))
+    estimates, std, share = np.empty((3, count, len(values)))
     for run in range(count):
-        some = runs == run
-        own = rows[some] / scale
-        information = products(own)
+        # 1. Least squares on the residual of the common fit: the change of the values.
+        in_run = runs == run
+        columns = rows[in_run] / scale
+        information = products(columns)
         sizes, axes = np.linalg.eigh(information)
-        seen = sizes > _SHOWN * sizes[-1]
-        inverse = (axes[:, seen] / sizes[seen]) @ axes[:, seen].T
-        move = product(inverse, (own * residual[some, None]).sum(axis=0))
-        left[some] -= product(own, move)
-        each[run], square = (
-            values + move / scale,
-            (left[some] ** 2).sum() / max(some.sum() - seen.sum(), 1),
-        )
-        std[run] = np.sqrt(np.diag(inverse) * square)
-        if seen.all():
-            scatter = group_std(own, left[some], np.unique(blocks[some], return_inverse=True)[1])
+        shown = sizes > SETTINGS.shown * sizes[-1]
+        inverse = (axes[:, shown] / sizes[shown]) @ axes[:, shown].T
+        move = product(inverse, (columns * residual[in_run, None]).sum(axis=0))
+        left[in_run] -= product(columns, move)
+        estimates[run] = values + move / scale
+
+        # 2. Its standard deviations: of white noise, or of blocks if these scatter more.
+        variance = (left[in_run] ** 2).sum() / max(in_run.sum() - shown.sum(), 1)
+        std[run] = np.sqrt(np.diag(inverse) * variance)
+        if shown.all():
+            numbers = np.unique(blocks[in_run], return_inverse=True)[1]
+            scatter = group_std(columns, left[in_run], numbers)
             std[run] = np.where(np.isfinite(scatter), np.maximum(std[run], scatter), std[run])
-        hidden = (axes[:, ~seen] ** 2).sum(axis=1) > _SHOWN
-        share[run] = count * np.diag(np.linalg.solve(whole, information))
-        hidden |= np.abs(share[run]) < _HEARD
-        each[run, hidden] = std[run, hidden] = np.nan
-    return _Runs(each, std / scale, left, share)
+
+        # 3. Values that lie in directions it does not show are not its own.
+        hidden = (axes[:, ~shown] ** 2).sum(axis=1) > SETTINGS.shown
+        share[run] = count * np.diag(np.linalg.solve(common, information))
+        hidden |= np.abs(share[run]) < SETTINGS.share
+        estimates[run, hidden] = np.nan
+        std[run, hidden] = np.nan
+    return _Runs(estimates, std / scale, left, share)
 
 
 def _agree(each: Floats, std: Floats) -> NDArray[np.bool_]:
-    """Which values (k,) of runs (R, k) differ by no more than their intervals allow."""
+    """Values (k,) of runs (R, k) that differ by no more than their intervals allow: Cochran's Q."""
     from scipy.special import chdtri
 
     weight = np.where(np.isfinite(std), 1 / std**2, 0.0)
     mean = np.nansum(weight * each, axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
     squares = np.nansum(weight * (each - mean) ** 2, axis=0)
     freedom = (weight > 0).sum(axis=0) - 1
-    return np.asarray(squares <= chdtri(np.maximum(freedom, 1), _AGREE))
+    return np.asarray(squares <= chdtri(np.maximum(freedom, 1), SETTINGS.disagree))
 
 
 def _further(
     within: Floats, between: Floats, freedom: Floats, count: int, common: Floats | float = 0.0
 ) -> int:
-    """Logs beside so many that halve the standard deviations of half of the values, if they are
+    """Logs beside `count` that halve the standard deviations of half of the values, if they are
     alike.
     """
-    for logs in range(count + 1, count + _MOST):
+    for logs in range(count + 1, count + SETTINGS.further):
+        # More logs give more degrees of freedom, too, and so a smaller quantile of Student's.
         narrower = wider(freedom * (logs - 1) / (count - 1)) / wider(freedom)
-        left = (within + between * narrower**2) * count / logs + common
-        if np.median(left / (within + between + common)) <= 0.25:
+        variance = (within + between * narrower**2) * count / logs + common
+        if np.median(variance / (within + between + common)) <= 0.25:
             return logs - count
-    return _MOST
+    return SETTINGS.further

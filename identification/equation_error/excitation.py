@@ -1,7 +1,6 @@
-"""What the motion of logs does not excite, before anything is fitted: joints, and parameters
-that stay at a prior.
-"""
+"""Excitation of logs before a fit: joints that do not move, parameters that stay at a prior."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,12 +16,28 @@ from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-_TOLD = 0.5  # share of its prior standard deviation below which a log tells a parameter
 
-# correlation of two smoothed speeds, tracking errors in them, from which on joints move in step
-_IN_STEP = 0.999
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExcitationSettings:
+    """When a motion excites a parameter; chosen by hand.
 
-_TORQUE = 0.02  # error of a log's torques that is expected, as a share of each joint's
+    Parameters
+    ----------
+    determined : float
+        Standard deviation beside the log, relative to that of the prior, below which the log
+        determines a parameter.
+    in_step : float
+        Least correlation of the smoothed speeds, tracking errors in them, of joints in step.
+    torque_error : float
+        Expected error of the torques of a log, relative to each joint's.
+    """
+
+    determined: float = 0.5
+    in_step: float = 0.999
+    torque_error: float = 0.02
+
+
+SETTINGS = ExcitationSettings()
 
 
 def still(records: Sequence[Record]) -> NDArray[np.intp]:
@@ -34,30 +49,29 @@ def unexcited(dynamics: Dynamics, records: Sequence[Record]) -> list[str]:
     """Joints that hardly move in any record, and pairs that move in step."""
     labels = dynamics.chain.joint_labels
     speeds = np.concatenate([_motion(record).qd for record in records])
-    moved = np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
-    found = [f"{labels[i]} moves by {moved[i]:.0f} pulses" for i in still(records)]
-    return found + [
-        f"{labels[i]} and {labels[j]} move in step" for i, j in in_step(speeds, _IN_STEP)
-    ]
+    ranges = np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
+    messages = [f"{labels[i]} moves by {ranges[i]:.0f} pulses" for i in still(records)]
+    pairs = in_step(speeds, SETTINGS.in_step)
+    return messages + [f"{labels[i]} and {labels[j]} move in step" for i, j in pairs]
 
 
 def from_prior(dynamics: Dynamics, records: Sequence[Record], prior: Prior) -> list[str]:
     """Parameters of f that the logs leave to the prior."""
     shares = _shares(dynamics, records, [_motion(record) for record in records], prior)
-    return [name for name, share in zip(dynamics.short_names, shares, strict=True) if share > _TOLD]
+    pairs = zip(dynamics.short_names, shares, strict=True)
+    return [name for name, share in pairs if share > SETTINGS.determined]
 
 
 def advice(dynamics: Dynamics, records: Sequence[Record], prior: Prior | None) -> str:
-    """What comes from the prior, and the motion that would excite it."""
-    said = ""
+    """Sentences on the parameters that come from the prior, and on a motion that excites more."""
+    text = ""
     if prior is not None:
         names = from_prior(dynamics, records, prior)
-        said = (
+        text = (
             f"From the prior ({100 * prior.spread:.3g} %) are about {len(names)} of {dynamics.p}"
-            " parameters: "
+            f" parameters: {', '.join(names)}. "
         )
-        said += f"{', '.join(names)}. "
-    return f"{said}design_motion(arm, rig, law, ...) gives a motion that excites more."
+    return f"{text}design_motion(arm, rig, law, ...) gives a motion that excites more."
 
 
 def _motion(record: Record) -> Motion:
@@ -66,24 +80,27 @@ def _motion(record: Record) -> Motion:
     """
     rig = record.rig
     counts = record.counts
+    # Single counts of a joint at rest would pass for a motion of it.
     counts = np.where(hardly_moving(record), np.round(counts.mean(axis=0)), counts)
     band = min(pass_band(record), BAND_MOST / rig.period)
-    every = slice(None, None, max(1, int(1 / (2 * band * rig.period))))
-    return Motion(
-        *(part[every] for part in derivatives(rig.cell_centre(counts), rig.period, CUTOFF * band))
-    )
+    motion = derivatives(rig.cell_centre(counts), rig.period, CUTOFF * band)
+    # Two samples per period of the band are independent.
+    every = max(1, int(1 / (2 * band * rig.period)))
+    return Motion(*(signal[::every] for signal in motion))
 
 
 def _shares(
     dynamics: Dynamics, records: Sequence[Record], motions: Sequence[Motion], prior: Prior
 ) -> Floats:
     """Standard deviations (p,) of f after the logs, as shares of those of the prior."""
+    # In whitened coordinates the information of the prior is the unit matrix.
     root = np.linalg.inv(prior.whitening)
     information = np.eye(dynamics.p)
     for record, motion in zip(records, motions, strict=True):
         regressor, _ = regressor_along(dynamics, record.rig, dynamics.names, motion)
         torque = np.sqrt(((regressor * prior.mean).sum(axis=2) ** 2).mean(axis=0))
-        noise = _TORQUE * np.maximum(torque, 1e-3 * torque.max())
+        # A joint without load, as one about the vertical, still has the noise of its amplifier.
+        noise = SETTINGS.torque_error * np.maximum(torque, 1e-3 * torque.max())
         information += products(np.reshape(regressor / noise[:, None], (-1, dynamics.p)) @ root)
     covariance = root @ np.linalg.inv(information) @ root.T
     return np.sqrt(np.diag(covariance) / np.diag(prior.covariance))

@@ -9,8 +9,8 @@ from plant.motion.reference import Motion
 from plant.parts.arguments import real
 from plant.parts.fields import Floats
 
-# Of the Butterworth low-pass; run forwards and backwards it has no phase, and the attenuation of
-# twice the order.
+# Order of the Butterworth low-pass, chosen by hand. Run forwards and backwards it has no phase, and
+# the attenuation of twice the order.
 _ORDER = 4
 
 
@@ -18,7 +18,7 @@ def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
     """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in
     Hz.
     """
-    # a third of a second that the genetic algorithm does not need
+    # Imported here: it takes a third of a second, which the genetic algorithm does not need.
     from scipy.signal import sosfiltfilt
 
     x = np.asarray(x)
@@ -28,6 +28,7 @@ def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
             f"cutoff must be below half of the sample rate, {0.5 / period:.4g} Hz; got {cutoff:g}."
             " Lower it."
         )
+    # The filter starts from reflected ends of the log, which needs as many samples.
     if len(x) <= 6 * _ORDER:
         raise ValueError(
             f"a log must have more than {6 * _ORDER} samples to be filtered; got {len(x)}. Log"
@@ -54,5 +55,6 @@ def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
 
 def by_differences(x: Floats, period: float) -> Motion:
     """Samples (N, n), and their first and second derivatives by central differences."""
+    # Symmetric, like the filter: no signal is later than another.
     rate = np.gradient(x, period, axis=0)
     return Motion(x, rate, np.gradient(rate, period, axis=0))

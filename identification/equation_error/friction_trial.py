@@ -1,8 +1,7 @@
-"""Friction beyond Coulomb and viscous, tried by what it predicts of blocks of the logs that its fit
-has not seen.
+"""Friction beyond Coulomb and viscous, tested on blocks of the logs that its fit has not seen.
 
-What a friction that is not modelled leaves looks like an offset, a gear that swings or a wrong
-gain, so it is tried before these are blamed.
+The residual of a friction that is not modelled looks like an offset, an elastic gear or a wrong
+gain, so friction is tried before these are blamed.
 """
 
 import dataclasses
@@ -18,25 +17,43 @@ from plant.parts.shown import Piece, Shown
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
 
-_ADVICE = dict(
-    zip(
-        KINDS,
-        (
-            (
-                "state it, the drive of fit.friction[0].drive(rig.drive), and add"
-                " drive.curve.offset[i] to unknown"
-            ),
-            "state it, the drive of fit.friction[0].drive(rig.drive)",
-            "state it, the drive of fit.friction[0].drive(rig.drive)",
-            "trust the fit at the speeds of its logs only",
-        ),
-        strict=True,
-    )
-)
+ASYMMETRIC, LOAD_DEPENDENT, STRIBECK, SATURATING = KINDS
 
-# standard errors, and share of the squared error, by which a candidate predicts better
-_CLEAR = 3.0
-_ENOUGH = 0.1
+_STATE = "state it, the drive of fit.friction[0].drive(rig.drive)"
+
+_ADVICE = {
+    ASYMMETRIC: f"{_STATE}, and add drive.curve.offset[i] to unknown",
+    LOAD_DEPENDENT: _STATE,
+    STRIBECK: _STATE,
+    SATURATING: "trust the fit at the speeds of its logs only",
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrictionTrialSettings:
+    """Kinds of friction that are tried, and when one is reported; chosen by hand.
+
+    Parameters
+    ----------
+    clear : float
+        Standard errors by which a candidate must predict better.
+    enough : float
+        Share of the squared error by which it must predict better.
+    speeds : tuple of float
+        Stribeck speeds, and speeds at which viscous friction saturates, that are tried, relative to
+        the usual speed of each joint.
+    finer : tuple of float
+        Ratios to a Stribeck speed that predicts better, which are tried then: of all joints, then
+        of one after another.
+    """
+
+    clear: float = 3.0
+    enough: float = 0.1
+    speeds: tuple[float, ...] = (0.02, 0.1, 0.5)
+    finer: tuple[float, ...] = (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
+
+
+SETTINGS = FrictionTrialSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -71,13 +88,13 @@ class FrictionTrial(Shown):
     @property
     def clear(self) -> bool:
         """Whether it predicts better by more than chance, and by more than does not matter."""
-        return self.errors > _CLEAR and self.better > _ENOUGH
+        return self.errors > SETTINGS.clear and self.better > SETTINGS.enough
 
     @property
     def advice(self) -> str:
-        """What to do where it is clear, with what was found, in a line."""
+        """The friction with its levels, and what to do about it, in a line."""
         levels = ", ".join("-" if np.isnan(level) else f"{level:.2g}" for level in self.levels)
-        unit = "" if self.kind == KINDS[1] else " N m"
+        unit = "" if self.kind == LOAD_DEPENDENT else " N m"
         return (
             f"friction is {self._short()}; its levels on the joints' shafts are {levels}{unit}:"
             f" {_ADVICE[self.kind]}"
@@ -93,22 +110,23 @@ class FrictionTrial(Shown):
             Of viscous friction that saturates, which no part of a drive describes; of a second
             Stribeck speed.
         """
-        found = np.nan_to_num(self.levels)
-        if self.kind == KINDS[1]:
-            return dataclasses.replace(drive, load_friction=np.maximum(found, 0.0))
-        curve = drive.curve or FrictionCurve(offset=0 * found)
-        if self.kind == KINDS[0]:
-            curve = dataclasses.replace(curve, offset=curve.offset + found / drive.gear)
-        elif self.kind == KINDS[2] and self.share is not None:
+        # Joints that were not tried have none. Levels are on the shafts, a curve is of the motors.
+        levels = np.nan_to_num(self.levels)
+        if self.kind == LOAD_DEPENDENT:
+            return dataclasses.replace(drive, load_friction=np.maximum(levels, 0.0))
+        curve = drive.curve or FrictionCurve(offset=0 * levels)
+        if self.kind == ASYMMETRIC:
+            curve = dataclasses.replace(curve, offset=curve.offset + levels / drive.gear)
+        elif self.kind == STRIBECK and self.share is not None:
             if curve.breakaway is not None:
                 raise ValueError(
                     "a drive has one Stribeck speed; this one states another. Fit without its"
                     " breakaway."
                 )
             gear = np.abs(drive.gear)
-            levels = np.maximum(found, 0.0) / gear
             speed = np.array(self.share) * self.usual * gear
-            curve = dataclasses.replace(curve, breakaway=levels, speed=speed)
+            breakaway = np.maximum(levels, 0.0) / gear
+            curve = dataclasses.replace(curve, breakaway=breakaway, speed=speed)
         else:
             raise ValueError(
                 f"friction must be one that a drive has; got {self.kind} friction."
@@ -117,8 +135,8 @@ class FrictionTrial(Shown):
         return dataclasses.replace(drive, curve=curve)
 
     def _short(self) -> str:
-        each = ", ".join(f"{share:.0%}" for share in dict.fromkeys(self.share or ()))
-        at = f" at {each} of the usual speed{'s' * (',' in each)}" if each else ""
+        speeds = ", ".join(f"{share:.0%}" for share in dict.fromkeys(self.share or ()))
+        at = f" at {speeds} of the usual speed{'s' * (',' in speeds)}" if speeds else ""
         return (
             f"{self.kind}{at}: blocks kept aside {self.better:+.0%} better ({self.errors:.1f}"
             " standard errors)"
@@ -143,36 +161,46 @@ def friction_trials(
     `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it.
     `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s].
     """
-    n = weights.shape[1]
-    more = len(joints)
-    first = systems[0].regressor.shape[2] - len(candidates) * more
+    size = len(joints)
+    count = systems[0].regressor.shape[2] - len(candidates) * size
 
     def beside(columns: Iterable[int]) -> tuple[Floats, Floats]:
-        places = [*range(first), *columns]
-        some = [
-            dataclasses.replace(each, regressor=each.regressor[:, :, places]) for each in systems
+        """Losses of a fit with these columns beside the common ones, and its values; NaN where
+        there are too few equations.
+        """
+        places = [*range(count), *columns]
+        chosen = [
+            dataclasses.replace(system, regressor=system.regressor[:, :, places])
+            for system in systems
         ]
-        found = tried(some, seconds, gap, weights)
-        return (
-            (np.full(1, np.nan), np.empty(0))
-            if found is None
-            else (found.losses(found.without), found.without)
-        )
+        fit = tried(chosen, seconds, gap, weights)
+        if fit is None:
+            return np.full(1, np.nan), np.empty(0)
+        return fit.losses(fit.without), fit.without
 
     base = beside(())[0]
     trials = list[FrictionTrial]()
     for i, (kind, share) in enumerate(candidates):
-        missed, fits = beside(range(first + i * more, first + (i + 1) * more))
-        kept = (base - missed)[np.isfinite(base - missed)]
-        if len(kept) < 2:  # too few equations, or blocks
+        losses, fits = beside(range(count + i * size, count + (i + 1) * size))
+        gains = (base - losses)[np.isfinite(base - losses)]
+        # One block alone has no standard error.
+        if len(gains) < 2:
             continue
-        levels = np.full(n, np.nan)
-        levels[list(joints)] = np.nanmedian(fits[:, first:], axis=0)
-        # less of it than none: another kind, seen in a mirror
-        if kind != KINDS[0] and np.nansum(levels) < 0:
+        # The median: a block without slow motion may make a level any number.
+        levels = np.full(weights.shape[1], np.nan)
+        levels[list(joints)] = np.nanmedian(fits[:, count:], axis=0)
+        # A negative level is another kind of friction; an offset may have either sign.
+        if kind != ASYMMETRIC and np.nansum(levels) < 0:
             continue
-        error = max(float(kept.std(ddof=1)) / np.sqrt(len(kept)), 1e-300)
-        better = float(kept.mean() / np.nanmean(base))
-        said = {"kind": kind, "share": share, "better": better, "errors": kept.mean() / error}
-        trials.append(FrictionTrial(**said, levels=levels, usual=usual))
+        error = max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), 1e-300)
+        trials.append(
+            FrictionTrial(
+                kind=kind,
+                share=share,
+                better=float(gains.mean() / np.nanmean(base)),
+                errors=gains.mean() / error,
+                levels=levels,
+                usual=usual,
+            )
+        )
     return tuple(sorted(trials, key=lambda trial: -trial.better))

@@ -1,10 +1,10 @@
-"""The equation error behind elastic gears: f for given compliances, and the compliances with which
-it fits best.
+"""The equation error behind elastic gears: f for given compliances, and the compliances of least
+residual.
 
-What friction and the rotor leave of a motor's torque its gear passes on, and is wound up by it: the
+A gear passes on the torque of its motor less that of friction and rotor, and winds up by it: the
 deflection is compliance times that torque. So the motion of the links follows from counts of the
 motors and from the law, and the torque equation stays linear in f; a fit with other compliances
-takes milliseconds. All have a smooth least residual where predicted positions have several.
+takes milliseconds. Its residual has one smooth minimum where predicted positions have several.
 
 With the links counted too (`fit_deflection`), f follows whatever the gears are, and stiffness from
 their deflection (`two_encoders`).
@@ -30,10 +30,40 @@ from plant import Dynamics, Record
 from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 
-_BAND = 1.4  # pass band, in frequencies of the strongest oscillation
 
-# errors of the torque on the links (f, filters at reversals) over the scatter of the equations
-_SYSTEMATIC = 2.0
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GearFitSettings:
+    """Bands and search of a fit of gears; chosen by hand.
+
+    Parameters
+    ----------
+    bands : tuple of float
+        Pass bands that are tested, in frequencies of the strongest oscillation.
+    replayed_bands : tuple of float
+        The same of logs that replay their torque [Hz]: no loop oscillates there.
+    deflection_band : float
+        Pass band of a log with encoders on both sides, in frequencies of the strongest oscillation.
+    systematic : float
+        Ratio of the errors of the torque on the links (f, filters at reversals) to the scatter of
+        the equations.
+    samples : float
+        Samples that are kept per period of the cutoff: the low-passed signals hold no more.
+    rounds : int
+        Most times that each gear is fitted while the others stay.
+    neighbours : int
+        Places of the grid, on either side, at which a gear is fitted.
+    """
+
+    bands: tuple[float, ...] = (0.5, 0.7, 1.0, 1.4)
+    replayed_bands: tuple[float, ...] = (4.0, 8.0, 16.0, 32.0)
+    deflection_band: float = 1.4
+    systematic: float = 2.0
+    samples: float = 4.0
+    rounds: int = 6
+    neighbours: int = 2
+
+
+SETTINGS = GearFitSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,26 +86,19 @@ def fit_deflection(
     `equation_error`.
     """
     names = linear(dynamics, records[0].rig, unknown)
-    seen = [Deflections.of(record, _BAND * mode_in(record)) for record in records]
-    torque = fit_systems(dynamics, names, known, [each.balance(dynamics, names) for each in seen])
+    deflections = [
+        Deflections.of(record, SETTINGS.deflection_band * mode_in(record)) for record in records
+    ]
+    # 1. f along the motions of both sides, which do not depend on the gears.
+    systems = [deflection.balance(dynamics, names) for deflection in deflections]
+    torque = fit_systems(dynamics, names, known, systems)
     values = dict(known) | dict(zip(torque.names, torque.values, strict=True))
-    wound = fit_wound(dynamics, seen, np.array([values[name] for name in dynamics.names]))[0]
-    return GearFit(
-        compliance=wound.values[0], std=_SYSTEMATIC * wound.half[0] / NORMAL, torque=torque
-    )
 
-
-# pass bands that are tested, in frequencies of the strongest oscillation
-_BANDS = (0.5, 0.7, 1.0, 1.4)
-
-_REPLAYED = (4.0, 8.0, 16.0, 32.0)  # the same of logs that replay their torque [Hz]
-
-_SPARSE = 4.0  # samples that are kept, per period of the cutoff: what is left is in the band alone
-
-# How often, at most, each gear is fitted anew with the others as they are; and how far, in places
-# of the grid.
-_ROUNDS = 6
-_NEAR = 2
+    # 2. The compliances, by the torques that follow from f.
+    f = np.array([values[name] for name in dynamics.names])
+    wound = fit_wound(dynamics, deflections, f)[0]
+    std = SETTINGS.systematic * wound.half[0] / NORMAL
+    return GearFit(compliance=wound.values[0], std=std, torque=torque)
 
 
 class _Wound:
@@ -85,32 +108,38 @@ class _Wound:
 
     def __init__(self, record: Record, band: float) -> None:
         rig = record.rig
-        self.rig = record.rig
+        self.rig = rig
         self.band = band
         cutoff = CUTOFF * band
         drive = rig.drive
         torque = torque_of(record)
         motors = derivatives(rig.cell_centre(record.counts), rig.period, cutoff)
+        # The jumps of friction at reversals are filtered like the torque that makes up for them.
         held = low_pass(torque - drive.friction(motors.qd), rig.period, cutoff)
         passed = drive.coupling.shaft_torque(held - drive.rotor_torque(motors.qdd))
-        every = max(1, int(1 / (_SPARSE * cutoff * rig.period)))
-        self.every, self.period, rows = every, every * rig.period, np.arange(0, len(torque), every)
+        every = max(1, int(1 / (SETTINGS.samples * cutoff * rig.period)))
+        rows = np.arange(0, len(torque), every)
+        self.every = every
+        self.period = every * rig.period
         self.wind_up = tuple(x[rows] for x in by_differences(passed, rig.period))
         self.motors = Motion(*(x[rows] for x in motors))
         self.torque = low_pass(torque, rig.period, cutoff)[rows]
+        # A kept sample counts as little as the worst of those that it stands for.
         self.valid = np.minimum.reduceat(record.valid, rows)
 
     def system(self, dynamics: Dynamics, unknown: Sequence[str], compliance: Floats) -> System:
         """The torque equation along the motion of the links."""
         joint = self.rig.drive.coupling.joint
         filtering = filtering_of(self.rig, self.band)
-        moved = zip(self.motors, self.wind_up, strict=True)
-        links = Motion(*(motor - joint(compliance * passed) for motor, passed in moved))
+        pairs = zip(self.motors, self.wind_up, strict=True)
+        links = Motion(*(motor - joint(compliance * passed) for motor, passed in pairs))
         regressor, given = regressor_along(dynamics, self.rig, unknown, links, self.motors)
         signals = [self.torque - given, *np.moveaxis(regressor, 2, 0)]
         filtering = filtering._replace(every=max(1, int(1 / (2 * self.band * self.period))))
-        kept = compared(signals, self.motors.qd, self.period, filtering, self.valid)
-        return dataclasses.replace(kept, sample=kept.sample * self.every, period=self.rig.period)
+        system = compared(signals, self.motors.qd, self.period, filtering, self.valid)
+        # Rows are numbered as in the log, of which these samples are a part.
+        sample = system.sample * self.every
+        return dataclasses.replace(system, sample=sample, period=self.rig.period)
 
 
 def fit_gears(
@@ -128,19 +157,19 @@ def fit_gears(
     """
     names = linear(dynamics, records[0].rig, unknown)
     fits = []
-    for i in range(len(_BANDS)):
+    for i in range(len(SETTINGS.bands)):
         try:
             wound = [_Wound(record, _band(record, i)) for record in records]
             fits.append(_best(dynamics, wound, names, known, grid))
-        # a band without equations, or in which unknowns are not separately identifiable
         except ValueError:
+            # No equations in this band, or unknowns that are not separately identifiable in it.
             continue
     return fits
 
 
 def _band(record: Record, i: int) -> float:
     replays = record.law is not None and bool(record.law.replays)
-    return _REPLAYED[i] if replays else _BANDS[i] * mode_in(record)
+    return SETTINGS.replayed_bands[i] if replays else SETTINGS.bands[i] * mode_in(record)
 
 
 def _best(
@@ -149,22 +178,24 @@ def _best(
     """The best fit in a band: of all gears together, then of each while the others stay."""
 
     def fitted(compliance: Floats) -> GearFit:
-        systems = [each.system(dynamics, names, compliance) for each in wound]
+        systems = [record.system(dynamics, names, compliance) for record in wound]
         return GearFit(compliance=compliance, torque=fit_systems(dynamics, names, known, systems))
 
     best = min(map(fitted, np.unique(grid, axis=0)), key=_misfit)
-    for _ in range(_ROUNDS):
-        before = best
+    # Coordinate descent: the residual is smooth in each compliance, and the gears interact weakly.
+    for _ in range(SETTINGS.rounds):
+        previous = best
         for joint, column in enumerate(grid.T):
             values = np.unique(column)
             place = int(np.searchsorted(values, best.compliance[joint]))
-            near = values[max(0, place - _NEAR) : place + _NEAR + 1]
-            tried = [np.where(np.arange(grid.shape[1]) == joint, c, best.compliance) for c in near]
-            best = min(
-                [best, *(fitted(c) for c in tried if c[joint] != best.compliance[joint])],
-                key=_misfit,
-            )
-        if best is before:
+            low = max(0, place - SETTINGS.neighbours)
+            fits = [best]
+            for value in values[low : place + SETTINGS.neighbours + 1]:
+                if value != best.compliance[joint]:
+                    of_joint = np.arange(grid.shape[1]) == joint
+                    fits.append(fitted(np.where(of_joint, value, best.compliance)))
+            best = min(fits, key=_misfit)
+        if best is previous:
             break
     return best
 

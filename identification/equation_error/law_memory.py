@@ -1,9 +1,9 @@
-"""What a law remembered when its log began.
+"""State of a law with memory when its log began.
 
-A law with a memory gives its torque once its state before the log's first sample is known. It is
-not in the log, where this begins in the middle of a motion; but it acts on the torque, an integral
-for as long as the log lasts. Here it is fitted together with f, by the torque equation, in those
-directions in which it shows in the torque.
+The torque of such a law follows once its state before the log's first sample is known. That state
+is not in a log that begins in the middle of a motion; but it acts on the torque, an integral for as
+long as the log lasts. Here it is fitted together with f, by the torque equation, in the directions
+that the torque shows.
 """
 
 import dataclasses
@@ -22,33 +22,50 @@ from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_from, run_law
 
-_FIRST = 10  # samples whose speed the arm had before
-
-# Samples after which what a law does of its state is looked at; before, it is as if the arm had
-# begun otherwise.
+# Samples after which the effect of a state on the torque counts; before them it looks as if the arm
+# had begun elsewhere.
 FADED = 30
 
-# torque that a change of state makes at first and then no longer, in the largest of the log: at
-# most
-_MILD = 0.03
 
-# Of a reference rebuilt from counts: a number of knots, relative, and the share of torque that it
-# may change.
-_FINER = 2.2
-_HIDDEN = 0.005
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LawMemorySettings:
+    """How the state of a law is fitted; chosen by hand. Relative numbers are shares of the largest
+    magnitude in the run.
 
-_ROUNDS = 3  # fits of the state; a law that saturates is not linear in it
+    Parameters
+    ----------
+    straight : int
+        First samples of a log, on whose straight line the arm is taken to have moved before it.
+    initial_torque : float
+        Largest torque that a change of state makes in the first samples alone, relative.
+    finer : float
+        Ratio of knots in a second reference that is rebuilt from counts, to compare torques.
+    hidden : float
+        Largest share of the torque that these two references may differ by.
+    rounds : int
+        Fits of the state: a law that saturates is not linear in it.
+    flag : float
+        Change in the second half of a log up to which a state is a flag, relative.
+    step : float
+        Step of the derivatives by the state, relative.
+    least_torque : float
+        Share of the torque that a state must make, for a change of its own size, to be fitted.
+    deviation : float
+        Expected standard deviation of a state, relative.
+    """
 
-# change in the second half of a log, in the largest magnitude, up to which a state is a flag
-_STILL = 1e-3
+    straight: int = 10
+    initial_torque: float = 0.03
+    finer: float = 2.2
+    hidden: float = 0.005
+    rounds: int = 3
+    flag: float = 1e-3
+    step: float = 1e-4
+    least_torque: float = 1e-3
+    deviation: float = 2.0
 
-_SMALL = 1e-4  # step of the derivatives by the state, in the largest magnitudes of the run
 
-# share of the torque that a state must make, for a change of its own size, to be fitted
-_SEEN = 1e-3
-
-# standard deviation of a state that is expected, in the largest magnitudes of the run
-_AT_MOST = 2.0
+SETTINGS = LawMemorySettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,13 +107,10 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     law = record.law
     if law is None or law.replays or not law.has_memory(record.n):
         return record
-    whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
-    if (
-        law.period is None
-        and record.reference is None
-        and whole
-        and np.ptp(record.reference_pulses) > 0
-    ):
+    # Fast hardware differentiates its reference between samples, where whole counts stand still.
+    rounded = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
+    moving = np.ptp(record.reference_pulses) > 0
+    if law.period is None and record.reference is None and rounded and moving:
         raise ValueError(
             f"the reference of a fast {type(law).__name__} must be known between samples, since its"
             " memory is; whole counts leave it open. Give reference=, or the reference without"
@@ -107,12 +121,12 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
         return dataclasses.replace(record, law=LoggedTorque())
     if sampled and record.current is not None:
         return dataclasses.replace(record, law=LoggedCurrent())
-    resumed = (
-        law if isinstance(law, Resumed) else Resumed(law=law, state=law.initial_state(record.n))
-    )
-    return (
-        dataclasses.replace(record, law=resumed) if law.period is None else reading(record, resumed)
-    )
+    resumed = law
+    if not isinstance(resumed, Resumed):
+        resumed = Resumed(law=law, state=law.initial_state(record.n))
+    if law.period is None:
+        return dataclasses.replace(record, law=resumed)
+    return reading(record, resumed)
 
 
 def reading(record: Record, law: Resumed) -> Record:
@@ -121,20 +135,20 @@ def reading(record: Record, law: Resumed) -> Record:
 
 
 def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tuple[Record, Memory]:
-    """A record, its law in the state in which it may have been, as far as the torque equation
-    tells.
+    """A record with its law in the state of best torque equation, and that state's uncertainty.
 
-    It had been at work for a while: what no longer changes in the log (a flag that the law has
-    begun) is as it is there, and its filters have followed counts and reference on straight lines.
+    It had been at work for a while: a state that no longer changes in the log (a flag that the law
+    has begun) has its value there, and filters have followed counts and reference on straight
+    lines.
 
     `record`: of `along_log`, with a law that goes on from a state. `unknown`: what is unknown of
     arm and drive.
     """
-    given: Any = record.law
-    record, usual = at_work(record, given)
+    law: Any = record.law
+    record, usual = at_work(record, law)
     names = linear(dynamics, record.rig, unknown)
     bands = BANDS[BAND_MOST / record.rig.period > BANDS]
-    for _ in range(_ROUNDS):
+    for _ in range(SETTINGS.rounds):
         run = run_law(record)
         memory, columns = state_directions(record, run, usual)
         if not len(columns):
@@ -143,7 +157,8 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
         change = memory.directions @ coordinates
         record = _moved(record, change)
         memory = dataclasses.replace(memory, state=memory.state + change)
-    return dataclasses.replace(record, law=dataclasses.replace(given, state=memory.state)), memory
+    # The law as it was given, without the log that it read here.
+    return dataclasses.replace(record, law=dataclasses.replace(law, state=memory.state)), memory
 
 
 def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
@@ -154,7 +169,8 @@ def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
     _require_reference(record)
     states = run_law(record).states
     usual = states[len(states) // 2 :]
-    still = np.ptp(usual, axis=0) <= _STILL * np.abs(states).max(axis=0)
+    still = np.ptp(usual, axis=0) <= SETTINGS.flag * np.abs(states).max(axis=0)
+    # Flags as they are later in the log, filters as after a motion like its first samples.
     begun = np.where(still, np.median(usual, axis=0), run_law(_before(record)).states[-1])
     return _moved(record, begun - law.state), np.abs(usual).max(axis=0)
 
@@ -164,7 +180,7 @@ def _before(record: Record) -> Record:
     first.
     """
     t = record.rig.period * np.arange(FADED)
-    rows = np.flatnonzero(record.valid)[:_FIRST]
+    rows = np.flatnonzero(record.valid)[: SETTINGS.straight]
     back = t - record.rig.period * FADED
     lines = []
     for column in (record.counts, record.reference_pulses):
@@ -181,12 +197,15 @@ def _before(record: Record) -> Record:
 
 
 def _require_reference(record: Record) -> None:
-    """Refuse a law whose torque hangs on what the rounding of its reference hides."""
+    """Refuse a law whose torque depends on digits that the rounding of its reference hides."""
     if record.reference is not None:
         return
+    # A smoother and a rougher curve through the same counts: if the law tells them apart, the true
+    # reference gave another torque than either.
     torque = run_law(record).given
-    hidden = np.sqrt(np.mean((run_law(record, _FINER).given - torque) ** 2) / np.mean(torque**2))
-    if hidden > _HIDDEN:
+    finer = run_law(record, SETTINGS.finer).given
+    hidden = np.sqrt(np.mean((finer - torque) ** 2) / np.mean(torque**2))
+    if hidden > SETTINGS.hidden:
         law: Any = record.law
         raise ValueError(
             f"the torque of {type(law.law).__name__} must follow from reference and counts; whole"
@@ -201,9 +220,8 @@ def _moved(record: Record, change: Any) -> Record:
 
 
 def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory, Floats]:
-    """Directions of states of these magnitudes (s,), and the torques (r, N, n) at the samples
-    that each makes.
-    """
+    """Directions of states of these magnitudes (s,), and the torques (r, N, n) that each makes."""
+    # 1. Torque by each state, from runs of the law along the log.
     clock = Clock.of(record)
     period = record.rig.period
     law: Any = record.law
@@ -211,31 +229,34 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
     torque = run.around(t, period)
     varied = np.flatnonzero(scale)
     by_state = [np.zeros(0)]
-    for moved in run_from(record, law.state + _SMALL * np.diag(scale)[varied]):
-        by_state.append((moved.around(t, period) - torque).ravel() / _SMALL)
-    each = np.reshape(np.concatenate(by_state), (-1, torque.size)).T
-    at_once, later = (np.abs(part).max(axis=0) for part in np.split(each, [FADED * record.n]))
-    strongest = np.maximum(at_once - later, 1e-12)
-    # a filter's memory acts at once, and saturates
-    mild = np.minimum(1.0, _MILD * np.abs(torque).max() / strongest)
+    step = SETTINGS.step
+    for run_beside in run_from(record, law.state + step * np.diag(scale)[varied]):
+        by_state.append((run_beside.around(t, period) - torque).ravel() / step)
+    effects = np.reshape(np.concatenate(by_state), (-1, torque.size)).T
+
+    # 2. A filter's memory acts at once, and would saturate: such changes are made smaller.
+    parts = np.split(effects, [FADED * record.n])
+    initial, later = (np.abs(part).max(axis=0) for part in parts)
+    fading = np.maximum(initial - later, 1e-12)
+    share = np.minimum(1.0, SETTINGS.initial_torque * np.abs(torque).max() / fading)
+    effects = effects * share
     scale = scale.copy()
-    each = each * mild
-    scale[varied] *= mild
-    _, sizes, shares = np.linalg.svd(triangle(each[FADED * record.n :]))
-    seen = sizes > _SEEN * norm(torque)
-    unit = np.sqrt(torque.size) / sizes[seen]
-    directions = np.zeros((len(scale), seen.sum()))
-    directions[varied] = scale[varied, None] * shares[seen].T * unit
-    columns = (product(each, shares[seen].T) * unit).T.reshape(-1, *torque.shape)
-    most = (
-        np.abs(torque).max() / np.abs(columns).max(axis=(1, 2), initial=0.0)
-        if len(columns)
-        else unit
-    )
-    return (
-        Memory(state=np.array(law.state), directions=directions, usual=np.minimum(1 / unit, most)),
-        columns,
-    )
+    scale[varied] *= share
+
+    # 3. Principal directions of the torque, those that it shows, scaled to 1 N m.
+    _, sizes, axes = np.linalg.svd(triangle(effects[FADED * record.n :]))
+    shown = sizes > SETTINGS.least_torque * norm(torque)
+    unit = np.sqrt(torque.size) / sizes[shown]
+    directions = np.zeros((len(scale), shown.sum()))
+    directions[varied] = scale[varied, None] * axes[shown].T * unit
+    columns = (product(effects, axes[shown].T) * unit).T.reshape(-1, *torque.shape)
+
+    # 4. States as far apart as in the log, with torques of no more than its largest.
+    largest = unit
+    if len(columns):
+        largest = np.abs(torque).max() / np.abs(columns).max(axis=(1, 2), initial=0.0)
+    usual = np.minimum(1 / unit, largest)
+    return Memory(state=np.array(law.state), directions=directions, usual=usual), columns
 
 
 def _fitted(
@@ -247,9 +268,7 @@ def _fitted(
     usual: Floats,
     bands: Floats,
 ) -> tuple[Floats, Floats]:
-    """Coordinates (r,) [N m] with which the torque equation holds best, of such as are usual;
-    and in which bands.
-    """
+    """Coordinates (r,) [N m] of the least residual beside their usual size, and its band."""
     rig = record.rig
     torque = law_torque(record, run)
     fits = []
@@ -267,16 +286,19 @@ def _fitted(
                 record.valid,
             )
             fit = weighted(dynamics, (*unknown, *extra), [system])
-        # too few equations in this band, or unknowns that are not separately identifiable
         except ValueError:
+            # Too few equations in this band, or unknowns that are not separately identifiable.
             continue
         if fit.rows >= ENOUGH * len(fit.names):
             fits.append((fit.relative_error, fit.sigma, system, band))
     if not fits:
         return np.zeros(len(columns)), bands
-    _, sigma, best, band = min(fits, key=lambda each: each[0])
+    _, sigma, best, band = min(fits, key=lambda fit: fit[0])
+
+    # The same equations again, with the usual size of the state as a prior beside them.
     weight = 1 / sigma[np.nonzero(best.used)[1]]
-    expected = np.hstack([np.zeros((len(columns), len(unknown))), np.diag(1 / (_AT_MOST * usual))])
+    deviation = np.diag(1 / (SETTINGS.deviation * usual))
+    expected = np.hstack([np.zeros((len(columns), len(unknown))), deviation])
     rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])
     values = least(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))))
     return np.asarray(values[len(unknown) :]), np.array([band])

@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from identification.equation_error.band_choice import SHARES, choose_band, choose_speed
-from identification.equation_error.friction_trial import KINDS, FrictionTrial, friction_trials
+from identification.equation_error.friction_trial import (
+    ASYMMETRIC,
+    LOAD_DEPENDENT,
+    SATURATING,
+    SETTINGS,
+    STRIBECK,
+    FrictionTrial,
+    friction_trials,
+)
 from identification.equation_error.least_squares import NotIdentifiableError, dependent_columns
 from identification.equation_error.regressor import System, regressor_along
 from identification.equation_error.torque_equations import (
@@ -118,35 +126,35 @@ def fit_torque(
         whole("every", every, "1 uses every row.")
     if cutoff is not None:
         real("cutoff", cutoff, "Give Hz.", positive=True)
-    report: dict[str, Any] = {
-        "known": dict(task.known),
-        "left_out": task.left_out(joints is not None),
-    }
+    left_out = task.left_out(joints is not None)
+    report: dict[str, Any] = {"known": dict(task.known), "left_out": left_out}
+
+    # 1. Band, least speeds and rows: chosen, or as stated.
     if band is None or np.ndim(band) > 0:
-        tried = (
-            task.bands(cutoff)
-            if band is None
-            else sorted(_band(each, cutoff) for each in np.ravel(band).tolist())
-        )
-        width, slowest, trials = _chosen(task, tried, cutoff, slowest, stated)
+        if band is None:
+            bands = task.bands(cutoff)
+        else:
+            bands = sorted(_band(width, cutoff) for width in np.ravel(band).tolist())
+        width, slowest, trials = _chosen(task, bands, cutoff, slowest, stated)
         report |= trials
     else:
         width = _band(band, cutoff)
         every = 1 if every is None else every
         slowest = np.zeros(task.dynamics.n) if slowest is None else slowest
+
+    # 2. The fit, and what is doubtful of it: known numbers, and friction of other kinds.
     names, systems = task.systems(width, cutoff, every, slowest)
     report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
     report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
     report["freed"] = dict(_freed(task, (width, cutoff, every, slowest), stated))
     try:
         fit = weighted(task.dynamics, names, systems, stated, task.seconds, **report)
-        return dataclasses.replace(
-            fit, friction=_friction(task, fit, (width, cutoff, None, slowest))
-        )
+        friction = _friction(task, fit, (width, cutoff, None, slowest))
+        return dataclasses.replace(fit, friction=friction)
     except NotIdentifiableError as error:
-        raise NotIdentifiableError(
-            _advice(names, systems, report["left_out"]), error.name
-        ) from error
+        # Of all names at once: the error knows the first that depends on others.
+        advice = _advice(names, systems, left_out)
+        raise NotIdentifiableError(advice, error.name) from error
 
 
 def _chosen(
@@ -156,13 +164,15 @@ def _chosen(
     slowest: Floats | None,
     weights: Floats | None,
 ) -> tuple[float, Floats, dict[str, Any]]:
-    """Band, least speeds, and what these choices rest on."""
+    """Band, least speeds, and the trials on which these choices rest."""
     usual = task.usual_speed()
 
     def above(share: float, band: float) -> list[System]:
         least = task.least(usual, share, band) if slowest is None else slowest
         return task.systems(band, cutoff, None, least, thin=True)[1]
 
+    # The band at the most cautious speeds, then the speeds in that band: the other way round, noise
+    # of a band that is too wide would pass for uncertain signs of friction.
     width, bands_tried = choose_band(
         bands, lambda band: above(SHARES[0], band), task.seconds, weights
     )
@@ -172,37 +182,29 @@ def _chosen(
 
     def faster(share: float) -> list[System]:
         least = task.least(usual, share, width)
-        return [dataclasses.replace(each, used=each.used & (each.speed > least)) for each in slow]
+        return [
+            dataclasses.replace(system, used=system.used & (system.speed > least))
+            for system in slow
+        ]
 
     share, speeds_tried = choose_speed(SHARES, faster, task.seconds, 1 / width, weights)
-    return (
-        width,
-        task.least(usual, share, width),
-        {"bands": bands_tried, "least_speeds": speeds_tried},
-    )
+    trials = {"bands": bands_tried, "least_speeds": speeds_tried}
+    return width, task.least(usual, share, width), trials
 
 
 def _freed(
     task: TorqueEquations, settings: tuple[Any, ...], weights: Floats | None
 ) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Each known number that the torques tell from the unknowns: what they ask for, and its
-    standard deviation.
-    """
+    """Each known number that the torques can identify: its estimate, and standard deviation."""
     for name in task.known:
-        known = {other: value for other, value in task.known.items() if other != name}
+        known = {key: value for key, value in task.known.items() if key != name}
         names, systems = dataclasses.replace(task, known=known).systems(*settings)
         try:
             fit = weighted(task.dynamics, names, systems, weights, task.seconds)
-        except ValueError:  # not separately identifiable, or too few equations
+        except ValueError:
+            # Not separately identifiable, or too few equations: the torques say nothing of it.
             continue
         yield name, (fit[name], float(fit.std[names.index(name)]))
-
-
-# Stribeck speeds, and those at which viscous friction saturates, that are tried, in the usual speed
-# of each joint; and those tried then about a Stribeck speed that predicts better, in that: of all
-# joints, then of one after another.
-_SHARES = (0.02, 0.1, 0.5)
-_FINER = (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
 
 
 def _friction(
@@ -211,7 +213,9 @@ def _friction(
     """Kinds of friction beyond Coulomb and viscous, on the joints whose Coulomb friction is
     unknown.
     """
-    dynamics, rig, usual = task.dynamics, task.logs[0].rig, np.maximum(task.usual_speed(), 1e-9)
+    dynamics = task.dynamics
+    rig = task.logs[0].rig
+    usual = np.maximum(task.usual_speed(), 1e-9)
     coupling = rig.drive.coupling
     joints = [
         j for j in range(dynamics.n) if f"drive.coulomb[{j}]" in fit.names and fit.sigma[j] > 0
@@ -219,20 +223,20 @@ def _friction(
 
     def shape(motion: Motion, kind: str, share: Floats) -> Floats:
         qd = coupling.shaft(motion.qd)
-        if kind == KINDS[0]:
+        if kind == ASYMMETRIC:
             return 1 + 0 * qd
-        if kind == KINDS[1]:
+        if kind == LOAD_DEPENDENT:
             regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
             return np.abs(coupling.shaft_torque((regressor * fit.f).sum(axis=2))) * np.sign(qd)
-        if kind == KINDS[2]:
+        if kind == STRIBECK:
             curve = FrictionCurve(offset=0 * usual, breakaway=1 + 0 * usual, speed=share * usual)
             return curve.level(qd) * np.sign(qd)
         return np.tanh(qd / (share * usual))
 
     def column(kind: str, share: tuple[float, ...] | None, joint: int) -> Callable[..., Floats]:
-        own = np.arange(dynamics.n) == joint
+        of_joint = np.arange(dynamics.n) == joint
         return lambda *motion: coupling.joint_torque(
-            shape(Motion(*motion), kind, np.array(share)) * own
+            shape(Motion(*motion), kind, np.array(share)) * of_joint
         )
 
     def trials(*candidates: tuple[str, tuple[float, ...] | None]) -> tuple[FrictionTrial, ...]:
@@ -251,17 +255,28 @@ def _friction(
 
     if not joints:
         return ()
-    every = [(kind, (share,) * dynamics.n) for share in _SHARES for kind in KINDS[2:]]
-    found = trials(*((kind, None) for kind in KINDS[:2]), *every)
-    for some in (joints, *([j] for j in joints if len(joints) > 1)):
-        if found and found[0].kind == KINDS[2] and found[0].clear and (share := found[0].share):
-            moved = (
-                np.where(np.isin(np.arange(dynamics.n), some), np.array(_FINER)[:, None], 1.0)
-                * share
-            )
-            found = (*found, *trials(*((KINDS[2], tuple(row)) for row in moved.tolist())))
-            found = tuple(sorted(found, key=lambda trial: -trial.better))
-    return found
+    # 1. All kinds, at coarse speeds.
+    at_speeds = [
+        (kind, (share,) * dynamics.n)
+        for share in SETTINGS.speeds
+        for kind in (STRIBECK, SATURATING)
+    ]
+    ranked = trials((ASYMMETRIC, None), (LOAD_DEPENDENT, None), *at_speeds)
+
+    # 2. A Stribeck speed that leads is refined: for all joints together, then for one after
+    # another, each from the best so far.
+    groups = [joints]
+    if len(joints) > 1:
+        groups += [[joint] for joint in joints]
+    for group in groups:
+        best = ranked[0] if ranked else None
+        if best is None or best.kind != STRIBECK or not best.clear or not best.share:
+            continue
+        in_group = np.isin(np.arange(dynamics.n), group)
+        speeds = np.where(in_group, np.array(SETTINGS.finer)[:, None], 1.0) * best.share
+        refined = trials(*((STRIBECK, tuple(row)) for row in speeds.tolist()))
+        ranked = tuple(sorted((*ranked, *refined), key=lambda trial: -trial.better))
+    return ranked
 
 
 def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:
@@ -272,12 +287,14 @@ def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:
         weights = np.broadcast_to(
             array("weights", weights, shape[1:], advice="Give one per joint."), shape
         )
-    found = array("weights", weights, shape, advice="Give one per joint, or a row of them per log.")
-    if not (found > 0).all():
+    weights = array(
+        "weights", weights, shape, advice="Give one per joint, or a row of them per log."
+    )
+    if not (weights > 0).all():
         raise ValueError(
-            f"weights must be positive; got {found.min():g}. Leave a joint out by joints=."
+            f"weights must be positive; got {weights.min():g}. Leave a joint out by joints=."
         )
-    return found
+    return weights
 
 
 def _slowest(least_speed: ArrayLike | None, n: int) -> Floats | None:
@@ -300,24 +317,20 @@ def _band(band: Any, cutoff: float | None) -> float:
 
 
 def _advice(names: Sequence[str], systems: Sequence[System], left_out: Mapping[str, str]) -> str:
-    """Which unknowns the equations do not tell apart, and what to do."""
-    found = dependent_columns(
-        names, np.concatenate([system.regressor[system.used] for system in systems])
-    )
-    idle = [name for name, of in found.items() if not of]
-    said = (
-        [f"{', '.join(idle)} {'do' if len(idle) > 1 else 'does'} not in this motion"]
-        if idle
-        else []
-    )
-    said += [f"{name} is a combination of {', '.join(of)}" for name, of in found.items() if of]
-    out = (
-        f" (left out: {'; '.join(f'{joint}, {why}' for joint, why in left_out.items())})"
-        if left_out
-        else ""
-    )
-    fixed = ", ".join(f"{name!r}: ..." for name in found)
+    """Message on the unknowns that the equations cannot separate, and what to do."""
+    rows = np.concatenate([system.regressor[system.used] for system in systems])
+    dependent = dependent_columns(names, rows)
+    idle = [name for name, combination in dependent.items() if not combination]
+    faults = []
+    if idle:
+        faults.append(f"{', '.join(idle)} {'do' if len(idle) > 1 else 'does'} not in this motion")
+    for name, combination in dependent.items():
+        if combination:
+            faults.append(f"{name} is a combination of {', '.join(combination)}")
+    out = "; ".join(f"{joint}, {reason}" for joint, reason in left_out.items())
+    out = f" (left out: {out})" if out else ""
+    fixed = ", ".join(f"{name!r}: ..." for name in dependent)
     return (
-        f"unknowns must act on the log and be separately identifiable; {'; '.join(said)}{out}. Log"
-        f" a motion that excites more, or state them: known={{{fixed}}}."
+        f"unknowns must act on the log and be separately identifiable; {'; '.join(faults)}{out}."
+        f" Log a motion that excites more, or state them: known={{{fixed}}}."
     )

@@ -1,6 +1,4 @@
-"""What messages, tables and figures call things: records by place and file, parameters by short
-names, with units.
-"""
+"""Names in messages, tables and figures: records by place and file, parameters with units."""
 
 import contextlib
 import dataclasses
@@ -31,7 +29,8 @@ _OF_RIG = {
     "law.gain": "N m per pulse",
 }
 
-# Checks of columns and of what rig and law state of them: causes of whatever else looks wrong.
+# Checks of columns, and of the statements of rig and law on them: a wrong column makes everything
+# else look wrong, so these come before all other findings.
 _MISREAD = (
     "law",
     "rows left out",
@@ -58,7 +57,7 @@ def short_names(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
-    """Units of f and of numbers of rig and law, by name; "" of one whose unit is not known here.
+    """Units of f and of numbers of rig and law, by name; "" of a number that is not listed here.
 
     A parameter is an inertia where one is in it, else a first moment or a mass; one that enters the
     inertial torque alone is an inertia where all joints turn.
@@ -67,6 +66,7 @@ def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
     of_f = dict[str, str]()
     turning = not any(link.prismatic for link in dynamics.chain.links)
     for i, name in enumerate(dynamics.names):
+        # The kinds of standard parameters, of all bodies, that this one lumps together.
         row = np.asarray(np.any(np.reshape(lumping.matrix[i], (-1, len(STANDARD))), axis=0))
         if row[_INERTIA].any() or (turning and not lumping.gravitational[i]):
             of_f[name] = "kg m²"
@@ -76,7 +76,7 @@ def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
 
 
 class RecordError(ValueError):
-    """A refusal of one of several records: which, what was expected, what came, and what to do.
+    """A refusal of one of several records, which it names.
 
     Sent to another process it is a `ValueError` of the same words.
 
@@ -85,9 +85,9 @@ class RecordError(ValueError):
     said : str
         The refusal without the record.
     record : Record
-        The one that it is about.
+        The refused record.
     label : str
-        What messages call the record, such as ``records[1] (run_02.csv)``; "" for the only one.
+        Name of the record in messages, such as ``records[1] (run_02.csv)``; "" for the only one.
 
     See Also
     --------
@@ -98,7 +98,8 @@ class RecordError(ValueError):
     >>> import dataclasses
     >>> from identification import RecordError, identify
     >>> from plant import puma560, simulate
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.1)
+    >>> arm, rig, law = puma560.arm(), puma560.rig(), puma560.p_law()
+    >>> record = simulate(arm, rig, law, puma560.reference(), duration=0.1)
     >>> lawless = dataclasses.replace(record, law=None, name="run_02.csv")
     >>> try:
     ...     identify(puma560.dynamics(), [record, lawless, record], progress=False)
@@ -115,13 +116,12 @@ class RecordError(ValueError):
         self.record = record
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # A record may be a gigabyte, and its law need not pickle: the words alone travel.
         return ValueError, (str(self),)
 
 
 def record_label(records: Sequence[Record], k: int) -> str:
-    """What messages call one of several records, or a single one that was read from a file; ""
-    of the only one.
-    """
+    """Name in messages of one of several records, or of a file; "" of the only record."""
     name = f" ({records[k].name})" if records[k].name else ""
     return f"records[{k}]{name}" if len(records) > 1 else f"the record{name}" * bool(name)
 
@@ -135,46 +135,45 @@ def column_of(record: Record, field: str, joint: int) -> str:
 
 
 def misread(record: Record, *, limited: bool = False) -> str:
-    """The first sign, order, unit or statement of a record that its checkup calls wrong; "" where
-    none is.
+    """First wrong sign, order, unit or statement by the checkup of a record; "" where none is.
 
-    Where an amplifier `limited` the torque, nothing of its unit.
+    With `limited`, units of torque are left out: an amplifier at its limit looks like a wrong unit.
     """
-    among = [name for name in _MISREAD if not (limited and name == "units of torque")]
-    return first_problem((dataclasses.replace(record, name=""),), among)
+    checks = [name for name in _MISREAD if not (limited and name == "units of torque")]
+    # Without its name: the caller says which record it speaks of.
+    return first_problem((dataclasses.replace(record, name=""),), checks)
 
 
 def first_problem(records: Sequence[Record], among: Sequence[str] = ()) -> str:
-    """What the checkup of the records calls wrong first, as a sentence with the record's name;
-    "" where nothing is.
-    """
+    """First wrong finding of the records' checkups, as a sentence; "" where there is none."""
     for k, record in enumerate(records):
         checkup = record.check()
         for finding in checkup.problems:
             if finding.verdict == "wrong" and (not among or finding.check in among):
-                joint = (
-                    "" if finding.joint is None else f" of {checkup.joint_labels[finding.joint]}"
-                )
+                joint = ""
+                if finding.joint is not None:
+                    joint = f" of {checkup.joint_labels[finding.joint]}"
                 label = record_label(records, k)
-                return f" {f'{label}: ' if label else ''}{finding.check}{joint}: {finding.advice}"
+                label = f"{label}: " if label else ""
+                return f" {label}{finding.check}{joint}: {finding.advice}"
     return ""
 
 
 def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:
-    """Each record, with a context in which every refusal is about that record, and says so."""
+    """Each record, with a context in which every refusal names that record."""
     for k, record in enumerate(records):
         yield record, _about(record, record_label(records, k))
 
 
 def of_each(make: Callable[..., T], records: Sequence[Record], *others: Iterable[Any]) -> list[T]:
-    """What a function makes of each record, and of what belongs to it; a ValueError names the
+    """Results of a function of each record and its other arguments; a ValueError names the
     record.
     """
-    found = list[T]()
-    for (record, about), *more in zip(each_named(records), *others, strict=True):
+    results = list[T]()
+    for (record, about), *arguments in zip(each_named(records), *others, strict=True):
         with about:
-            found.append(make(record, *more))
-    return found
+            results.append(make(record, *arguments))
+    return results
 
 
 @contextlib.contextmanager
@@ -182,13 +181,14 @@ def _about(record: Record, label: str) -> Iterator[None]:
     try:
         yield
     except RecordError:
+        # It names its record already.
         raise
     except ValueError as error:
         raise RecordError(str(error), record, label) from error
 
 
 @contextlib.contextmanager
-def held_out(kept: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
+def held_out(records: Sequence[Record], searched: int, among: bool) -> Iterator[None]:
     """A context in which refusals of records that were held out call them so.
 
     `searched`: number of the others. `among`: whether they are the last of the same list.
@@ -196,7 +196,8 @@ def held_out(kept: Sequence[Record], searched: int, among: bool) -> Iterator[Non
     try:
         yield
     except RecordError as error:
-        k = next(k for k, record in enumerate(kept) if record is error.record)
+        # By identity: two equal records are two places.
+        k = next(k for k, record in enumerate(records) if record is error.record)
         place = f"records[{searched + k}]" if among else f"held_out[{k}]"
         name = f" ({error.record.name})" if error.record.name else ""
         raise RecordError(error.said, error.record, f"{place}{name}") from error

@@ -1,5 +1,4 @@
-"""What is known of f before a log: bodies, or f, with a relative spread; and values of unknowns
-that need no search.
+"""Prior of f, by bodies or f with a relative spread; and known values of unknowns.
 
 A body with the pseudo-inertia P = L L' becomes L (1 + spread S) L', where the entries of S in an
 orthonormal basis of the symmetric matrices are standard normal. Whatever the frame, its mass and
@@ -30,7 +29,8 @@ from plant.parts.sums import dot, triangle
 
 _ADVICE = "Give a relative spread such as 0.3, or (bodies or f, 0.3)."
 
-_OF_MODEL = 0.3  # relative spread of a model's own bodies, where none is given
+# Relative spread of a model's own bodies, where none is given; chosen by hand.
+_OF_MODEL = 0.3
 
 
 @kept
@@ -48,6 +48,7 @@ class Prior(Frozen):
     @functools.cached_property
     def whitening(self) -> Floats:
         """W (p, p) with W C W' = 1."""
+        # Scaled to correlations first: parameters differ by orders of magnitude.
         std = np.sqrt(np.diag(self.covariance))
         return np.asarray(
             np.linalg.inv(np.linalg.cholesky(self.covariance / np.outer(std, std))) / std
@@ -62,13 +63,14 @@ class Prior(Frozen):
         parameters that are not.
         """
         rows = np.zeros((len(self.names), len(unknown)))
-        given = self.mean.copy()
+        # A known parameter moves the mean of the others by its own deviation.
+        mean = self.mean.copy()
         for i, name in enumerate(self.names):
             if name in unknown:
                 rows[:, unknown.index(name)] = self.whitening[:, i]
             else:
-                given[i] -= known[name]
-        return rows, np.asarray((self.whitening * given).sum(axis=1))
+                mean[i] -= known[name]
+        return rows, np.asarray((self.whitening * mean).sum(axis=1))
 
     def deviations(self, f: Floats) -> Floats:
         """Whitened deviations (p,) of f from the mean: independent, of standard deviation 1."""
@@ -76,11 +78,11 @@ class Prior(Frozen):
 
     def squares(self, vectors: Floats) -> Floats:
         """Sum (P,) of the squares of these, of several f (P, p)."""
-        return np.array([dot(each, each) for each in map(self.deviations, vectors)])
+        return np.array([dot(row, row) for row in map(self.deviations, vectors)])
 
     @classmethod
     def of(cls, dynamics: Dynamics, rig: Rig, given: Any) -> Self:
-        """Of what a user gave: a spread of the chain's own bodies, or (bodies or f or an arm,
+        """Prior of the argument: a spread of the chain's own bodies, or (bodies, f or an arm, and a
         spread).
 
         Bodies without any rotor have those of the rig.
@@ -95,9 +97,11 @@ class Prior(Frozen):
             mean = mean.f if isinstance(mean, Arm) else mean
             f = array("f of the prior", mean, (dynamics.p,), advice=_ADVICE)
             columns = np.diag(f)
+        # The independent share of each parameter's spread: the diagonal of the triangular factor.
         std = np.sqrt((columns**2).sum(axis=1))
-        own = np.abs(np.diag(triangle((columns / np.where(std > 0, std, 1.0)[:, None]).T)))
-        for name, share in zip(dynamics.names, own.tolist(), strict=True):
+        scaled = columns / np.where(std > 0, std, 1.0)[:, None]
+        shares = np.abs(np.diag(triangle(scaled.T)))
+        for name, share in zip(dynamics.names, shares.tolist(), strict=True):
             if not share > IDENTIFIABLE.certain:
                 raise ValueError(
                     f"prior must spread every parameter; {name} has no spread of its own: it is"
@@ -124,24 +128,23 @@ def _of_bodies(dynamics: Dynamics, rig: Rig, bodies: tuple[Body, ...]) -> tuple[
     chain = dataclasses.replace(dynamics.chain, bodies=bodies)
     if not any(body.rotor for body in bodies):
         chain = chain.with_rotors(rig.drive)
+    # f is the lumping matrix times the standard parameters of all bodies.
     matrix = np.array(dynamics.lumping.matrix)
     width = len(STANDARD)
     columns = []
     for i, (body, link) in enumerate(zip(chain.bodies, chain.links, strict=True)):
-        own = matrix[:, width * i :][:, :width]
+        of_body = matrix[:, width * i :][:, :width]
         placed = body.seen_from(link.frame)
+        # A body without mass is a mere frame: its pseudo-inertia has no factor to vary.
         if body.mass or body.inertia.any():
-            columns.append(
-                own[:, : width - 1] @ prior_changes(prior_factor(placed.standard_parameters))
-            )
-        columns.append(own[:, [STANDARD.index("J")]] * body.rotor)
+            changes = prior_changes(prior_factor(placed.standard_parameters))
+            columns.append(of_body[:, : width - 1] @ changes)
+        columns.append(of_body[:, [STANDARD.index("J")]] * body.rotor)
     return dynamics.f(chain.bodies), np.hstack(columns)
 
 
 class Known(dict[str, float]):
-    """What is known before a fit: values of some unknowns by name, and the `prior` of f, or
-    None.
-    """
+    """Values of unknowns that need no fit, by name, and the `prior` of f, or None."""
 
     def __init__(
         self, values: Mapping[str, float] | None = None, prior: Prior | None = None
@@ -154,7 +157,8 @@ class Known(dict[str, float]):
 # sqrt(12).
 ROUNDING = 0.289
 
-_SETTLED = 0.05  # relative change of the noise that does not count
+# Relative change of the noise below which rows of a prior are not weighed again; chosen by hand.
+_SETTLED = 0.05
 
 
 class PriorRows:
@@ -173,8 +177,9 @@ class PriorRows:
         return len(self._places)
 
     def own(self, usual: float) -> float:
-        """Share of its own that the slope of an unknown must have, where without a prior it is
-        the usual one.
+        """Least independent share of a slope: the usual one, or with a prior a smaller one.
+
+        A prior separates unknowns that the log cannot separate.
         """
         return usual if self._prior is None else IDENTIFIABLE.with_prior
 

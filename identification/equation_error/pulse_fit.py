@@ -26,30 +26,52 @@ from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
 
-_BAND = 2.0  # pass band, in frequencies of the slow mode
 
-# Pass band where nothing oscillates, in frequencies of the path; and the power of the path over
-# that of rounding.
-_BEYOND = 8.0
-_FAR_MORE = 1000.0
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PassBandSettings:
+    """How the pass band of a record is chosen; chosen by hand.
 
-CUTOFF = 2.5  # low-pass before differentiation, in pass bands
+    Parameters
+    ----------
+    modes : float
+        Pass band, in frequencies of the slow mode of the position loop.
+    paths : float
+        Pass band where nothing oscillates, in the highest frequency of the path.
+    path_power : float
+        Least ratio of the power of the path to that of rounding.
+    lowest : float
+        Lowest frequency at which a mode is searched [Hz].
+    highest : float
+        Highest frequency at which a mode is searched, in sample rates.
+    poses : int
+        Poses of a record at which its loop is linearised.
+    """
 
-BAND_MOST = 0.4 / CUTOFF  # highest pass band, in sample rates
+    modes: float = 2.0
+    paths: float = 8.0
+    path_power: float = 1000.0
+    lowest: float = 3.0
+    highest: float = 0.1
+    poses: int = 8
 
-# where a mode is searched: from so many Hz to this share of the sample rate
-_LOWEST = 3.0
-_HIGHEST = 0.1
 
-_POSES = 8
+SETTINGS = PassBandSettings()
+
+# Cutoff of the low-pass before differentiation, in pass bands: its slope must not reach into them.
+CUTOFF = 2.5
+
+# Highest pass band, in sample rates: the cutoff stays below half of the sample rate.
+BAND_MOST = 0.4 / CUTOFF
 
 NO_BAND = (
     "the unknowns must be identifiable in some band; they are in none. Log a motion that excites"
     " more."
 )
-ENOUGH = 5  # equations per unknown below which a band says too little
+# Equations per unknown below which a fit in a band is no evidence.
+ENOUGH = 5
 
-BANDS = 2.0 ** np.arange(-1, 6, 0.5)  # bands that are tested where a torque was logged [Hz]
+# Bands that are tested where a torque was logged [Hz]: half octaves.
+BANDS = 2.0 ** np.arange(-1, 6, 0.5)
 
 
 def mode_in(record: Record) -> float:
@@ -57,17 +79,19 @@ def mode_in(record: Record) -> float:
     accelerations.
     """
     frequency, power = spectrum(record.error_pulses, record.rig.period)
+    # Weighted with frequency squared: the slow errors of the motion are larger than a mode's.
     power = np.convolve((power * frequency[:, None] ** 2).sum(axis=1), np.ones(5) / 5, mode="same")
-    power[(frequency < _LOWEST) | (frequency > _HIGHEST / record.rig.period)] = 0
+    highest = SETTINGS.highest / record.rig.period
+    power[(frequency < SETTINGS.lowest) | (frequency > highest)] = 0
     return float(frequency[power.argmax()])
 
 
 def path_in(record: Record) -> float:
     """Highest frequency [Hz] at which the counts of a record hold far more than their rounding."""
     frequency, power = spectrum(record.counts, record.rig.period)
-    rows = np.flatnonzero(
-        (power > _FAR_MORE * np.median(power[len(power) // 2 :], axis=0)).any(axis=1)
-    )
+    # The upper half of the spectrum holds rounding alone.
+    rounding = np.median(power[len(power) // 2 :], axis=0)
+    rows = np.flatnonzero((power > SETTINGS.path_power * rounding).any(axis=1))
     return float(frequency[rows.max(initial=1)])
 
 
@@ -79,19 +103,21 @@ def pass_band(record: Record, arm: Arm | None = None) -> float:
     the path's.
     """
     if record.law is not None and record.law.has_memory(record.n):
-        return round(_BEYOND * path_in(record), 1)
-    band = round(_BAND * mode_in(record), 1)
+        return round(SETTINGS.paths * path_in(record), 1)
+    band = round(SETTINGS.modes * mode_in(record), 1)
     if arm is None or record.law is None:
         return band
-    slow = [each[0, 0] for each in modes_along(arm, record, record.law, _POSES) if len(each)]
-    return round(_BAND * float(np.max(slow)), 1) if slow else band
+    # At each pose the slowest mode; of all poses the fastest of these, so that all are inside.
+    at_poses = modes_along(arm, record, record.law, SETTINGS.poses)
+    slow = [of_pose[0, 0] for of_pose in at_poses if len(of_pose)]
+    return round(SETTINGS.modes * float(np.max(slow)), 1) if slow else band
 
 
 def modes_along(arm: Arm, record: Record, law: Law, poses: int) -> list[Floats]:
     """Modes of the linearised loop at about so many poses of a record."""
     angles = record.rig.cell_centre(record.counts)
-    some = angles[:: max(1, len(angles) // poses)]
-    return [modes(jacobians(arm, record.rig, law, pose)[0]) for pose in some]
+    chosen = angles[:: max(1, len(angles) // poses)]
+    return [modes(jacobians(arm, record.rig, law, pose)[0]) for pose in chosen]
 
 
 def equation_error(
@@ -103,9 +129,10 @@ def equation_error(
     """Fit of the torque equation to records, in their pass bands.
 
     `unknown`: all of f, and linear numbers of the drive; others keep their values in the record.
-    `known`: what some of them are, and the prior of f.
+    `known`: values of some of them, and the prior of f.
     """
-    known, unknown = Known(known), linear(dynamics, records[0].rig, unknown)
+    known = Known(known)
+    unknown = linear(dynamics, records[0].rig, unknown)
     records = [_without_gaps(record) for record in records]
 
     def fitted(bands: list[float]) -> TorqueFit:
@@ -114,20 +141,23 @@ def equation_error(
         )
         return fit_systems(dynamics, unknown, known, systems)
 
-    first = fitted([pass_band(record) for record in records])
-    values = {**known, **dict(zip(first.names, first.values, strict=True))}
+    # 1. In bands by the spectrum of the tracking errors.
+    initial = fitted([pass_band(record) for record in records])
+    values = {**known, **dict(zip(initial.names, initial.values, strict=True))}
+
+    # 2. In bands by the modes of that arm.
     arm = dynamics.arm([values[name] for name in dynamics.names])
     try:
         bands = [pass_band(record, arm) for record in records]
-    except (ValueError, np.linalg.LinAlgError):  # no arm yet that has a mode
-        return first
+    except (ValueError, np.linalg.LinAlgError):
+        # The fit is no arm yet whose loop has a mode.
+        return initial
     return fitted(bands)
 
 
 def _without_gaps(record: Record) -> Record:
-    """A record at even times, with counts on straight lines where none were logged: filters
-    would ring at a jump.
-    """
+    """A record at even times, with counts on straight lines where none were logged."""
+    # Filters would ring at a jump.
     if Clock.of(record).even is None:
         record = record.resampled(record.rig.period)
     missing = record.valid == 0
@@ -143,34 +173,38 @@ def over_bands(
     """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit; first the band that is
     chosen.
 
-    Too low a band holds too little of the motion; too high a one holds accelerations of the counts'
-    rounding, and of what the torque does not drive: every value comes out too small. In between the
+    Too low a band holds too little of the motion; too high a one holds accelerations that come from
+    the rounding of the counts, not from the torque: every value comes out too small. In between the
     equation holds best: the widest band that predicts segments of the logs which it has not seen as
     well as narrower ones do (`band_choice`). Then come the nearest.
     """
-    unknown, known = linear(dynamics, records[0].rig, unknown), Known(known)
+    unknown = linear(dynamics, records[0].rig, unknown)
+    known = Known(known)
     even = of_each(lambda record: record.resampled(record.rig.period), records)
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
-    fits, systems = dict[float, TorqueFit](), dict[float, list[System]]()
+    fits = dict[float, TorqueFit]()
+    systems = dict[float, list[System]]()
     for band in BANDS[highest > BANDS].tolist():
         try:
-            whole = [
+            equations = [
                 system_of(dynamics, record, band, unknown, torque=torque)
                 for record, torque in zip(even, torques, strict=True)
             ]
-            fit = fit_systems(dynamics, unknown, known, whole)
-        # a band without equations, or in which unknowns are not separately identifiable
+            fit = fit_systems(dynamics, unknown, known, equations)
         except ValueError:
+            # No equations in this band, or unknowns that are not separately identifiable in it.
             continue
         if fit.rows >= ENOUGH * len(fit.names):
-            fits[band], systems[band] = fit, without_known(unknown, known, whole)[1]
+            fits[band] = fit
+            systems[band] = without_known(unknown, known, equations)[1]
     if not fits:
         raise ValueError(NO_BAND)
     seconds = np.array([len(record) * record.rig.period for record in even])
     try:
         best, _ = choose_band(list(fits), systems.__getitem__, seconds, None)
-    except ValueError:  # too few equations to leave some out
+    except ValueError:
+        # Too few equations to leave segments out: the residual of the fit must do.
         best = min(fits, key=lambda band: fits[band].relative_error)
     return {band: fits[band] for band in sorted(fits, key=lambda band: abs(np.log(band / best)))}
 
@@ -182,29 +216,34 @@ def fit_systems(
     systems: Iterable[System],
     seconds: Floats | None = None,
 ) -> TorqueFit:
-    """Weighted fit of what is not known to systems of equations in all the unknowns, and to the
+    """Weighted fit of the unknowns without a known value to equations in all of them, and to the
     prior.
 
     `seconds`: as for `weighted`.
     """
-    names, less = without_known(unknown, known, systems)
+    names, reduced = without_known(unknown, known, systems)
     prior = None if known.prior is None else known.prior.rows(names, known)
-    return weighted(dynamics, names, less, seconds=seconds, prior=prior)
+    return weighted(dynamics, names, reduced, seconds=seconds, prior=prior)
 
 
 def without_known(
     unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
 ) -> tuple[tuple[str, ...], list[System]]:
-    """Names of what is not known, and the systems of equations in these alone."""
-    given = [i for i, name in enumerate(unknown) if name in known]
-    rest = [i for i, name in enumerate(unknown) if name not in known]
-    values = np.array([known[unknown[i]] for i in given])
-    less = []
-    for system in systems:
-        left = system.torque - (system.regressor[:, :, given] * values).sum(axis=2)
-        own = {"regressor": system.regressor[:, :, rest], "torque": left, "measured": system.torque}
-        less.append(dataclasses.replace(system, **own))
-    return tuple(unknown[i] for i in rest), less
+    """Names of the unknowns without a known value, and the equations in these alone."""
+    stated = [i for i, name in enumerate(unknown) if name in known]
+    remaining = [i for i, name in enumerate(unknown) if name not in known]
+    values = np.array([known[unknown[i]] for i in stated])
+    reduced = [
+        dataclasses.replace(
+            system,
+            regressor=system.regressor[:, :, remaining],
+            torque=system.torque - (system.regressor[:, :, stated] * values).sum(axis=2),
+            # The relative error of a fit is in this torque, whatever of it is known.
+            measured=system.torque,
+        )
+        for system in systems
+    ]
+    return tuple(unknown[i] for i in remaining), reduced
 
 
 def system_of(
@@ -226,15 +265,15 @@ def system_of(
 
 
 def filtering_of(rig: Rig, band: float) -> Filtering:
-    """Of counts, in a band [Hz]: no more equations than are independent in it, at speeds that
-    stand out of rounding.
-    """
-    return Filtering(
-        CUTOFF * band, band, max(1, int(1 / (2 * band * rig.period))), speed_noise(rig, band)
-    )
+    """Filtering of counts in a band [Hz], at speeds that stand out of their rounding."""
+    # Two samples per period of the band are independent; further ones would pass for more evidence.
+    every = max(1, int(1 / (2 * band * rig.period)))
+    return Filtering(CUTOFF * band, band, every, speed_noise(rig, band))
 
 
 def speed_noise(rig: Rig, band: float) -> Floats:
     """Three standard deviations (n,) of the joint speed that rounding makes in a band [rad/s]."""
+    # White rounding of variance 1 / 12 has the share 2 band period of its power in the band; the
+    # mean square of the angular frequency there is (2 pi band)^2 / 3.
     pulse = np.abs(rig.to_angle(np.eye(rig.n))).max(axis=0)
     return 3 * pulse / np.sqrt(12) * np.sqrt(2 * band * rig.period) * 2 * np.pi * band / np.sqrt(3)

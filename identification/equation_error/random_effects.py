@@ -1,12 +1,11 @@
-"""A variance that runs of one machine share: a one-way model of random effects, by restricted
-maximum likelihood.
+"""Variance between runs of one machine, by restricted maximum likelihood of random effects.
 
 Source: H. D. Patterson, R. Thompson, Recovery of inter-block information when block sizes are
 unequal, Biometrika 58, 1971.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,17 +15,22 @@ from plant.parts.sums import product
 # Groups whose values differ in shares of their size.
 RELATIVE = ("drive.viscous", "drive.coulomb", "drive.elasticity.compliance")
 
-MANY = 1e6  # degrees of freedom of what is not compared
+# Degrees of freedom of a value that is not compared: its quantile is the normal one.
+MANY = 1e6
 
-_TRIED = np.logspace(-6, 6, 121)  # variances between runs, in the largest that is seen
+# Variances between runs that are tried, relative to the largest of a group: ten per decade.
+_TRIED = np.logspace(-6, 6, 121)
 
-_ALIKE = 1e-12  # variance between runs over that of their noise, at most, of runs that are the same
-# change of twice the log likelihood over all variances below which it says nothing of them
+# Ratio of the variance between runs to that of their noise below which runs are copies of one
+# another: the likelihood has rounding errors there.
+_ALIKE = 1e-12
+
+# Change of twice the log likelihood over all variances below which it determines none: rounding.
 _FLAT = 1e-9
 
 
 class Differing(NamedTuple):
-    """What `BetweenRuns` says by the same names."""
+    """Fields of `BetweenRuns`."""
 
     groups: dict[str, float]
     deviation: Floats
@@ -36,8 +40,8 @@ class Differing(NamedTuple):
 def differing(
     names: Sequence[str], values: Floats, each: Floats, std: Floats, alike: Floats
 ) -> Differing:
-    """How much values (R, k) of runs, each known to std (R, k; NaN where not), differ beside that
-    about values (k,).
+    """Differences between the values `each` (R, k) of runs beyond their standard deviations std (R,
+    k; NaN of a value that a run does not determine), about values (k,).
 
     `alike` (k, S): rows of length 1 whose products are the correlations of the values.
     """
@@ -49,26 +53,26 @@ def differing(
         size = size_of(name, values[at], std[:, at])
         known = np.isfinite(std[:, at]).astype(float)
         apart = restricted(name, each[:, at] / size, std[:, at] / size, known)
-        groups[name], deviation[at] = np.sqrt(apart), np.sqrt(apart) * size
-        freedom[at] = (
-            (len(std) - 1)
-            * len(at) ** 2
-            / max((product(alike[at], alike[at].T) ** 2).sum(), len(at))
-        )
+        groups[name] = np.sqrt(apart)
+        deviation[at] = np.sqrt(apart) * size
+        # Correlated values of a group count as fewer: m^2 / sum of squared correlations.
+        correlations = product(alike[at], alike[at].T)
+        freedom[at] = (len(std) - 1) * len(at) ** 2 / max((correlations**2).sum(), len(at))
     return Differing(groups, deviation, freedom)
 
 
 def groups_of(names: Sequence[str], std: Floats) -> dict[str, list[int]]:
-    """Places of the parameters of each group of which two runs or more tell a value."""
-    found = dict[str, list[int]]()
+    """Places of the parameters of each group that two runs or more determine."""
+    groups = dict[str, list[int]]()
     for i in np.flatnonzero(np.isfinite(std).sum(axis=0) > 1).tolist():
         name = names[i].partition("[")[0]
-        found.setdefault(name if name.startswith(("drive.", "law.")) else "f", []).append(i)
-    return found
+        group = name if name.startswith(("drive.", "law.")) else "f"
+        groups.setdefault(group, []).append(i)
+    return groups
 
 
 def size_of(name: str, values: Floats, std: Floats) -> Floats:
-    """In what the values (m,) of a group differ: in themselves, or their deviations (R, m)."""
+    """Unit (m,) of the differences in a group: values (m,), or their standard deviations (R, m)."""
     size = np.sqrt(np.nanmean(std**2, axis=0))
     return np.asarray(np.maximum(size, np.abs(values)) if name in RELATIVE else size)
 
@@ -76,31 +80,37 @@ def size_of(name: str, values: Floats, std: Floats) -> Floats:
 def restricted(
     name: str, each: Floats, std: Floats, share: Floats, about: float | None = None
 ) -> float:
-    """Variance of what differs between runs: each (R, m) = mean + share times that + what deviates
-    by std.
+    """Variance between runs, where each (R, m) = mean + share * effect + noise of std (R, m).
 
     By restricted maximum likelihood; `share` is 0 where nothing is known. `about`: the mean, where
-    that is known, and `each` is corrected for what the fit takes away.
+    that is known, and `each` is corrected for the part that the fit takes away.
     """
     from scipy.optimize import minimize_scalar
 
-    known, each = share > 0, np.where(share > 0, each, 0.0)
+    determined = share > 0
+    each = np.where(determined, each, 0.0)
 
     def criterion(variance: float) -> float:
-        total = np.where(known, std**2 + variance * share**2, 1.0)
-        weight = known / total
-        mean = (weight * each).sum(axis=0) / weight.sum(axis=0) if about is None else about
-        squares, taken = (
-            weight * (each - mean) ** 2,
-            np.log(weight.sum(axis=0)).sum() if about is None else 0.0,
-        )
-        return float(np.log(total).sum() + taken + squares.sum())
+        """Minus twice the restricted log likelihood."""
+        total = np.where(determined, std**2 + variance * share**2, 1.0)
+        weight = determined / total
+        if about is None:
+            # The estimated mean takes a degree of freedom: the term that restricts the likelihood.
+            mean: Any = (weight * each).sum(axis=0) / weight.sum(axis=0)
+            restriction = np.log(weight.sum(axis=0)).sum()
+        else:
+            mean = about
+            restriction = 0.0
+        squares = weight * (each - mean) ** 2
+        return float(np.log(total).sum() + restriction + squares.sum())
 
     largest = max(
-        np.var(values[some], ddof=1) for values, some in zip(each.T, known.T, strict=True)
+        np.var(values[rows], ddof=1) for values, rows in zip(each.T, determined.T, strict=True)
     )
-    if largest <= _ALIKE * np.min(std[known] ** 2):
+    if largest <= _ALIKE * np.min(std[determined] ** 2):
         return 0.0
+
+    # A grid first, over twelve decades; then the interval about the best of it.
     tried = _TRIED * largest
     costs = np.array([criterion(variance) for variance in tried])
     best = int(np.argmin(costs))
@@ -110,7 +120,8 @@ def restricted(
             " known value of what they barely excite."
         )
     around = np.log(tried[[max(best - 1, 0), best + 1]])
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda x: criterion(np.exp(x)), bounds=around, method="bounded", options={"xatol": 1e-10}
     )
-    return 0.0 if criterion(0.0) <= found.fun else float(np.exp(found.x))
+    # Zero is a bound, which no logarithm reaches.
+    return 0.0 if criterion(0.0) <= optimum.fun else float(np.exp(optimum.x))

@@ -44,8 +44,8 @@ def as_records(
     if not records or not all(isinstance(record, Record) for record in records):
         wrong = [type(record).__name__ for record in records if not isinstance(record, Record)]
         raise ValueError(
-            f"records must be at least one Record; got {wrong[0] if wrong else 'none'}. Pass what simulate or from_csv"
-            " gave."
+            f"records must be at least one Record; got {wrong[0] if wrong else 'none'}. Pass what"
+            " simulate or from_csv gave."
         )
     instance(
         "dynamics",
@@ -197,7 +197,7 @@ class Experiment:
         return loop_kernel(self.loop, lanes, uneven=self.clock.even is None)
 
     def data(self, measured: Floats) -> Floats:
-        """Measured columns (N, n) and the root of each sample's weight, at all samples (M, n + 1)."""
+        """Measured columns (N, n) and the root of the weight, at all samples (M, n + 1)."""
         return self.clock.measured(np.column_stack([measured, np.sqrt(self.record.valid)]))
 
     @property

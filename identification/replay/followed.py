@@ -46,9 +46,9 @@ SETTINGS = FollowedSettings()
 class Followed(Experiment):
     """One record, ready to be followed by a model that an observer corrects.
 
-    `heard` (n,): joints that are compared, with `moving` only those that move. `weight` (N, n): root
-    of the independent readings of each sample. `remembered`: number of unknowns of its law's and
-    arm's state before the log.
+    `heard` (n,): joints that are compared, with `moving` only those that move. `weight` (N, n):
+    root of the independent readings of each sample. `remembered`: number of unknowns of its law's
+    and arm's state before the log.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class Followed(Experiment):
         return self.block([values])[0]
 
     def block(self, vectors: Sequence[Floats]) -> list[Floats]:
-        """The same for at most `LOGGED` vectors of values, side by side in the lanes of a kernel."""
+        """The same for at most `LOGGED` vectors of values, side by side in lanes of a kernel."""
         n = self.loop.n
         loop = self.loop
 

@@ -174,8 +174,8 @@ def descend(
 
     `step` (k,): of the central differences, which may be shortened in place. `solve`: slopes (M,
     v), innovations (M,) and which of the varied unknowns move (v,) -> their least squares, in
-    steps, to be subtracted. `shorten_jumps`: shorten differences across a jump, too. `fixed_slopes`:
-    keep the slopes that the point has.
+    steps, to be subtracted. `shorten_jumps`: shorten differences across a jump, too.
+    `fixed_slopes`: keep the slopes that the point has.
     """
     varied = np.flatnonzero(step)
     lengths = 0.5 ** np.arange(sum(settings.batches))

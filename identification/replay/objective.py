@@ -70,7 +70,8 @@ class Objective:
     --------
     >>> from plant import puma560, simulate
     >>> from identification import Objective
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> arm, rig, law = puma560.arm(), puma560.rig(), puma560.p_law()
+    >>> record = simulate(arm, rig, law, puma560.reference(), duration=0.5)
     >>> objective = Objective(puma560.dynamics(), record)
     >>> costs = objective([puma560.arm().f, 1.1 * puma560.arm().f])
     >>> print(costs[0] < costs[1])

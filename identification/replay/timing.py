@@ -103,7 +103,8 @@ def without_delay(record: Record, samples: float) -> Record:
     --------
     >>> from plant import puma560, simulate
     >>> from identification import without_delay
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> arm, rig, law = puma560.arm(), puma560.rig(), puma560.p_law()
+    >>> record = simulate(arm, rig, law, puma560.reference(), duration=0.5)
     >>> without_delay(record, 0.5).error_pulses.shape
     (715, 2)
     """

@@ -9,8 +9,7 @@ import pytest
 from elastic_motion import STIFFNESS, experiment
 
 from identification.equation_error.gear_fit import (
-    _BANDS,
-    _REPLAYED,
+    SETTINGS,
     _band,
     fit_deflection,
     fit_gears,
@@ -123,7 +122,9 @@ def test_bands_are_fixed_where_the_log_replays_its_torque_and_multiples_of_the_o
     record = simulate(
         puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5
     )
-    assert [_band(record, i) for i in range(4)] == [share * mode_in(record) for share in _BANDS]
+    assert [_band(record, i) for i in range(4)] == [
+        share * mode_in(record) for share in SETTINGS.bands
+    ]
     assert [_band(dataclasses.replace(record, law=LoggedTorque()), i) for i in range(4)] == list(
-        _REPLAYED
+        SETTINGS.replayed_bands
     )
