@@ -114,7 +114,7 @@ class Task:
             progress,
             isinstance(reference, Mapping),
         )
-        self.first = next(iter(motions.values()))
+        self.reference = next(iter(motions.values()))
         inputs = {
             "identification": found,
             "rig": rig,
@@ -130,7 +130,7 @@ class Task:
         """Monte Carlo samples, the same for all motions; resonances are those at the pose where
         the first begins.
         """
-        pose = self.first(np.zeros(1)).q[0]
+        pose = self.reference(np.zeros(1)).q[0]
         return draw(
             self.uncertainty,
             self.found,

@@ -1,8 +1,8 @@
 """Search of one family: the tuning with the least chatter that keeps the limit, by the genetic
 algorithm of 3.7.
 
-Few samples are simulated in the search, many in the check of its best. Those that exceed the limit
-there join the search, until none does: what a tuning fails on is not left to chance.
+The search simulates few samples, the check of its best tunings many. Samples that exceed the limit
+in a check join the next search, so a failure that a check has shown cannot be missed again.
 """
 
 import dataclasses
@@ -22,62 +22,124 @@ from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
 from plant.simulation.population import Runs
 
-# Generations of one search after another, and the share of the limit within which errors before
-# rounding are to stay; with an infinite one the counts decide, as in the verdict: those of a pulse
-# are errors of up to two before rounding.
-ROUNDS = (24, np.inf), (12, np.inf), (12, 1.1), (12, 1.0), (12, 0.95), (12, 0.85)
 
-# Searches at most that go on from the first tuning under which none exceeds the limit; the share of
-# chatter to which each must bring it for another to follow; how far from it they search, in the
-# logarithm of each variable; and the share of the limit that they aim at.
-_QUIETER = 4
-_GAIN = 0.9
-_NEAR = 0.5
-_SPARE = 1.05
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """Numbers that shape the search of `tune`. tests/benchmarks/tuning.py shows what all of them
+    give together; where no other evidence is stated, a number was chosen by hand.
 
-# Tunings with less chatter under which the fewest fail, and so many on the way to each from the
-# best that holds.
-_BETWEEN = 2, 5
+    Parameters
+    ----------
+    initial_samples, initial_samples_allowed : int
+        Samples of the first search; the second where a share of them may exceed the limit, since a
+        share of few samples is coarse.
+    validation_samples : int
+        Samples of a check on one motion; 2000 without a failure bound the probability to 0.15 %.
+    shared_motions : int
+        Number of motions up to which the validation samples are shared out among them.
+    rounds : tuple of (int, float)
+        Generations of each search in turn, and the share of the limit within which its errors
+        before rounding must stay. An infinite share leaves the decision to the counts, as the
+        verdict does: counts of one pulse are errors before rounding of up to two.
+    quieter_searches : int
+        Searches, at most, that go on from the first tuning under which no sample exceeds the limit.
+    quieter_gain : float
+        Another of these searches follows where the last one brought the chatter below this share.
+    quieter_radius : float
+        Their largest distance from the best tuning, in the logarithm of each variable.
+    quieter_aim : float
+        Share of the limit at which they aim, as in `rounds`.
+    between_trials, between_points : int
+        Quieter tunings that fail, and the number of tunings that are checked on the line from each
+        to the best tuning that holds.
+    search_steps, check_steps : int
+        Integration steps per sample in a search, and in a check.
+    checked_tunings : int
+        Tunings of a search that are checked, at most.
+    joining_samples : int
+        Failing samples of each check that join the next search, at most.
+    screening_samples : int
+        Samples after which a check ends if more exceed the limit than may.
+    initial_motions : int
+        Motions of a set with which a search begins.
+    reference_variables : int
+        Number of variables with which a family gets all generations of `rounds`; fewer variables
+        get proportionally fewer generations.
+    louder : float
+        A family whose initial tunings all have this many times the chatter of a tuning that holds
+        in another family is not searched (three minutes for nine motions:
+        tests/benchmarks/tuning.py --time).
+    failure_weight : float
+        Cost of the share of loops that exceed the limit; mean chatter, in shares of each joint's
+        torque, has the weight 1.
+    excess_weight : float
+        Cost of the mean peak error beyond the limit [1/pulse].
+    cap : float
+        Peak error beyond the limit [pulses], and chatter, above which one value is as bad as
+        another.
+    hope_generation : int
+        Generation from which on a search without success may end.
+    hopeless_share : float
+        Share of failing samples of the best tuning above which it ends.
+    individuals, subpopulations, bits_per_variable : int
+        Of the genetic algorithm: `GeneticSettings`.
+    """
 
-_STEPS = 4, 8  # integration steps per sample in a search, and in a check
+    initial_samples: int = 16
+    initial_samples_allowed: int = 80
+    validation_samples: int = 2000
+    shared_motions: int = 4
+    rounds: tuple[tuple[int, float], ...] = (
+        (24, np.inf),
+        (12, np.inf),
+        (12, 1.1),
+        (12, 1.0),
+        (12, 0.95),
+        (12, 0.85),
+    )
+    quieter_searches: int = 4
+    quieter_gain: float = 0.9
+    quieter_radius: float = 0.5
+    quieter_aim: float = 1.05
+    between_trials: int = 2
+    between_points: int = 5
+    search_steps: int = 4
+    check_steps: int = 8
+    checked_tunings: int = 2
+    joining_samples: int = 6
+    screening_samples: int = 200
+    initial_motions: int = 2
+    reference_variables: int = 5
+    louder: float = 2.0
+    failure_weight: float = 20.0
+    excess_weight: float = 5.0
+    cap: float = 20.0
+    hope_generation: int = 8
+    hopeless_share: float = 0.5
+    individuals: int = 20
+    subpopulations: int = 2
+    bits_per_variable: int = 10
 
-# Tunings of a search that are checked at most, and samples that exceed the limit under each which
-# join the next.
-_CHECKED = 2
-_JOINING = 6
+    @property
+    def generations(self) -> int:
+        """Generations of all rounds."""
+        return sum(generations for generations, _ in self.rounds)
 
-_FIRST = 200  # samples of a check after which it ends if more exceed the limit than may
 
-_HARDEST = 2  # motions of a set on which a search begins
-
-# Of a family whose searches have all of their generations; how much more chatter all known tunings
-# of a family have than what holds in another where it is not searched.
-_VARIABLES = 5
-_LOUDER = 2.0
-
-# Weight of the share of loops that exceed the limit, and of the peak error beyond it [pulses],
-# against chatter.
-_LEFT = 20.0
-_BEYOND = 5.0
+SETTINGS = SearchSettings()
 
 _RANK = operator.attrgetter("rank")
-
-_FAR = 20.0  # peak error [pulses] beyond which one is as bad as another
-
-# Generation after which a search is given up under whose best tuning such a share still exceeds the
-# limit.
-_HOPE = 8
-_HOPELESS = 0.5
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tunings:
     """Tunings of a family on samples of the arm, each with each.
 
-    `plants` are those on which tunings are checked; the search has its own. A sample exceeds the
-    limit that does in any of the motions, each with its duration [s]; if some may, as a share
-    `allowed`, none joins a search. `scale` (n,) is the torque [N m] to which a joint's chatter is
-    compared; `options` and `by` are of `Population` and its `run`.
+    `plants`: samples of the checks; the search has samples of its own. `motions`: each with its
+    duration [s]; a sample fails if it exceeds the limit in any of them. `options`: of `Population`.
+    `scale` (n,): torque [N m] to which a joint's chatter is compared. `run_options`: of
+    `Population.run`. `allowed`: share of the samples that may exceed the limit; where it is not
+    zero, no failing sample joins a search.
     """
 
     family: Family
@@ -85,211 +147,253 @@ class Tunings:
     motions: tuple[tuple[Reference, float], ...]
     options: dict[str, Any]
     scale: Floats
-    by: dict[str, Any]
+    run_options: dict[str, Any]
     allowed: float = 0.0
     checkpoint: Checkpoint = dataclasses.field(default_factory=lambda: Checkpoint(None, ""))
+    settings: SearchSettings = SETTINGS
 
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
         """Samples (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
-        named = dict(zip(self.family.variables, values.T, strict=True))
-        own = self.family.numbers(named)
-        names = self.plants.numbers()[0]
-        count = len(values)
-        each = len(plants)
-        lanes = np.hstack(
-            [
-                np.repeat(np.column_stack(list(own.values())), each, axis=0),
-                np.tile(plants, (count, 1)),
-            ]
-        )
+        shape = len(values), len(plants)
+        variables = dict(zip(self.family.variables, values.T, strict=True))
+        law_numbers = self.family.numbers(variables)
+        # One lane of the kernel for each pair of tuning and sample; samples vary fastest, so a
+        # result (T P,) reshapes to (T, P).
+        of_law = np.repeat(np.column_stack(list(law_numbers.values())), shape[1], axis=0)
+        lanes = np.hstack([of_law, np.tile(plants, (shape[0], 1))])
+        numbers = ((*law_numbers, *self.plants.numbers()[0]), lanes)
         options = self.options | {"steps_per_sample": steps}
-        numbers = ((*own, *names), lanes)
         runs = []
-        for path, lasts in self.motions:
+        for path, duration in self.motions:
             population = self.plants.under(
-                self.family.law, path, numbers, duration=lasts, **options
+                self.family.law, path, numbers, duration=duration, **options
             )
-            runs.append(population.run(**self.by))
-        return Runs.joined(runs), (count, each)
+            runs.append(population.run(**self.run_options))
+        return Runs.joined(runs), shape
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
-        """What the search minimises, (T,): mean chatter, and what exceeds the limit, or a share
-        of it.
+        """Cost (T,) of tunings: mean chatter, the share of failing samples, and their peak error
+        beyond the limit, or beyond a share `aim` of it.
         """
-        runs, shape = self.runs(values, plants, _STEPS[0])
+        settings = self.settings
+        runs, shape = self.runs(values, plants, settings.search_steps)
         peak = runs.unrounded.max(axis=1)
         within = self.options["within"]
-        left = ((runs.outside > 0) | (peak > aim * within)).reshape(shape)
-        beyond = np.clip(peak - min(aim, 1.0) * within, 0, _FAR).reshape(shape)
-        noise = np.minimum((runs.chatter / self.scale).mean(axis=1).reshape(shape), _FAR)
-        must = shape[1] - int(self.allowed * shape[1])
-        left = np.sort(left, axis=1)[:, :must]
-        beyond = np.sort(beyond, axis=1)[:, :must]
-        return noise.mean(axis=1) + _LEFT * left.mean(axis=1) + _BEYOND * beyond.mean(axis=1)
+        failed = ((runs.outside > 0) | (peak > aim * within)).reshape(shape)
+        # Under an infinite aim the excess still begins at the limit, else it would be zero and
+        # give the search no direction.
+        excess = np.clip(peak - min(aim, 1.0) * within, 0, settings.cap).reshape(shape)
+        noise = np.minimum(self._noise(runs).reshape(shape), settings.cap)
+        # The worst samples, as many as may fail, do not count.
+        counted = shape[1] - int(self.allowed * shape[1])
+        failed = np.sort(failed, axis=1)[:, :counted]
+        excess = np.sort(excess, axis=1)[:, :counted]
+        return (
+            noise.mean(axis=1)
+            + settings.failure_weight * failed.mean(axis=1)
+            + settings.excess_weight * excess.mean(axis=1)
+        )
 
     def best(
         self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf
     ) -> Trial:
-        """The tuning with the least chatter under which no more exceed the limit than may, or the
-        fewest.
+        """The tuning with the least chatter under which no more samples exceed the limit than may,
+        or the fewest.
 
         The search begins with plants (P, L), and calls `show` once per generation. `beat` is the
-        noise of the best of another family: one under which some still exceed the limit, and
-        noisier, is given up.
+        noise of the best tuning of another family: a tuning that still fails and is noisier ends
+        the search.
         """
-        known, tried = np.array([list(each.values()) for each in self.family.known]), list[Trial]()
-        hard = self.checkpoint.stage("hardest", lambda: self._hardest(known, plants))
+        settings = self.settings
+        population = np.array([list(tuning.values()) for tuning in self.family.initial])
+        trials = list[Trial]()
+        initial = functools.partial(self._hardest, population, plants)
+        hard = self.checkpoint.stage("hardest", initial)
 
         def checked(values: Floats) -> Trial:
-            """The best of a check; what exceeds the limit joins the search, and so does the
-            motion where it does.
+            """The best of a check. Its failing samples join the search, and so do the motions in
+            which they fail.
             """
             nonlocal plants, hard
             check = functools.partial(self._checked, values)
-            trials, leaving, where = self.checkpoint.stage(f"check {len(tried)}", check)
-            tried.extend(trials)
-            plants, hard = np.vstack([plants, *leaving]), sorted({*hard, *where})
-            return min(trials, key=_RANK)
+            checks, joining, failing = self.checkpoint.stage(f"check {len(trials)}", check)
+            trials.extend(checks)
+            plants = np.vstack([plants, *joining])
+            hard = sorted({*hard, *failing})
+            return min(checks, key=_RANK)
 
-        def following(generations: int, aim: float, near: float = np.inf) -> Trial:
-            nonlocal known
-            some = dataclasses.replace(self, motions=tuple(self.motions[i] for i in hard))
-            known = some._searched(plants, known, generations, aim, near, seed + len(tried), show)
-            return checked(known[:_CHECKED])
+        def search(generations: int, aim: float, radius: float = np.inf) -> Trial:
+            nonlocal population
+            on_hard = dataclasses.replace(self, motions=tuple(self.motions[i] for i in hard))
+            # Trials grow with each search, so each has another seed and another part of the file.
+            population = on_hard._searched(
+                plants, population, generations, aim, radius, seed + len(trials), show
+            )
+            return checked(population[: settings.checked_tunings])
 
-        if np.isfinite(beat) and self._quietest(known, plants, hard[0]) > _LOUDER * beat:
-            return checked(known[:1])
-        for generations, aim in ROUNDS:
-            best = following(generations, aim)
-            if best.holds or best.left > _HOPELESS * len(self.plants) or best.noise > beat:
+        if np.isfinite(beat) and self._quietest(population, plants, hard[0]) > (
+            settings.louder * beat
+        ):
+            return checked(population[:1])
+
+        # 1. Search for a tuning that holds, with ever more to spare before rounding.
+        for generations, aim in settings.rounds:
+            best = search(generations, aim)
+            hopeless = best.left > settings.hopeless_share * len(self.plants)
+            if best.holds or hopeless or best.noise > beat:
                 break
-        for _ in range(_QUIETER if best.holds else 0):
-            before = min(tried, key=_RANK)
-            known = np.vstack([list(before.numbers.values()), known])
-            following(generations, _SPARE, _NEAR)
-            for rows in self._between(tried):
-                checked(rows)
-            if min(tried, key=_RANK).noise > _GAIN * before.noise:
-                break
-        return min(tried, key=_RANK)
 
-    def _hardest(self, known: Floats, plants: Floats) -> list[int]:
-        """The motions of a set in which most samples exceed the limit under the known tunings,
-        the farthest first.
+        # 2. From there, search nearby for less chatter as long as it pays.
+        for _ in range(settings.quieter_searches if best.holds else 0):
+            reached = min(trials, key=_RANK)
+            population = np.vstack([list(reached.numbers.values()), population])
+            search(generations, settings.quieter_aim, settings.quieter_radius)
+            for values in self._between(trials):
+                checked(values)
+            if min(trials, key=_RANK).noise > settings.quieter_gain * reached.noise:
+                break
+        return min(trials, key=_RANK)
+
+    def _noise(self, runs: Runs) -> Floats:
+        """Chatter of each run in shares of the joints' torques, mean of the joints."""
+        return np.asarray((runs.chatter / self.scale).mean(axis=1))
+
+    def _hardest(self, values: Floats, plants: Floats) -> list[int]:
+        """The motions in which most samples fail under initial tunings (T, k), the hardest
+        first.
         """
+        settings = self.settings
+        order = list(range(len(self.motions)))
+        # With so few motions the order does not matter: the search has them all.
+        if len(order) <= settings.initial_motions:
+            return order
         hardness = list[tuple[float, float]]()
-        for motion in self.motions if len(self.motions) > _HARDEST else ():
-            runs, _ = dataclasses.replace(self, motions=(motion,)).runs(known, plants, _STEPS[0])
-            hardness.append(((runs.outside > 0).mean(), np.minimum(runs.unrounded, _FAR).mean()))
-        ranked = sorted(
-            range(len(self.motions)), key=lambda i: hardness[i] if hardness else 0, reverse=True
-        )
-        return ranked[:_HARDEST]
+        for motion in self.motions:
+            alone = dataclasses.replace(self, motions=(motion,))
+            runs, _ = alone.runs(values, plants, settings.search_steps)
+            peak = np.minimum(runs.unrounded, settings.cap)
+            hardness.append(((runs.outside > 0).mean(), peak.mean()))
+        order.sort(key=hardness.__getitem__, reverse=True)
+        return order[: settings.initial_motions]
 
-    def _quietest(self, known: Floats, plants: Floats, hard: int) -> float:
-        """Noise of the quietest of the known tunings in one motion."""
-        runs, shape = dataclasses.replace(self, motions=(self.motions[hard],)).runs(
-            known, plants, _STEPS[0]
-        )
-        return float((runs.chatter / self.scale).mean(axis=1).reshape(shape).mean(axis=1).min())
+    def _quietest(self, values: Floats, plants: Floats, motion: int) -> float:
+        """Noise of the quietest of tunings (T, k) in one motion."""
+        alone = dataclasses.replace(self, motions=(self.motions[motion],))
+        runs, shape = alone.runs(values, plants, self.settings.search_steps)
+        return float(self._noise(runs).reshape(shape).mean(axis=1).min())
 
     def _searched(
         self,
         plants: Floats,
-        known: Floats,
+        values: Floats,
         generations: int,
         aim: float,
-        near: float,
+        radius: float,
         seed: int,
         show: Callable[[], Any],
     ) -> Floats:
-        """Tunings (T, k) of the last generation, best first.
+        """Tunings (T, k) of the final generation, best first, from initial tunings `values`.
 
-        Variables are searched by their logarithms, at most `near` from the first that is known.
+        The logarithms of the variables are searched, at most `radius` from the first tuning.
         """
+        settings = self.settings
         bounds = np.log(np.array(list(self.family.variables.values())))
-        bounds = np.clip(bounds.T, np.log(known[0]) - near, np.log(known[0]) + near).T
-        generations = -(-generations * min(len(bounds), _VARIABLES) // _VARIABLES)
-        settings = GeneticSettings(
-            individuals=20, subpopulations=2, generations=generations, bits_per_variable=10
+        centre = np.log(values[0])
+        bounds = np.clip(bounds.T, centre - radius, centre + radius).T
+        # Fewer variables need fewer generations, rounded up.
+        reference = settings.reference_variables
+        generations = -(-generations * min(len(bounds), reference) // reference)
+        genetic = GeneticSettings(
+            individuals=settings.individuals,
+            subpopulations=settings.subpopulations,
+            generations=generations,
+            bits_per_variable=settings.bits_per_variable,
         )
 
         def generation(state: Any) -> bool:
             show()
-            return bool(state.generation >= _HOPE and state.best_cost > _HOPELESS * _LEFT)
+            hopeless = settings.hopeless_share * settings.failure_weight
+            return bool(state.generation >= settings.hope_generation and state.best_cost > hopeless)
 
-        initial = np.clip(np.log(known), bounds[:, 0], bounds[:, 1])[: settings.individuals]
-        kept = self.checkpoint.part(f"search {seed}")
+        initial = np.clip(np.log(values), bounds[:, 0], bounds[:, 1])[: genetic.individuals]
+        objective = self.checkpoint.part(f"search {seed}").remembered(
+            "costs", lambda population: self.costs(np.exp(population), plants, aim)
+        )
         result = minimize_genetic(
-            kept.remembered(
-                "costs", lambda population: self.costs(np.exp(population), plants, aim)
-            ),
-            bounds,
-            settings,
-            seed,
-            initial=initial,
-            callback=generation,
+            objective, bounds, genetic, seed, initial=initial, callback=generation
         )
-        found = np.vstack([result.x, result.final_population])
+        # The best individual of the whole run may have left the final population.
+        population = np.vstack([result.x, result.final_population])
         costs = np.append(result.cost, result.final_costs)
-        found, first = np.unique(found, axis=0, return_index=True)
-        return np.exp(found[np.argsort(costs[first], kind="stable")])
+        # Binary coding repeats individuals; a check of a copy would be wasted.
+        population, index = np.unique(population, axis=0, return_index=True)
+        return np.exp(population[np.argsort(costs[index], kind="stable")])
 
-    def _between(self, tried: list[Trial]) -> Iterator[Floats]:
-        """On the way from the best tuning that holds to those with less chatter under which the
-        fewest fail.
+    def _between(self, trials: list[Trial]) -> Iterator[Floats]:
+        """Tunings on the line from the best that holds to quieter ones that fail least.
 
-        Each way from its quiet end.
+        Each line begins at its quiet end: a check stops at the first tuning that holds.
         """
-        best = min(tried, key=_RANK)
-        quieter = sorted((trial for trial in tried if trial.noise < best.noise), key=_RANK)
+        best = min(trials, key=_RANK)
+        quieter = sorted((trial for trial in trials if trial.noise < best.noise), key=_RANK)
         start = np.log([*best.numbers.values()])
-        ways = np.linspace(1, 0, _BETWEEN[1] + 2)[1:-1]
-        for trial in quieter[: _BETWEEN[0]]:
-            yield np.exp(start + ways[:, None] * (np.log([*trial.numbers.values()]) - start))
+        shares = np.linspace(1, 0, self.settings.between_points + 2)[1:-1]
+        for trial in quieter[: self.settings.between_trials]:
+            end = np.log([*trial.numbers.values()])
+            yield np.exp(start + shares[:, None] * (end - start))
 
-    def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats], set[int]]:
-        """Trials of tunings (T, k) until one holds, the farthest samples beyond the limit under
-        each, and in which motions they are.
+    def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats], list[int]]:
+        """Trials of tunings (T, k) until one holds, the failing samples with the largest errors
+        under each, and the motions in which samples fail.
         """
-        plants, trials, leaving, where = (
-            self.plants.numbers()[1],
-            list[Trial](),
-            list[Floats](),
-            set[int](),
-        )
+        plants = self.plants.numbers()[1]
+        screening = self.settings.screening_samples
+        trials = list[Trial]()
+        joining = list[Floats]()
+        failing = set[int]()
         for row in values:
-            for block in (plants[:_FIRST], plants):
-                alone = (dataclasses.replace(self, motions=(motion,)) for motion in self.motions)
-                each = [one.runs(row[None], block, _STEPS[1])[0] for one in alone]
-                runs = Runs.joined(each)
-                if (runs.outside > 0).mean() > 2 * self.allowed or len(plants) <= _FIRST:
+            # Few samples first: most tunings fail on them already.
+            for block in (plants[:screening], plants):
+                by_motion = [
+                    dataclasses.replace(self, motions=(motion,)).runs(
+                        row[None], block, self.settings.check_steps
+                    )[0]
+                    for motion in self.motions
+                ]
+                runs = Runs.joined(by_motion)
+                failed = runs.outside > 0
+                if failed.mean() > 2 * self.allowed or len(plants) <= screening:
                     break
-            lost = runs.outside > 0
-            chatter = runs.chatter.mean(axis=0)
-            trials.append(
-                Trial(
-                    family=self.family.name,
-                    law=self.family.tuned(row),
-                    numbers=dict(zip(self.family.variables, row.tolist(), strict=True)),
-                    left=int(lost.sum()),
-                    of=len(lost),
-                    allowed=self._most(len(lost)),
-                    peak=float(runs.peak.max()),
-                    chatter=chatter,
-                    noise=float((chatter / self.scale).mean()),
-                )
-            )
-            far = np.argsort(-np.where(lost, runs.unrounded.max(axis=1), -1.0), kind="stable")
-            leaving.append(plants[far[: 0 if self.allowed else min(_JOINING, lost.sum())]])
-            where |= {i for i, alone in enumerate(each) if (alone.outside > 0).any()}
+            trials.append(self._trial(row, runs))
+            errors = np.where(failed, runs.unrounded.max(axis=1), -1.0)
+            worst = np.argsort(-errors, kind="stable")
+            count = 0 if self.allowed else min(self.settings.joining_samples, failed.sum())
+            joining.append(plants[worst[:count]])
+            failing |= {i for i, alone in enumerate(by_motion) if (alone.outside > 0).any()}
             if trials[-1].holds:
                 break
-        return trials, leaving, where
+        return trials, joining, sorted(failing)  # a checkpoint holds lists, no sets
 
-    def _most(self, plants: int) -> int:
-        """How many of the samples may fail: a controller given beforehand would then keep the
-        share, at 95 %.
+    def _trial(self, values: Floats, runs: Runs) -> Trial:
+        """The trial of a tuning (k,) by its runs."""
+        failed = runs.outside > 0
+        chatter = runs.chatter.mean(axis=0)
+        return Trial(
+            family=self.family.name,
+            law=self.family.tuned(values),
+            numbers=dict(zip(self.family.variables, values.tolist(), strict=True)),
+            left=int(failed.sum()),
+            of=len(failed),
+            allowed=self._allowed(len(failed)),
+            peak=float(runs.peak.max()),
+            chatter=chatter,
+            noise=float((chatter / self.scale).mean()),
+        )
+
+    def _allowed(self, samples: int) -> int:
+        """How many of the samples may fail so that a controller chosen beforehand keeps the
+        allowed share with 95 % confidence.
         """
-        counts = range(1, int(self.allowed * plants) + 1)
-        return sum(clopper_pearson(count, plants, 0.9)[1] <= self.allowed for count in counts)
+        counts = range(1, int(self.allowed * samples) + 1)
+        # A two-sided interval of 90 % has the one-sided upper bound of 95 %.
+        return sum(clopper_pearson(count, samples, 0.9)[1] <= self.allowed for count in counts)

@@ -1,5 +1,5 @@
-"""The controller with the least torque chatter that keeps its limit over what is stated to be
-uncertain.
+"""Search for the controller with the least torque chatter that keeps a pulse limit under stated
+uncertainty.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
 from ctc.certification.certify import Motions, Task, certify
 from ctc.certification.uncertainty import Uncertainty
-from ctc.tuning.search import ROUNDS, Tunings
+from ctc.tuning.search import SETTINGS, Tunings
 from ctc.tuning.tuning import Trial, Tuning, families
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
@@ -22,15 +22,6 @@ from plant import Arm, Reference, Rig
 from plant.parts.arguments import known_options, real
 from plant.parts.messages import progress_bar
 from plant.simulation.executors import Executor
-
-# Samples with which a search begins; with how many if some may exceed the limit; others for its
-# best, of one path; and the number of motions up to which these are shared out among them.
-_PLANTS = 16
-_MORE = 80
-_FRESH = 2000
-_MOTIONS = 4
-
-_GENERATIONS = sum(generations for generations, _ in ROUNDS)
 
 
 @known_options
@@ -51,14 +42,13 @@ def tune(
     checkpoint: str | Path | None = None,
     executor: Any = None,
 ) -> Tuning:
-    """Find the controller with the least torque chatter that keeps its limit over the stated
-    uncertainty.
+    """Find the controller with the least torque chatter that keeps its limit under uncertainty.
 
-    Of computed torque with observer, computed torque with a PID that rolls off, and feed-forward
-    with PD, tunings are searched by the genetic algorithm on samples of the uncertainty, and the
-    best are tested on independent ones. Those of computed torque with observer begin with its
-    default, and have its dead zone and boost. Torque chatter is the mean change of the torque from
-    one sampling instant to the next.
+    The genetic algorithm searches tunings of computed torque with observer, of computed torque with
+    a PID that rolls off, and of feed-forward with PD, on samples of the uncertainty; the best are
+    tested on independent samples. The search of computed torque with observer begins with its
+    default, and keeps the dead zone and boost of the default. Torque chatter is the mean change of
+    the torque from one sampling instant to the next.
 
     Parameters
     ----------
@@ -145,17 +135,20 @@ def tune(
         raise ValueError(
             f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05."
         )
-    validated = _FRESH // min(len(task.motions), _MOTIONS)
-    searching, fresh = (
-        task.sampled(count, i) for i, count in enumerate((_MORE if allowed else _PLANTS, validated))
-    )
-    laws = families(found, fresh.arm, fresh.own, task.first)
+    # Samples of the search and of the checks have seeds of their own: a tuning is chosen on the
+    # former, tested on the latter, and certified on a third set.
+    searched = SETTINGS.initial_samples_allowed if allowed else SETTINGS.initial_samples
+    validated = SETTINGS.validation_samples // min(len(task.motions), SETTINGS.shared_motions)
+    searching = task.sampled(searched, 0)
+    fresh = task.sampled(validated, 1)
+    laws = families(found, fresh.arm, fresh.own, task.reference)
     trials = list[Trial]()
-    where = contextlib.nullcontext() if executor is None else Executor(executor)
+    context = contextlib.nullcontext() if executor is None else Executor(executor)
+    generations = SETTINGS.generations
     with (
-        where as there,
-        task.checkpoint as kept,
-        progress_bar(len(laws) * _GENERATIONS, "tune", "generation", progress) as bar,
+        context as shared,
+        task.checkpoint as stages,
+        progress_bar(len(laws) * generations, "tune", "generation", progress) as bar,
     ):
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
@@ -165,16 +158,19 @@ def tune(
                 motions=tuple(task.motions.values()),
                 options={"within": task.within, "after": after},
                 scale=_scale(fresh.arm, fresh.rig, task.motions),
-                by={"threads": task.threads, "executor": there},
+                run_options={"threads": task.threads, "executor": shared},
                 allowed=float(allowed),
-                checkpoint=kept.part(family.name),
+                checkpoint=stages.part(family.name),
+                settings=SETTINGS,
             )
-            safe = min((trial.noise for trial in trials if trial.holds), default=np.inf)
-            trials.append(tunings.best(searching.numbers()[1], seed, bar.update, safe))
-            bar.update((i + 1) * _GENERATIONS - bar.n)
+            # A family that cannot be quieter than what holds already is given up early.
+            beat = min((trial.noise for trial in trials if trial.holds), default=np.inf)
+            trials.append(tunings.best(searching.numbers()[1], seed, bar.update, beat))
+            # A search that ended early leaves its bar where the next family begins.
+            bar.update((i + 1) * generations - bar.n)
     best = min(trials, key=lambda trial: trial.rank)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
+        warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it already
         certificate: Certificate | Certificates = certify(
             found,
             rig,
@@ -189,18 +185,18 @@ def tune(
             duration=duration,
             progress=progress,
             executor=executor,
-            checkpoint=None if executor is not None else kept.part("certificate"),
+            # An executor takes no checkpoint.
+            checkpoint=None if executor is not None else stages.part("certificate"),
         )
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=validated)
 
 
 def _scale(arm: Arm, rig: Rig, motions: dict[str, tuple[Reference, float]]) -> NDArray[np.float64]:
-    """Torque [N m] of each joint that its chatter is compared to: root mean square along the
-    motions.
-    """
+    """Root mean square (n,) of each joint's torque along the motions [N m], the unit of chatter."""
+    instants = 200  # a torque that is averaged needs no more of them
     rows = [
-        np.array(path(np.linspace(0, lasts, 200))).swapaxes(0, 1)
-        for path, lasts in motions.values()
+        np.array(path(np.linspace(0, duration, instants))).swapaxes(0, 1)
+        for path, duration in motions.values()
     ]
     torque = [arm.inverse(*row) - rig.spring_torque(row[0]) for row in np.concatenate(rows)]
     return np.sqrt(np.mean(np.square(torque), axis=0))

@@ -1,8 +1,7 @@
-"""Families of control laws with the numbers by which each is tuned; what the best of each does, and
-the certificate.
+"""Families of control laws with their tuning variables, and the result of a search: `Tuning`.
 
-A tuning is a row of numbers, one per variable; `Family.numbers` gives those of the law, so that
-many tunings run side by side in one kernel.
+A tuning is a row of numbers, one per variable. `Family.numbers` converts it to numbers of the law,
+so that one kernel runs many tunings side by side.
 """
 
 import dataclasses
@@ -29,128 +28,132 @@ from plant.parts.tables import Table
 
 Numbers = Mapping[str, NDArray[np.float64]]
 
-_USUAL = "dead_zone", "start_boost", "start_time"  # of the default, and not searched
+# Fields of the default computed torque that every tuning of it keeps.
+_OF_DEFAULT = "dead_zone", "start_boost", "start_time"
 
 
 def _named(values: Numbers) -> Numbers:
-    """Of a law whose variables are numbers of its own."""
+    """Numbers of a law whose variables are fields of it."""
     return {f"law.{name}": value for name, value in values.items()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
-    """A law, in any tuning; lowest and highest of its variables; tunings with which its search
-    begins; and what makes of variables by name, each (T,), numbers of the law.
+    """A law in any tuning: range of each variable, initial tunings of the search, and numbers.
+
+    `variables`: name -> (lowest, highest). `initial`: tunings with which the search begins.
+    `numbers`: variables by name, each (T,) -> numbers of the law.
     """
 
     name: str
     law: Law
     variables: dict[str, tuple[float, float]]
-    known: list[dict[str, float]]
+    initial: list[dict[str, float]]
     numbers: Callable[[Numbers], Numbers] = _named
 
     def tuned(self, values: NDArray[np.float64]) -> Law:
         """The law with these values (k,) of its variables."""
-        named = {
-            name: np.array([value]) for name, value in zip(self.variables, values, strict=True)
-        }
-        return self.law.filled(
-            {name: float(own[0]) for name, own in self.numbers(named).items()}, "law."
-        )
+        columns = dict(zip(self.variables, values[:, None], strict=True))
+        numbers = {name: float(column[0]) for name, column in self.numbers(columns).items()}
+        return self.law.filled(numbers, "law.")
 
 
 def families(found: Any, arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
     """Computed torque with observer and with PID, and feed-forward with PD, about an identified
     arm.
 
-    That with observer has the dead zone and the boost that are the default of what was `found`, and
-    its search begins with the default. At the reference's first pose the PD gains of the joints are
-    in proportion to their inertia.
+    Computed torque with observer has the dead zone and the boost of the default for what was
+    `found`, and its search begins with the default. At the reference's first pose the PD gains of
+    the joints are in proportion to their inertia.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentificationWarning)  # said by tune
-        usual = ComputedTorque(found, rig)
-    observed = ComputedTorque(arm, rig, **{name: getattr(usual, name) for name in _USUAL})
-    most = 0.6 / rig.period  # [rad/s]: a bandwidth beyond has too few samples
+        warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it already
+        default = ComputedTorque(found, rig)
+    # A bandwidth beyond 0.6 rad per period has too few samples; a filter may be five times faster.
+    fastest = 0.6 / rig.period
     corner = 3.0 / rig.period
-    found = [
-        Family(
-            name="computed torque with observer",
-            law=observed,
-            variables={"bandwidth": (10.0, min(400.0, most)), "observer_ratio": (0.5, 4.0)},
-            known=[
-                {"bandwidth": usual.bandwidth, "observer_ratio": usual.observer_ratio},
-                *(
-                    {"bandwidth": w, "observer_ratio": 1.5}
-                    for w in (20.0, 60.0, 100.0, 150.0, 200.0)
-                ),
-            ],
-        ),
-        Family(
-            name="computed torque with PID that rolls off",
-            law=ComputedTorquePID(
-                arm,
-                rig,
-                bandwidth=150.0,
-                ratio=1.5,
-                integral=40.0,
-                roll_off=1000.0,
-                roll_off_damping=0.8,
-            ),
-            variables={
-                "bandwidth": (30.0, min(500.0, most)),
-                "ratio": (0.6, 8.0),
-                "integral": (0.5, 150.0),
-                "roll_off": (100.0, corner),
-                "roll_off_damping": (0.3, 1.5),
-            },
-            known=[
-                dict(
-                    zip(
-                        ("bandwidth", "ratio", "integral", "roll_off", "roll_off_damping"),
-                        row,
-                        strict=True,
-                    )
-                )
-                for row in (
-                    (206, 1.28, 24.0, 2124, 0.96),
-                    (177, 1.52, 79.5, 2969, 0.91),
-                    (155, 1.66, 40.6, 449, 0.53),
-                )
-            ],
-        ),
-    ]
+    # No PD with a gain for each motor works on motors that turn several joints.
     if rig.drive.coupling.matrix:
-        return found
-    unit = motor_gain(rig, np.diag(arm.D(reference(np.zeros(1)).q[0])), 1.0)
+        return [_with_observer(arm, rig, default, fastest), _with_pid(arm, rig, fastest, corner)]
+    return [
+        _with_observer(arm, rig, default, fastest),
+        _with_pid(arm, rig, fastest, corner),
+        _feed_forward(arm, rig, reference, fastest, corner),
+    ]
+
+
+def _with_observer(arm: Arm, rig: Rig, default: ComputedTorque, fastest: float) -> Family:
+    slower = [{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)]
+    return Family(
+        name="computed torque with observer",
+        law=ComputedTorque(arm, rig, **{name: getattr(default, name) for name in _OF_DEFAULT}),
+        variables={"bandwidth": (10.0, min(400.0, fastest)), "observer_ratio": (0.5, 4.0)},
+        initial=[
+            {"bandwidth": default.bandwidth, "observer_ratio": default.observer_ratio},
+            *slower,
+        ],
+    )
+
+
+def _with_pid(arm: Arm, rig: Rig, fastest: float, corner: float) -> Family:
+    variables = {
+        "bandwidth": (30.0, min(500.0, fastest)),
+        "ratio": (0.6, 8.0),
+        "integral": (0.5, 150.0),
+        "roll_off": (100.0, corner),
+        "roll_off_damping": (0.3, 1.5),
+    }
+    rows = (
+        (206, 1.28, 24.0, 2124, 0.96),
+        (177, 1.52, 79.5, 2969, 0.91),
+        (155, 1.66, 40.6, 449, 0.53),
+    )
+    return Family(
+        name="computed torque with PID that rolls off",
+        law=ComputedTorquePID(
+            arm,
+            rig,
+            bandwidth=150.0,
+            ratio=1.5,
+            integral=40.0,
+            roll_off=1000.0,
+            roll_off_damping=0.8,
+        ),
+        variables=variables,
+        initial=[dict(zip(variables, row, strict=True)) for row in rows],
+    )
+
+
+def _feed_forward(
+    arm: Arm, rig: Rig, reference: Reference, fastest: float, corner: float
+) -> Family:
+    inertia = np.diag(arm.D(reference(np.zeros(1)).q[0]))
+    unit = motor_gain(rig, inertia, 1.0)
     pd = PD(gain=unit * 150.0**2, derivative=unit * 300.0, filter=corner, period=rig.period)
 
     def numbers(values: Numbers) -> Numbers:
+        """Gains for error poles of this bandwidth and damping, at each joint's inertia."""
         w = values["bandwidth"]
         damping = values["damping"]
-        each = {f"law.feedback.gain[{i}]": unit[i] * w**2 for i in range(rig.n)}
-        each |= {f"law.feedback.derivative[{i}]": unit[i] * 2 * damping * w for i in range(rig.n)}
-        return each | {"law.feedback.filter": values["filter"]}
+        gains = {f"law.feedback.gain[{i}]": unit[i] * w**2 for i in range(rig.n)}
+        gains |= {f"law.feedback.derivative[{i}]": unit[i] * 2 * damping * w for i in range(rig.n)}
+        return gains | {"law.feedback.filter": values["filter"]}
 
-    feed_forward = Family(
+    return Family(
         name="feed-forward with PD",
         law=FeedForward(arm, rig, feedback=pd),
         numbers=numbers,
         variables={
-            "bandwidth": (20.0, min(500.0, most)),
+            "bandwidth": (20.0, min(500.0, fastest)),
             "damping": (0.2, 3.0),
             "filter": (200.0, 2 * corner),
         },
-        known=[
+        initial=[
             {"bandwidth": w, "damping": d, "filter": 3000.0}
             for w in (150.0, 250.0)
             for d in (0.7, 1.0)
         ],
     )
-    return [*found, feed_forward]
-
-
-_EACH = 3  # joints up to which a row has the chatter of each; with more it has the largest
 
 
 @kept
@@ -158,11 +161,12 @@ _EACH = 3  # joints up to which a row has the chatter of each; with more it has 
 class Trial(Shown, Frozen):
     """A tuning on independent samples.
 
-    `numbers`: its variables. `left`, `of`: samples that exceed the limit, and of how many: a check
-    ends early where more do than may. `allowed`: samples that may. `peak`: largest tracking error
-    of any of them [pulses]; infinite where one diverged. `chatter` (n,): mean change of the torque
-    from sample to sample, mean of the samples [N m]; infinite where one diverged. `noise`: the same
-    in shares of each joint's torque along the reference, mean of the joints.
+    `numbers`: its variables. `left`, `of`: samples that exceed the limit, and samples simulated; a
+    check ends early where more exceed it than may. `allowed`: samples that may. `peak`: largest
+    tracking error of any sample [pulses]; infinite where one diverged. `chatter` (n,): mean change
+    of the torque from one sampling instant to the next, mean of the samples [N m]; infinite where
+    one diverged. `noise`: the same in shares of each joint's torque along the reference, mean of
+    the joints.
     """
 
     family: str
@@ -203,16 +207,16 @@ class Trial(Shown, Frozen):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Tuning(Shown, Frozen):
-    """What `tune` found. Print it for the table and the verdict.
+    """Result of `tune`: the controller, the best of each family, and the certificate. Print it.
 
-    Controllers are chosen by how many of the validation samples exceed the limit, so those counts
-    flatter; the certificate has its own samples.
+    A controller is chosen for its few failures on the validation samples, so these counts are
+    optimistic; the certificate has its own samples.
 
     Attributes
     ----------
     law : Law
-        That with the least chatter that keeps its limit on all validation samples but those that
-        may exceed it; where none does, that with which the fewest do.
+        The controller with the least chatter that keeps its limit on all validation samples but
+        those that may exceed it; where none does, the one with the fewest failures.
     trials : tuple of Trial
         The best of each family.
     certificate : Certificate or Certificates
@@ -243,12 +247,10 @@ class Tuning(Shown, Frozen):
     def _table(self) -> Table:
         rows = []
         for trial in sorted(self.trials, key=lambda trial: trial.rank):
-            each = (
-                trial.chatter
-                if len(trial.chatter) <= _EACH
-                else np.max(trial.chatter, keepdims=True)
-            )
-            chatter = " / ".join(f"{x:.1f}" for x in each)
+            # A row has room for three joints; of more it shows the largest.
+            few = len(trial.chatter) <= 3
+            joints = trial.chatter if few else np.max(trial.chatter, keepdims=True)
+            chatter = " / ".join(f"{x:.1f}" for x in joints)
             rows.append((trial.family, percent(trial.left / trial.of), chatter, trial.tuned))
         return Table(("", "exceed", "chatter [N m]", "tuned"), rows, words=(3,))
 
@@ -260,19 +262,19 @@ class Tuning(Shown, Frozen):
         )
 
     def _shown(self) -> Iterator[Piece]:
-        most = self.trials[0].allowed
-        where = f"all but {most} of {self.fresh} samples" if most else "all samples"
+        allowed = self.trials[0].allowed
+        samples = f"all but {allowed} of {self.fresh} samples" if allowed else "all samples"
         if not self.holds:
             yield Verdict(
-                f"No controller keeps the limit on {where}; with this one the fewest exceed it.",
+                f"No controller keeps the limit on {samples}; with this one the fewest exceed it.",
                 False,
             )
-            near, quiet = (
-                min(self.trials, key=key)
-                for key in (lambda each: each.peak, lambda each: each.noise)
-            )
-            yield f"least peak: {near.peak:.0f} pulses, {near.family} ({near.tuned})"
-            yield f"least chatter: {quiet.chatter.max():.2g} N m, {quiet.family} ({quiet.tuned})"
+            closest = min(self.trials, key=lambda trial: trial.peak)
+            quietest = min(self.trials, key=lambda trial: trial.noise)
+            yield f"least peak: {closest.peak:.0f} pulses, {closest.family} ({closest.tuned})"
+            chatter = f"{quietest.chatter.max():.2g} N m"
+            yield f"least chatter: {chatter}, {quietest.family} ({quietest.tuned})"
+        # The certificate advises to call `tune`, which has just searched.
         yield from (piece for piece in self.certificate._shown() if piece is not SEARCH)
         yield "the best tuning of each family, on independent validation samples:"
         yield self._table()

@@ -23,6 +23,7 @@ from ctc import (
 from ctc.certification.certificates import Certificates
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.statement import percent
+from ctc.tuning.search import SearchSettings
 from ctc.tuning.tuning import families
 from plant import PD, PointToPoint, puma560, simulate
 from plant.simulation.population import Runs
@@ -200,9 +201,8 @@ def test_evaluations_are_the_single_calls():
 
 
 def test_a_controller_is_tuned_for_all_motions(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
-    monkeypatch.setattr("ctc.tuning.search._QUIETER", 0)
-    monkeypatch.setattr("ctc.tuning.tune._FRESH", 40)  # 20 for each of two
+    settings = SearchSettings(rounds=((1, np.inf),), quieter_searches=0, validation_samples=40)
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)  # 20 for each of two
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
     paths = {name: PATHS[name] for name in ("move", "mine")}
     options = with_uncertainty(covariance=COVARIANCE, samples=8, duration=0.1, progress=False)

@@ -12,7 +12,7 @@ from ctc import ComputedTorque, certify, tune
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.samples import draw
 from ctc.certification.uncertainty import Uncertainty
-from ctc.tuning.search import Tunings
+from ctc.tuning.search import SearchSettings, Tunings
 from ctc.tuning.tuning import families
 from plant import puma560, simulate
 
@@ -25,8 +25,8 @@ SHORT = {"duration": 0.4, "samples": 150, "progress": False}
 @pytest.fixture(scope="module")
 def tuning():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ctc.tuning.search.ROUNDS", ((6, np.inf), (4, 1.0)))
-        patch.setattr("ctc.tuning.tune._FRESH", 200)
+        settings = SearchSettings(rounds=((6, np.inf), (4, 1.0)), validation_samples=200)
+        patch.setattr("ctc.tuning.tune.SETTINGS", settings)
         return tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, seed=1))
 
 
@@ -56,13 +56,18 @@ def test_it_is_the_quietest_of_those_that_hold(tuning):
     assert max(map(len, tuning.table.splitlines())) <= 80
 
 
-def test_same_seed_same_law_whatever_the_threads(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),))
-    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
+def test_same_seed_same_law_whatever_the_threads(monkeypatch, tmp_path):
+    settings = SearchSettings(rounds=((2, np.inf),), validation_samples=20)
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
     one, two = (
-        tune(ARM, RIG, PATH, **with_uncertainty(**STATED, **SHORT, threads=threads))
-        for threads in (1, 2)
+        tune(
+            ARM,
+            RIG,
+            PATH,
+            **with_uncertainty(**STATED, **SHORT, threads=threads, checkpoint=checkpoint),
+        )
+        for threads, checkpoint in ((1, None), (2, tmp_path / "tune.json"))
     )
     assert one.trials[0].numbers == two.trials[0].numbers
     np.testing.assert_array_equal(one.trials[0].chatter, two.trials[0].chatter)
@@ -73,10 +78,10 @@ def test_a_tuning_side_by_side_is_its_law_simulated(which):
     family = families(ARM, ARM, RIG, PATH)[which]
     uncertainty = Uncertainty(friction=0.02, covariance=STATED["covariance"], resonance=(40, 60))
     plants = draw(uncertainty, ARM, RIG, 3, 5, START)
-    values = np.array([list(each.values()) for each in family.known])[:2] * 0.9
+    values = np.array([list(tuning.values()) for tuning in family.initial])[:2] * 0.9
     tunings = Tunings(
         family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1, "after": 0.02},
-        scale=np.ones(2), by={"threads": 1},
+        scale=np.ones(2), run_options={"threads": 1},
     )  # fmt: skip
     runs, shape = tunings.runs(values, plants.numbers()[1], 8)
     assert shape == (2, 3)
@@ -97,9 +102,9 @@ def test_tunings_lose_counts_as_certified_loops_do():
         motions=((PATH, 0.2),),
         options={"within": 1},
         scale=np.ones(2),
-        by={"threads": 1},
+        run_options={"threads": 1},
     )
-    values = np.array([list(family.known[0].values())])
+    values = np.array([list(family.initial[0].values())])
     runs, _ = tunings.runs(values, plants.numbers()[1], 8)
     alone = plants.under(
         family.tuned(values[0]), PATH, duration=0.2, within=1, steps_per_sample=8
@@ -113,7 +118,6 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     """A search on one plant cannot know the others; those that it loses are in the next."""
     seen = []
     original = Tunings.costs
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),) * 3)
     monkeypatch.setattr(
         Tunings,
         "costs",
@@ -126,7 +130,8 @@ def test_plants_that_leave_join_the_search(monkeypatch):
     plants = draw(uncertainty, ARM, RIG, 40, 5, START)
     tunings = Tunings(
         family=family, plants=plants, motions=((PATH, 0.2),), options={"within": 1, "after": 0.02},
-        scale=np.ones(2), by={"threads": 2},
+        scale=np.ones(2), run_options={"threads": 2},
+        settings=SearchSettings(rounds=((1, np.inf),) * 3),
     )  # fmt: skip
     tunings.best(plants.numbers()[1][:1], 0, lambda: None)
     assert seen[0] == 1
@@ -135,8 +140,7 @@ def test_plants_that_leave_join_the_search(monkeypatch):
 
 @pytest.mark.slow
 def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((2, np.inf),) * 2)
-    monkeypatch.setattr("ctc.tuning.search._GAIN", 1.0)
+    settings = SearchSettings(rounds=((2, np.inf),) * 2, quieter_gain=1.0)
     searches = []
     original = Tunings._searched
     monkeypatch.setattr(
@@ -150,18 +154,19 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
         "roll_off": 3000.0,
         "roll_off_damping": 0.8,
     }
-    family = dataclasses.replace(family, known=[noisy])
+    family = dataclasses.replace(family, initial=[noisy])
     uncertainty = Uncertainty(friction=0.03, covariance=STATED["covariance"], resonance=(40, 60))
     plants = draw(uncertainty, ARM, RIG, 30, 5, START)
     tunings = Tunings(
         family=family, plants=plants, motions=((PATH, 0.4),), options={"within": 1, "after": 0.02},
-        scale=np.ones(2), by={"threads": 2},
+        scale=np.ones(2), run_options={"threads": 2}, settings=settings,
     )  # fmt: skip
     some = plants.numbers()[1]
     longer = tunings.best(some[:2], 0, lambda: None)
     assert longer.left == 0
     often = len(searches)
-    monkeypatch.setattr("ctc.tuning.search._QUIETER", 0)
+    settings = dataclasses.replace(settings, quieter_searches=0)
+    tunings = dataclasses.replace(tunings, settings=settings)
     first = tunings.best(some[:2], 0, lambda: None)
     assert longer.noise <= first.noise
     assert len(searches) - often < often
@@ -173,15 +178,18 @@ def test_it_goes_on_from_the_first_that_holds_and_gives_up_what_is_beaten(monkey
     # another holds with far less chatter
     strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)
     assert not searches
-    monkeypatch.setattr("ctc.tuning.search._LOUDER", np.inf)
-    strict.best(some[:2], 0, lambda: None, 0.01 * first.noise)
+    settings = dataclasses.replace(settings, louder=np.inf)
+    dataclasses.replace(strict, settings=settings).best(
+        some[:2], 0, lambda: None, 0.01 * first.noise
+    )
     assert len(searches) == 1
 
 
 def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((3, np.inf),))
-    monkeypatch.setattr("ctc.tuning.tune._FRESH", 100)
-    monkeypatch.setattr("ctc.tuning.tune._MORE", 10)
+    settings = SearchSettings(
+        rounds=((3, np.inf),), validation_samples=100, initial_samples_allowed=10
+    )
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
     monkeypatch.setattr("ctc.tuning.tune.families", lambda *some: families(*some)[1:2])
     found = tune(
         ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 0.2}, **SHORT, allowed=0.2)
@@ -199,8 +207,8 @@ def test_what_may_leave_is_bounded_with_confidence(monkeypatch):
 
 
 def test_where_nothing_holds_it_says_so(monkeypatch):
-    monkeypatch.setattr("ctc.tuning.search.ROUNDS", ((1, np.inf),))
-    monkeypatch.setattr("ctc.tuning.tune._FRESH", 20)
+    settings = SearchSettings(rounds=((1, np.inf),), validation_samples=20)
+    monkeypatch.setattr("ctc.tuning.tune.SETTINGS", settings)
     found = tune(
         ARM, RIG, PATH, **with_uncertainty(**STATED | {"friction": 1.0}, **SHORT, within=0.1)
     )
