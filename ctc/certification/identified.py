@@ -1,9 +1,9 @@
-"""What was identified of a plant, with its covariance; on gears of a stated range, as it depends on
+"""Distribution of the identified numbers of a plant; on gears of a stated range, as a function of
 their resonance.
 
-A log of an elastic arm, identified with rigid gears, gives an f that makes up for them, off by many
-of its standard deviations. Where a range of resonances is stated, what the log shows of f depends
-on the resonance; plants of a resonance have the f that fits the log there.
+A log of an elastic arm, identified with rigid gears, gives an f that compensates for the gears, off
+by many of its standard deviations. Where a range of resonances is stated, the fit of the log
+depends on the resonance, and plants of a resonance have the f that fits the log there.
 """
 
 import dataclasses
@@ -31,23 +31,39 @@ from plant.parts.sums import product
 # Numbers of the rig by which a controller reads its counts: it and the plant have the same.
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
 
-# Ratio of the resonances of two fits, at most, and number of fits; a wider range has them farther
-# apart.
-_APART = 1.15
-_MOST = 7
 
-# Fits of the first resonance: its stiffness follows from the inertia, which the fit before gave.
-# The next take it from their neighbour.
-_ROUNDS = 2
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RefitSettings:
+    """Numbers of the fits over a range of resonances, all chosen by hand.
 
-_REMEMBERED = 8  # ranges of one identification whose fits are kept, the last ones
+    Parameters
+    ----------
+    ratio : float
+        Largest ratio of the resonances of neighbouring fits, as long as `fits` suffice.
+    fits : int
+        Largest number of fits; a wider range has them farther apart.
+    first_rounds : int
+        Times that the first resonance is fitted: its stiffness follows from the inertia, which the
+        fit before gave. Each further resonance takes the inertia from its neighbour.
+    stored : int
+        Ranges of one identification whose fits are stored, the latest ones.
+    """
+
+    ratio: float = 1.15
+    fits: int = 7
+    first_rounds: int = 2
+    stored: int = 8
+
+
+SETTINGS = RefitSettings()
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Refits(Frozen):
-    """Fits over a range of resonances: places (K,) from 0 to 1, in its logarithm; values and
-    covariances of each.
+    """Fits over a range of resonances, at `places` (K,) in its logarithm, from 0 to 1.
+
+    `values` (K, k), `covariances` (K, k, k): of each fit.
     """
 
     places: NDArray[np.float64]
@@ -55,17 +71,17 @@ class Refits(Frozen):
     covariances: NDArray[np.float64]
 
     def centres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values (P, k) at places (P,) of the range."""
+        """Values (P, k) at places (P,) of the range, between the fits on straight lines."""
         return np.column_stack([np.interp(places, self.places, column) for column in self.values.T])
 
     def nearest(self, places: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Which fit (P,) is nearest to each place (P,)."""
+        """Index (P,) of the fit that is nearest to each place (P,)."""
         return np.abs(places[:, None] - self.places).argmin(axis=1)
 
 
-# Fits of an identification by stated range, while it exists; an equal one, bit for bit, has the
-# same.
-_KEPT: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = (
+# Fits of an identification by stated range. An identification that nobody holds any more takes its
+# fits with it; an equal one, bit for bit, has the same.
+_STORE: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = (
     weakref.WeakKeyDictionary()
 )
 
@@ -81,23 +97,24 @@ def refits(
     """Fits of an identification's records on gears over the range; None where no resonance of it
     can be fitted.
 
-    They are made once for each range, the middle of the damping ratios and the pose [rad] at which
-    the resonances [Hz] are those of the gears, and kept with the identification.
+    They are made once for each range, middle of the damping ratios, and pose [rad] at which the
+    gears have the resonances [Hz], and stored with the identification.
     """
     ranges = np.asarray(resonance, float)
     ratio = float(np.mean(damping_ratio))
     pose = np.asarray(pose, float)
     key = (ranges.shape, ranges.tobytes(), ratio, pose.tobytes())
-    kept = _KEPT.setdefault(found, {})
-    made = (
-        kept.pop(key)
-        if key in kept
+    stored = _STORE.setdefault(found, {})
+    # A range that is used again becomes the latest, so the oldest unused one is deleted.
+    result = (
+        stored.pop(key)
+        if key in stored
         else _fitted(found, ranges, ratio, pose, progress, Checkpoint(checkpoint, ""))
     )
-    kept[key] = made
-    if len(kept) > _REMEMBERED:
-        del kept[next(iter(kept))]
-    return made
+    stored[key] = result
+    if len(stored) > SETTINGS.stored:
+        del stored[next(iter(stored))]
+    return result
 
 
 def _fitted(
@@ -108,42 +125,41 @@ def _fitted(
     progress: bool,
     checkpoint: Checkpoint,
 ) -> Refits | None:
-    """The fits, made anew."""
+    """New fits over the ranges (m, 2) of resonances [Hz]."""
     low, high = np.log(ranges).T
-    count = int(
-        np.clip(
-            np.ceil((high - low).max() / np.log(_APART)) + 1, 1 if (high == low).all() else 2, _MOST
-        )
-    )
+    steps = np.ceil((high - low).max() / np.log(SETTINGS.ratio))
+    fewest = 1 if (high == low).all() else 2
+    count = int(np.clip(steps + 1, fewest, SETTINGS.fits))
     arm = found.arm
     fits = dict[float, Fit]()
-    with progress_bar(count + _ROUNDS - 1, "fits on gears", "fit", progress) as bar:
+    rounds = SETTINGS.first_rounds
+    with progress_bar(count + rounds - 1, "fits on gears", "fit", progress) as bar:
         for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
             hz = np.exp(low + place * (high - low))
-            for again in range(1 if fits else _ROUNDS):
+            for i in range(1 if fits else rounds):
                 make = functools.partial(_on_gears, found, arm, hz, ratio, pose)
-                fitted = checkpoint.stage(f"fit {again} on gears at {place}", make)
+                fitted = checkpoint.stage(f"fit {i} on gears at {place}", make)
                 bar.update()
                 if fitted is None:
+                    # Without its second round the first resonance has no fit either.
                     fits.pop(place, None)
                     break
                 arm, fits[place] = fitted
     if not fits:
         return None
-    values, covariances = (
-        np.array([getattr(fit, name) for fit in fits.values()]) for name in ("values", "covariance")
-    )
     places = np.array([*fits])
-    for each in (places, values, covariances):
-        each.setflags(write=False)  # they are shared
+    values = np.array([fit.values for fit in fits.values()])
+    covariances = np.array([fit.covariance for fit in fits.values()])
+    for shared in (places, values, covariances):
+        shared.setflags(write=False)  # all certificates of this range have the same arrays
     return Refits(places=places, values=values, covariances=covariances)
 
 
 def _on_gears(
     found: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike
 ) -> tuple[Arm, Fit] | None:
-    """Arm and fit of the records on gears with which an arm has this resonance; None where they
-    cannot be fitted.
+    """Arm and fit of the records on gears with this resonance [Hz]; None where they cannot be
+    fitted.
     """
     try:
         gears = Elasticity.from_resonance(arm, hz, ratio, drive=found.rig.drive, q=pose)
@@ -165,19 +181,18 @@ def _on_gears(
             prior=found.fit.prior,
         )
         fit = search(problem, False).fit
-    # no fit on such gears: the log contradicts them, or they cannot carry the arm
-    except ValueError:
+    except ValueError:  # the log contradicts such gears, or they cannot carry the arm
         return None
     return None if fit.covariance is None else (problem.parts(fit.values)[0], fit)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Identified:
-    """Distribution of the k identified numbers of a plant, with roots (K, k, r) of their
-    covariance, to be sampled.
+    """Normal distribution of the k identified numbers of a plant, with roots (K, k, r) of their
+    covariance.
 
-    With refits, K of them on gears of the stated resonances, the arm is that of the middle of the
-    range.
+    With K refits on gears of the stated resonances, the arm is that of the middle of the range;
+    without, K is 1.
     """
 
     arm: Arm
@@ -195,7 +210,7 @@ class Identified:
         return self.centres(places) + (roots * deviations[:, None]).sum(axis=2)
 
     def centres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the numbers (P, k) of such plants would be if they were known exactly."""
+        """Expected numbers (P, k) of plants whose resonances are at these places (P, m)."""
         if self.refits is None:
             return np.tile(self.values, (len(places), 1))
         return self.refits.centres(places.mean(axis=1))
@@ -208,7 +223,7 @@ def identified(
     progress: bool = False,
     checkpoint: Checkpoint | None = None,
 ) -> Identified:
-    """What an `Uncertainty` samples of what was identified.
+    """Distribution of the identified numbers that an `Uncertainty` states.
 
     With a stated range of resonances the records of an identification on rigid gears are fitted
     again on such gears.
@@ -219,18 +234,16 @@ def identified(
         values = found.fit.values
         covariance = found.covariance
     else:
-        arm = instance(
-            "found",
-            found,
-            Arm,
-            "Give what identify gave, or an Arm and Uncertainty(covariance=...).",
-        )
+        advice = "Give what identify gave, or an Arm and Uncertainty(covariance=...)."
+        arm = instance("found", found, Arm, advice)
         names = arm.dynamics.names
         values = arm.f
         covariance = None
+    # Stated arms replace the distribution of the identified numbers altogether.
     if uncertainty.plants is not None:
         return Identified(arm=arm, names=(), values=np.empty(0), roots=np.empty((1, 0, 0)))
-    again = None
+    fits = None
+    # A stated covariance has precedence over that of the log, and over fits on gears.
     if uncertainty.covariance is not None:
         covariance = np.asarray(uncertainty.covariance)
     elif (
@@ -238,70 +251,68 @@ def identified(
         and uncertainty.resonance is not None
         and found.rig.drive.elasticity is None
     ):
-        again = refits(
+        fits = refits(
             found, uncertainty.resonance, uncertainty.damping_ratio, pose, progress, checkpoint
         )
-        if again is None:
+        if fits is None:
             hz = ", ".join(f"{low:g} to {high:g} Hz" for low, high in uncertainty.resonance)
-            why = f"the records cannot be fitted on gears of {hz}, which would have shown in them"
-            raise ValueError(
-                f"resonance must be what the records allow; {why}. State higher ones, or none."
+            reason = (
+                f"the records cannot be fitted on gears of {hz}, which would have shown in them"
             )
-    if covariance is None and again is None:
-        reason = found.fit.fallback_reason if isinstance(found, Identification) else None
-        give = (
-            "such as found.assumed().covariance(1.0) of one that follows its log, or"
-            " plants=found.candidates."
-        )
-        why = (
-            f"{reason or 'it comes without a covariance'}. Pass Uncertainty(covariance=...), {give}"
-        )
-        raise ValueError(f"found must have a covariance: {why}")
-    k = len(names)
-    plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
-    given: Any = covariance if again is None else again.covariances
-    if again is None:
-        given = array(
-            "covariance", given, (k, k), advice="Give one row per name of found.fit.unknown."
-        )[None]
-    for name in (names[i] for i in plant):
-        if (
-            name.startswith(_KNOWN_TO_LAWS)
-            and (given[:, names.index(name), names.index(name)] > 0).any()
-        ):
             raise ValueError(
-                f"{name} cannot be sampled: controllers read their counts by it. Identify with it"
-                " fixed."
+                f"resonance must be what the records allow; {reason}. State higher ones, or none."
+            )
+    if fits is not None:
+        covariances = fits.covariances
+    elif covariance is not None:
+        advice = "Give one row per name of found.fit.unknown."
+        covariances = array("covariance", covariance, (len(names),) * 2, advice=advice)[None]
+    else:
+        reason = found.fit.fallback_reason if isinstance(found, Identification) else None
+        raise ValueError(
+            f"found must have a covariance: {reason or 'it comes without a covariance'}. Pass"
+            " Uncertainty(covariance=...), such as found.assumed().covariance(1.0) of one that"
+            " follows its log, or plants=found.candidates."
+        )
+    # Numbers of the logged law are no property of the plant.
+    plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
+    for i in plant:
+        if names[i].startswith(_KNOWN_TO_LAWS) and (covariances[:, i, i] > 0).any():
+            raise ValueError(
+                f"{names[i]} cannot be sampled: controllers read their counts by it. Identify with"
+                " it fixed."
             )
     names = tuple(names[i] for i in plant)
     values = np.asarray(values)[plant]
-    if again is not None:
-        again = dataclasses.replace(again, values=again.values[:, plant])
-        (values,) = again.centres(np.array([0.5]))
+    if fits is not None:
+        # The controller has the arm of the middle resonance.
+        fits = dataclasses.replace(fits, values=fits.values[:, plant])
+        (values,) = fits.centres(np.array([0.5]))
         middle = dict(zip(names, values.tolist(), strict=True))
-        arm = arm.dynamics.arm(
-            [middle.get(name, f) for name, f in zip(arm.dynamics.names, arm.f, strict=True)]
-        )
-    roots = np.array([_root(each, plant) for each in given])
-    return Identified(arm=arm, names=names, values=values, refits=again, roots=roots)
+        f = [middle.get(name, f) for name, f in zip(arm.dynamics.names, arm.f, strict=True)]
+        arm = arm.dynamics.arm(f)
+    roots = np.array([_root(covariance, plant) for covariance in covariances])
+    return Identified(arm=arm, names=names, values=values, refits=fits, roots=roots)
 
 
 def _root(covariance: NDArray[np.float64], plant: list[int]) -> NDArray[np.float64]:
     """A root (k, k) of the covariance of these of the unknowns."""
-    if np.abs(covariance - covariance.T).max(initial=0) > 1e-6 * np.abs(covariance).max(initial=0):
+    # Rounding leaves asymmetry and negative eigenvalues of 1e-15; 1e-6 is a mistake of the user.
+    tolerance = 1e-6
+    asymmetry = np.abs(covariance - covariance.T).max(initial=0)
+    if asymmetry > tolerance * np.abs(covariance).max(initial=0):
         raise ValueError(
             "covariance must be symmetric; this one is not. Pass L L^T, not its factor L."
         )
-    covariance, scale = (
-        covariance[np.ix_(plant, plant)],
-        np.sqrt(np.abs(np.diag(covariance)[plant])),
-    )
-    scale[scale == 0] = 1.0  # what is known exactly
+    covariance = covariance[np.ix_(plant, plant)]
+    # Scaling to correlations makes eigenvalues of different units comparable.
+    scale = np.sqrt(np.abs(np.diag(covariance)))
+    scale[scale == 0] = 1.0  # a number without uncertainty
     sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2 / np.outer(scale, scale))
-    if sizes.min() < -1e-6 * max(1.0, sizes.max()):
-        has = (
+    if sizes.min() < -tolerance * max(1.0, sizes.max()):
+        reason = (
             f"its correlations have the eigenvalue {sizes.min():.3g}. Check its order, or pass"
             " found.covariance."
         )
-        raise ValueError(f"covariance must be positive semidefinite; {has}")
+        raise ValueError(f"covariance must be positive semidefinite; {reason}")
     return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0)))

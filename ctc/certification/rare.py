@@ -1,14 +1,14 @@
-"""Probability of a rare failure by subset simulation: a chain of conditional probabilities, each of
-them common.
+"""Probability of a rare failure by subset simulation, a product of conditional probabilities that
+are not rare.
 
 Failures lie within ever higher levels of the response g(u) of independent standard normal numbers
-u, and P(failure) = P(g > b_1) P(g > b_2 | g > b_1) ... Each level b_i is the quantile that a share
-of the population exceeds; from those above it Markov chains u' = rho u + sqrt(1 - rho^2) xi, kept
-where g(u') > b_i, give the next population.
+u, and P(failure) = P(g > b_1) P(g > b_2 | g > b_1) ... Each level b_i is a quantile of the
+population. From the part of the population above it, Markov chains u' = rho u + sqrt(1 - rho^2) xi
+with the condition g(u') > b_i give the next population.
 
 Source: S. K. Au, J. L. Beck, Estimation of small failure probabilities in high dimensions by subset
-simulation, Probabilistic Engineering Mechanics 16 (2001), eqs. (15), (28) to (30); the chains, and
-how rho follows from the share that is accepted, I. Papaioannou et al., MCMC algorithms for subset
+simulation, Probabilistic Engineering Mechanics 16 (2001), eqs. (15), (28) to (30); the chains and
+the adaptation of rho to the acceptance rate, I. Papaioannou et al., MCMC algorithms for subset
 simulation, same journal 41 (2015).
 """
 
@@ -23,21 +23,43 @@ from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 
-# of each level, and the share of it that exceeds the next level
-_POPULATION = 1000
-_SHARE = 0.1
-# accepted steps between two that are kept: with half of it the spread over seeds exceeds what is
-# stated
-_MOVES = 0.88
-# steps that tell how many are accepted; the share of them below which chains do not move
-_TRIED = 10
-_STUCK = 0.02
-# share of the steps to be accepted; sqrt(1 - rho^2) to begin with
-_ACCEPTED = 0.44
-_BEGINNING = 0.6
-# limits of sqrt(1 - rho^2)
-_NARROW = 0.25
-_WIDE = 0.999
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SubsetSettings:
+    """Numbers of the subset simulation. ``tests/benchmarks/campaign.py --rare`` shows that the
+    coefficient of variation that is stated is that over 60 seeds; others were chosen by hand.
+
+    Parameters
+    ----------
+    population : int
+        Samples of each level.
+    level_share : float
+        Share of a population that exceeds the next level.
+    moves : float
+        Accepted steps of a chain between two states that are kept. With half of it the spread over
+        seeds exceeds the coefficient of variation that is stated.
+    trial_steps : int
+        Steps after which chains that hardly moved end the simulation.
+    stuck_rate : float
+        Acceptance rate of these steps below which they do.
+    acceptance : float
+        Acceptance rate to which the width of the steps is adapted (Papaioannou et al.).
+    initial_width, narrowest, widest : float
+        Width of a step sqrt(1 - rho^2): the first, and its limits.
+    """
+
+    population: int = 1000
+    level_share: float = 0.1
+    moves: float = 0.88
+    trial_steps: int = 10
+    stuck_rate: float = 0.02
+    acceptance: float = 0.44
+    initial_width: float = 0.6
+    narrowest: float = 0.25
+    widest: float = 0.999
+
+
+SETTINGS = SubsetSettings()
 
 
 @kept
@@ -45,18 +67,16 @@ _WIDE = 0.999
 class Rare(Frozen):
     """Probability that the largest error before rounding exceeds the limit, by subset simulation.
 
-    Where the counts exceed the limit this error does, too, so it bounds what a `Certificate`
-    counts; it is the larger of the two, since an error of up to two pulses may be one of the
-    counts.
+    Where the counts exceed the limit this error does, too, so its probability bounds that of a
+    `Certificate` from above: a count of one pulse can be an error of up to two.
 
-    `asked`: below which it is to be. `probability`: the estimate; with `below` or `stuck` that of
-    the last level, beyond which the limit lies. `variation`: coefficient of variation of the
-    estimate. `upper`: one-sided upper bound at the confidence, the estimate taken as log-normal.
-    `below`: whether the levels went below `asked` before they reached the limit. `stuck`: whether
-    they ended before either, since chains no longer move: what decides the error there, such as the
-    chance of rounding, follows from none of the uncertain numbers. The bound is that of the last
-    level. `levels` (k,): of the largest error before rounding [pulses]. `evaluations`: samples that
-    were simulated.
+    `asked`: probability that was to be shown. `probability`: the estimate; with `below` or `stuck`
+    that of the highest level, which lies below the limit. `variation`: coefficient of variation of
+    the estimate. `upper`: one-sided upper bound at the confidence, for a log-normal estimate.
+    `below`: whether the levels became rarer than `asked` before they reached the limit. `stuck`:
+    whether the simulation ended before either because its chains no longer moved: the error there
+    is decided by none of the uncertain numbers but, for example, by the chance of rounding.
+    `levels` (k,): of the largest error before rounding [pulses]. `evaluations`: simulated samples.
     """
 
     asked: float
@@ -70,24 +90,24 @@ class Rare(Frozen):
 
     @property
     def met(self) -> bool:
-        """Whether the probability is below what was asked, at the confidence."""
+        """Whether the upper bound is at most the probability that was to be shown."""
         return self.upper <= self.asked
 
     def __str__(self) -> str:
-        how = (
-            f"subset simulation of {self.evaluations:,} samples, coefficient of variation"
-            f" {self.variation:.2f}"
-        )
-        some = f"probability {self.probability:.2g}, at most {self.upper:.2g}"
+        result = f"probability {self.probability:.2g}, at most {self.upper:.2g}"
         if self.below:
-            some = f"rarer than {self.asked:g}: at most {self.upper:.2g}"
+            result = f"rarer than {self.asked:g}: at most {self.upper:.2g}"
         elif self.stuck:
-            some = (
+            result = (
                 f"at most {self.upper:.2g}, no further: rounding decides beyond"
                 f" {self.levels[-1]:.2f} pulses"
             )
         missed = "" if self.met else f"; not shown to be as rare as {self.asked:g}"
-        return f"error before rounding beyond the limit: {some}{missed} ({how})"
+        method = (
+            f"subset simulation of {self.evaluations:,} samples, coefficient of variation"
+            f" {self.variation:.2f}"
+        )
+        return f"error before rounding beyond the limit: {result}{missed} ({method})"
 
 
 def subset_simulation(
@@ -98,40 +118,43 @@ def subset_simulation(
     seed: int,
     confidence: float = 0.95,
 ) -> Rare:
-    """Probability that a response exceeds a limit; the levels end where it is below `rare`, at the
-    confidence.
+    """Probability that a response exceeds a limit, from levels that end where it is below `rare`.
 
-    The response: standard normal u (P, numbers) -> g (P,), -inf of what cannot be, which is left
-    out.
+    The response: standard normal u (P, numbers) -> g (P,). Rows with g = -inf stand for no arm and
+    are left out.
     """
     from scipy.special import ndtri
 
     random = np.random.default_rng((seed, 4))
-    width = _BEGINNING
-    u = random.standard_normal((_POPULATION, numbers))
+    population = SETTINGS.population
+    quantile = ndtri(confidence)
+    width = SETTINGS.initial_width
+
+    # 1. The first population is an ordinary Monte Carlo sample.
+    u = random.standard_normal((population, numbers))
     g = response(u)
-    evaluations = _POPULATION
+    evaluations = population
     steps = 1
     u = u[g > -np.inf]
     g = g[g > -np.inf]
-    if len(g) < _POPULATION / 2:
+    if len(g) < population / 2:
         raise ValueError(
-            f"samples must be arms; {_POPULATION - len(g)} of them are not. Give less covariance."
+            f"samples must be arms; {population - len(g)} of them are not. Give less covariance."
         )
     probability = 1.0
-    squares = 0.0
+    squares = 0.0  # squared coefficient of variation of the probability
     levels = list[float]()
     stuck = False
     while True:
         failed = g > limit
-        above = int(_SHARE * len(g))
-        reached = failed.mean() >= _SHARE
-        below = probability * _bound(squares, ndtri(confidence)) < rare
+        # 2. Where the limit is no rarer than a level, the share beyond it is the last factor.
+        reached = failed.mean() >= SETTINGS.level_share
+        below = probability * _bound(squares, quantile) < rare
         if reached and not stuck:
             probability = probability * failed.mean()
             squares = squares + _square(failed, steps)
         if reached or below or stuck:
-            upper = min(probability * _bound(squares, ndtri(confidence)), 1.0)
+            upper = min(probability * _bound(squares, quantile), 1.0)
             return Rare(
                 asked=rare,
                 probability=float(probability),
@@ -142,16 +165,19 @@ def subset_simulation(
                 levels=np.array(levels),
                 evaluations=evaluations,
             )
+        # 3. The level lies between two neighbours, so that exactly the share exceeds it.
         order = np.argsort(-g, kind="stable")
+        above = int(SETTINGS.level_share * len(g))
         level = (g[order[above - 1]] + g[order[above]]) / 2
         probability = probability * (g > level).mean()
         squares = squares + _square(g > level, steps)
         levels.append(float(level))
-        steps = round(1 / _SHARE)
-        u, g, width, taken = _population(
+        # 4. Chains from the states above the level restore the size of the population.
+        steps = round(1 / SETTINGS.level_share)
+        u, g, width, responses = _population(
             response, u[order[:above]], g[order[:above]], level, steps, width, random
         )
-        evaluations = evaluations + taken
+        evaluations = evaluations + responses
         stuck = not len(g)
         if stuck:
             g = np.full(1, -np.inf)
@@ -166,28 +192,34 @@ def _population(
     width: float,
     random: Any,
 ) -> tuple[Floats, Floats, float, int]:
-    """States of Markov chains beyond a level, step by step, none where they are stuck; the width of
-    their steps at the end; the responses that it took.
+    """States (P, numbers) and responses (P,) of Markov chains beyond a level, step by step, none
+    where the chains are stuck; the final width of their steps; the number of responses.
     """
-    us = list[Floats]()
-    gs = list[Floats]()
-    taken = 0
+    states = list[Floats]()
+    responses = list[Floats]()
+    count = 0
     moved = 0.0
-    while len(us) < steps:
+    while len(states) < steps:
+        # The proposal keeps the standard normal distribution, so only the level rejects.
         proposed = np.sqrt(1 - width**2) * u + width * random.standard_normal(u.shape)
-        there = response(proposed)
-        accepted = there > level
-        u, g = np.where(accepted[:, None], proposed, u), np.where(accepted, there, g)
-        taken = taken + 1
+        proposed_g = response(proposed)
+        accepted = proposed_g > level
+        u = np.where(accepted[:, None], proposed, u)
+        g = np.where(accepted, proposed_g, g)
+        count = count + 1
         moved = moved + accepted.mean()
-        odds = width / (1 - width) * np.exp(2 * (accepted.mean() - _ACCEPTED) / np.sqrt(taken))
-        width = float(np.clip(odds / (1 + odds), _NARROW, _WIDE))
-        if taken == _TRIED and moved < _STUCK * _TRIED:
-            return u[:0], g[:0], width, taken * len(g)
-        if moved >= _MOVES * (len(us) + 1):
-            us.append(u)
-            gs.append(g)
-    return np.concatenate(us), np.concatenate(gs), width, taken * len(g)
+        # Adaptation on the odds keeps the width between 0 and 1; its gain falls with the steps.
+        surplus = accepted.mean() - SETTINGS.acceptance
+        odds = width / (1 - width) * np.exp(2 * surplus / np.sqrt(count))
+        width = float(np.clip(odds / (1 + odds), SETTINGS.narrowest, SETTINGS.widest))
+        trials = SETTINGS.trial_steps
+        if count == trials and moved < SETTINGS.stuck_rate * trials:
+            return u[:0], g[:0], width, count * len(g)
+        # A state is kept only after enough accepted steps: neighbours of a chain are correlated.
+        if moved >= SETTINGS.moves * (len(states) + 1):
+            states.append(u)
+            responses.append(g)
+    return np.concatenate(states), np.concatenate(responses), width, count * len(g)
 
 
 def _square(beyond: Any, steps: int) -> float:
@@ -196,36 +228,35 @@ def _square(beyond: Any, steps: int) -> float:
     """
     chains = beyond.reshape(steps, -1).astype(float)
     share = beyond.mean()
-    lags = range(1, steps)
-    products = [(chains[:-k] * chains[k:]).mean() - share**2 for k in lags]
-    gamma = (
-        2
-        * sum((1 - k / steps) * each for k, each in zip(lags, products, strict=True))
-        / (share * (1 - share) or 1)
+    covariances = sum(
+        (1 - k / steps) * ((chains[:-k] * chains[k:]).mean() - share**2) for k in range(1, steps)
     )
+    # A share of 0 or 1 has no variance to divide by. Anticorrelation by chance counts as none.
+    gamma = 2 * covariances / (share * (1 - share) or 1)
     return float((1 - share) / (share * len(beyond)) * (1 + max(gamma, 0.0)))
 
 
 def _bound(squares: float, quantile: float) -> float:
-    """Ratio of an upper bound to an estimate of this squared coefficient of variation,
-    log-normal.
+    """Ratio of the upper bound to a log-normal estimate with this squared coefficient of
+    variation.
     """
     return float(np.exp(quantile * np.sqrt(np.log1p(squares))))
 
 
-# what an `Uncertainty` draws at every instant, or takes in turn
+# Uncertainties that are drawn at every instant, or taken in turn: no number stands for them.
 _NOT_NUMBERS = ("jitter", "dropped", "plants")
 
 
 class Normals:
-    """Stands for a random generator: what it gives are columns of u (P, d), which grow with what
-    is first asked for.
+    """Stands for a random generator: its draws are columns of u (P, d), or new columns of it.
+
+    `sound` (P,): whether each row gives an arm, which the receiver of the draws states.
     """
 
     def __init__(self, u: Floats, random: Any = None) -> None:
         self.u = u
         self._random = random
-        self._at = 0
+        self._read = 0  # columns that were given out
         self.sound = np.ones(len(u), bool)
 
     def standard_normal(self, shape: Any) -> Floats:
@@ -233,11 +264,11 @@ class Normals:
         count = int(np.prod(np.atleast_1d(shape)[1:]))
         if self._random is not None:
             self.u = np.hstack([self.u, self._random.standard_normal((len(self.u), count))])
-        self._at += count
-        return self.u[:, self._at - count : self._at].reshape(shape)
+        self._read += count
+        return self.u[:, self._read - count : self._read].reshape(shape)
 
     def uniform(self, low: Any, high: Any, shape: Any) -> Floats:
-        """The same between two ends."""
+        """The next columns as uniform numbers between two ends."""
         from scipy.special import ndtr
 
         return np.asarray(low + (high - low) * ndtr(self.standard_normal(shape)))
@@ -263,12 +294,14 @@ def rare_failure(
 
     def response(u: Floats) -> Floats:
         normals = Normals(u)
-        plants, worst = task.sampled(len(u), normals=normals), np.full(len(u), -np.inf)
+        plants = task.sampled(len(u), normals=normals)
+        worst = np.full(len(u), -np.inf)
         for path, settings in motions.values():
             runs = plants.under(law, path, within=task.within, **settings).run(task.threads)
             worst = np.maximum(worst, runs.unrounded.max(axis=1))
         return np.where(normals.sound, worst, -np.inf)
 
-    grown = Normals(np.empty((2, 0)), np.random.default_rng(0))
-    task.sampled(2, normals=grown)
-    return subset_simulation(response, task.within, grown.u.shape[1], rare, task.seed, confidence)
+    # A trial draw of two samples counts the numbers that one sample needs.
+    trial = Normals(np.empty((2, 0)), np.random.default_rng(0))
+    task.sampled(2, normals=trial)
+    return subset_simulation(response, task.within, trial.u.shape[1], rare, task.seed, confidence)

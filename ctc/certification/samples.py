@@ -1,10 +1,8 @@
-"""Monte Carlo samples of arm and rig, from what an `Uncertainty` states. A certificate covers
-nothing else.
-"""
+"""Monte Carlo samples of arm and rig from an `Uncertainty`. A certificate covers nothing else."""
 
 import dataclasses
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,10 +19,31 @@ from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.sums import product
 
-_PATIENCE = 20  # draws per plant at most, until one is an arm
-# steps in which a draw goes towards the identified arm, and how near it comes at most
-_CLOSER = 0.9
-_NEAREST = 1e-4
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RejectionSettings:
+    """Numbers of the rejection of samples that are no arms, all chosen by hand.
+
+    Parameters
+    ----------
+    draws : int
+        Draws per sample, on average, after which those that are no arm yet are projected.
+    shrink : float
+        Factor by which each step of the projection shortens the way to the identified arm.
+    nearest : float
+        Share of that way at which the projection ends.
+    """
+
+    draws: int = 20
+    shrink: float = 0.9
+    nearest: float = 1e-4
+
+
+SETTINGS = RejectionSettings()
+
+_FRICTION = ("drive.viscous", "drive.coulomb")
+
+# Numbers of a rig that are negative in no machine.
 _NOT_NEGATIVE = re.compile(
     r"drive\.(viscous|coulomb|curve\.breakaway|elasticity)|springs(\[\d+\])?\.stiffness"
 )
@@ -44,43 +63,46 @@ def draw(
     """Monte Carlo samples of the arm `found` and its rig, as an `Uncertainty` states them.
 
     Sampled are the identified numbers (from their covariance, or from given arms), friction that
-    was not identified, and what else is stated; resonances are those of the gears at `pose` (n,)
-    [rad], zeros by default. A progress bar and the stages of a checkpoint are those of the records
-    that are fitted again on elastic gears. `normals`, in place of a random generator, gives the
-    samples as a function of its numbers; which of them are arms it is told.
+    was not identified, and all stated effects. Resonances are those of the gears at `pose` (n,)
+    [rad], zeros by default. `progress` and `checkpoint` are for the fits of the records on elastic
+    gears. `normals` replaces the random generator and makes the samples a function of its numbers
+    (`ctc.certification.rare.Normals`).
     """
     instance("rig", rig, Rig, "The order is found, rig, law, reference.")
     pose = np.zeros(rig.n) if pose is None else pose
     _require_possible(uncertainty, rig)
     known = identified(uncertainty, found, pose, progress, checkpoint)
     arm = known.arm
-    unknown = known.names
     random = normals or np.random.default_rng(seed)
+    # Places in the ranges have a stream of their own, so that they do not depend on rejections.
+    places_random = normals or np.random.default_rng((seed, 2))
     shape = samples, 1 + len(uncertainty.resonance or ())
-    places = (normals or np.random.default_rng((seed, 2))).uniform(0, 1, shape)
-    rig = _with_found(
-        rig,
-        {n: v for n, v in zip(unknown, known.values, strict=True) if n not in arm.dynamics.names},
-    )
-    of_arms, numbers, f, redrawn, projected = _arms(uncertainty, known, rig, random, places)
-    own, of_hardware, others = _hardware(uncertainty, random, rig, samples)
+    places = places_random.uniform(0, 1, shape)
+    identified_values = dict(zip(known.names, known.values, strict=True))
+    of_rig = {n: v for n, v in identified_values.items() if n not in arm.dynamics.names}
+    rig = _with_identified(rig, of_rig)
+    # The order of the draws is part of the result: it decides all bits of a seed.
+    arms = _arms(uncertainty, known, rig, random, places)
+    own, of_hardware, hardware = _hardware(uncertainty, random, rig, samples)
     rig = placed_in(_with_middle(uncertainty, arm, own, pose), uncertainty.imperfections)
-    gears = _gears(uncertainty, random, arm, rig, f, pose, places)
-    names = (*of_arms, *of_hardware, *gears.names)
-    values = np.hstack([numbers, others, gears.values])
+    gears = _gears(uncertainty, random, arm, rig, arms.f, pose, places)
+    names = (*arms.names, *of_hardware, *gears.names)
+    values = np.hstack([arms.values, hardware, gears.values])
+    # Sensitivities are asked of numbers that differ alone.
     varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
     expected = np.zeros_like(values)
     if known.refits is not None:
-        expected[:, [names.index(name) for name in unknown]] = known.centres(places[:, :-1])
+        columns = [names.index(name) for name in known.names]
+        expected[:, columns] = known.centres(places[:, :-1])
     return Plants(
         arm=arm,
         rig=rig,
-        f=f,
+        f=arms.f,
         names=tuple(names[i] for i in varying),
         values=values[:, varying],
         dropped=float(uncertainty.dropped),
-        redrawn=redrawn,
-        projected=projected,
+        redrawn=arms.redrawn,
+        projected=arms.projected,
         seed=seed,
         own=own,
         uncertainty=uncertainty,
@@ -94,35 +116,44 @@ def draw(
 def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
     """Refuse what this rig cannot have, before anything is fitted or sampled."""
     if uncertainty.resonance is not None:
-        if (given := len(uncertainty.resonance)) not in (1, rig.n):
+        pairs = len(uncertainty.resonance)
+        if pairs not in (1, rig.n):
             raise ValueError(
-                f"resonance must be one pair, or {rig.n}; got {given}. Give (low, high)."
+                f"resonance must be one pair, or {rig.n}; got {pairs}. Give (low, high)."
             )
         rig = with_gears(rig, Elasticity(stiffness=np.ones(rig.n), damping=np.zeros(rig.n)))
-    for ends in zip(*uncertainty.imperfections.values(), strict=True):
-        placed_in(
-            rig,
-            {name: (0.0, end) for name, end in zip(uncertainty.imperfections, ends, strict=True)},
-        )
+    # The parts themselves refuse values out of their ranges: both ends are tried.
+    ranges = uncertainty.imperfections
+    for ends in zip(*ranges.values(), strict=True):
+        placed_in(rig, {name: (0.0, end) for name, end in zip(ranges, ends, strict=True)})
+
+
+class _Arms(NamedTuple):
+    """Sampled arms: `names` (K) and `values` (P, K) of their numbers, and `f` (P, p) with the load;
+    how many draws were rejected, and how many samples projected.
+    """
+
+    names: tuple[str, ...]
+    values: Any
+    f: Any
+    redrawn: int
+    projected: int
 
 
 def _arms(uncertainty, known, rig, random, places):
-    """Names (K), values (P, K) and f with the load (P, p) of arms; how many were drawn again,
-    and projected.
-    """
-    dynamics, samples = known.arm.dynamics, len(places)
-    given = None if uncertainty.plants is None else _possible(dynamics, rig, uncertainty.plants)
-    direction, friction = (
-        _load_direction(uncertainty, dynamics),
-        _friction(uncertainty, rig, known.names),
-    )
+    """`_Arms` whose resonances are at these places (P, m + 1) of their ranges."""
+    dynamics = known.arm.dynamics
+    samples = len(places)
+    stated = None if uncertainty.plants is None else _possible(dynamics, rig, uncertainty.plants)
+    direction = _load_direction(uncertainty, dynamics)
+    friction = _friction(uncertainty, rig, known.names)
 
     def drawn(rows):
-        """Names and values (K, count) of draws."""
+        """New values of these samples, name -> (count,)."""
         count = len(rows)
         values = dict(zip(known.names, known.draw(random, places[rows, :-1]).T, strict=True))
-        if given is not None:
-            values = dict(zip(dynamics.names, given[rows % len(given)].T, strict=True))
+        if stated is not None:
+            values = dict(zip(dynamics.names, stated[rows % len(stated)].T, strict=True))
         for name, level in friction.items():
             values[name] = level * (1 + uncertainty.friction * random.standard_normal(count))
         return values | {"load": random.uniform(*uncertainty.load, count)}
@@ -139,59 +170,57 @@ def _arms(uncertainty, known, rig, random, places):
         return f, sound
 
     values = drawn(np.arange(samples))
-    (f, sound), redrawn, projected = arms(values), 0, 0
-    middle = dict(zip(known.names, known.values, strict=True)) | friction
-    # its numbers are given: the first arm stands where there is none
+    f, sound = arms(values)
+    # Samples that are a function of given numbers are not drawn again. The first arm takes the
+    # place of those that are none; `sound` tells which these are.
     if not isinstance(random, np.random.Generator):
         random.sound = sound
-        instead = np.where(sound, np.arange(len(f)), sound.argmax())
-        return (
-            tuple(values),
-            np.column_stack([*values.values()])[instead],
-            f[instead],
-            redrawn,
-            projected,
-        )
+        rows = np.where(sound, np.arange(len(f)), sound.argmax())
+        return _Arms(tuple(values), np.column_stack([*values.values()])[rows], f[rows], 0, 0)
+    middle = dict(zip(known.names, known.values, strict=True)) | friction
+    redrawn = 0
+    projected = 0
     while not sound.all():
-        again = np.flatnonzero(~sound)
-        redrawn += len(again)
-        others = drawn(again)
-        if redrawn > _PATIENCE * samples:
-            others = _projected(others, middle, arms)
-            projected = len(again)
-        for name, some in others.items():
-            values[name][again] = some
-        f[again], sound[again] = arms(others)
+        rejected = np.flatnonzero(~sound)
+        redrawn += len(rejected)
+        replacements = drawn(rejected)
+        # Where hardly any draw is an arm, rejection would not end.
+        if redrawn > SETTINGS.draws * samples:
+            replacements = _projected(replacements, middle, arms)
+            projected = len(rejected)
+        for name, column in replacements.items():
+            values[name][rejected] = column
+        f[rejected], sound[rejected] = arms(replacements)
         if projected and not sound.all():
-            none = (
+            reason = (
                 f"{redrawn} were not (D(q) indefinite, or negative friction), nor is the one"
                 " identified"
             )
             raise ValueError(
-                f"samples must be arms; {none}. Give a smaller covariance, or a better experiment."
+                f"samples must be arms; {reason}. Give a smaller covariance, or a better"
+                " experiment."
             )
-    return tuple(values), np.column_stack([*values.values()]), f, redrawn, projected
+    return _Arms(tuple(values), np.column_stack([*values.values()]), f, redrawn, projected)
 
 
 def _projected(values, middle, arms):
-    """Draws, name -> (count,), those that are no arms on straight lines towards the middle until
-    they are.
+    """Draws, name -> (count,), moved on straight lines towards the identified arm until they are
+    arms.
     """
     share = 1.0
     values = dict(values)
-    while share > _NEAREST and not (sound := arms(values)[1]).all():
-        share *= _CLOSER
+    sound = arms(values)[1]
+    while share > SETTINGS.nearest and not sound.all():
+        share *= SETTINGS.shrink
         for name in middle.keys() & values.keys():
-            values[name] = np.where(
-                sound, values[name], middle[name] + _CLOSER * (values[name] - middle[name])
-            )
+            closer = middle[name] + SETTINGS.shrink * (values[name] - middle[name])
+            values[name] = np.where(sound, values[name], closer)
+        sound = arms(values)[1]
     return values
 
 
 def _hardware(uncertainty, random, rig, samples):
-    """The rig with a place for encoder offsets and delay, the names (K) of those sampled, and
-    their values (P, K).
-    """
+    """The rig with fields for encoder offsets and delay, names (K) and values (P, K) of both."""
     names = []
     values = [np.empty((samples, 0))]
     changes = {}
@@ -199,6 +228,7 @@ def _hardware(uncertainty, random, rig, samples):
         names += [f"encoder.phase.shift[{i}]" for i in range(rig.n)]
         values.append(random.uniform(-0.5, 0.5, (samples, rig.n)))
         changes["encoder"] = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
+    # Lost counts, too, are a property of the transport.
     if uncertainty.delay[1] or uncertainty.dropped:
         names.append("transport.delay")
         values.append(random.uniform(*uncertainty.delay, (samples, 1)))
@@ -207,7 +237,7 @@ def _hardware(uncertainty, random, rig, samples):
 
 
 def _with_middle(uncertainty, arm, rig, pose):
-    """The rig with elastic gears in the middle of the range that is stated."""
+    """The rig with elastic gears in the (geometric) middle of the stated range."""
     if uncertainty.resonance is None:
         return rig
     middle = np.sqrt(np.prod(uncertainty.resonance, axis=1))
@@ -217,49 +247,53 @@ def _with_middle(uncertainty, arm, rig, pose):
 
 def _gears(uncertainty, random, arm, rig, f, pose, places):
     """Gears and drives of arms with these f (P, p), at these places (P, m + 1) of the ranges of
-    resonance, damping.
+    resonance and damping.
     """
     count = len(f)
     n = rig.n
-    others = drawn_of(uncertainty.imperfections, random, count, n)
+    imperfections = drawn_of(uncertainty.imperfections, random, count, n)
     if uncertainty.resonance is None:
-        return others
+        return imperfections
     low, high = np.log(uncertainty.resonance).T
     hz = np.exp(low + places[:, :-1] * (high - low))
     ratio = uncertainty.damping_ratio[0] + places[:, -1:] * np.ptp(uncertainty.damping_ratio)
+    # The gear of each sample follows from the inertia of its link: the resonance is what is stated.
     links = product(f, shaft_inertias(arm.dynamics, rig, pose)) - rig.drive.reflected_inertia()
-    found = gears(np.broadcast_to(hz, (count, n)), ratio, links)
+    stiffness_damping = gears(np.broadcast_to(hz, (count, n)), ratio, links)
     names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]
-    own = [f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)]
+    derived = [
+        f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(n)
+    ]
     return Drawn(
-        names=(*names, "damping_ratio", *others.names),
-        values=np.hstack([hz, ratio, others.values]),
-        derived_names=(*own, *others.derived_names),
-        derived=np.hstack([*found, others.derived]),
+        names=(*names, "damping_ratio", *imperfections.names),
+        values=np.hstack([hz, ratio, imperfections.values]),
+        derived_names=(*derived, *imperfections.derived_names),
+        derived=np.hstack([*stiffness_damping, imperfections.derived]),
     )
 
 
 def _friction(uncertainty, rig, unknown):
     """Name -> value of the friction that was not identified."""
-    known = (
-        dict(zip(rig.number_names(), rig.number_values(), strict=True))
-        if uncertainty.friction > 0
-        else {}
-    )
-    names = [name for name in known if name.startswith(("drive.viscous", "drive.coulomb"))]
-    return {name: known[name] for name in names if name not in unknown and known[name] > 0}
+    if not uncertainty.friction > 0:
+        return {}
+    return {
+        name: value
+        for name, value in zip(rig.number_names(), rig.number_values(), strict=True)
+        if name.startswith(_FRICTION) and name not in unknown and value > 0
+    }
 
 
 def _load_direction(uncertainty, dynamics):
     """Change (p,) of f per kg in the gripper."""
     if uncertainty.load[1] == 0:
         return np.zeros(dynamics.p)
-    nothing = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(dynamics.n - 1)]
-    return dynamics.f([*nothing, Body(mass=1.0, com=uncertainty.load_position)])
+    # f is linear in the bodies: that of 1 kg on massless links is the change per kg.
+    massless = [Body(mass=0.0, com=(0, 0, 0)) for _ in range(dynamics.n - 1)]
+    return dynamics.f([*massless, Body(mass=1.0, com=uncertainty.load_position)])
 
 
-def _with_found(rig, values):
-    """The rig with the values that were identified of its numbers."""
+def _with_identified(rig, values):
+    """The rig with the identified values of its numbers."""
     missing = [name for name in values if name not in rig.number_names()]
     if missing:
         raise ValueError(
@@ -285,47 +319,43 @@ def _possible(dynamics, rig, plants):
 def statement(
     uncertainty: Uncertainty, rig: Rig, known: Identified
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What is sampled of an `Uncertainty` with these identified numbers, and what is not."""
+    """Effects that are sampled from an `Uncertainty` with these identified numbers, and those that
+    are not.
+    """
     u = uncertainty
-    drawn = []
-    identified = [
-        name for name in known.names if name.startswith(("drive.viscous", "drive.coulomb"))
-    ]
-    every = len(identified) == 2 * rig.n
+    sampled = []
+    friction_names = [name for name in known.names if name.startswith(_FRICTION)]
+    complete = len(friction_names) == 2 * rig.n
     friction = (
-        f"friction{' that was not identified' * bool(identified)} ±{100 * u.friction:.3g} %"
+        f"friction{' that was not identified' * bool(friction_names)} ±{100 * u.friction:.3g} %"
         " (standard deviation)"
     )
-    if every:
+    if complete:
         friction = "friction as identified (friction= is of what was not)"
     if u.plants is not None:
-        drawn.append("f of given arms")
+        sampled.append("f of given arms")
     elif known.refits is not None:
-        drawn.append(
-            f"what the log says on gears of {len(known.refits.places)} resonances of the range"
-        )
+        resonances = len(known.refits.places)
+        sampled.append(f"what the log says on gears of {resonances} resonances of the range")
     elif known.names:
-        drawn.append("what was identified")
-    hz = ", ".join(f"{low:g} to {high:g}" for low, high in u.resonance or ())
-    alike = "all joints alike" if len(u.resonance or ()) == 1 else "of each joint"
+        sampled.append("what was identified")
+    pairs = u.resonance or ()
+    hz = ", ".join(f"{low:g} to {high:g}" for low, high in pairs)
+    alike = "all joints alike" if len(pairs) == 1 else "of each joint"
     gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
     stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
+    # Whether it is sampled, its words if so, and its words if not.
     rows = [
         (u.resonance is not None, gears, stiff),
-        (every or u.friction > 0, friction, "friction"),
+        (complete or u.friction > 0, friction, "friction"),
         (u.load[1] > 0, f"load {spread(u.load)} kg", "load"),
         (u.phase, "encoder zeros", "encoder zeros"),
         (u.delay[1] > 0, f"delay {spread(u.delay)} s", "delay"),
         (u.dropped > 0, f"lost counts {100 * u.dropped:g} %", "lost counts"),
     ]
     for name, row in IMPERFECTIONS.items():
-        own = "" if row.own(rig) is None else " (as the rig has it)"
-        rows.append(
-            (
-                any(getattr(u, name)),
-                f"{row.words} {spread(getattr(u, name))} {row.unit}",
-                f"{row.words}{own}",
-            )
-        )
-    drawn += [said for there, said, _ in rows if there]
-    return tuple(drawn), tuple(name for there, _, name in rows if not there)
+        ends = getattr(u, name)
+        of_rig = "" if row.own(rig) is None else " (as the rig has it)"
+        rows.append((any(ends), f"{row.words} {spread(ends)} {row.unit}", f"{row.words}{of_rig}"))
+    sampled += [words for varies, words, _ in rows if varies]
+    return tuple(sampled), tuple(words for varies, _, words in rows if not varies)

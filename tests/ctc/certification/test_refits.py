@@ -136,7 +136,7 @@ def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, ca
     assert len(made) == 2
     assert "fits on gears" not in capsys.readouterr().err
 
-    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    monkeypatch.setattr(fits_on_gears, "_STORE", {})
     assert results(
         certify(found, RIG, fast, PATH, **with_uncertainty(**stated, progress=False))
     ) == results(kept)
@@ -146,7 +146,7 @@ def test_fits_are_made_once_for_a_range_and_change_no_bit(found, monkeypatch, ca
 
 def test_other_fits_are_made_where_anything_that_they_depend_on_differs(found, monkeypatch):
     made = []
-    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    monkeypatch.setattr(fits_on_gears, "_STORE", {})
     monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: made.append(given))
     usual, pair = (found, ((50.0, 50.0),), (0.02, 0.02), START), (50.0, 50.0)
     other = dataclasses.replace(found, arm=found.arm.dynamics.arm(1.01 * found.f))
@@ -169,12 +169,12 @@ def test_other_fits_are_made_where_anything_that_they_depend_on_differs(found, m
 
 
 def test_so_many_ranges_are_kept_and_no_more(found, monkeypatch):
-    monkeypatch.setattr(fits_on_gears, "_KEPT", {})
+    monkeypatch.setattr(fits_on_gears, "_STORE", {})
     monkeypatch.setattr(fits_on_gears, "_on_gears", lambda *given: None)
     for hz in range(20, 40):
         refits(found, ((hz, hz),), (0.02, 0.02), START)
-    (kept,) = fits_on_gears._KEPT.values()
-    assert len(kept) == fits_on_gears._REMEMBERED
+    (kept,) = fits_on_gears._STORE.values()
+    assert len(kept) == fits_on_gears.SETTINGS.stored
 
 
 @pytest.mark.parametrize(
