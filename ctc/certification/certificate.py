@@ -1,6 +1,4 @@
-"""Probability of exceeding a pulse limit on one path with its exact bounds, the worst sample,
-and the sensitivities.
-"""
+"""`Certificate`: probability of exceeding a pulse limit on one path, and the worst sample."""
 
 import dataclasses
 import functools
@@ -29,14 +27,11 @@ from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs
 
-_FIRST = 400  # samples of which is said what identifying friction would give
-
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Certificate(Certified):
-    """Probability of exceeding a pulse limit under parameter uncertainty, and why. Print it for a
-    table.
+    """Probability of exceeding a pulse limit under parameter uncertainty. Print it for a table.
 
     Attributes
     ----------
@@ -53,12 +48,12 @@ class Certificate(Certified):
         ``steps_per_sample``, ``duration`` and ``after``.
     threads : int
     seconds : float
-        That the runs took.
+        Duration of the runs.
     seen : Seen or None
-        What the logs show of gears, and where the path exceeds it; None of an arm that was not
-        identified.
+        Gears that the logs would have shown, and where the path exceeds the logs; None for an arm
+        that was not identified.
     rare : Rare or None
-        What ``certify(..., rare=)`` asked for.
+        Result of ``certify(..., rare=)``.
     versions : dict
         Of the library, numpy, casadi and Python that made it.
 
@@ -71,8 +66,10 @@ class Certificate(Certified):
     >>> from plant import puma560
     >>> from ctc import ComputedTorque, Uncertainty, certify
     >>> arm, rig = puma560.arm(), puma560.rig()
-    >>> law, stated = ComputedTorque(arm, rig, bandwidth=150), Uncertainty(plants=[arm.f], friction=0.02)
-    >>> certificate = certify(arm, rig, law, puma560.reference(), stated, samples=64, progress=False)
+    >>> law = ComputedTorque(arm, rig, bandwidth=150)
+    >>> stated = Uncertainty(plants=[arm.f], friction=0.02)
+    >>> path = puma560.reference()
+    >>> certificate = certify(arm, rig, law, path, stated, samples=64, progress=False)
     >>> certificate.failures, certificate.upper < 0.1
     (0, True)
     """
@@ -84,37 +81,41 @@ class Certificate(Certified):
 
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:
-        """On which elastic gears the nominal arm stays within the limit; None where the gears are
+        """Elastic gears on which the nominal arm stays within the limit; None where the gears are
         elastic already.
 
-        Stated delay, lag and other imperfections are at that end of their ranges which is farther
+        Stated delay, lag and other imperfections are at the end of their ranges that is farther
         from zero.
         """
         if self.plants.rig.drive.elasticity is not None:
             return None
         ratio, _ = self.plants.uncertainty.damping_ratio or (0.0, 0.0)
-        after = max(SETTLED, self.settings["after"])
+        # On elastic gears the start does not count, whatever `after` was on these rigid ones.
+        begins = max(SETTLED, self.settings["after"])
         return lowest_resonance(
-            *self._loop, float(ratio or DAMPING_RATIO), after, self.threads, None
+            *self._loop, float(ratio or DAMPING_RATIO), begins, self.threads, None
         )
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
-        """What the nominal arm does from rest, where the path begins in motion and exceeds the
+        """Run of the nominal arm from rest, where the path begins in motion and it exceeds the
         limit.
         """
         return from_rest(*self._loop)
 
     @functools.cached_property
     def by_counts(self) -> NDArray[np.float64]:
-        """Largest error before rounding (n,) [pulses] where f and start are the controller's own:
-        what rounding adds by itself, to what an unknown f does. Infinite where that loop diverges.
+        """Largest error before rounding (n,) [pulses] where f and start are the controller's own.
+
+        This part is due to rounding, the remaining part to uncertain f. Infinite where that loop
+        diverges.
         """
         arm, rig, law, path, _, duration, steps = self._loop
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what it says of rig and path was said of the samples
+            # Warnings about rig and path were given with the samples.
+            warnings.simplefilter("ignore")
             try:
-                own = evaluate(
+                evaluation = evaluate(
                     getattr(law, "arm", arm),
                     rig,
                     law,
@@ -124,60 +125,62 @@ class Certificate(Certified):
                 )
             except DivergenceError:
                 return np.full(rig.n, np.inf)
+        # The error has a row for each sub-step; a rounding error must not drop the instant itself.
         begins = steps * math.ceil(self.settings["after"] / rig.period - 1e-9)
-        return np.asarray(np.abs(own.true_error_pulses[begins:]).max(axis=0))
+        return np.asarray(np.abs(evaluation.true_error_pulses[begins:]).max(axis=0))
 
     @functools.cached_property
     def friction_known(self) -> float | None:
-        """Share of the first samples that exceed the limit where friction is known as the log would
-        identify it.
+        """Share of 400 samples that exceed the limit with friction known as the log would identify
+        it.
 
-        None where all that is sampled of it was identified, or no log is there.
+        None where all sampled friction was identified, or there is no log.
         """
-        known = {} if self.seen is None else self.seen.friction
-        plants = self.plants.first(min(_FIRST, len(self.plants)))
-        stated = dict(
-            zip(plants.rig.number_names(), plants.rig.number_values().tolist(), strict=True)
-        )
-        values = plants.values.copy()
-        those = [i for i, name in enumerate(plants.names) if name in known]
-        for i in those:
-            level = stated[plants.names[i]]
-            left = known[plants.names[i]] / (plants.uncertainty.friction * level)
-            values[:, i] = level + min(1.0, left) * (values[:, i] - level)
-        if not those:
+        deviations = {} if self.seen is None else self.seen.friction
+        plants = self.plants.first(None)
+        columns = [i for i, name in enumerate(plants.names) if name in deviations]
+        if not columns:
             return None
-        return float((self.run(dataclasses.replace(plants, values=values)).outside > 0).mean())
+        rig = plants.rig
+        levels = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
+        values = plants.values.copy()
+        for i in columns:
+            name = plants.names[i]
+            level = levels[name]
+            # The same samples, their deviation scaled to that of an identification; a log that
+            # shows less than is stated narrows nothing.
+            narrower = min(1.0, deviations[name] / (plants.uncertainty.friction * level))
+            values[:, i] = level + narrower * (values[:, i] - level)
+        runs = self.run(dataclasses.replace(plants, values=values))
+        return float((runs.outside > 0).mean())
 
     def run(self, plants: Plants, law: Law | None = None) -> Runs:
-        """Other samples, or under another controller, run as its own were."""
+        """Runs of other samples, or under another controller, with the settings of this one."""
         options = {name: self.settings[name] for name in ("steps_per_sample", "duration", "after")}
-        own = self.law if law is None else law
-        return plants.under(own, self.reference, within=self.within, **options).run(self.threads)
+        law = self.law if law is None else law
+        return plants.under(law, self.reference, within=self.within, **options).run(self.threads)
 
     @property
     def _loop(self) -> Any:
-        """The nominal loop, its limit, its duration in whole periods and steps, as an
-        `Evaluation` has them.
+        """Arguments of the nominal loop: arm, rig, law, reference, limit, duration in whole
+        periods, and steps per sample, as an `Evaluation` has them.
         """
-        arm = self.plants.arm
         rig = self.plants.nominal
-        settings = self.settings
-        duration = math.ceil(settings["duration"] / rig.period - 1e-9) * rig.period
+        samples = math.ceil(self.settings["duration"] / rig.period - 1e-9)
         return (
-            arm,
+            self.plants.arm,
             rig,
             self.law,
             self.reference,
             self.within,
-            duration,
-            settings["steps_per_sample"],
+            samples * rig.period,
+            self.settings["steps_per_sample"],
         )
 
     @property
     def holds(self) -> bool:
-        """Whether no sample exceeds the limit, nor the nominal arm from rest, and failures are
-        as rare as was asked.
+        """Whether neither a sample nor the nominal arm from rest exceeds the limit, and failures
+        are as `rare` as required.
         """
         return (
             self.failures == 0 and self.from_rest is None and (self.rare is None or self.rare.met)
@@ -217,26 +220,24 @@ class Certificate(Certified):
 
     @property
     def verdict(self) -> str:
-        """What was found, and on which gears it holds: one sentence, two on rigid ones."""
+        """Failures, bound, and the gears on which they hold: one sentence, two on rigid gears."""
         return verdict(self)
 
     @known_options
     def reserves(self, *, samples: int | None = None, allowed: float = 0.0) -> Reserves:
-        """Lowest bandwidth and longest period at which at most a share `allowed` of the first
-        `samples` exceeds it.
+        """Lowest bandwidth and longest period at which a share `allowed` of `samples` may fail.
 
-        Of 400 by default, or of all where there are fewer.
+        The first 400 samples by default, or all where there are fewer.
         """
         return reserves(self, samples, allowed)
 
     @known_options
     def from_hold(self, *, samples: int | None = None) -> Any:
-        """The certificate of the first `samples` (400, or all) where the controller has held the
-        arm at rest before.
+        """The certificate of the first `samples` (400, or all) that start from a hold.
 
-        Its disturbance torque is then what the model lacks there, and static friction may carry
-        anything: of each joint's Coulomb level any share from -1 to 1, uniform. By default samples
-        begin as when a brake is let go, with no disturbance torque yet.
+        The disturbance torque of the controller is then the torque that its model lacks at rest,
+        and static friction carries any share from -1 to 1 of each joint's Coulomb level, uniform.
+        Without it samples begin as at the release of a brake, with no disturbance torque.
 
         Raises
         ------

@@ -20,15 +20,14 @@ from plant.simulation.population import Runs
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Certificates(Certified, Mapping[str, Certificate]):
-    """Probability of exceeding a pulse limit in a set of motions: name -> `Certificate`. Print it
-    for a table.
+    """Probability of exceeding a pulse limit in a set of motions: name -> `Certificate`. Print it.
 
-    Every sample makes every motion; `failures`, `probability`, `upper` and `sensitivities` are of
-    those that exceed the limit in any of them. `Certificate.load` reads its files, too.
+    Every sample makes every motion; `failures`, `probability`, `upper` and `sensitivities` count
+    samples that exceed the limit in any motion. `Certificate.load` reads its files, too.
 
     `law`, `plants`, `within`, `confidence`, `threads`, `seconds`, `versions`: as of `Certificate`.
-    `motions`: of each certificate: reference, runs, settings, and what the logs show beside the
-    motion. `rare`: of failures in any of the motions.
+    `motions`: reference, runs, settings and `seen` of each certificate. `rare`: failures in any of
+    the motions.
     """
 
     _read_by: ClassVar[tuple[type, ...]] = (Certificate,)
@@ -36,17 +35,16 @@ class Certificates(Certified, Mapping[str, Certificate]):
     motions: dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]
 
     @functools.cached_property
-    def _each(self) -> dict[str, Certificate]:
-        same = {
-            field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)
-        } | {"rare": None}
+    def _certificates(self) -> dict[str, Certificate]:
+        common = {field.name: getattr(self, field.name) for field in dataclasses.fields(Certified)}
+        common["rare"] = None  # it is a probability of the whole set
         return {
-            name: Certificate(reference=path, runs=runs, settings=settings, seen=seen, **same)
+            name: Certificate(reference=path, runs=runs, settings=settings, seen=seen, **common)
             for name, (path, runs, settings, seen) in self.motions.items()
         }
 
     def __getitem__(self, name: str) -> Certificate:
-        return of_motion(self._each, name)
+        return of_motion(self._certificates, name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.motions)
@@ -57,21 +55,17 @@ class Certificates(Certified, Mapping[str, Certificate]):
     @functools.cached_property
     def runs(self) -> Runs:  # type: ignore[override]  # follows from the motions
         """All motions of each sample as one."""
-        return Runs.joined([each.runs for each in self.values()])
+        return Runs.joined([certificate.runs for certificate in self.values()])
 
     @property
     def settings(self) -> dict[str, Any]:  # type: ignore[override]  # follows from the motions
         """``steps_per_sample``, and the largest ``after``."""
-        return {
-            **self[self.worst].settings,
-            "after": max(each.settings["after"] for each in self.values()),
-        }
+        latest = max(certificate.settings["after"] for certificate in self.values())
+        return self[self.worst].settings | {"after": latest}
 
     @property
     def worst(self) -> str:
-        """Name of the motion in which the most samples exceed the limit; among equals, that with
-        the largest error.
-        """
+        """Name of the motion with the most failures; among equals, with the largest error."""
         return max(self, key=lambda name: (self[name].failures, self[name].runs.unrounded.max()))
 
     @property
@@ -81,31 +75,30 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     @property
     def holds(self) -> bool:
-        """Whether no sample exceeds the limit in any motion, nor the nominal arm from rest, and
-        as `Certificate`.
-        """
-        return all(each.holds for each in self.values()) and (self.rare is None or self.rare.met)
+        """Whether the certificates of all motions hold, and failures are as `rare` as required."""
+        rare_enough = self.rare is None or self.rare.met
+        return rare_enough and all(certificate.holds for certificate in self.values())
 
     @property
     def lowest_resonance(self) -> float | None:
         """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on
         gears, in all motions.
         """
-        found = [hz for hz in (each.lowest_resonance for each in self.values()) if hz is not None]
-        return max(found, default=None)
+        numbers = [certificate.lowest_resonance for certificate in self.values()]
+        return max((hz for hz in numbers if hz is not None), default=None)
 
     @property
     def verdict(self) -> str:
-        """What was found, and in which motion the most samples exceed the limit."""
+        """Failures and bound over all motions, and the motion with the most failures."""
         return verdict_of_set(self)
 
     @known_options
     def from_hold(self, *, samples: int | None = None) -> "Certificates":
         """`Certificate.from_hold` of every motion."""
-        held = {name: each.from_hold(samples=samples) for name, each in self.items()}
+        held = {name: certificate.from_hold(samples=samples) for name, certificate in self.items()}
         motions = {
-            name: (each.reference, each.runs, each.settings, each.seen)
-            for name, each in held.items()
+            name: (certificate.reference, certificate.runs, certificate.settings, certificate.seen)
+            for name, certificate in held.items()
         }
         return dataclasses.replace(self, plants=held[self.worst].plants, motions=motions, rare=None)
 

@@ -1,15 +1,13 @@
-"""What a certificate of one path and that of a set of motions have in common: who exceeds the
-limit, and why.
+"""Failure counts, exact bounds and sensitivities: the base of `Certificate` and `Certificates`.
 
-The bounds are those of Clopper and Pearson, exact whatever the distribution of the errors.
+The bounds are those of Clopper and Pearson, exact for any distribution of the errors.
 
-Why: the sensitivity of the peak errors to each of the sampled numbers: the share of variance of its
-own (first-order index). Errors often grow with a deviation to either side, so no line is fitted.
-The loops are ranked by their peak, and cut in equal groups by one number; the share of the variance
-of the ranks that lies between the groups is what that number explains, whatever the shape of the
-dependence (the correlation ratio, less what chance gives). Spearman's rank correlation gives its
-direction. Correlated numbers, such as the parameters of one identification, share what they
-explain.
+The sensitivity to each sampled number is its first-order share of the variance of the peak errors.
+Errors often grow with a deviation to either side, so no line is fitted. The loops are ranked by
+their peak, and cut into equal groups by one number; the share of the variance of the ranks that
+lies between the groups is explained by that number, whatever the shape of the dependence (the
+correlation ratio, less the part expected by chance). Spearman's rank correlation gives its
+direction. Correlated numbers, such as the parameters of one identification, share their part.
 """
 
 import dataclasses
@@ -33,7 +31,7 @@ from plant.simulation.population import Runs
 
 
 def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact two-sided interval (low, high) of a probability, from how often something happened.
+    """Exact two-sided interval (low, high) of a probability, from failures among samples.
 
     ``clopper_pearson(k, n, 2 * c - 1)[1]`` is the one-sided upper bound at confidence c.
     """
@@ -45,13 +43,40 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
     return float(low), float(high)
 
 
-_WIDTH = 1.1  # ratio of the resonances at the ends of a cell, at most
-_DAMPINGS = 3  # cells in the range of the damping ratio
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CertifiedSettings:
+    """Numbers of the cells of resonance and of the sensitivities, all chosen by hand.
+
+    Parameters
+    ----------
+    cell_ratio : float
+        Largest ratio of the resonances at the ends of a cell.
+    damping_cells : int
+        Cells in the range of the damping ratio.
+    groups : int
+        Groups of loops, cut by one number, at most.
+    loops_per_group : int
+        Loops that a group must have.
+    negligible_share : float
+        Share of the variance below which a number has no direction.
+    clear_direction : float
+        Rank correlation above which a number has one direction.
+    """
+
+    cell_ratio: float = 1.1
+    damping_cells: int = 3
+    groups: int = 10
+    loops_per_group: int = 20
+    negligible_share: float = 0.005
+    clear_direction: float = 0.1
+
+
+SETTINGS = CertifiedSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Cell(Frozen):
-    """A part of the range of resonance and damping, and what became of its plants.
+    """A part of the range of resonance and damping, with its plants and failures.
 
     `name`: ``resonance``, or that of a joint, as ``resonance[0]``. `hz`, `damping_ratio`: lowest
     and highest. `count`, `failures`: plants in it, and those that exceed the limit.
@@ -64,19 +89,20 @@ class Cell(Frozen):
     failures: int
 
     def upper(self, confidence: float) -> float:
-        """Upper bound of the probability to exceed the limit, one-sided, at a confidence; 1
-        without plants.
-        """
-        return (
-            clopper_pearson(self.failures, self.count, 2 * confidence - 1)[1] if self.count else 1.0
-        )
+        """One-sided upper bound of the failure probability at a confidence; 1 without plants."""
+        if not self.count:
+            return 1.0
+        return clopper_pearson(self.failures, self.count, 2 * confidence - 1)[1]
 
     def __repr__(self) -> str:
         return f"Cell({self.name}: {self}; {self.failures} of {self.count} exceed the limit)"
 
     def __str__(self) -> str:
-        (low, high), (least, most) = self.hz, self.damping_ratio
-        damping = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
+        low, high = self.hz
+        lightest, heaviest = self.damping_ratio
+        damping = f"{lightest:.3g}"
+        if lightest != heaviest:
+            damping = f"{lightest:.3g} to {heaviest:.3g}"
         return f"{low:.3g} to {high:.3g} Hz, damping ratio {damping}"
 
 
@@ -86,56 +112,52 @@ def cells(
     values: NDArray[np.float64],
     outside: NDArray[np.bool_],
 ) -> list[Cell]:
-    """The ranges of resonance and damping in cells of at most 10 %; of several joints, each joint's
-    own.
+    """The ranges of resonance and damping in cells of at most 10 %, for each joint where several
+    are stated.
 
-    Names (K) and values (P, K) are of the plants, without what does not vary; those `outside` (P,)
-    exceed the limit.
+    Names (K) and values (P, K) are those of the plants that vary; plants `outside` (P,) exceed the
+    limit.
     """
-    found = []
+    result = []
     pairs = ranges.resonance or ()
-    least, most = ranges.damping_ratio or (0.0, 0.0)
+    lightest, heaviest = ranges.damping_ratio or (0.0, 0.0)
     for i, (low, high) in enumerate(pairs):
         name = "resonance" if len(pairs) == 1 else f"resonance[{i}]"
-        edges = np.geomspace(
-            low, high, max(1, int(np.ceil(np.log(high / low) / np.log(_WIDTH)))) + 1
-        ).tolist()
-        dampings = np.linspace(least, most, 1 + (_DAMPINGS if least < most else 1)).tolist()
-        of_hz, of_ratio = (
-            _place(names, values, *each) for each in ((name, edges), ("damping_ratio", dampings))
-        )
-        parts = (enumerate(itertools.pairwise(ends)) for ends in (edges, dampings))
-        for (j, hz), (k, ratio) in itertools.product(*parts):
-            inside = outside[(of_hz == j) & (of_ratio == k)]
-            failures = int(inside.sum())
-            found.append(
-                Cell(name=name, hz=hz, damping_ratio=ratio, count=len(inside), failures=failures)
-            )
-    return found
+        count = max(1, int(np.ceil(np.log(high / low) / np.log(SETTINGS.cell_ratio))))
+        edges = np.geomspace(low, high, count + 1).tolist()
+        dampings = SETTINGS.damping_cells if lightest < heaviest else 1
+        damping_edges = np.linspace(lightest, heaviest, dampings + 1).tolist()
+        of_hz = _interval(names, values, name, edges)
+        of_damping = _interval(names, values, "damping_ratio", damping_edges)
+        for j, hz in enumerate(itertools.pairwise(edges)):
+            for k, damping_ratio in enumerate(itertools.pairwise(damping_edges)):
+                inside = outside[(of_hz == j) & (of_damping == k)]
+                cell = Cell(
+                    name=name,
+                    hz=hz,
+                    damping_ratio=damping_ratio,
+                    count=len(inside),
+                    failures=int(inside.sum()),
+                )
+                result.append(cell)
+    return result
 
 
-def _place(
+def _interval(
     names: tuple[str, ...], values: NDArray[np.float64], name: str, edges: Any
 ) -> NDArray[np.intp]:
-    """In which interval between the edges the number of each plant (P,) is."""
+    """Index (P,) of the interval between the edges in which the number of each plant lies."""
+    # A number that does not vary is no column of the values: it has a single interval.
     if name not in names:
         return np.zeros(len(values), int)
-    return np.clip(
-        np.searchsorted(edges, values[:, names.index(name)], side="right") - 1, 0, len(edges) - 2
-    )
-
-
-# groups, and how many loops a group must have at least
-_GROUPS = 10
-_LEAST = 20
-# Share below which a number has no direction, and rank correlation from which on it has one.
-_LITTLE = 0.005
-_CLEAR = 0.1
+    index = np.searchsorted(edges, values[:, names.index(name)], side="right") - 1
+    return np.clip(index, 0, len(edges) - 2)  # rounding may leave an outermost value outside
 
 
 class Influence(NamedTuple):
-    """Sensitivity to one number: `share` of the variance explained (0 to 1), and rank
-    correlation `direction`.
+    """Sensitivity to one number.
+
+    `share`: of the variance that it explains (0 to 1). `direction`: rank correlation.
     """
 
     name: str
@@ -147,46 +169,51 @@ class Influence(NamedTuple):
 
     @property
     def sense(self) -> str:
-        """How the peak error depends on the number; empty where it explains nearly nothing."""
-        if self.share < _LITTLE:
+        """Direction in which the peak error grows with the number; empty where it explains nearly
+        nothing.
+        """
+        if self.share < SETTINGS.negligible_share:
             return ""
-        return (
-            "increasing"
-            if self.direction > _CLEAR
-            else "decreasing"
-            if self.direction < -_CLEAR
-            else "either way"
-        )
+        if self.direction > SETTINGS.clear_direction:
+            return "increasing"
+        if self.direction < -SETTINGS.clear_direction:
+            return "decreasing"
+        return "either way"
 
 
 def influences(
     names: Sequence[str], values: NDArray[np.float64], peaks: NDArray[np.float64]
 ) -> list[Influence]:
-    """Influence of each number, of values (P, K) on peaks (P,) that may be infinite, the largest
-    share first.
+    """Influence of each number on the peaks (P,), the largest share first.
+
+    Values (P, K) are finite; peaks may be infinite.
     """
     from scipy.stats import rankdata
 
+    # Ranks make a loop that diverged one among many, and need no assumption on the distribution.
     ranks = rankdata(peaks)
     count = len(peaks)
-    groups = min(_GROUPS, count // _LEAST)
+    groups = min(SETTINGS.groups, count // SETTINGS.loops_per_group)
     if groups < 2 or np.ptp(ranks) == 0:
         return [Influence(name, 0.0, 0.0) for name in names]
     total = ranks.var() * count
-    found = []
+    result = []
     for name, column in zip(names, values.T, strict=True):
-        own = rankdata(column)
-        group = np.minimum((own - 0.5) * groups / count, groups - 1).astype(int)
+        column_ranks = rankdata(column)
+        group = np.minimum((column_ranks - 0.5) * groups / count, groups - 1).astype(int)
         size = np.bincount(group, minlength=groups)
+        # Ties may leave a group empty.
         means = np.bincount(group, weights=ranks, minlength=groups) / np.maximum(size, 1)
         between = (size * (means - ranks.mean()) ** 2).sum() / total
+        # Groups cut at random lie apart, too: that part is expected by chance and taken off.
         share = 1 - (1 - between) * (count - 1) / (count - groups)
-        found.append(Influence(name, max(0.0, float(share)), float(np.corrcoef(own, ranks)[0, 1])))
-    return sorted(found, key=lambda influence: -influence.share)
+        direction = np.corrcoef(column_ranks, ranks)[0, 1]
+        result.append(Influence(name, max(0.0, float(share)), float(direction)))
+    return sorted(result, key=lambda influence: -influence.share)
 
 
 class _WithRuns:
-    """What one path has as fields, and a set works out of its motions."""
+    """Fields of one path's certificate, which a set of motions computes from its motions."""
 
     runs: Runs
     settings: dict[str, Any]
@@ -194,8 +221,9 @@ class _WithRuns:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Certified(_WithRuns, Shown, Saved, Frozen):
-    """Base of both: `plants` were run under `law`, with ``runs``; of a set each exceeds that
-    does in any motion.
+    """Base of both certificates: `plants` under `law`, with ``runs``.
+
+    In a set, a sample exceeds the limit if it does in any motion.
     """
 
     law: Law
@@ -213,19 +241,17 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
 
     @property
     def failures(self) -> int:
-        """How many of the samples exceed the limit at any sampling instant that counts, or
-        diverge.
-        """
+        """Number of samples that exceed the limit at any instant that counts, or diverge."""
         return int((self.runs.outside > 0).sum())
 
     @property
     def failures_before(self) -> int:
-        """How many exceed the limit at an instant before ``after``, which does not count."""
+        """Number of samples that exceed the limit before ``after``, which does not count."""
         return int((self.runs.before > 0).sum())
 
     @property
     def failures_with_start(self) -> int:
-        """How many exceed the limit at any instant, those before ``after`` among them."""
+        """Number of samples that exceed the limit at any instant, also before ``after``."""
         return int((self.runs.outside + self.runs.before > 0).sum())
 
     @property
@@ -240,8 +266,8 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
 
     @property
     def upper(self) -> float:
-        """One-sided upper bound of that probability, at the confidence; that of the worst cell
-        of resonances.
+        """One-sided upper bound of that probability at the confidence; where resonances are stated,
+        that of their worst cell.
         """
         if self.worst_cell is not None:
             return self.worst_cell.upper(self.confidence)
@@ -249,16 +275,14 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
 
     @functools.cached_property
     def cells(self) -> list[Cell]:
-        """The stated ranges of resonance and damping in small parts, with what became of the
-        samples in each.
-        """
+        """The stated ranges of resonance and damping in small parts, with samples and failures."""
         return cells(
             self.plants.uncertainty, self.plants.names, self.plants.values, self.runs.outside > 0
         )
 
     @property
     def worst_cell(self) -> Cell | None:
-        """The part of the stated resonances with the highest bound; None where none were stated."""
+        """The cell of the stated resonances with the highest bound; None where none were stated."""
         return max(self.cells, key=lambda cell: cell.upper(self.confidence), default=None)
 
     @property
@@ -270,13 +294,12 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
     def saturation(self) -> NDArray[np.float64]:
         """Share of the loops that reach the amplifier's limit, (n,)."""
         limit = self.plants.rig.drive.current_limit
+        # Rounding may leave a limited current just below the limit.
         return (np.isfinite(limit) & (self.runs.current >= limit * (1 - 1e-12))).mean(axis=0)
 
     @property
     def current_share(self) -> NDArray[np.float64]:
-        """Largest motor current of a loop as a share of the amplifier's limit, median of the
-        loops, (n,).
-        """
+        """Peak motor current as a share of the amplifier's limit, median of the loops, (n,)."""
         limit = self.plants.rig.drive.current_limit
         median = np.median(self.runs.current, axis=0)
         return np.divide(median, limit, out=np.zeros(len(limit)), where=np.isfinite(limit))
@@ -285,8 +308,8 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
     def sensitivities(self) -> list[Influence]:
         """Sensitivity of the peak error to each of the uncertain numbers, the largest first.
 
-        Of numbers that were fitted again on gears of the sample's resonance, to their deviation
-        from that fit: what follows from the resonance is the resonance's.
+        Numbers that were fitted again on gears of the sample's resonance count by their deviation
+        from that fit: the part that follows from the resonance is the resonance's.
         """
         names = self.plants.names
         values = self.plants.values - self.plants.expected

@@ -1,10 +1,9 @@
-"""Monte Carlo probability that an arm exceeds a pulse limit under a controller, given its
-parameters' uncertainty.
+"""`certify`: Monte Carlo probability that an arm exceeds a pulse limit under a controller.
 
-A controller is designed for one estimate, and the arm differs from it. Arms are sampled from the
-uncertainty (`ctc.certification.uncertainty`), each is simulated under the controller
-(`plant.simulation.population`), and those that exceed the limit are counted
-(`ctc.certification.certified`). It holds for the uncertainty that was sampled alone.
+A controller is designed for one estimate, and the arm differs from it. `certify` samples arms from
+the uncertainty (`ctc.certification.uncertainty`), simulates each under the controller
+(`plant.simulation.population`), and counts those that exceed the limit
+(`ctc.certification.certified`). The result holds for the stated uncertainty alone.
 """
 
 import dataclasses
@@ -36,10 +35,10 @@ Motions = Reference | Mapping[str, Reference]
 
 
 class Task:
-    """Arguments of `certify` and `tune`, `work`, checked; `laws` are those that the user gave.
+    """Checked arguments of `certify` and `tune` (the `work`), with the laws of the user.
 
-    `motions` is name -> (reference, duration [s]); a reference alone has the name "". `checkpoint`
-    is bound to all that decides the result, and `settings` of the work.
+    `motions` is name -> (reference, duration [s]); a single reference has the name "".
+    `checkpoint` is bound to all inputs of the result, among them `settings` of the work.
     """
 
     def __init__(
@@ -68,6 +67,7 @@ class Task:
             raise ValueError(
                 "checkpoint must be left out with an executor; got both. Or use campaign(folder=)."
             )
+        # 1. The parts: each message has the order of the arguments, which are often exchanged.
         order = f"The order is found, rig, {'law, ' if laws else ''}reference, uncertainty."
         instance("rig", rig, Rig, order)
         for law in laws:
@@ -77,29 +77,29 @@ class Task:
                     " another."
                 )
         motions = motions_of(getattr(found, "arm", found), rig, reference, order)
+
+        # 2. Numbers, and the duration of each motion.
         whole("samples", samples, "Leave it out.")
         self.seed = whole("seed", seed, "Leave it out.", least=0)
         self.threads = cores() if threads is None else whole("threads", threads, "Leave it out.")
         self.within = real("within", within, "Give pulses, such as 1.")
         self.motions = dict[str, tuple[Reference, float]]()
         for name, motion in motions.items():
-            lasts = motion.duration if duration is None else duration
+            seconds = motion.duration if duration is None else duration
             with naming(name):
-                lasts = real(
-                    "duration",
-                    lasts,
-                    "Leave it out for one period of the reference.",
-                    positive=True,
-                )
+                advice = "Leave it out for one period of the reference."
+                seconds = real("duration", seconds, advice, positive=True)
                 if (
                     after is not None
-                    and not 0 <= real("after", after, "Give seconds, or 0.") < lasts
+                    and not 0 <= real("after", after, "Give seconds, or 0.") < seconds
                 ):
                     raise ValueError(
-                        f"after must be from 0 to below the duration {lasts:g} s; got {after:g}."
+                        f"after must be from 0 to below the duration {seconds:g} s; got {after:g}."
                         " Give less."
                     )
-            self.motions[name] = motion, lasts
+            self.motions[name] = motion, seconds
+
+        # 3. The uncertainty, which sub-steps of this length must be able to follow.
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
         instance(
             "uncertainty", self.uncertainty, Uncertainty, "Give Uncertainty(friction=0.1, ...)."
@@ -108,13 +108,13 @@ class Task:
             require_followed("resonance", self.uncertainty.resonance, rig.period / steps_per_sample)
         if isinstance(found, Identification):
             warn_of_doubts(found, work)
-        self.found, self.rig, self.progress, self.several = (
-            found,
-            rig,
-            progress,
-            isinstance(reference, Mapping),
-        )
+        self.found = found
+        self.rig = rig
+        self.progress = progress
+        self.several = isinstance(reference, Mapping)
         self.reference = next(iter(motions.values()))
+
+        # 4. A checkpoint of other inputs is refused, with the name of the first that differs.
         inputs = {
             "identification": found,
             "rig": rig,
@@ -127,8 +127,9 @@ class Task:
         self.checkpoint = Checkpoint(checkpoint, work).bind(lambda: inputs)
 
     def sampled(self, count: int, further: int = 0, normals: Any = None) -> Plants:
-        """Monte Carlo samples, the same for all motions; resonances are those at the pose where
-        the first begins.
+        """Monte Carlo samples, the same for all motions, with resonances at the first one's start.
+
+        `further`: added to the seed. `normals`: as of `draw`.
         """
         pose = self.reference(np.zeros(1)).q[0]
         return draw(
@@ -212,28 +213,28 @@ def certify(
     Parameters
     ----------
     found : Identification or Arm
-        What is sampled: ``found.fit.values`` with ``found.covariance``. An arm needs an uncertainty
-        with `covariance` or `plants`.
+        Distribution of the sampled arms: ``found.fit.values`` with ``found.covariance``. An arm
+        needs an uncertainty with `covariance` or `plants`.
     rig : Rig
-        Of the samples, such as ``found.rig``; what was identified of it is taken from `found` in
-        any case.
+        Of the samples, such as ``found.rig``; identified numbers of it come from `found` in any
+        case.
     law : Law
         As designed, the same for all samples.
     reference : Reference, or mapping of str -> Reference
-        The path to be driven, or several by name, such as `plant.everyday_motions`, each inside
-        limits and torque. The arms begin with it, at its position and speed. All motions have the
-        same samples, those of a single call with this seed; a stated resonance is that at the pose
-        where the first of them begins.
+        The path, or several by name, such as `plant.everyday_motions`, each inside limits and
+        torque. The arms begin with its position and speed. All motions have the same samples, those
+        of a single call with this seed; a stated resonance is that at the pose where the first
+        motion begins.
     uncertainty : Uncertainty, optional
-        What is not known beside the covariance; by default friction that was not identified, by 10
+        Unknown properties beside the covariance; by default friction that was not identified, by 10
         %, and the encoders' zeros. With no `resonance` the gears are the rig's, and the verdict on
-        rigid ones states the lowest resonance on which it holds (all that is stated at its end
-        farther from zero).
+        rigid gears states the lowest resonance on which it holds (with stated imperfections at the
+        end of their ranges that is farther from zero).
     samples : int
-        Their number, each a closed loop. Without a failure the bound is about 3 / samples at 95 %,
-        and to see one that has a probability p takes some 3 / p. Of stated ranges the bound is that
-        of the worst cell: 3 over the samples in it, of which 10,000 leave some 170 in each of the
-        60 cells of 15 to 100 Hz.
+        Number of closed loops. Without a failure the bound is about 3 / samples at 95 %, and a
+        failure of probability p appears among some 3 / p. Of stated ranges the bound is that of the
+        worst cell: 3 over the samples in it, some 170 of 10,000 in each of the 60 cells of 15 to
+        100 Hz.
     seed : int
         Same seed, same result, to the bit, on any number of threads.
     within : float
@@ -245,25 +246,24 @@ def certify(
         exceed the limit there. On rigid gears all count by default, also the first, at which the
         arm is up to half a pulse off its reference; on elastic ones those after 20 ms do.
     steps_per_sample : int
-        Integration steps between two samples; 16 is what `evaluate` takes.
+        Integration steps between two samples, 16 as in `evaluate`.
     duration : float, optional
         Of each motion [s]; by default one period of the reference.
     threads : int, optional
         By default one per core. The result is the same, bit for bit, for any number.
     progress : bool
-        Show progress bars, of the fits below and of the loops, where standard error is a terminal.
+        Show progress bars of fits and loops where standard error is a terminal.
     checkpoint : str or Path, optional
-        File in which these fits and finished loops are kept: killed and called again with it, the
-        work goes on, to the same bits. One of other inputs, versions or another processor is
-        refused.
+        File that stores fits and finished loops: killed and called again with it, the work goes on,
+        to the same bits. A file of other inputs, versions or another processor is refused.
     rare : float, optional
-        Probability, such as 1e-6, to which that of an error before rounding beyond the limit is
-        pursued by subset simulation: ``certificate.rare``, with its coefficient of variation. Where
-        the counts exceed the limit, so does this error. It ends early where it is commoner; of
-        several motions it is that of any.
+        Probability, such as 1e-6, down to which subset simulation estimates the probability of an
+        error before rounding beyond the limit: ``certificate.rare``, with its coefficient of
+        variation. Where the counts exceed the limit, so does this error. The simulation ends early
+        where failures are more frequent; of several motions it counts failures in any.
     executor : optional
-        Where the samples are simulated, as of `campaign`, in place of `threads`; the same bits. It
-        takes no checkpoint.
+        Executor that simulates the samples, as of `campaign`, in place of `threads`, to the same
+        bits. It takes no checkpoint.
 
     Returns
     -------
@@ -323,54 +323,47 @@ def certify(
         inputs={"law": law, "number of samples": samples},
         settings=() if rare is None else (rare,),
     )
-    if (
-        task.within < 0
-        or not 0.5 < real("confidence", confidence, "Give a share, such as 0.95.") < 1
-    ):
-        got = (
-            f"got {within:g} and {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
+    confidence = real("confidence", confidence, "Give a share, such as 0.95.")
+    if task.within < 0 or not 0.5 < confidence < 1:
+        raise ValueError(
+            f"within must not be negative and confidence between 0.5 and 1; got {within:g} and"
+            f" {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
         )
-        raise ValueError(f"within must not be negative and confidence between 0.5 and 1; {got}")
     if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
         raise ValueError(
             f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6."
         )
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
-    found_rare = None
-    with task.checkpoint as kept:
+    probability = None
+    with task.checkpoint as stages:
         plants = task.sampled(samples)
-        elastic = plants.rig.drive.elasticity is not None
-        for name, (path, lasts) in task.motions.items():
-            begins = (
-                (min(SETTLED, lasts / 2) if elastic else 0.0) if after is None else float(after)
-            )
+        # By default the start counts on rigid gears, and not on elastic ones.
+        settling = SETTLED if plants.rig.drive.elasticity is not None else 0.0
+        for name, (path, seconds) in task.motions.items():
             settings: dict[str, Any] = {
                 "steps_per_sample": steps_per_sample,
-                "duration": lasts,
-                "after": begins,
+                "duration": seconds,
+                "after": min(settling, seconds / 2) if after is None else float(after),
             }
             driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
             runs = population.run(
                 task.threads,
-                kept.part(name) if name else kept,
+                stages.part(name) if name else stages,
                 progress=progress,
                 executor=executor,
             )
-            of_log = seen(found, path, lasts) if isinstance(found, Identification) else None
-            motions[name] = (
-                path,
-                runs,
-                settings | {"law_steps": population.law_steps},
-                of_log,
-            )
+            # An arm without an identification has no log to be compared with.
+            of_log = seen(found, path, seconds) if isinstance(found, Identification) else None
+            settings_of_runs = settings | {"law_steps": population.law_steps}
+            motions[name] = path, runs, settings_of_runs, of_log
         if rare is not None:
-            found_rare = kept.stage(
+            probability = stages.stage(
                 "rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence))
             )
-    made = Certificates(
-        rare=found_rare,
+    certificates = Certificates(
+        rare=probability,
         law=law,
         plants=plants,
         within=task.within,
@@ -379,4 +372,6 @@ def certify(
         threads=task.threads,
         seconds=time.perf_counter() - started,
     )
-    return made if task.several else dataclasses.replace(made[""], rare=found_rare)
+    if task.several:
+        return certificates
+    return dataclasses.replace(certificates[""], rare=probability)

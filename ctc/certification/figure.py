@@ -1,7 +1,9 @@
-"""Figure of a certificate: peak errors, worst loop, sensitivities; matplotlib is imported only
-when it is drawn.
+"""Figure of a certificate: peak errors, worst loop, sensitivities, and resonances.
+
+matplotlib is imported only when a figure is drawn.
 """
 
+import dataclasses
 import textwrap
 from typing import Any
 
@@ -14,13 +16,40 @@ from ctc.verdict.evaluations import evaluate
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
 from plant.simulation.logged_run import DivergenceError
 
-_NAMES = 8  # sensitivities in the figure
-_LARGEST = 4  # pulses beyond the limit that have a bar of their own
-_HEIGHT = 3.9  # of the figure [inches], for few joints
-_STRIP = 2.3  # height of the resonances below [inches]
-_NUMBERED = 3  # joints up to which bars have numbers
-_LINE = 200  # letters of a line below the panels
-_TITLE = 125  # of a line of the title
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FigureSettings:
+    """Layout of the figure of a certificate, chosen by eye.
+
+    Parameters
+    ----------
+    influences : int
+        Sensitivities that are drawn.
+    bars : int
+        Pulses beyond the limit that have separate bars; larger errors share the last one.
+    numbered_joints : int
+        Joints up to which bars have numbers.
+    width, panel_height, strip_height : float
+        Of the figure, of its panels for few joints, and of the resonances below [inch].
+    joint_height, line_height : float
+        Additional height of each further joint, and of each line below the panels [inch].
+    line_letters, title_letters : int
+        Letters of a line below the panels, and of a line of the title.
+    """
+
+    influences: int = 8
+    bars: int = 4
+    numbered_joints: int = 3
+    width: float = 11
+    panel_height: float = 3.9
+    strip_height: float = 2.3
+    joint_height: float = 0.25
+    line_height: float = 0.13
+    line_letters: int = 200
+    title_letters: int = 125
+
+
+SETTINGS = FigureSettings()
 
 _WORDS = {row.number: row.words for row in IMPERFECTIONS.values()} | {
     "drive.viscous": "viscous friction",
@@ -36,51 +65,54 @@ _WORDS = {row.number: row.words for row in IMPERFECTIONS.values()} | {
 def plot_certificate(certificate: Any, ax: Any = None) -> NDArray[Any]:
     """Draw the peak errors of all loops, the error of the worst one, and the sensitivities."""
     labels = certificate.plants.arm.dynamics.chain.joint_labels
-    found = [influence for influence in certificate.sensitivities if influence.sense][:_NAMES][::-1]
-    axes = axes_of(
-        ax, (3 + bool(certificate.cells),), lambda: _new_axes(certificate, labels, found)
-    )
+    influences = [influence for influence in certificate.sensitivities if influence.sense]
+    # Horizontal bars are drawn from below: the largest is the last.
+    drawn = influences[: SETTINGS.influences][::-1]
+    panels = 3 + bool(certificate.cells)
+    axes = axes_of(ax, (panels,), lambda: _new_axes(certificate, labels, drawn))
     for axis in axes:
         dressed(axis)
     _peaks(axes[0], certificate, labels)
     _worst(axes[1], certificate, labels)
-    _sensitivities(axes[2], certificate, labels, found)
+    _sensitivities(axes[2], certificate, labels, drawn)
     if certificate.cells:
         _resonances(axes[3], certificate, labels)
     return axes
 
 
-def _new_axes(certificate: Any, labels: list[str], found: list[Any]) -> list[Any]:
+def _new_axes(certificate: Any, labels: list[str], influences: list[Any]) -> list[Any]:
     """Axes of a figure with the verdict above them, and the long names of its parameters below."""
     import matplotlib.pyplot as plt
 
+    # Legends have a line for each joint, so panels grow with the joints beyond the first three.
+    further = max(len(labels) - SETTINGS.numbered_joints, 0)
     rows: Any = [["peaks", "worst", "sensitivities"]]
-    heights = [_HEIGHT + 0.25 * max(len(labels) - _NUMBERED, 0)]
+    heights = [SETTINGS.panel_height + SETTINGS.joint_height * further]
     if certificate.cells:
-        rows = [*rows, ["resonances"] * 3]
-        heights = [*heights, _STRIP]
+        rows.append(["resonances"] * 3)
+        heights.append(SETTINGS.strip_height)
     short = _short(certificate)
-    long = [
-        f"{short[x.name]} = {x.name}"
-        for x in reversed(found)
-        if short.get(x.name, x.name) != x.name
-    ]
-    lines = [line for each in long for line in textwrap.wrap(each, _LINE, subsequent_indent="    ")]
+    lines = []
+    for influence in reversed(influences):
+        name = influence.name
+        if short.get(name, name) != name:
+            meaning = f"{short[name]} = {name}"
+            lines += textwrap.wrap(meaning, SETTINGS.line_letters, subsequent_indent="    ")
     figure, axes = plt.subplot_mosaic(
         rows,
-        figsize=(11, sum(heights) + 0.13 * len(lines)),
+        figsize=(SETTINGS.width, sum(heights) + SETTINGS.line_height * len(lines)),
         width_ratios=(1.3, 1.4, 1),
         height_ratios=heights,
         layout="constrained",
     )
     if lines:
         figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7)
-    figure.suptitle(textwrap.fill(certificate.verdict, _TITLE), fontsize=11)
+    figure.suptitle(textwrap.fill(certificate.verdict, SETTINGS.title_letters), fontsize=11)
     return list(axes.values())
 
 
 def _short(certificate: Any) -> dict[str, str]:
-    """Names of the arm's parameters, and what figures call them."""
+    """Short names of the arm's parameters in the figure, by name."""
     dynamics = certificate.plants.arm.dynamics
     return dict(zip(dynamics.names, dynamics.short_names, strict=True))
 
@@ -89,19 +121,20 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
     """Share of the loops by their largest encoder error."""
     within = int(certificate.within)
     peak = certificate.runs.peak
-    last = within + _LARGEST
-    highest = int(min(max(np.max(peak, where=np.isfinite(peak), initial=0), within + 1), last))
-    highest = last if np.isinf(peak).any() else highest
+    # The last bar holds all larger errors, and loops that diverged.
+    limit = within + SETTINGS.bars
+    largest = np.max(peak, where=np.isfinite(peak), initial=0)
+    highest = limit if np.isinf(peak).any() else int(min(max(largest, within + 1), limit))
     counts = np.arange(highest + 1)
     width = 0.8 / peak.shape[1]
     for joint, column in enumerate(peak.T):
-        share = np.bincount(np.minimum(column, highest).astype(int), minlength=highest + 1) / len(
-            column
-        )
-        place = counts + (joint - (peak.shape[1] - 1) / 2) * width
-        axis.bar(place, 100 * share, width, color=colour_of(joint), label=labels[joint])
-        for x, y in zip(place, 100 * share, strict=True):
-            if y and len(labels) <= _NUMBERED:
+        loops = np.bincount(np.minimum(column, highest).astype(int), minlength=highest + 1)
+        percent = 100 * (loops / len(column))
+        # The bars of the joints stand side by side, centred about the count.
+        centre = counts + (joint - (peak.shape[1] - 1) / 2) * width
+        axis.bar(centre, percent, width, color=colour_of(joint), label=labels[joint])
+        for x, y in zip(centre, percent, strict=True):
+            if y and len(labels) <= SETTINGS.numbered_joints:
                 axis.annotate(
                     f"{y:.2g}" if y < 99.5 else f"{y:.0f}",
                     (x, y),
@@ -116,17 +149,17 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
         ylim=(0, 100 / (1 - _headroom(labels))),
         yticks=range(0, 101, 20),
     )
-    axis.set_xticks(
-        counts,
-        [*(str(k) for k in counts[:-1]), f"{highest}+" if peak.max() > highest else str(highest)],
-    )
+    ticks = [str(k) for k in counts]
+    if peak.max() > highest:
+        ticks[-1] += "+"
+    axis.set_xticks(counts, ticks)
     axis.set(xlabel="largest encoder error of a loop [pulses]", ylabel="loops [%]")
     axis.legend(frameon=False, fontsize=8, loc="upper left")
     dressed(axis, f"{len(peak):,} closed loops; shaded: outside", 10)
 
 
 def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Error of the worst loop over time; what is outside stands out."""
+    """Error of the worst loop over time; instants outside the limit are marked."""
     worst = certificate.worst
     settings = certificate.settings
     within = certificate.within
@@ -141,6 +174,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
         axis.set(xticks=[], yticks=[])
         return
     t = run.record.t
+    # Instants are multiples of the period to rounding: 1e-9 of it keeps the one at `after`.
     counts = run.record.t >= settings["after"] - 1e-9 * run.record.rig.period
     for joint, error in enumerate(run.record.error_pulses.T):
         colour = colour_of(joint)
@@ -161,60 +195,53 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     dressed(axis, f"the worst of them (plant {worst.index}); shaded: ±{within:g} pulse", 10)
 
 
-def _sensitivities(axis: Any, certificate: Any, labels: list[str], found: list[Any]) -> None:
+def _sensitivities(axis: Any, certificate: Any, labels: list[str], influences: list[Any]) -> None:
     """Share of the variance of the peaks that each number explains, the largest on top."""
     axis.set(xlabel="share of the variance [%]")
     axis.grid(visible=False, axis="y")
-    if not found:
+    if not influences:
         dressed(axis, "sensitivity: nothing that was sampled stands out", 10)
         axis.set(xticks=[], yticks=[])
         return
     dressed(axis, "sensitivity to", 10)
-    shares = [100 * influence.share for influence in found]
+    shares = [100 * influence.share for influence in influences]
     short = _short(certificate)
-    names = [_label(short.get(influence.name, influence.name), labels) for influence in found]
+    names = [_label(short.get(influence.name, influence.name), labels) for influence in influences]
     axis.barh(names, shares, height=0.6, color=colour_of(0))
-    for place, influence in enumerate(found):
+    for row, influence in enumerate(influences):
         axis.annotate(
             influence.sense,
-            (shares[place], place),
+            (shares[row], row),
             (3, 0),
             textcoords="offset points",
             va="center",
             fontsize=8,
         )
-    axis.set(xlim=(0, 1.35 * max(shares)), ylim=(-0.6, max(len(found), 4) - 0.4))
+    # Room for the directions beside the bars; few bars keep the thickness of four.
+    axis.set(xlim=(0, 1.35 * max(shares)), ylim=(-0.6, max(len(influences), 4) - 0.4))
     axis.tick_params(axis="y", labelsize=8)
 
 
 def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Share that exceeds the limit in each cell of the stated resonances, with its bound; the
-    worst one stands out.
-    """
+    """Failures in each cell of the stated resonances, with their bound; the worst cell is shaded."""
     confidence = certificate.confidence
     worst = certificate.worst_cell
     for i, name in enumerate(dict.fromkeys(cell.name for cell in certificate.cells)):
-        own = [cell for cell in certificate.cells if cell.name == name]
-        for low, high in sorted({cell.hz for cell in own}):
-            there = [cell for cell in own if cell.hz == (low, high)]
-            bound = max(cell.upper(confidence) for cell in there)
-            share = sum(cell.failures for cell in there) / max(sum(cell.count for cell in there), 1)
-            colour = colour_of(i)
-            first = bool(low == own[0].hz[0])
-            whose = "" if name == "resonance" else f"{labels[int(name.partition('[')[2][:-1])]}: "
-            axis.plot(
-                (low, high),
-                (100 * share,) * 2,
-                color=colour,
-                label=f"{whose}share outside the limit" * first,
-            )
-            axis.plot(
-                (low, high),
-                (100 * bound,) * 2,
-                color=colour,
-                linestyle=":",
-                label=f"{whose}{100 * confidence:g} % bound" * first,
-            )
+        of_joint = [cell for cell in certificate.cells if cell.name == name]
+        joint = "" if name == "resonance" else f"{labels[int(name.partition('[')[2][:-1])]}: "
+        colour = colour_of(i)
+        for low, high in sorted({cell.hz for cell in of_joint}):
+            # One line over the damping ratios: their share together, their largest bound.
+            same_hz = [cell for cell in of_joint if cell.hz == (low, high)]
+            bound = 100 * max(cell.upper(confidence) for cell in same_hz)
+            failures = sum(cell.failures for cell in same_hz)
+            share = 100 * (failures / max(sum(cell.count for cell in same_hz), 1))
+            # Only one of the lines of a joint has an entry in the legend.
+            entry = bool(low == of_joint[0].hz[0])
+            outside = f"{joint}share outside the limit" * entry
+            bounded = f"{joint}{100 * confidence:g} % bound" * entry
+            axis.plot((low, high), (share, share), color=colour, label=outside)
+            axis.plot((low, high), (bound, bound), color=colour, linestyle=":", label=bounded)
             if worst.name == name and worst.hz == (low, high):
                 axis.axvspan(low, high, color=BAND, zorder=0, label="worst part")
     axis.set_xscale("log")
@@ -223,7 +250,8 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
     ticks = np.unique(np.round(np.geomspace(lowest, highest, 7)))
     axis.set_xticks(ticks, [f"{hz:g}" for hz in ticks])
     axis.set_xticks([], minor=True)
-    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # where no loop is outside, its line is seen
+    # A line at zero would lie on the axis.
+    axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])
     axis.set(xlabel="locked-rotor resonance [Hz]", ylabel="loops outside the limit [%]")
     legend_above(axis, left=True, columns=5)
 

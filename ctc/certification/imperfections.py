@@ -1,6 +1,4 @@
-"""Imperfections of gears, motors, encoders and sampling that are sampled uniformly from stated
-ranges, one row each.
-"""
+"""Table of imperfections of gears, motors, encoders and sampling, sampled from stated ranges."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -12,13 +10,18 @@ from numpy.typing import NDArray
 from plant import FrictionDrift, Jitter, Presliding, QuadratureError, Rig, TorqueRipple
 from plant.parts.arguments import array, real
 
-_DRIFTS = 1.0  # time constant of drifting friction [s]
-_CYCLES = 6.0  # of torque ripple, per turn of the motor
+# Time constant of drifting friction [s], chosen by hand: a run of seconds shows most of the drift.
+_DRIFT_TIME = 1.0
+# Cycles of torque ripple per turn of the motor, chosen by hand.
+_CYCLES = 6.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """Numbers (P, K) of each plant, and those (P, L) of its loop that follow from them."""
+    """Sampled numbers of plants, and the numbers of their loops that follow from them.
+
+    `names` (K), `values` (P, K): sampled. `derived_names` (L), `derived` (P, L): of the loops.
+    """
 
     names: tuple[str, ...]
     values: NDArray[np.float64]
@@ -28,12 +31,12 @@ class Drawn:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Imperfection:
-    """One that `certify` takes a range for: in words, its place in the rig, and its number in the
-    closed loop.
+    """One imperfection that `certify` takes a range for.
 
-    `made`: value, with `each` that of each joint (n,), sampled on its own -> what stands at the
-    place. `signed`: it may be negative. `follows`: (random, plants, joints) -> names and values (P,
-    L) of numbers that go with it.
+    `words`, `unit`: as printed. `place`: path of fields in the rig. `number`: its name in the
+    closed loop. `made`: value -> the part at the place; with `each` the value is (n,), sampled for
+    each joint. `signed`: it may be negative. `follows`: (random, plants, joints) -> names and
+    values (P, L) of numbers that accompany it.
     """
 
     words: str
@@ -46,34 +49,34 @@ class Imperfection:
     follows: Callable[[Any, int, int], tuple[list[str], NDArray[np.float64]]] | None = None
 
     def own(self, rig: Rig) -> Any:
-        """What a rig has of it, or None."""
+        """The part of a rig at its place, or None."""
         part: Any = rig
         for name in self.place.split("."):
             part = getattr(part, name, None)
         return part
 
     def placed(self, rig: Rig, value: float) -> Rig:
-        """The rig with it, all joints alike; it is there also where it does not vary."""
+        """The rig with this value, all joints alike."""
         if self.place.startswith("drive.elasticity") and rig.drive.elasticity is None:
             raise ValueError(
                 f"{self.words} needs elastic joints; got a rigid rig. State their resonance= too"
                 " [Hz]."
             )
-        return _replaced(
-            rig, self.place.split("."), self.made(np.full(rig.n, value) if self.each else value)
-        )
+        part = self.made(np.full(rig.n, value) if self.each else value)
+        return _replaced(rig, self.place.split("."), part)
 
 
 def _replaced(part: Any, path: list[str], value: Any) -> Any:
     """A part with another value at the end of a path of fields."""
+    # Parts are frozen, so all of them on the path are made anew.
     name, *rest = path
-    return dataclasses.replace(
-        part, **{name: _replaced(getattr(part, name), rest, value) if rest else value}
-    )
+    if rest:
+        value = _replaced(getattr(part, name), rest, value)
+    return dataclasses.replace(part, **{name: value})
 
 
 def _phases(number: str) -> Callable[[Any, int, int], tuple[list[str], NDArray[np.float64]]]:
-    """Phases of a periodic error, anywhere in the period."""
+    """Phases of a periodic error, uniform over the period, for each joint."""
     return lambda random, count, n: (
         [f"{number}[{i}]" for i in range(n)],
         random.uniform(0, 2 * np.pi, (count, n)),
@@ -101,6 +104,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         number="jitter.share",
         each=False,
         made=lambda value: Jitter(share=value),
+        # Each plant has its own stream of jitter.
         follows=lambda random, count, n: (["jitter.stream"], np.arange(float(count))[:, None]),
     ),
     "friction_drift": Imperfection(
@@ -108,7 +112,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         unit="of it",
         place="drive.friction_drift",
         number="drive.friction_drift.amount",
-        made=lambda value: FrictionDrift(amount=value, time=np.full(len(value), _DRIFTS)),
+        made=lambda value: FrictionDrift(amount=value, time=np.full(len(value), _DRIFT_TIME)),
         signed=True,
     ),
     "presliding": Imperfection(
@@ -146,9 +150,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
 
 
 def placed_in(rig: Rig, ranges: Mapping[str, tuple[float, float]]) -> Rig:
-    """The rig with each imperfection whose range is not zero, at that end of it which is farther
-    from zero.
-    """
+    """The rig with each stated imperfection, at the end of its range that is farther from zero."""
     for name, ends in ranges.items():
         if any(ends):
             rig = IMPERFECTIONS[name].placed(rig, max(ends, key=abs))
@@ -156,30 +158,38 @@ def placed_in(rig: Rig, ranges: Mapping[str, tuple[float, float]]) -> Rig:
 
 
 def drawn_of(ranges: Mapping[str, tuple[float, float]], random: Any, count: int, n: int) -> Drawn:
-    """So many plants of n joints."""
+    """Imperfections of `count` plants of n joints, uniform in their ranges."""
     names: list[str] = []
     derived_names: list[str] = []
     values = [np.empty((count, 0))]
     derived = [np.empty((count, 0))]
-    for row, ends in ((IMPERFECTIONS[name], ends) for name, ends in ranges.items() if any(ends)):
-        own = [f"{row.number}[{i}]" for i in range(n)] if row.each else [row.number]
-        names += own
-        values.append(random.uniform(*ends, (count, len(own))))
+    for name, ends in ranges.items():
+        # An imperfection that is not stated takes no random number, so stating it later changes
+        # none of the draws before it.
+        if not any(ends):
+            continue
+        row = IMPERFECTIONS[name]
+        numbers = [f"{row.number}[{i}]" for i in range(n)] if row.each else [row.number]
+        names += numbers
+        values.append(random.uniform(*ends, (count, len(numbers))))
         if row.follows:
-            more, follow = row.follows(random, count, n)
-            derived_names += more
-            derived.append(follow)
-    made = {"values": np.hstack(values), "derived": np.hstack(derived)}
-    return Drawn(names=tuple(names), derived_names=tuple(derived_names), **made)
+            follower_names, followers = row.follows(random, count, n)
+            derived_names += follower_names
+            derived.append(followers)
+    return Drawn(
+        names=tuple(names),
+        values=np.hstack(values),
+        derived_names=tuple(derived_names),
+        derived=np.hstack(derived),
+    )
 
 
 def between(name: str, value: Any, unit: str, signed: bool = False) -> tuple[float, float]:
-    """(low, high) of one number, or of two."""
+    """Ends (low, high) of a range that is given as one number or as two."""
     if np.ndim(value) == 0:
         value = (real(name, value, f"Give {unit}, or the two ends of a range."),) * 2
-    low, high = array(
-        name, value, (2,), advice=f"Give one number [{unit}], or the two ends of a range."
-    ).tolist()
+    advice = f"Give one number [{unit}], or the two ends of a range."
+    low, high = array(name, value, (2,), advice=advice).tolist()
     if not (low <= high and (signed or low >= 0)):
         rule = "two numbers" if signed else "from 0 upwards"
         raise ValueError(

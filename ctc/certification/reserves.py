@@ -1,9 +1,9 @@
-"""The samples of a certificate run again: at lower bandwidths, longer sampling periods, and from a
+"""Robustness reserves: samples of a certificate at lower bandwidths, longer periods, or from a
 hold.
 
-The bandwidths and periods down, and up, to which it holds are its robustness reserves. The sampling
-period is that of rig and controller together: the controller is designed for it (its observer and
-its limits know of it), it is not the old one called late.
+The lowest bandwidth and the longest period at which the certificate holds are its reserves. The
+sampling period is that of rig and controller together: the controller is designed for it, with its
+observer and its limits; it is not the old controller called late.
 """
 
 import dataclasses
@@ -21,9 +21,27 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.parts.vector import TORQUE_ERROR
 
-_BANDWIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-_PERIODS = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
-_AT_REST = 1.0  # pulses/s
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReserveSettings:
+    """Steps of the search for reserves, all chosen by hand.
+
+    Parameters
+    ----------
+    bandwidths : tuple of float
+        Shares of the bandwidth that are tested, from above.
+    periods : tuple of float
+        Multiples of the sampling period that are tested, from below.
+    rest : float
+        Speed [pulses/s] up to which a path begins at rest, for a start from a hold.
+    """
+
+    bandwidths: tuple[float, ...] = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+    periods: tuple[float, ...] = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+    rest: float = 1.0
+
+
+SETTINGS = ReserveSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -39,14 +57,11 @@ class Reserves(Shown):
     holds : bool
         Whether the controller as it is holds with these plants; where not, there are no reserves.
     bandwidth : float or None
-        Lowest bandwidth at which it still holds [rad/s], of those tested from above; None for a
-        controller without.
+        Lowest tested bandwidth at which it still holds [rad/s]; None for a controller without.
     period : float or None
-        Longest sampling period at which it still holds [s], of those tested from below; None for a
-        controller without.
+        Longest tested sampling period at which it still holds [s]; None for a controller without.
     tried : list of (str, float, int)
-        Everything that was run: ``bandwidth`` or ``period``, its value, and how many exceed the
-        limit.
+        All runs: ``bandwidth`` or ``period``, its value, and the number of violations.
     """
 
     samples: int
@@ -65,50 +80,54 @@ class Reserves(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"It {self._short()}.", self.holds)
-        most = int(self.allowed * self.samples)
-        upper = clopper_pearson(most, self.samples, 0.9)[1]
-        exceed = f"at most {most} of {self.samples} plants may exceed the limit"
+        allowed = int(self.allowed * self.samples)
+        # A two-sided interval of 90 % has the one-sided upper bound of 95 %.
+        upper = clopper_pearson(allowed, self.samples, 0.9)[1]
+        exceed = f"at most {allowed} of {self.samples} plants may exceed the limit"
         yield f"allowed: {exceed} (95 % confidence: below {upper:.2%} of all)"
-        units = {"bandwidth": (1, "rad/s"), "period": (1e3, "ms")}
-        tried = sorted(self.tried, key=lambda each: each[0])
-        rows = [
-            (kind, f"{value * units[kind][0]:.4g} {units[kind][1]}", f"{left}")
-            for kind, value, left in tried
-        ]
+        rows = []
+        for kind, value, failures in sorted(self.tried, key=lambda row: row[0]):
+            text = f"{value:.4g} rad/s" if kind == "bandwidth" else f"{value * 1e3:.4g} ms"
+            rows.append((kind, text, f"{failures}"))
         yield Table(("tested", "", "violations"), rows)
 
 
 def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Reserves:
     """See `Certificate.reserves`."""
-    law, plants, tried = certificate.law, certificate.plants.first(samples), []
+    law = certificate.law
+    plants = certificate.plants.first(samples)
+    tried = list[tuple[str, float, int]]()
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
 
-    def left(kind: str, value: float, law: Law, plants: Plants) -> bool:
-        count = int((certificate.run(plants, law).outside > 0).sum())
-        tried.append((kind, value, count))
-        return count <= allowed * len(plants)
+    def holds(kind: str, value: float, law: Law, plants: Plants) -> bool:
+        failures = int((certificate.run(plants, law).outside > 0).sum())
+        tried.append((kind, value, failures))
+        return failures <= allowed * len(plants)
 
     rig = plants.rig
     bandwidth = getattr(law, "bandwidth", None)
     period = rig.period if law.period else None
-    holds = left("bandwidth" if bandwidth else "period", bandwidth or rig.period, law, plants)
-    for share in _BANDWIDTHS if holds and bandwidth else ():
+    # 1. As designed: a controller that fails already has no reserves.
+    kind = "bandwidth" if bandwidth else "period"
+    as_designed = holds(kind, bandwidth or rig.period, law, plants)
+    # 2. Ever lower bandwidths, then 3. ever longer periods, each until one fails.
+    for share in SETTINGS.bandwidths if as_designed and bandwidth else ():
         lower = law.bandwidth * share
-        if not left("bandwidth", lower, dataclasses.replace(law, bandwidth=lower), plants):
+        if not holds("bandwidth", lower, dataclasses.replace(law, bandwidth=lower), plants):
             break
         bandwidth = lower
-    for factor in _PERIODS if holds and period else ():
+    for factor in SETTINGS.periods if as_designed and period else ():
         slow = dataclasses.replace(plants, rig=dataclasses.replace(rig, period=rig.period * factor))
-        if not left("period", slow.rig.period, _slower(law, factor), slow):
+        if not holds("period", slow.rig.period, _slower(law, factor), slow):
             break
         period = slow.rig.period
     return Reserves(
         samples=len(plants),
         allowed=float(allowed),
-        holds=holds,
-        bandwidth=bandwidth if holds else None,
-        period=period if holds else None,
+        holds=as_designed,
+        bandwidth=bandwidth if as_designed else None,
+        period=period if as_designed else None,
         tried=tried,
     )
 
@@ -116,9 +135,10 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
 def _slower(law: Any, factor: float) -> Any:
     """The same design of a law, or the rig, for a period that is longer by a factor."""
     changes = {}
-    for name, value in (
-        (field.name, getattr(law, field.name)) for field in dataclasses.fields(law)
-    ):
+    for field in dataclasses.fields(law):
+        name = field.name
+        value = getattr(law, name)
+        # A law may hold a rig and another law, each with the period.
         if isinstance(value, (Rig, Law)):
             changes[name] = _slower(value, factor)
         elif name == "period" and value:
@@ -127,10 +147,14 @@ def _slower(law: Any, factor: float) -> Any:
 
 
 def held(certificate: Any, samples: int | None) -> Any:
-    """The certificate of the first samples, each from a hold: the disturbance torque is what the
-    model lacks at rest, and of Coulomb friction any share from -1 to 1, uniform, of each joint.
+    """The certificate of the first samples, each from a hold.
+
+    The disturbance torque is the gravity that the model lacks, and a share of each joint's Coulomb
+    friction, uniform from -1 to 1.
     """
-    law, path, plants = certificate.law, certificate.reference, certificate.plants.first(samples)
+    law = certificate.law
+    path = certificate.reference
+    plants = certificate.plants.first(samples)
     arm = plants.arm
     drive = plants.rig.drive
     errors = law.fields.places(arm.n, TORQUE_ERROR) if isinstance(law, ModelLaw) else ()
@@ -141,11 +165,12 @@ def held(certificate: Any, samples: int | None) -> Any:
         )
     motion = path(np.zeros(1))
     still = np.zeros(arm.n)
-    if np.abs(plants.rig.position_in_pulses(motion.qd[0])).max() > _AT_REST:
+    if np.abs(plants.rig.position_in_pulses(motion.qd[0])).max() > SETTINGS.rest:
         raise ValueError(
             f"the path must begin at rest; this one begins with {motion.qd[0]} rad/s. Take another."
         )
     shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (len(plants), arm.n))
+    # At rest the regressor is that of gravity alone.
     weight = np.asarray(arm.dynamics.Y(motion.q[0], still, still))
     friction = [drive.coupling.joint_torque(row) for row in shares * drive.joint_coulomb()]
     lacking = (plants.f - law.arm.f) @ weight.T + friction

@@ -1,6 +1,4 @@
-"""What is not known of an arm and its rig, beside the covariance of what was identified: one
-part, `Uncertainty`.
-"""
+"""`Uncertainty`: unknown properties of an arm and its rig beside the identified covariance."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -16,18 +14,19 @@ from plant.parts.arguments import array
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
 
-_SLOWEST = 1.0  # resonance [Hz] below which no gear of an arm has its own
-_USUAL = (DAMPING_RATIO, 0.03)  # damping ratio unless stated
+# Resonance [Hz] below which no gear of an arm has its own: a lower number is in kHz.
+_SOFTEST = 1.0
+# Range of the damping ratio unless stated.
+_DAMPING = (DAMPING_RATIO, 0.03)
 Range = Any  # one number, or the two ends of a range
 
 
 @part
 class Uncertainty(Shown, Part):
-    """What is not known of an arm and its rig: `certify` and `tune` take their Monte Carlo samples
-    from it.
+    """Distributions of unknown properties of an arm and its rig, for `certify` and `tune`.
 
-    Where two numbers may be given, they are the ends of a range, of which each sample has a place
-    of its own (uniform); of joints, each joint its own. Print it for a table.
+    Two numbers are the ends of a range, in which samples are uniform, and joints independent. Print
+    it for a table.
 
     Parameters
     ----------
@@ -115,8 +114,10 @@ class Uncertainty(Shown, Part):
     __repr__ = Shown.__repr__
 
     def __post_init__(self) -> None:
+        # Values as they are stored: pairs of numbers in place of one, arrays in place of lists.
         made: dict[str, Any] = {
-            name: between(name, getattr(self, name), *of) for name, of in _RANGES.items()
+            name: between(name, getattr(self, name), unit, signed)
+            for name, (unit, signed) in _RANGES.items()
         }
         if not 0 <= self.friction <= 1:
             raise ValueError(
@@ -134,21 +135,20 @@ class Uncertainty(Shown, Part):
             if getattr(self, name) is not None:
                 made[name] = array(name, getattr(self, name), shape, advice=advice)
         made["resonance"] = None if self.resonance is None else _pairs(self.resonance)
-        stated = (
-            _USUAL
-            if self.damping_ratio is None and self.resonance is not None
-            else self.damping_ratio
-        )
-        made["damping_ratio"] = (
-            None if stated is None else between("damping_ratio", stated, "a ratio")
-        )
+        damping = self.damping_ratio
+        # Stated resonances need a damping; gears of the rig have theirs.
+        if damping is None and self.resonance is not None:
+            damping = _DAMPING
+        if damping is not None:
+            damping = between("damping_ratio", damping, "a ratio")
+        made["damping_ratio"] = damping
         require_swinging(max(made["damping_ratio"] or (0.0,)))
         for name, value in made.items():
             object.__setattr__(self, name, value)
 
     @property
     def imperfections(self) -> dict[str, tuple[float, float]]:
-        """Name -> (low, high) of what gears, drives and encoders do, all of them."""
+        """Name -> (low, high) of every imperfection of gears, drives and encoders."""
         return {name: getattr(self, name) for name in IMPERFECTIONS}
 
     def _short(self) -> str:
@@ -202,13 +202,14 @@ def _pairs(resonance: Any) -> tuple[tuple[float, float], ...]:
         )
     pairs = np.atleast_2d(np.asarray(resonance, float))
     pairs = array("resonance", pairs, ("m", 2), advice="Give the lowest and the highest [Hz].")
-    if not (good := (pairs[:, 0] > 0) & (pairs[:, 0] <= pairs[:, 1])).all():
-        low, high = pairs[np.flatnonzero(~good)[0]]
+    good = (pairs[:, 0] > 0) & (pairs[:, 0] <= pairs[:, 1])
+    if not good.all():
+        low, high = pairs[~good][0]
         raise ValueError(
             f"resonance must be (lowest, highest), above 0 Hz; got ({low:g}, {high:g}). Swap or"
             " correct."
         )
-    if pairs[:, 0].min() < _SLOWEST:
+    if pairs[:, 0].min() < _SOFTEST:
         soft = f"got {pairs.min():g}. No gear is so soft: is it in kHz?"
-        raise ValueError(f"resonance must be {_SLOWEST:g} Hz or more; {soft}")
+        raise ValueError(f"resonance must be {_SOFTEST:g} Hz or more; {soft}")
     return tuple(map(tuple, pairs.tolist()))

@@ -445,8 +445,9 @@ def test_a_sensitivity_is_found_whatever_its_shape():
 
 def test_reserves(monkeypatch):
     """Bandwidth and period at which the same plants, run by hand, begin to leave."""
-    monkeypatch.setattr(ctc.certification.reserves, "_BANDWIDTHS", (0.5, 0.1, 0.05))
-    monkeypatch.setattr(ctc.certification.reserves, "_PERIODS", (8.0,))
+    module = ctc.certification.reserves
+    settings = module.ReserveSettings(bandwidths=(0.5, 0.1, 0.05), periods=(8.0,))
+    monkeypatch.setattr(module, "SETTINGS", settings)
     law = ComputedTorque(ARM, RIG)
     certificate = certified(law=law, samples=40, after=0.05, duration=0.3)
     found = certificate.reserves(samples=40)
