@@ -223,7 +223,7 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str], influences: l
 
 
 def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
-    """Failures in each cell of the stated resonances, with their bound; the worst cell is shaded."""
+    """Failures in each cell of the stated resonances, with bounds; the worst cell is shaded."""
     confidence = certificate.confidence
     worst = certificate.worst_cell
     for i, name in enumerate(dict.fromkeys(cell.name for cell in certificate.cells)):

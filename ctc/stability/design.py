@@ -1,10 +1,9 @@
-"""Feedback and observer gains of one joint from bandwidth and damping, poles, or noise (Kalman
-filter).
+"""Feedback and observer gains of one joint, from bandwidth and damping, poles, or noise (Kalman).
 
-With the arm's dynamics cancelled by its model, the error of a joint is a double integrator of minus
-the feedback acceleration; gains are feedback accelerations per error [rad], not torques.
-`motor_gain` converts one to motor torque per pulse, the gains of `P` and its like, with the inertia
-that the joint feels.
+If the model cancels the arm's dynamics, the error of a joint is a double integrator of minus the
+feedback acceleration. Gains are feedback accelerations per error [rad], not torques. `motor_gain`
+converts them to motor torque per pulse, the gains of `P` and similar laws, with the inertia of the
+joint.
 """
 
 import casadi as ca
@@ -19,18 +18,18 @@ from plant.parts.arguments import array, instance, real
 def pid_gains(
     bandwidth: float, damping: float = 1.0, integral: float = 0.0
 ) -> tuple[float, float, float]:
-    """PID gains for error poles at the zeros of (s^2 + 2 damping bandwidth s + bandwidth^2) (s +
-    integral).
+    """PID gains for error poles at the zeros of (s^2 + 2 zeta w s + w^2) (s + p).
 
     Parameters
     ----------
     bandwidth : float
-        [rad/s]
+        w [rad/s]
     damping : float
-        1/sqrt(2), as in `ComputedTorque`, with a bandwidth of sqrt(a / e), is the linear-quadratic
-        regulator that weighs an error e [rad] as much as a feedback acceleration a [rad/s^2].
+        zeta. With 1/sqrt(2), as in `ComputedTorque`, and a bandwidth of sqrt(a / e), the feedback
+        is the linear-quadratic regulator that weighs an error e [rad] as much as a feedback
+        acceleration a [rad/s^2].
     integral : float
-        Pole of the integral part [rad/s]; 0 for none.
+        p, pole of the integral part [rad/s]; 0 for none.
 
     Returns
     -------
@@ -59,18 +58,20 @@ def pid_gains(
         raise ValueError(
             f"integral must not be negative; got {p}. Give rad/s, or 0 for no integral part."
         )
+    # The coefficients of s, 1 and s^2 of the product of the two factors.
     return w**2 + 2 * zeta * w * p, w**2 * p, 2 * zeta * w + p
 
 
 def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.float64]:
-    """Motor torque per pulse [N m] of an acceleration per error, as `P` is given it; per its rate
-    and integral alike.
+    """Motor torque per pulse [N m], the unit of `P`, for an acceleration per error.
+
+    It converts gains on the rate and on the integral of the error alike.
 
     Parameters
     ----------
     rig : Rig
     inertia : (n,) array_like
-        That each joint feels [kg m^2], such as the diagonal of ``arm.D(q)``.
+        Of each joint [kg m^2], such as the diagonal of ``arm.D(q)``.
     gain : float or (n,) array_like
         [1/s^2]
 
@@ -90,23 +91,23 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.floa
     array([0.001, 0.001])
     """
     instance("rig", rig, Rig, "Pass the rig of the arm.")
-    felt = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
+    of_joints = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
     pulse = rig.to_angle(np.ones(rig.n))
     if rig.drive.coupling.matrix:
         raise ValueError(
             "motor_gain is for motors that turn one joint each; got a coupling. Use arm.D(q) in"
             " full."
         )
-    return rig.drive.motor_torque(felt * np.asarray(gain) * pulse)
+    # The acceleration of one pulse of error, times the inertia, through the gear.
+    return rig.drive.motor_torque(of_joints * np.asarray(gain) * pulse)
 
 
 def observer_gains(
     rig: Rig, *, poles: ArrayLike | None = None, disturbance: ArrayLike | None = None
 ) -> NDArray[np.float64]:
-    """Gains of each joint's observer of error, rate and disturbance: from its poles, or those of
-    the Kalman filter.
+    """Observer gains of each joint for error, rate and disturbance: by poles, or a Kalman filter.
 
-    The stationary Kalman filter's measurement noise is that of the counts, a uniform error of one
+    The measurement noise of the stationary Kalman filter is that of the counts, uniform over one
     pulse.
 
     Parameters
@@ -115,13 +116,13 @@ def observer_gains(
     poles : (3,) array_like, optional
         Continuous-time [rad/s], negative real parts; complex ones in pairs.
     disturbance : float or (n,) array_like, optional
-        In their place: standard deviation of the change of the disturbance acceleration, a random
+        Instead of poles: standard deviation of the change of the disturbance acceleration, a random
         walk, in one second [rad/s^2].
 
     Returns
     -------
     (n, 3) numpy.ndarray
-        By which the innovation corrects error, rate [1/s] and disturbance [1/s^2].
+        Of the innovation in the corrections of error, rate [1/s] and disturbance [1/s^2].
 
     Raises
     ------
@@ -145,22 +146,20 @@ def observer_gains(
     if (poles is None) == (disturbance is None):
         got = "both" if poles is not None else "none"
         raise ValueError(f"one of poles and disturbance must be given; got {got}. Leave one out.")
-    step, seen = _model()
+    step, output = _model()
     if poles is not None:
         s = np.asarray(poles, complex)
-        if (
-            s.shape != (3,)
-            or not (s.real < 0).all()
-            or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3
-        ):
+        # Complex poles that come in pairs have a real polynomial, to rounding.
+        sound = s.shape == (3,) and (s.real < 0).all()
+        if not sound or abs(np.poly(s).imag).max() > 1e-9 * abs(s).max() ** 3:
             raise ValueError(
                 f"poles must be three, stable, complex ones in pairs; got {s}. Give rad/s, below"
                 " zero."
             )
-        gains = np.tile(
-            np.asarray(control.acker(step.T, (seen @ step).T, np.exp(s * rig.period))).ravel(),
-            (rig.n, 1),
-        )
+        # Ackermann's formula for the dual system. The observer corrects after its prediction, so
+        # its output is that of the predicted state.
+        gains = control.acker(step.T, (output @ step).T, np.exp(s * rig.period))
+        gains = np.tile(np.asarray(gains).ravel(), (rig.n, 1))
         return gains / rig.period ** np.arange(3)
     walk = np.broadcast_to(np.asarray(disturbance, float), (rig.n,)) * np.sqrt(rig.period)
     if not (np.isfinite(walk) & (walk > 0)).all():
@@ -170,21 +169,22 @@ def observer_gains(
         )
     rows = []
     for size, pulse in zip(walk, rig.to_angle(np.ones(rig.n)), strict=True):
+        # Variances in units of the rounding error's, pulse^2 / 12, and of one sample.
         ratio = (size * rig.period**2) ** 2 / (pulse**2 / 12)
-        _, spread, _ = control.dlqe(step, [[0.0], [0.0], [1.0]], seen, [[ratio]], [[1.0]])
-        rows.append((spread @ seen.T / (seen @ spread @ seen.T + 1)).ravel())
+        _, spread, _ = control.dlqe(step, [[0.0], [0.0], [1.0]], output, [[ratio]], [[1.0]])
+        # `dlqe` gives the gain of a predictor; that of a filter follows from its covariance.
+        rows.append((spread @ output.T / (output @ spread @ output.T + 1)).ravel())
     return np.array(rows) / rig.period ** np.arange(3)
 
 
 def _model() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """One sample of error, rate and disturbance, as the laws' observers step them, and what is
-    measured.
+    """Matrices of one step of error, rate and disturbance, and of the measurement, the error.
 
-    Time is counted in samples, so that all three are of one size; the gains are then converted to
-    seconds.
+    Time is counted in samples, which keeps all three of one size; gains are converted to seconds
+    afterwards.
     """
+    # The laws' own prediction, so that the gains belong to the observer that uses them.
     x = ca.SX.sym("x", 3)
-    step = ca.Function(
-        "step", [x], [ca.jacobian(ca.vertcat(*predict(x[0], x[1], x[2], 0, 1.0)), x)]
-    )
+    following = ca.vertcat(*predict(x[0], x[1], x[2], 0, 1.0))
+    step = ca.Function("step", [x], [ca.jacobian(following, x)])
     return step(np.zeros(3)).full(), np.array([[1.0, 0.0, 0.0]])

@@ -1,6 +1,6 @@
 """Drawing of an arm in a pose, and animation (GIF) of a run with its tracking error.
 
-matplotlib is imported only when something is drawn.
+matplotlib is imported only when a figure is drawn.
 """
 
 from pathlib import Path
@@ -16,13 +16,14 @@ from plant.mechanics.newton_euler import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.figures import axes_of, colour_of, dressed
 
-_POSES = 200  # from which the plane of a planar arm, and the space that a motion takes, are found
+# Poses that determine the plane of a planar arm, and the space of a motion. Chosen by hand: three
+# suffice for a plane, and 200 points of a motion leave no visible gap.
+_POSES = 200
 
 
 @known_options
 def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = None) -> Any:
-    """Draw an arm in one pose: base, joints and tip joined by lines; in its plane if it has one,
-    else in space.
+    """Draw an arm in one pose, base, joints and tip joined by lines, in its plane or in space.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
     q : (n,) array_like
         [rad]
     tip : (3,) array_like, optional
-        End of the last link, seen from its frame [m]; by default twice as far as its body's centre
+        End of the last link in its frame [m]; by default at twice the distance of its body's centre
         of mass.
     ax : matplotlib Axes, optional
         Where to draw (three-dimensional for an arm without a plane); a new figure by default.
@@ -42,7 +43,7 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
     Raises
     ------
     ValueError
-        Neither a tip nor bodies say where the last link ends; several Axes, or flat ones for an arm
+        No tip and no bodies to tell the end of the last link; several Axes, or flat Axes for an arm
         without a plane.
 
     See Also
@@ -59,22 +60,20 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
     pose = array("q", q, (arm.n,), advice="Give one angle per joint [rad].")
     scene = _Scene(arm, tip)
 
-    def new() -> Any:
+    def new_axis() -> Any:
         import matplotlib.pyplot as plt
 
         return plt.figure(figsize=(5, 5), layout="constrained").add_subplot(
             projection=scene.projection
         )
 
-    made = f"Make it by plt.figure().add_subplot(projection={scene.projection!r})"
-    axis = axes_of(ax, (), new, made).item()
+    advice = f"Make it by plt.figure().add_subplot(projection={scene.projection!r})"
+    axis = axes_of(ax, (), new_axis, advice).item()
     if (axis.name == "3d") != (scene.projection == "3d"):
-        wanted = (
-            "three-dimensional for this arm"
-            if scene.projection
-            else "flat for this arm, which lies in a plane"
-        )
-        raise ValueError(f"ax must be {wanted}; got a {axis.name} one. {made}, or leave ax out.")
+        kind = "flat for this arm, which lies in a plane"
+        if scene.projection:
+            kind = "three-dimensional for this arm"
+        raise ValueError(f"ax must be {kind}; got a {axis.name} one. {advice}, or leave ax out.")
     scene.prepare(axis, pose[None])
     scene.draw(pose)
     return axis
@@ -104,7 +103,7 @@ def animate(
     fps : int
         Pictures per second, 50 at most (what GIF viewers show).
     speed : float
-        Of the film: 0.2 is slow motion, five times as long as the run.
+        Speed of the animation: 0.2 is slow motion, five times as long as the run.
 
     Returns
     -------
@@ -114,7 +113,7 @@ def animate(
     Raises
     ------
     ValueError
-        Bad input; neither a tip nor bodies say where the last link ends.
+        Bad input; no tip and no bodies to tell the end of the last link.
 
     See Also
     --------
@@ -132,7 +131,7 @@ def animate(
     instance("evaluation", evaluation, Evaluation, "Pass what evaluate(...) returned.")
     instance("arm", arm, Arm, "Pass the arm that was evaluated.")
     record = evaluation.record
-    q = np.asarray(evaluation.record.true_q)
+    q = np.asarray(record.true_q)
     if arm.n != record.n:
         raise ValueError(
             f"arm must have {record.n} joints like the run; got {arm.n}. Pass the arm that was"
@@ -143,12 +142,15 @@ def animate(
             f"fps must be 50 at most; got {fps}. Viewers show a GIF no faster; lower speed instead."
         )
     step = real("speed", speed, "1 is as fast as the arm.", positive=True) / fps / record.rig.period
-    shown = np.append(np.arange(0, len(record) - 1, max(step, 1.0)).astype(int), len(record) - 1)
+    # At most a picture for each sample, and always the last sample.
+    last_sample = len(record) - 1
+    samples = np.append(np.arange(0, last_sample, max(step, 1.0)).astype(int), last_sample)
 
     import matplotlib.pyplot as plt
     from matplotlib.animation import PillowWriter
 
     scene = _Scene(arm, tip)
+    # The arm on the left over the whole height; errors on the right, one below the other.
     figure = plt.figure(figsize=(8.5, max(3.6, 1.1 * record.n)), layout="constrained")
     grid = figure.add_gridspec(record.n, 2, width_ratios=(1, 1) if scene.projection else (1, 1.25))
     scene.prepare(figure.add_subplot(grid[:, 0], projection=scene.projection), q)
@@ -156,25 +158,23 @@ def animate(
     title = figure.suptitle(" ", fontsize=10)
     scene.draw(q[0])
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # laid out once, not for every picture
+    figure.set_layout_engine("none")  # a layout for every picture would take most of the time
     writer = PillowWriter(fps=fps)
     with writer.saving(figure, str(path), dpi=80):
-        for k in shown:
+        for k in samples:
             scene.draw(q[k])
             for line, values in cursors:
                 line.set_data(record.t[: k + 1], values[: k + 1])
             worst = np.abs(record.error_pulses[: k + 1]).max()
-            now = f"{type(record.law).__name__}, t = {record.t[k]:.2f} s"
-            title.set_text(f"{now}, largest error so far [pulses]: {worst:.0f}")
+            instant = f"{type(record.law).__name__}, t = {record.t[k]:.2f} s"
+            title.set_text(f"{instant}, largest error so far [pulses]: {worst:.0f}")
             writer.grab_frame()
     plt.close(figure)
-    return len(shown)
+    return len(samples)
 
 
 def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDArray[np.float64]]:
-    """An axis of one joint's error, the whole run pale; the line of the run so far, and its
-    values.
-    """
+    """Draw a joint's error of the whole run in grey; the line of the run so far, and its values."""
     record = evaluation.record
     values = record.error_pulses[:, joint]
     axis.spines[["top", "right"]].set_visible(False)
@@ -191,15 +191,14 @@ def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDA
 
 
 class _Scene:
-    """The links of an arm, as they are drawn: in the plane in which they always lie, or in
-    space.
-    """
+    """Drawing of an arm's links, in the plane in which they always lie, or in space."""
 
     def __init__(self, arm: Arm, tip: ArrayLike | None) -> None:
         chain = arm.dynamics.chain
         if tip is None and not chain.bodies:
             end = f"no body says where link {chain.links[-1].name} ends"
             raise ValueError(f"tip must be given, as {end}. Pass tip=(x, y, z) in its frame [m].")
+        # A uniform link ends at twice the distance of its centre of mass.
         if tip is None:
             frame = chain.links[-1].frame
             com = np.array(chain.bodies[-1].com)
@@ -224,49 +223,51 @@ class _Scene:
         low = points.min(axis=(0, 1))
         high = points.max(axis=(0, 1))
         middle = (low + high) / 2
+        # The same range on all axes, a tenth larger than the motion, and not zero at rest.
         half = 0.55 * max((high - low).max(), 1e-3)
         for name, centre, direction in zip("xyz", middle, self.view, strict=False):
-            axis.set(
-                **{
-                    f"{name}lim": (centre - half, centre + half),
-                    f"{name}label": f"{_called(direction)} [m]",
-                }
-            )
+            limits = centre - half, centre + half
+            axis.set(**{f"{name}lim": limits, f"{name}label": f"{_label(direction)} [m]"})
         axis.set_aspect("equal")
         if self.projection:
-            axis.set_box_aspect(None, zoom=0.88)  # or the labels are cut off
+            axis.set_box_aspect(None, zoom=0.88)  # without it the labels are cut off
             axis.locator_params(nbins=5)
         dressed(axis)
 
     def draw(self, q: NDArray[np.float64]) -> None:
         """Move the links to a pose (n,)."""
         points = self.view @ self.positions(q).full()
-        (self.links.set_data_3d if len(points) == 3 else self.links.set_data)(*points)
+        if len(points) == 3:
+            self.links.set_data_3d(*points)
+        else:
+            self.links.set_data(*points)
 
 
 def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of a view: the identity in space; of points that all lie in one plane through the base,
-    its two axes.
+    """Rows of a view: both axes of the plane through the base that holds all points, or the
+    identity.
 
-    The second axis is upwards where the plane is not level, the first to the side of positive x, or
-    y.
+    The second axis is upwards where the plane is not level, the first one towards positive x, or y.
     """
     _, spread, axes = np.linalg.svd(points.reshape(-1, 3), full_matrices=False)
+    # Only rounding may lead out of a plane.
     if spread[2] > 1e-9 * spread[0]:
         return np.eye(3)
     normal = axes[2]
-    if np.linalg.norm(np.cross(normal, up)) <= 1e-6 * np.linalg.norm(up):  # level, or no gravity
+    # A level plane, or an arm without gravity, has no upward axis: y takes its place, or z.
+    if np.linalg.norm(np.cross(normal, up)) <= 1e-6 * np.linalg.norm(up):
         up = np.eye(3)[1 if abs(normal[1]) < 0.9 else 2]
     up = up - normal * (normal @ up)
     up = up / np.linalg.norm(up)
-    side = np.cross(up, normal)
-    side = side * np.sign(side[np.argmax(np.abs(side[:2]) > 1e-6)] or 1.0)
-    return np.array([side, up])
+    across = np.cross(up, normal)
+    # The sign of x decides, or of y where x is zero; of the singular vectors it is arbitrary.
+    across = across * np.sign(across[np.argmax(np.abs(across[:2]) > 1e-6)] or 1.0)
+    return np.array([across, up])
 
 
-def _called(direction: NDArray[np.float64]) -> str:
-    """What to call a direction: the axis of the base that it is, or where it points."""
-    most = int(np.argmax(np.abs(direction)))
-    if np.abs(direction[most]) < 1 - 1e-9:
+def _label(direction: NDArray[np.float64]) -> str:
+    """Name of a direction: an axis of the base, or words for one between them."""
+    i = int(np.argmax(np.abs(direction)))
+    if np.abs(direction[i]) < 1 - 1e-9:
         return "across" if np.abs(direction[2]) < 1e-9 else "along the plane"
-    return f"{'-' if direction[most] < 0 else ''}{'xyz'[most]}"
+    return f"{'-' if direction[i] < 0 else ''}{'xyz'[i]}"

@@ -1,6 +1,4 @@
-"""Tracking error in encoder pulses, torque and chatter of an arm under a controller, by
-simulation.
-"""
+"""`Evaluation`: tracking error in encoder pulses, torque and chatter of a simulated run."""
 
 import dataclasses
 import functools
@@ -24,8 +22,7 @@ from plant.parts.tables import by_joint
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Evaluation(Shown):
-    """Tracking error and torque of an arm that followed a reference under a controller. Print it
-    for a table.
+    """Tracking error and torque of a simulated arm under a controller. Print it for a table.
 
     Attributes
     ----------
@@ -68,7 +65,7 @@ class Evaluation(Shown):
 
     @property
     def joint_labels(self) -> list[str]:
-        """What to call each joint in tables and figures."""
+        """Names of the joints in tables and figures."""
         return self.arm.dynamics.chain.joint_labels
 
     @property
@@ -90,45 +87,37 @@ class Evaluation(Shown):
 
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:
-        """On which elastic gears this run would stay within ±1 pulse.
+        """Elastic gears on which this run would stay within ±1 pulse.
 
         None for a rig whose gears are elastic, and for a run with an injected torque.
         """
         record: Any = self.record
         if record.rig.drive.elasticity is not None or record.injected is not None:
             return None
+        # A run that exceeds the limit on rigid gears needs no simulation on softer ones.
         if (np.abs(record.error_pulses[record.t >= SETTLED]) > 1).any():
             return LowestResonance.none(DAMPING_RATIO, 1)
+        # Tuples, since the results are stored by their arguments.
         start = None if record.initial is None else tuple(map(tuple, record.initial.tolist()))
         return lowest_resonance(*self._loop, DAMPING_RATIO, SETTLED, cores(), start)
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
-        """What an arm at rest does on this path, where the path begins in motion and the arm
-        exceeds the limit.
-        """
+        """Run of an arm at rest, where the path begins in motion and that arm exceeds the limit."""
         record: Any = self.record
-        if record.injected is not None or (
-            record.initial is not None and not record.initial[1].any()
-        ):
+        # A run that itself began at rest has nothing to add.
+        began_at_rest = record.initial is not None and not record.initial[1].any()
+        if record.injected is not None or began_at_rest:
             return None
         return from_rest(*self._loop)
 
     @property
     def _loop(self) -> Any:
-        """The loop, its limit, its duration and steps."""
+        """Arguments of the loop: arm, rig, law, reference, limit, duration, steps per sample."""
         record = self.record
-        samples = len(self.record)
-        steps = len(self.true_error_pulses) // samples
-        return (
-            self.arm,
-            record.rig,
-            record.law,
-            record.reference,
-            1,
-            samples * record.rig.period,
-            steps,
-        )
+        steps = len(self.true_error_pulses) // len(record)
+        duration = len(record) * record.rig.period
+        return self.arm, record.rig, record.law, record.reference, 1, duration, steps
 
     @property
     def refused(self) -> str | None:
@@ -143,20 +132,18 @@ class Evaluation(Shown):
 
     @property
     def holds(self) -> bool:
-        """Whether the run stays within ±1 pulse, and nothing says that a machine would not begin
-        as it did.
-        """
+        """Whether the run stays within ±1 pulse, and a machine would begin as it did."""
         return self.within(1) and not self.reasons
 
     @property
     def reasons(self) -> list[str]:
         """Why a machine would not begin as this run did, one line each."""
-        stands = None if self.from_rest is None else str(self.from_rest)
-        return [line for line in (stands, self.refused) if line is not None]
+        from_rest = None if self.from_rest is None else str(self.from_rest)
+        return [line for line in (from_rest, self.refused) if line is not None]
 
     @property
     def conditions(self) -> list[str]:
-        """What the verdict assumes, and what a machine would do otherwise, one line each."""
+        """Assumptions of the verdict, and a machine's behaviour without them, one line each."""
         gears = [] if self.on_gears is None else [f"rigid gears assumed; {self.on_gears}"]
         return [*gears, *self.reasons]
 
@@ -186,6 +173,7 @@ class Evaluation(Shown):
     @property
     def saturation(self) -> NDArray[np.float64]:
         limit = self.record.rig.drive.current_limit
+        # Rounding may leave a limited current just below the limit.
         return (np.abs(np.asarray(self.record.current)) >= limit * (1 - 1e-12)).mean(axis=0)
 
     def fraction_within(self, k: float) -> float:
@@ -198,6 +186,7 @@ class Evaluation(Shown):
 
     def share_within(self, k: float) -> str:
         """`fraction_within` as text, rounded down, so that 100.00% means all samples."""
+        # 1e-9 keeps a share of 1 less a rounding error at 100 %.
         return f"{math.floor(self.fraction_within(k) * 1e4 + 1e-9) / 100:.2f}%"
 
     def within(self, k: float) -> bool:
@@ -205,8 +194,8 @@ class Evaluation(Shown):
         return self.fraction_within(k) == 1.0
 
     def plot(self, ax: Any = None, *, phase: bool = False) -> NDArray[Any]:
-        """Draw error and torque of every joint on (n, 2) Axes; the `phase` plot of the true
-        error on (n,).
+        """Draw error and torque of every joint on (n, 2) Axes, or the true error's `phase` plot on
+        (n,).
         """
         return plot_phase(self, ax) if phase else plot_evaluation(self, ax)
 
@@ -216,27 +205,27 @@ class Evaluation(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         elastic = self.record.rig.drive.elasticity is not None
-        link = 1e3 * np.abs(self.link_error)
-        behind = [
-            ("link error, peak [mrad]", link.max(axis=0), ".3f"),
-            ("link error, RMS [mrad]", np.sqrt(np.mean(link**2, axis=0)), ".3f"),
-        ]
+        part = "motor" if elastic else "joint"
         quantities = [
+            ("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
+            ("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
+            (f"true {part} error, peak [pulses]", self.max_true_error_pulses, ".2f"),
+        ]
+        # Encoders sit on the motors: elastic gears hide an error of the links.
+        if elastic:
+            link = 1e3 * np.abs(self.link_error)
+            rms = np.sqrt(np.mean(link**2, axis=0))
+            quantities.append(("link error, peak [mrad]", link.max(axis=0), ".3f"))
+            quantities.append(("link error, RMS [mrad]", rms, ".3f"))
+        quantities += [
+            ("torque, peak [N m]", self.peak_torque, ".0f"),
+            ("torque chatter per sample [N m]", self.chatter, ".1f"),
+            ("share at the amplifier's limit", self.saturation, ".2%"),
+        ]
+        rows = [
             (title, *(format(value, form) for value in values))
-            for title, values, form in (
-                ("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
-                ("encoder error, RMS [pulses]", self.rms_error_pulses, ".2f"),
-                (
-                    f"true {'motor' if elastic else 'joint'} error, peak [pulses]",
-                    self.max_true_error_pulses,
-                    ".2f",
-                ),
-                *(behind if elastic else []),
-                ("torque, peak [N m]", self.peak_torque, ".0f"),
-                ("torque chatter per sample [N m]", self.chatter, ".1f"),
-                ("share at the amplifier's limit", self.saturation, ".2%"),
-            )
+            for title, values, form in quantities
         ]
         yield Verdict(self._short(), self.holds)
-        yield by_joint(self.joint_labels, quantities)
+        yield by_joint(self.joint_labels, rows)
         yield from self.conditions

@@ -1,6 +1,4 @@
-"""`evaluate`: one arm under one controller, on one path or in several motions; `compare`: under
-several controllers.
-"""
+"""`evaluate`: an arm under a controller, on a path or in several motions; `compare` controllers."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -19,20 +17,23 @@ from plant.parts.tables import Table
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import Injected, run
 
+# Head of each column, and its cell for an `Evaluation`.
 _COLUMNS = (
     ("within ±1", lambda e: e.share_within(1)),
-    ("peak [pulses]", lambda e: _each(e.max_error_pulses, ".0f")),
-    ("RMS [pulses]", lambda e: _each(e.rms_error_pulses, ".2f")),
-    ("torque, RMS [N m]", lambda e: _each(e.rms_torque, ".1f")),
-    ("chatter [N m]", lambda e: _each(e.chatter, ".1f")),
+    ("peak [pulses]", lambda e: _cell(e.max_error_pulses, ".0f")),
+    ("RMS [pulses]", lambda e: _cell(e.rms_error_pulses, ".2f")),
+    ("torque, RMS [N m]", lambda e: _cell(e.rms_torque, ".1f")),
+    ("chatter [N m]", lambda e: _cell(e.chatter, ".1f")),
     ("at the limit", lambda e: f"{e.saturation.max():.2%}"),
 )
 
-_EACH = 3  # joints up to which a cell has a number for each; with more it has the largest
+# Joints up to which a cell has a number for each: four would not fit into 80 letters a line.
+_JOINTS = 3
 
 
-def _each(values: NDArray[np.float64], form: str) -> str:
-    if len(values) > _EACH:
+def _cell(values: NDArray[np.float64], form: str) -> str:
+    """Numbers of all joints, or of many joints the largest and its joint."""
+    if len(values) > _JOINTS:
         return f"{values.max():{form}} q[{values.argmax()}]"
     return " / ".join(format(value, form) for value in values)
 
@@ -40,17 +41,19 @@ def _each(values: NDArray[np.float64], form: str) -> str:
 def overview(
     title: str, evaluations: Mapping[str, Evaluation], notes: Mapping[str, str]
 ) -> Iterator[Piece]:
-    """One row for each `Evaluation`, notes on some by name, and what a cell holds."""
+    """One row for each `Evaluation`, notes by name, and the meaning of a cell."""
     rows = [
         [name, *(cell(evaluation) for _, cell in _COLUMNS)]
         for name, evaluation in evaluations.items()
     ]
     if rows:
         yield Table([title, *(column for column, _ in _COLUMNS)], rows)
-    yield from (f"{name}: {why}" for name, why in notes.items())
+    for name, note in notes.items():
+        yield f"{name}: {note}"
+    # All evaluations are of one arm. There is none where every loop diverged.
     labels = next((evaluation.joint_labels for evaluation in evaluations.values()), [])
     if len(labels) > 1:
-        cell = "a / b" if len(labels) <= _EACH else "largest of the joints, and which"
+        cell = "a / b" if len(labels) <= _JOINTS else "largest of the joints, and which"
         yield f"{cell}: {', '.join(labels)}"
     if any(evaluation.record.rig.drive.elasticity is None for evaluation in evaluations.values()):
         yield (
@@ -61,9 +64,7 @@ def overview(
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Evaluations(Shown, Mapping[str, Evaluation]):
-    """Evaluations of one arm under one controller in several motions: name -> `Evaluation`.
-    Print it for a table.
-    """
+    """Evaluations of one arm in several motions: name -> `Evaluation`. Print it for a table."""
 
     evaluations: dict[str, Evaluation]
 
@@ -78,9 +79,7 @@ class Evaluations(Shown, Mapping[str, Evaluation]):
 
     @property
     def worst(self) -> str:
-        """Name of the motion with the largest encoder error; among equals, with the largest
-        before rounding.
-        """
+        """Name of the motion with the largest encoder error, then the largest true error."""
         errors = {
             name: (e.max_error_pulses.max(), e.max_true_error_pulses.max())
             for name, e in self.items()
@@ -88,16 +87,12 @@ class Evaluations(Shown, Mapping[str, Evaluation]):
         return max(errors, key=errors.__getitem__)
 
     def within(self, k: float) -> bool:
-        """Whether every joint's encoder error is within +-k pulses at every sample of every
-        motion.
-        """
+        """Whether every joint stays within +-k pulses at every sample of every motion."""
         return all(evaluation.within(k) for evaluation in self.values())
 
     @property
     def holds(self) -> bool:
-        """Whether all motions stay within ±1 pulse, and nothing says that a machine would not
-        begin as they did.
-        """
+        """Whether all motions stay within ±1 pulse, and a machine would begin as they did."""
         return all(evaluation.holds for evaluation in self.values())
 
     def _short(self) -> str:
@@ -109,11 +104,8 @@ class Evaluations(Shown, Mapping[str, Evaluation]):
         )
 
     def _shown(self) -> Iterator[Piece]:
-        notes = {
-            name: str(e.from_rest or e.refused)
-            for name, e in self.items()
-            if e.from_rest or e.refused
-        }
+        # One note for each motion; the start from rest comes before the refusal of the controller.
+        notes = {name: e.reasons[0] for name, e in self.items() if e.reasons}
         yield Verdict(self._short(), self.holds)
         yield from overview("motion", self, notes)
 
@@ -168,7 +160,7 @@ def evaluate(
     reference : Reference, or mapping of str -> Reference
         Or several motions by name, such as `plant.everyday_motions`, each inside limits and torque.
     backend : {"casadi", "numba"}
-        casadi evaluates the closed-loop step by `mapaccum`; the compiled kernel must give the same
+        casadi evaluates the closed-loop step by `mapaccum`; the compiled kernel gives the same
         verdict.
     duration : float, optional
         Of each motion [s]; by default one period of the reference.
@@ -177,7 +169,7 @@ def evaluate(
     initial : (2, n) array_like, optional
         Position [rad] and velocity [rad/s] at t = 0; by default those of the reference.
     injected : (N, n) array_like or callable, optional
-        Known torque beside the controller's, as for `plant.simulate`.
+        Torque in addition to the controller's, as for `plant.simulate`.
 
     Returns
     -------
@@ -213,17 +205,16 @@ def evaluate(
 
     if not isinstance(reference, Mapping):
         return along(reference)
-    found = dict[str, Evaluation]()
-    for name, motion in motions_of(
-        arm, rig, reference, "The order is arm, rig, law, reference."
-    ).items():
-        with naming(name):
-            found[name] = along(motion)
-    return Evaluations(evaluations=found)
+    evaluations = dict[str, Evaluation]()
+    motions = motions_of(arm, rig, reference, "The order is arm, rig, law, reference.")
+    for name, motion in motions.items():
+        with naming(name):  # errors name the motion
+            evaluations[name] = along(motion)
+    return Evaluations(evaluations=evaluations)
 
 
 def require_laws(laws: Any) -> None:
-    """Refuse what is no dict of name -> Law."""
+    """Refuse laws that are no dict of name -> Law."""
     if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
         raise ValueError(
             f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}."
@@ -232,17 +223,13 @@ def require_laws(laws: Any) -> None:
         instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
 
 
-_SHORT = 70  # letters of its `repr` that name each controller
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(Shown):
     """Evaluations of several controllers on the same arm and reference.
 
-    Print it for a table with one row per controller and, in a cell, one number per joint, or of
-    more than three joints the largest; chatter is the mean change of the torque from one sample to
-    the next, "at the limit" the share of the samples at the amplifier's limit, of the joint that is
-    there most.
+    Print it for a table with one row per controller. A cell has one number per joint, or of more
+    than three joints the largest. Chatter is the mean change of the torque from one sample to the
+    next, "at the limit" the largest share of samples of a joint at the amplifier's limit.
 
     Attributes
     ----------
@@ -256,39 +243,30 @@ class Comparison(Shown):
     diverged: dict[str, str]
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the errors of all controllers with bounded errors: (n, laws) Axes of up to four,
-        (laws, n) of more.
-        """
+        """Draw bounded errors of all controllers on (n, laws) Axes, (laws, n) of more than four."""
         return plot_comparison(self.evaluations, ax)
 
     def _short(self) -> str:
         shares = [
             f"{name} {evaluation.share_within(1)}" for name, evaluation in self.evaluations.items()
         ]
-        said = ", ".join([*shares, *(f"{name} diverges" for name in self.diverged)])
-        return (
-            said
-            if len(said) <= _SHORT
-            else f"{len(shares)} controllers, {len(self.diverged)} diverged"
-        )
+        names = ", ".join([*shares, *(f"{name} diverges" for name in self.diverged)])
+        # A `repr` is one line: of many controllers only their numbers.
+        if len(names) <= 70:
+            return names
+        return f"{len(shares)} controllers, {len(self.diverged)} diverged"
 
     def _shown(self) -> Iterator[Piece]:
-        inside = {
-            name: evaluation
-            for name, evaluation in self.evaluations.items()
-            if evaluation.within(1)
-        }
-        moving = {
-            name: evaluation.from_rest
-            for name, evaluation in inside.items()
-            if evaluation.from_rest is not None
+        inside = {name: e for name, e in self.evaluations.items() if e.within(1)}
+        from_rest = {
+            name: str(e.from_rest) for name, e in inside.items() if e.from_rest is not None
         }
         count = len(self.evaluations) + len(self.diverged)
-        which = f": {', '.join(inside)}" if inside else ""
-        said = f"{len(inside)} of {count} controllers within ±1 pulse at every sample{which}"
-        yield Verdict(said, len(inside) > len(moving))
-        notes = {**self.diverged, **{name: str(why) for name, why in moving.items()}}
-        yield from overview("law", self.evaluations, notes)
+        names = f": {', '.join(inside)}" if inside else ""
+        verdict = f"{len(inside)} of {count} controllers within ±1 pulse at every sample{names}"
+        # It is positive if one of them holds also from rest.
+        yield Verdict(verdict, len(inside) > len(from_rest))
+        yield from overview("law", self.evaluations, self.diverged | from_rest)
 
 
 @known_options
@@ -308,7 +286,7 @@ def compare(
     Parameters
     ----------
     laws : dict of str -> Law
-        By the name that each is to have in the table.
+        By name in the table.
     arm, rig, reference, backend, duration, steps_per_sample, initial
         As of `ctc.evaluate`.
 

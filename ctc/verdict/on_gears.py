@@ -1,9 +1,8 @@
-"""One arm under one controller on elastic gears of many resonances, simulated side by side.
+"""Two assumptions of a simulated verdict: rigid gears, and a start in motion.
 
-A rigid rig is an assumption. What it costs is one number: the locked-rotor resonance of the gears
-above which the nominal arm still stays within the limit. Another is how it begins: a path gives the
-simulator its first speed, too; a real arm is at rest until the first sample of its controller
-(`from_rest`).
+One number describes the first, the locked-rotor resonance of the gears above which the nominal arm
+still stays within the limit (`lowest_resonance`). A path gives the simulator its first speed, too;
+a real arm is at rest until the first sample of its controller (`from_rest`).
 """
 
 import dataclasses
@@ -26,37 +25,37 @@ from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Population, Runs
 from plant.simulation.simulator import run
 
-# between which resonances are tested [Hz]
+# Range in which resonances are tested [Hz].
 LOWEST = 10.0
 HIGHEST = 500.0
-SETTLED = 0.02  # time before which samples do not count [s]
-RIGID = 1e5  # resonance [Hz] of a gear that moves like a rigid one
+# Time before which the error on elastic gears does not count [s].
+SETTLED = 0.02
+# Resonance [Hz] of a gear that moves like a rigid one: a rigid arm is a lane of the same kernel.
+RIGID = 1e5
 
-
-# Phase [rad] of a locked-rotor resonance in one sub-step up to which the vibration of motor against
-# link, which is faster, is right to 1 % in its frequency: of the arms of `plant.puma560`, at 1.1
-# rad and to 0.3 %.
-_FOLLOWED = 0.6
+# Phase [rad] of a locked-rotor resonance in one sub-step up to which the integrator has the faster
+# vibration of motor against link to 1 % in its frequency: for the arms of `plant.puma560` that
+# vibration is at 1.1 rad, and right to 0.3 %.
+_FOLLOWED_PHASE = 0.6
 
 
 def require_followed(name: str, hz: ArrayLike, step: float) -> None:
     """Refuse resonances [Hz] that sub-steps of this length [s] cannot follow."""
     highest = float(np.max(hz))
-    most = _FOLLOWED / (2 * np.pi * step)
-    if highest > most:
-        steps = (
-            f"which sub-steps of {1e3 * step:.3g} ms can follow; got {highest:g}. Lower it (such a"
-            " gear is rigid)"
+    limit = _FOLLOWED_PHASE / (2 * np.pi * step)
+    if highest > limit:
+        raise ValueError(
+            f"{name} must be below {limit:.0f} Hz, which sub-steps of {1e3 * step:.3g} ms can"
+            f" follow; got {highest:g}. Lower it (such a gear is rigid), or take shorter sub-steps."
         )
-        raise ValueError(f"{name} must be below {most:.0f} Hz, {steps}, or take shorter sub-steps.")
 
 
 def require_swinging(damping_ratio: float) -> None:
     """Refuse a damping ratio with which nothing oscillates."""
     if damping_ratio > 1:
-        advice = f"Gears have {DAMPING_RATIO:g} to 0.03, no percent."
         raise ValueError(
-            f"damping_ratio must be at most 1, critical damping; got {damping_ratio:g}. {advice}"
+            f"damping_ratio must be at most 1, critical damping; got {damping_ratio:g}. Gears have"
+            f" {DAMPING_RATIO:g} to 0.03, no percent."
         )
 
 
@@ -69,29 +68,29 @@ def damping_of(damping_ratio: Any) -> float:
 
 
 def arm_of(arm: Any, others: str = "") -> Arm:
-    """The arm itself, or that of an identification; what else may be given, for the message."""
-    given: Any = arm.arm if isinstance(arm, Identification) else arm
-    instance("arm", given, Arm, f"Pass the arm that is controlled, or an identification{others}.")
-    return given
+    """The arm itself, or that of an identification; `others` names what else the message allows."""
+    controlled: Any = arm.arm if isinstance(arm, Identification) else arm
+    advice = f"Pass the arm that is controlled, or an identification{others}."
+    return instance("arm", controlled, Arm, advice)
 
 
 def with_gears(rig: Rig, elasticity: Any) -> Rig:
-    """A rig with such gears."""
+    """The rig with these gears."""
     return dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, elasticity=elasticity))
 
 
 def gear_numbers(gears: Any, drive: Drive, hz: ArrayLike) -> tuple[list[str], NDArray[np.float64]]:
-    """Names and values (P, 2 n) of what makes gears of these resonances (P,) [Hz], all joints
+    """Names and values (P, 2 n) of stiffness and damping for resonances (P,) [Hz], all joints
     alike.
     """
-    each = [
-        dataclasses.replace(gears, hz=np.full(drive.n, value)).of(drive)
-        for value in np.asarray(hz, float)
-    ]
     names = [
         f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(drive.n)
     ]
-    return names, np.array([np.append(gear.stiffness, gear.damping) for gear in each])
+    rows = []
+    for value in np.asarray(hz, float):
+        elasticity = dataclasses.replace(gears, hz=np.full(drive.n, value)).of(drive)
+        rows.append(np.append(elasticity.stiffness, elasticity.damping))
+    return names, np.array(rows)
 
 
 def on_gears(
@@ -103,11 +102,10 @@ def on_gears(
     threads: int,
     **options: Any,
 ) -> Callable[[ArrayLike], Runs]:
-    """What runs an arm of a rigid rig on gears of resonances (P,) [Hz] at its reference's first
-    pose, all joints alike.
+    """A function: resonances (P,) [Hz] -> runs of an arm of a rigid rig on such gears.
 
-    Options are those of `Population`. Elastic gears, and motors that weigh more than the arm, are
-    refused.
+    The resonances are those at the reference's first pose, all joints alike; options are those of
+    `Population`. Elastic gears, and motors that weigh more than the arm, are refused.
     """
     if rig.drive.elasticity is not None:
         raise ValueError(
@@ -115,27 +113,25 @@ def on_gears(
         )
     gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
     loop = (arm, with_gears(rig, gears), law, reference)
-    drive = rig.drive
-    return lambda hz: Population(*loop, *gear_numbers(gears, drive, hz), **options).run(threads)
+    return lambda hz: Population(*loop, *gear_numbers(gears, rig.drive, hz), **options).run(threads)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LowestResonance(Shown, Frozen):
-    """The locked-rotor resonance above which a loop stays within its limit. ``float(...)`` is its
-    number.
+    """Locked-rotor resonance above which a loop stays within its limit; `float` gives the number.
 
     Attributes
     ----------
     hz : float
-        Above which it stays at every resonance tested, all joints alike [Hz]; below, it exceeds it
-        at some, not at all. 10 where the loop stays at every resonance tested, which are 10 to 500
-        Hz, and infinite where it exceeds it also at the highest or when rigid; NaN where it cannot
-        be told.
+        The loop stays within the limit at every tested resonance above it, all joints alike [Hz];
+        below, it exceeds the limit at some resonances, not at all. 10 where the loop stays at every
+        tested resonance (10 to 500 Hz), infinite where it exceeds the limit also at the highest or
+        on rigid gears, NaN where it is unknown.
     damping_ratio : float
     within : float or None
-        Limit [pulses]; None where only stability is meant.
+        Limit [pulses]; None for mere stability.
     reason : str
-        Why it cannot be told, or that the loop exceeds it when rigid; empty otherwise.
+        Why it is unknown, or that the loop exceeds the limit on rigid gears; empty otherwise.
     """
 
     hz: float
@@ -145,7 +141,7 @@ class LowestResonance(Shown, Frozen):
 
     @classmethod
     def none(cls, damping_ratio: float, within: float) -> Self:
-        """Of a loop that exceeds the limit also on rigid gears."""
+        """For a loop that exceeds the limit also on rigid gears."""
         return cls(
             hz=np.inf, damping_ratio=damping_ratio, within=within, reason="also on rigid gears"
         )
@@ -161,10 +157,11 @@ class LowestResonance(Shown, Frozen):
         yield Verdict(str(self), None if np.isnan(self.hz) else self.hz <= LOWEST)
 
     def __str__(self) -> str:
-        """On which gears the loop stays within its limit, in one line."""
+        """The gears on which the loop stays within its limit, in one line."""
         damped = f"(damping ratio {self.damping_ratio:g})"
         stays = "stable"
         exceeds = "is unstable"
+        # The order matters: NaN has no order, and a reason may come with an infinite number.
         if self.within is not None:
             stays = f"stays within ±{self.within:g} pulse"
             exceeds = f"exceeds ±{self.within:g} pulse"
@@ -196,12 +193,12 @@ def lowest_resonance(
     threads: int,
     initial: tuple[tuple[float, ...], ...] | None,
 ) -> LowestResonance:
-    """Locked-rotor resonance above which an arm on elastic gears stays within a pulse limit; once
-    for the same loop.
+    """Locked-rotor resonance above which an arm on elastic gears stays within a pulse limit.
 
     The arm is simulated on gears of 80 resonances from 10 to 500 Hz, 5 % apart, all joints alike,
     and of 40 more in the gap above the highest on which it exceeds the limit. On softer gears it
-    may stay again; bands above the number that are narrower than 5 % can be missed.
+    may stay again; bands above the number that are narrower than 5 % can be missed. The result is
+    stored, since verdict, table and figure ask for it.
     """
     options = {
         "within": within,
@@ -218,37 +215,44 @@ def lowest_resonance(
             raise
         return LowestResonance(hz=np.nan, damping_ratio=ratio, within=within, reason=str(error))
 
-    def leaves(hz: Any) -> Any:
+    def fails(hz: Any) -> Any:
         return runs(hz).outside > 0
 
-    if leaves([RIGID])[0]:
+    if fails([RIGID])[0]:
         return LowestResonance.none(ratio, within)
-    return LowestResonance(hz=above(leaves, 2 * LANES), damping_ratio=ratio, within=within)
+    # A kernel runs LANES loops at once: other numbers of resonances would leave lanes idle.
+    return LowestResonance(hz=above(fails, 2 * LANES), damping_ratio=ratio, within=within)
 
 
 def above(fails: Callable[[Any], Any], count: int) -> float:
-    """The lowest frequency [Hz] above which nothing fails, of so many tried and more in the last
-    gap between them.
+    """Lowest frequency [Hz] above which nothing fails, from `count` tests and half as many more.
 
-    10 where nothing fails at all, infinite where it does at 500 Hz.
+    10 where nothing fails, infinite where it fails at 500 Hz.
     """
-    tried = np.geomspace(LOWEST, HIGHEST, count)
-    failed = np.flatnonzero(fails(tried))
-    if not len(failed) or failed[-1] == count - 1:
-        return np.inf if len(failed) else LOWEST
-    gap = np.geomspace(tried[failed[-1]], tried[failed[-1] + 1], count // 2)
+    tested = np.geomspace(LOWEST, HIGHEST, count)
+    failed = np.flatnonzero(fails(tested))
+    if not len(failed):
+        return LOWEST
+    highest = failed[-1]
+    if highest == count - 1:
+        return np.inf
+    # The gap above the highest failure, whose upper end is known to hold.
+    gap = np.geomspace(tested[highest], tested[highest + 1], count // 2)
     return float(gap[np.flatnonzero(fails(gap[:-1]))[-1] + 1])
 
 
-_LOOKED = 1.0  # seconds within which an arm that began at rest should be back
-_STILL = 1e-9  # share of the largest speed of a path that is none
+# Time [s] within which an arm that began at rest should be within the limit. Chosen by hand: an arm
+# that is not back after a second does not follow.
+_RECOVERY = 1.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FromRest:
-    """A run from rest on a path that begins in motion: the joint and its speed, the largest encoder
-    error [pulses], the time from which on the arm is within the limit [s], NaN where later than was
-    simulated, and the limit.
+    """A run from rest on a path that begins in motion.
+
+    `begins`: the fastest joint and its speed. `peak`: largest encoder error [pulses]. `back`: time
+    from which on the arm is within the limit [s]; NaN where it is not within the simulated time.
+    `within`: the limit [pulses].
     """
 
     begins: str
@@ -257,16 +261,14 @@ class FromRest:
     within: float
 
     def __str__(self) -> str:
-        until = f"not within ±{self.within:g} pulse after {_LOOKED:g} s"
+        until = f"not within ±{self.within:g} pulse after {_RECOVERY:g} s"
         if np.isfinite(self.back):
             until = f"within ±{self.within:g} pulse from {self.back:.2g} s on"
-        stands = (
-            f"is up to {self.peak:.0f} pulses off, {until}"
-            if np.isfinite(self.peak)
-            else "diverges"
-        )
-        moving = f"the path begins in motion ({self.begins}), and so did what was simulated"
-        return f"{moving}; an arm at rest there {stands}"
+        result = "diverges"
+        if np.isfinite(self.peak):
+            result = f"is up to {self.peak:.0f} pulses off, {until}"
+        start = f"the path begins in motion ({self.begins}), and so did what was simulated"
+        return f"{start}; an arm at rest there {result}"
 
 
 @functools.lru_cache(maxsize=32)
@@ -279,20 +281,19 @@ def from_rest(
     duration: float,
     steps_per_sample: int,
 ) -> FromRest | None:
-    """The same loop from rest at the path's first position; None where the path begins at rest, or
-    nothing is lost.
-
-    The first second of a run of this `duration` [s] is simulated, once for the same loop.
+    """The same loop from rest at the path's first position, simulated for a second; None where the
+    path begins at rest or the arm stays within the limit.
     """
+    # A speed of 1e-9 of the largest is the rounding error of a path that begins at rest.
     qd = reference(np.linspace(0, duration, 101)).qd
-    speed = np.where(np.abs(qd[0]) > _STILL * np.abs(qd).max(), qd[0], 0.0)
+    speed = np.where(np.abs(qd[0]) > 1e-9 * np.abs(qd).max(), qd[0], 0.0)
     if not speed.any():
         return None
+    # In pulses per second, so that sliding and rotary joints compare.
     i = int(np.abs(speed / rig.to_angle(np.ones(rig.n))).argmax())
     chain = arm.dynamics.chain
-    begins = (
-        f"{chain.joint_labels[i]} at {speed[i]:.2g} {'m' if chain.links[i].prismatic else 'rad'}/s"
-    )
+    unit = "m" if chain.links[i].prismatic else "rad"
+    begins = f"{chain.joint_labels[i]} at {speed[i]:.2g} {unit}/s"
     start = np.array([reference(np.zeros(1)).q[0], np.zeros(rig.n)])
     settings: dict[str, Any] = {
         "steps_per_sample": steps_per_sample,
@@ -300,9 +301,10 @@ def from_rest(
         "backend": "casadi",
     }
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what it says of rig and path was said of the run itself
+        # Warnings about rig and path were given with the run itself.
+        warnings.simplefilter("ignore")
         try:
-            record = run(arm, rig, law, reference, min(duration, _LOOKED), **settings).record
+            record = run(arm, rig, law, reference, min(duration, _RECOVERY), **settings).record
         except DivergenceError:
             return FromRest(begins=begins, peak=np.inf, back=np.nan, within=within)
     error = np.abs(record.error_pulses).max(axis=1)

@@ -1,6 +1,4 @@
-"""Share of samples within a pulse limit over the resonance of the gears: on which gears each
-controller holds.
-"""
+"""`sweep_resonance`: share of samples within a pulse limit over the resonance of the gears."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -30,9 +28,6 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_POINTS = 79  # resonances of a sweep unless given
-_COLUMNS = 7  # resonances in the table
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ResonanceSweep(Shown, Frozen):
@@ -47,7 +42,7 @@ class ResonanceSweep(Shown, Frozen):
         Limit [pulses].
     shares : dict of str -> (H,) numpy.ndarray
         By name, share of the samples at which every joint's encoder error is within the limit; 0
-        where it diverged.
+        where the loop diverged.
     rigid : dict of str -> float
         The same on rigid gears.
     """
@@ -71,9 +66,12 @@ class ResonanceSweep(Shown, Frozen):
     def _shown(self) -> Iterator[Piece]:
         gears = f"gears with a damping ratio of {self.damping_ratio:g}"
         yield Verdict(f"samples within ±{self.within:g} pulse, {gears}")
-        columns = np.unique(np.linspace(0, len(self.hz) - 1, _COLUMNS).round().astype(int))
-        shares = [(name, *share[columns], self.rigid[name]) for name, share in self.shares.items()]
-        rows = [(name, *map(_percent, own)) for name, *own in shares]
+        # A line has room for seven resonances; of fewer, `unique` drops the repeated ones.
+        columns = np.unique(np.linspace(0, len(self.hz) - 1, 7).round().astype(int))
+        rows = [
+            (name, *map(_percent, share[columns]), _percent(self.rigid[name]))
+            for name, share in self.shares.items()
+        ]
         yield Table(("", *(f"{self.hz[i]:.3g} Hz" for i in columns), "rigid"), rows)
 
 
@@ -101,7 +99,7 @@ def sweep_resonance(
     rig : Rig
         With rigid gears; lag, delay and friction stay as they are.
     laws : dict of str -> Law
-        By the name that each is to have.
+        By name.
     reference : Reference
         A gear's resonance is that at its first pose.
     hz : (H,) array_like, optional
@@ -140,31 +138,30 @@ def sweep_resonance(
     """
     require_laws(laws)
     ratio = damping_of(damping_ratio)
-    tried = (
-        np.geomspace(LOWEST, HIGHEST, _POINTS)
-        if hz is None
-        else array("hz", hz, ("H",), advice="Give [Hz].")
-    )
-    if not len(tried) or tried[0] <= 0 or (np.diff(tried) <= 0).any():
+    # 79 resonances and rigid gears fill the lanes of the kernel.
+    resonances = np.geomspace(LOWEST, HIGHEST, 79)
+    if hz is not None:
+        resonances = array("hz", hz, ("H",), advice="Give [Hz].")
+    if not len(resonances) or resonances[0] <= 0 or (np.diff(resonances) <= 0).any():
         raise ValueError(
-            f"hz must be positive and rising; got {tried!r:.60}. Give resonances [Hz]."
+            f"hz must be positive and rising; got {resonances!r:.60}. Give resonances [Hz]."
         )
-    require_followed("hz", tried, rig.period / steps_per_sample)
+    require_followed("hz", resonances, rig.period / steps_per_sample)
     options: dict[str, Any] = {
         "within": within,
         "steps_per_sample": steps_per_sample,
         "after": after,
+        "duration": reference.duration if duration is None else duration,
     }
-    options["duration"] = reference.duration if duration is None else duration
     controlled = arm_of(arm)
     shares = {}
     for name, law in laws.items():
-        runs = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)(
-            [*tried, RIGID]
-        )
+        loop = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)
+        runs = loop([*resonances, RIGID])
         shares[name] = 1 - runs.outside / runs.samples
+    # The last lane of each is the rigid one.
     return ResonanceSweep(
-        hz=tried,
+        hz=resonances,
         damping_ratio=ratio,
         within=within,
         shares={name: share[:-1] for name, share in shares.items()},
@@ -173,5 +170,6 @@ def sweep_resonance(
 
 
 def _percent(share: float) -> str:
-    """Rounded down, so that 100 % means all."""
+    """A share as text, rounded down, so that 100 % means all."""
+    # 1e-9 keeps a share of 1 less a rounding error.
     return f"{np.floor(share * 1e3 + 1e-9) / 10:.4g} %"
