@@ -256,11 +256,9 @@ def identified(
         )
         if fits is None:
             hz = ", ".join(f"{low:g} to {high:g} Hz" for low, high in uncertainty.resonance)
-            reason = (
-                f"the records cannot be fitted on gears of {hz}, which would have shown in them"
-            )
             raise ValueError(
-                f"resonance must be what the records allow; {reason}. State higher ones, or none."
+                "resonance must be what the records allow; the records cannot be fitted on gears of"
+                f" {hz}, which would have shown in them. State higher ones, or none."
             )
     if fits is not None:
         covariances = fits.covariances
