@@ -46,6 +46,7 @@ class GeneticEstimatorSettings:
         RMS innovation above which no load explains a window, in that of rounding.
     """
 
+    # Simulation, interval and verdict.
     steps: int = 1
     difference: float = 0.1
     misfit: float = 4.0
@@ -69,6 +70,7 @@ class GeneticEstimator:
         self._smoothing = Smoothing(length, rig.period)
         self._start = self._smoothing.samples // 2
         self._matrix = arm.dynamics.load_matrix()
+        # Gains by which the simulation forgets its start within `length`.
         correction = Correction.with_memory(arm.n, length / rig.period)
         self._loop = ClosedLoop(
             dynamics=arm.dynamics,
@@ -78,12 +80,14 @@ class GeneticEstimator:
             correction=correction,
             score=_squares(arm.n),
         )
+        # Only f differs between candidates.
         self._numbers = self._loop.number_values(np.asarray(arm.f))
         self._kernel = loop_kernel(self._loop, range(arm.dynamics.p))
 
     @property
     def bounds(self) -> Floats:
         """Bounds of the mass [kg] and of an unknown centre on its line (0 to 1), (1 or 2, 2)."""
+        # Variables of the genetic algorithm.
         rows = [self.shape.mass]
         if len(self.shape.places) > 1:
             rows.append(np.array([0.0, 1.0]))
@@ -124,6 +128,7 @@ class GeneticEstimator:
         std = float(min(uniform, np.sqrt(noise / curvature))) if curvature > 0 else float(uniform)
         explained = misfit < SETTINGS.misfit
         message, sufficient = judged(self.shape, explained, misfit, std)
+        # The standard parameters include the centre as first moments.
         parameters = self.parameters(best[None])[0]
         centres = self.shape.places
         # The first moments of no mass say nothing of its centre.
@@ -165,10 +170,12 @@ class GeneticEstimator:
             )
         )
         uniform = self._numbers[list(self._kernel.uniform)]
+        # One initial state for all candidates.
         state = np.repeat(loop.initial_state(q[0], qd[0], self._numbers)[:, None], LANES, axis=1)
 
         def costs(candidates: Floats) -> Floats:
             f = self.arm.f + self.parameters(candidates) @ self._matrix.T
+            # The kernel simulates LANES candidates side by side.
             blocks = [
                 self._block(f[i : i + LANES], state, tables, uniform)
                 for i in range(0, len(f), LANES)

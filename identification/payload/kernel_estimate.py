@@ -34,6 +34,7 @@ class Smoothing:
     @functools.cached_property
     def _kernels(self) -> Floats:
         """Kernels of value, rate and acceleration (3, L + 2), for `numpy.convolve`."""
+        # Three samples are the least that a second difference needs.
         count = max(3, round(self.length / self.period))
         hann = np.sin(np.pi * (np.arange(count) + 0.5) / count) ** 2
         hann /= hann.sum()
@@ -91,6 +92,7 @@ class KernelSettings:
         oscillate.
     """
 
+    # Rows that count, and windows that a load can explain.
     slow: float = 0.05
     misfit_rigid: float = 2.0
     misfit_elastic: float = 20.0
@@ -107,6 +109,7 @@ class Window:
     each from its sample to the next. `before` (n,): torque applied until sample 0 [N m].
     """
 
+    # The counts of n joints, and the torque between them.
     counts: Floats
     torque: Floats
     before: Floats
@@ -143,6 +146,7 @@ class TorqueWindow:
         _, function = balance(arm.dynamics, rig, self.unknown, False)
         self._kernel = MapKernel(function, outer=1)
         self._numbers = np.concatenate([arm.f, rig.number_values()])[:, None]
+        # A load changes f, so its columns are combinations of those of f.
         self._of_f = [self.unknown.index(name) for name in arm.dynamics.names]
 
     @functools.cached_property
@@ -215,8 +219,10 @@ def kernel_length(arm: Arm, rig: Rig, shape: LoadShape) -> float:
     gears = rig.drive.elasticity
     if gears is None:
         return KERNEL
+    # The heaviest load: twice the prior.
     loaded = arm.f + arm.dynamics.load_matrix() @ (2 * shape.prior)
     links = arm.dynamics.D(np.zeros(arm.n), loaded).full() - np.diag(rig.drive.reflected_inertia())
+    # Generalised eigenvalues of inertia over stiffness: the largest is the slowest period.
     root = 1 / np.sqrt(gears.stiffness)
     slowest = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(root[:, None] * links * root)[-1])
     return float(max(KERNEL, 2 * slowest))
@@ -245,6 +251,7 @@ def uncertainty(
         instance(
             "found", identification, Identification, "Pass what identify gave, or leave it out."
         )
+        # Without a covariance every error of f would be taken for a load.
         if identification.covariance is None:
             raise ValueError(
                 f"found must have a covariance; {identification.search.method!r} provides none."
@@ -285,6 +292,7 @@ class KernelEstimator:
         self, arm: Arm, rig: Rig, shape: LoadShape, unknown: Sequence[str], root: ArrayLike
     ) -> None:
         self.shape = shape
+        # Oscillating gears leave a residual that no load causes.
         rigid = rig.drive.elasticity is None
         self._limit = SETTINGS.misfit_rigid if rigid else SETTINGS.misfit_elastic
         self._root = array("root", root, (len(unknown), None), advice="Give a row per unknown.")
@@ -294,5 +302,6 @@ class KernelEstimator:
     def __call__(self, window: Window) -> PayloadEstimate:
         """Estimate from a window of at least three kernels."""
         load, uncertain, torque = self._window.rows(window, self.shape.basis, self.shape.prior)
+        # The root scales the unknowns to independent numbers of unit deviation.
         matrix, vector, square = information(load, uncertain @ self._root, torque)
         return posterior(self.shape, matrix, vector, square, len(torque), self._limit)

@@ -37,8 +37,10 @@ class LoadWarningSettings:
         Birge ratio above which the logs differ.
     """
 
+    # Innovations that the model does not explain.
     explained: float = 0.347
     by_chance: float = 4.0
+    # Values and logs that contradict the statement of the user.
     at_end: float = 1e-6
     negative: float = 2.0
     apart: float = 2.0
@@ -52,6 +54,7 @@ def birge(runs: Sequence[tuple[float, float]]) -> float:
     fitted = [(mass, std) for mass, std in runs if np.isfinite(mass)]
     if len(fitted) < 2:
         return 0.0
+    # Weighted by their deviations, equal masses give a ratio of about 1.
     masses, stds = np.array(fitted).T
     mean = np.average(masses, weights=stds**-2)
     return float(np.sqrt((((masses - mean) / stds) ** 2).sum() / (len(fitted) - 1)))
@@ -96,6 +99,7 @@ def warnings_of(
         for name, deviation in zip(fit.unknown, std, strict=True)
         if deviation == 0 and name.startswith("drive.")
     ]
+    # The user expects fitted friction here; stated friction has the following warning.
     if friction is None and hidden:
         yield (
             f"{', '.join(hidden)} is not identifiable from these logs, and was taken from the rig."
@@ -115,6 +119,7 @@ def warnings_of(
             " gears or friction differ from the model. The deviation counts that as if it were"
             " noise."
         )
+    # Then the covariance of the arm could not be propagated to the load.
     if search.covariance.any() and not freedom:
         yield (
             "the logs do not tell all of f: what is uncertain of the identified arm is not in the"
@@ -159,16 +164,19 @@ class Load(Shown, Frozen):
         Reasons for which the mass may be wrong, one line each.
     """
 
+    # The load and the arm with it.
     mass: float
     std: float
     arm: Arm
     rms_innovation: float
     com: Floats
     com_std: Floats
+    # All fitted numbers.
     names: tuple[str, ...]
     values: Floats
     covariance: Floats
     rig: Rig
+    # Evidence that the interval is right.
     runs: tuple[tuple[float, float], ...] = ()
     chi_square: float = np.nan
     freedom: int = 0
@@ -190,6 +198,7 @@ class Load(Shown, Frozen):
         low, high = self.interval
         verdict = f"mass {self.mass:.4g} +- {self.std:.2g} kg, 95 % from {low:.4g} to {high:.4g}"
         yield Verdict(verdict, not self.warnings)
+        # NaN stands for an axis without influence on any torque.
         centre = [
             f"{axis} {x:.4g} +- {std:.2g}" if np.isfinite(x) else f"{axis} is not identifiable"
             for axis, x, std in zip("xyz", self.com, self.com_std, strict=True)
@@ -206,6 +215,7 @@ class Load(Shown, Frozen):
         yield Table((), friction, words=(2,))
         for k, (mass, std) in enumerate(self.runs):
             yield f"record {k} alone: {mass:.4g} +- {std:.2g} kg"
+        # The chi-square of an arm whose f the logs do not determine has no meaning.
         test = "not tested"
         if self.freedom:
             test = f"chi-square {self.chi_square:.1f} of {self.freedom}"

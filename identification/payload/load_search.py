@@ -55,12 +55,15 @@ class LoadSearchSettings:
         Largest coordinate of the centre of mass in the link's frame [m].
     """
 
+    # What counts as identifiable.
     dependent: float = 1e-7
+    # Steps of central differences: small against the uncertainty of a load.
     mass_step: float = 0.01
     centre_step: float = 0.002
     friction_step: float = 0.05
     relative_step: float = 1e-3
     least_size: float = 0.05
+    # Start and limits.
     light: float = 0.05
     centre_start: float = 0.1
     friction_error: float = 0.9
@@ -99,6 +102,7 @@ class UnknownLoad:
         matrix = dynamics.load_matrix(link)
         if position is not None:
             return cls(matrix=matrix, position=position, inertia=inertia, shown=())
+        # On a planar arm, for instance, the coordinate along the axes has no effect.
         shown = tuple(axis for axis in range(3) if matrix[:, 1 + axis].any())
         # Without its inertia a load changes f linearly, by its first moments and its mass.
         moments = matrix[:, [*(1 + axis for axis in shown), 0]]
@@ -126,6 +130,7 @@ class UnknownLoad:
 
     def increments(self, values: Floats) -> Floats:
         """Increments (p,) of f, by mass and centre (k,)."""
+        # Standard parameters of a point mass are linear in the mass.
         unit = Body(mass=1.0, com=self.com(values)).standard_parameters
         # The stated inertia does not scale with the mass, but a load of no mass is no load.
         inertia = np.concatenate([np.zeros(4), self.inertia]) if values[0] else np.zeros(10)
@@ -176,6 +181,7 @@ class LoadSearch:
         try:
             return self._fitted(problem)
         except NotIdentifiableError as error:
+            # The error carries the name of the number that the log does not show.
             shown = np.array([name != error.name for name in friction])
             # The number of the error is no unknown friction: the load is not identifiable.
             if not (self.deviation[~shown] > 0).any():
@@ -188,6 +194,7 @@ class LoadSearch:
         """One fit, in which every friction with a deviation must be identifiable."""
         start, std = self.start(problem)
         friction = problem.unknown[len(self.f) :]
+        # Gauss-Newton sees the numbers of the load and friction in place of f.
         view = WithLoad(self, problem.prediction(memories=problem.memories), friction)
         loads = len(self.load.names)
         centre = [SETTINGS.centre_step] * (loads - 1)
@@ -213,11 +220,13 @@ class LoadSearch:
         p = len(self.f)
         load = fit.values[:loads]
         increments = self.load.increments(fit.values)
+        # The same residual, with all of f as the load.
         free = dataclasses.replace(self, load=AnyLoad(names=problem.dynamics.names))
         view = WithLoad(free, problem.prediction(memories=problem.memories), problem.unknown[p:])
         size = np.maximum(np.abs(self.f + increments), SETTINGS.least_size * np.abs(self.f).max())
         steps = np.append(SETTINGS.relative_step * size, outcome.stages["steps"])
         start = np.concatenate([increments, outcome.stages["prediction error"][loads:]])
+        # Free increments need not be those of a body.
         limits = np.vstack([np.tile([-np.inf, np.inf], (p, 1)), self.bounds(problem)[loads:]])
         try:
             solution = view.followed(start, steps, limits, False)
@@ -252,12 +261,14 @@ class LoadSearch:
         # 1. Subtract the known arm and the fixed friction from the torque of each record.
         systems = []
         p = len(self.f)
+        # The torque equation only contains f and friction that enters it linearly.
         linear = [
             name
             for name in problem.unknown
             if name in problem.dynamics.names or name.startswith(LINEAR)
         ]
         of_load, offset = self._columns()
+        # Friction without a deviation is exact and goes to the known torque.
         free = self.deviation > 0
         for record, about in each_named(problem.records):
             with about:
@@ -278,6 +289,7 @@ class LoadSearch:
         names = (*map(spoken, self.load.names), *(linear[p + i] for i in friction))
         fit = weighted(problem.dynamics, names, systems)
         values = np.append(np.zeros(loads), self.friction)
+        # Fixed friction keeps a deviation of zero.
         std = np.zeros(loads + len(free))
         columns = [*range(loads), *(loads + friction)]
         values[columns] = fit.values

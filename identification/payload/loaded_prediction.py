@@ -44,6 +44,7 @@ class WithLoad(WithPrior):
         self.search = search
         self.prediction = prediction
         self._loads = len(search.load.names)
+        # The prediction orders its numbers: f, friction, nuisances.
         nuisances = prediction.unknown[len(search.f) + len(friction) :]
         unknown = (*map(spoken, search.load.names), *friction, *nuisances)
         self._gains = sum("correction." in name for name in unknown)
@@ -65,6 +66,7 @@ class WithLoad(WithPrior):
 
     def followed(self, start: Floats, steps: Floats, bounds: Floats, by_stage: bool) -> Solution:
         """Least sum of squares from a start of the unknowns, with or without the nuisances."""
+        # A start with nuisances comes from an earlier fit of the same logs.
         k = len(steps)
         prediction = self.prediction
         begin = np.append(start, prediction.nuisances) if len(start) == k else start

@@ -117,12 +117,14 @@ def find_load(
 
     # 2. The load, and the ranges of its numbers.
     if position is not None:
+        # A stated centre leaves the mass as the only number of the load.
         position = array(
             "position",
             position,
             (3,),
             advice="Give x, y and z in the frame of the link's body [m].",
         )
+    # The rotational inertia is no unknown; by default the load is a point.
     moments = array(
         "inertia",
         np.zeros(6) if inertia is None else inertia,
@@ -134,6 +136,7 @@ def find_load(
         # With a known centre the mass may be negative: it shows a wrong sign or a heavier arm.
         mass = (-_HEAVIEST if position is not None else _LIGHTEST, _HEAVIEST)
     low, high = array("mass", mass, (2,), advice="Give (low, high) [kg].")
+    # The centre of no mass has no effect, so an unknown centre needs a positive mass.
     if not low < high or (position is None and low <= 0):
         rule = (
             "increase" if not low < high else "be positive where the place of the load is unknown"
@@ -147,6 +150,7 @@ def find_load(
     # 3. The fit of all records, and of each alone.
     search = _search(arm, records[0].rig, load, (float(low), float(high)), friction, covariance)
     options = {"steps_per_sample": steps_per_sample, "sweeps": 3, "threads": None}
+    # All records together determine the load; each alone, its scatter.
     outcome, problem = _followed(arm, records, search, options)
     runs, ratio = _alone(arm, records, search, options)
     return _assessed(arm, search, outcome, problem, runs, ratio, friction)
@@ -173,6 +177,7 @@ def _with_offsets(record: Record) -> Record:
         torque = measured_torque(record)
         ahead = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
         record = dataclasses.replace(record, law=LoggedTorque(), torque=ahead)
+    # A curve of friction has an offset already.
     if drive.curve is not None:
         return record
     curve = FrictionCurve(offset=np.zeros(record.n))
@@ -214,6 +219,7 @@ def _followed(
     arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, Any]
 ) -> tuple[Outcome, Problem]:
     """Outcome of the fit, and its problem: of laws that started with their logs, or before."""
+    # The order of `LoadSearch.friction`.
     kinds = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
     unknown = (*arm.dynamics.names, *(f"{kind}[{i}]" for kind in kinds for i in range(arm.n)))
     objective = Objective(arm.dynamics, records, unknown, **options)
@@ -223,6 +229,7 @@ def _followed(
         records=tuple(followed),
         unknown=unknown,
         objective=objective,
+        # A load needs every record: none is left for validation.
         held_out=None,
         nominal=np.append(arm.f, search.friction),
         ranges=None,
@@ -248,6 +255,7 @@ def _alone(
     arm: Arm, records: Sequence[Record], search: LoadSearch, options: Mapping[str, Any]
 ) -> tuple[tuple[tuple[float, float], ...], float]:
     """Mass and deviation of each record alone, and their Birge ratio, at least 1."""
+    # One record has no scatter between records.
     if len(records) < 2:
         return (), 1.0
     runs = []
@@ -280,6 +288,7 @@ def _assessed(
     if freedom:
         ratio = max(ratio, np.sqrt(square / freedom))
     fit = outcome.fit
+    # The known arm's uncertainty moves the numbers of the load and widens them.
     covariance = np.array(fit.covariance)
     if free.covariance is not None:
         values = fit.values + np.append(free.shares, np.zeros(len(fit.values) - count))
@@ -297,6 +306,7 @@ def _assessed(
         com[hidden] = np.nan
         com_std[hidden] = np.nan
     loaded_arm = arm.dynamics.arm(arm.f + load.increments(fit.values))
+    # The rig with the fitted friction, for a controller of the loaded arm.
     named = dict(zip(fit.unknown[count:], fit.values[count:], strict=True))
     return Load(
         mass=float(fit.values[0]),

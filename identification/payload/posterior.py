@@ -42,9 +42,11 @@ class PosteriorSettings:
         Standard deviations beyond the range at which a mass is outside it.
     """
 
+    # Grids.
     centres: int = 61
     masses: int = 401
     tails: float = 6.0
+    # Limits of use.
     too_little: float = 0.15
     outside: float = 3.0
 
@@ -89,6 +91,7 @@ class LoadShape:
             (2,),
             advice="Give the lightest and the heaviest load, such as (0, 5) [kg].",
         )
+        # A negative mass is no load.
         if not 0 <= limits[0] < limits[1]:
             raise ValueError(
                 f"mass must be a range from 0 or more upwards; got {mass!r}. Give kg, such as"
@@ -124,6 +127,7 @@ class LoadShape:
             (2,),
             advice="Give the shortest and the longest distance, such as (0.2, 0.5) [m].",
         )
+        # Equal ends are a known position, with arguments of its own.
         if not ends[0] < ends[1]:
             raise ValueError(
                 f"reach must be a shorter and a longer distance; got {reach!r}. Give metres."
@@ -154,6 +158,7 @@ class LoadShape:
 
         Along a line they are quadratic in the distance, so three points determine all.
         """
+        # The two ends and the middle of the line.
         chosen = [0] if len(self.places) == 1 else [0, len(self.places) // 2, len(self.places) - 1]
         return self.per_kg[chosen]
 
@@ -180,6 +185,7 @@ def _outwards(arm: Arm) -> Floats:
     # Rows of f to which no other link contributes.
     alone = ~matrix[:, : -len(STANDARD)].any(axis=1)
     increments = arm.dynamics.load_matrix()[alone]
+    # Least squares of the link's own parameters; f of planar arms omits some.
     phi = (
         np.linalg.lstsq(increments, np.array(arm.f)[alone], rcond=None)[0]
         if alone.any()
@@ -193,6 +199,7 @@ def _outwards(arm: Arm) -> Floats:
             " points. Give the direction in which the load's centre lies, in the frame of the last"
             " link's body, such as (0, 0, 1)."
         )
+    # A whole axis: f determines the direction of the moment only roughly.
     longest = int(np.argmax(np.abs(moments)))
     return np.asarray(np.sign(moments[longest]) * np.eye(3)[longest])
 
@@ -222,11 +229,13 @@ class PayloadEstimate(Shown, Frozen):
     message : str
     """
 
+    # The estimate.
     mass: float
     std: float
     interval: Floats
     parameters: Floats
     position: Floats
+    # Its use, and the reason.
     sufficient: bool
     explained: bool
     misfit: float
@@ -291,6 +300,7 @@ def posterior(
     # A centre without an effect on the torques has no weight: avoid the division by zero.
     weight = np.maximum(weight, 1e-12 * weight.max())
     misfit = float(np.sqrt(max(0.0, square - (pull**2 / weight).max()) / rows))
+    # A residual above rounding shows further noise: less information for all centres.
     weight = weight / max(1.0, misfit) ** 2
     pull = pull / max(1.0, misfit) ** 2
     centre = pull / weight
@@ -309,10 +319,12 @@ def posterior(
         peak_a = np.exp(-(a**2) / 2 - inside) / np.sqrt(2 * np.pi)
         peak_b = np.exp(-(b**2) / 2 - inside) / np.sqrt(2 * np.pi)
     mean = np.clip(centre + sigma * (peak_a - peak_b), low, high)
+    # Far in a tail the formula is inf minus inf: no variance is left there.
     spread = 1 + a * peak_a - b * peak_b - (peak_a - peak_b) ** 2
     variance = sigma**2 * np.clip(np.where(np.isfinite(spread), spread, 0.0), 0.0, 1.0)
     mass = float(odds @ mean)
     std = float(np.sqrt(odds @ (variance + (mean - mass) ** 2)))
+    # Of a load of no mass the mean of the moments says nothing of the centre.
     likely = int(np.argmax(log_odds))
     parameters = (odds * mean) @ shape.per_kg
     position = parameters[1:4] / mass if mass > 1e-6 else shape.places[likely]
@@ -361,6 +373,7 @@ def nothing(
     """Estimate of a window without information: a load of these ten standard parameters."""
     return PayloadEstimate(
         mass=float(parameters[0]),
+        # A uniform distribution over the range.
         std=float(np.ptp(shape.mass) / np.sqrt(12)),
         parameters=parameters,
         misfit=float("nan"),
@@ -380,6 +393,7 @@ def _log_between(a: Floats, b: Floats) -> Floats:
     flip = a > 0
     low = np.where(flip, -b, a)
     high = np.where(flip, -a, b)
+    # log(P(high) - P(low)) without subtracting nearly equal numbers.
     top = log_ndtr(high)
     return np.asarray(top + np.log1p(-np.exp(np.minimum(log_ndtr(low) - top, -1e-300))))
 
@@ -395,6 +409,7 @@ def _interval(
     log_density = -(((grid - centre) / sigma) ** 2) / 2 - np.log(sigma) - inside
     density = np.exp(log_density - log_density.max()) @ odds
     likeliest = np.argsort(-density)
+    # Take grid points by falling density until they hold 95 %.
     needed = np.searchsorted(np.cumsum(density[likeliest]), 0.95 * density.sum()) + 1
     masses = grid[likeliest[:needed], 0]
     return np.array([masses.min(), masses.max()])

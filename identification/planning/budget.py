@@ -64,6 +64,7 @@ class Budget(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         columns = (self.values, self.peak, self.rms, self.bound, self.bound_alone)
+        # `bound` has all numbers unknown, `bound_alone` the one of its row.
         rows = [
             (name, f"{value:.4g}", f"{peak:.3f}", f"{rms:.4f}", f"{bound:.2g}", f"{alone:.2g}")
             for name, value, peak, rms, bound, alone in zip(
@@ -151,6 +152,7 @@ def pulse_budget(
     covariance = least_squares(
         prediction.unknown, change * np.abs(step), change[:, 0], dependent=1e-7
     )[1]
+    # Standard deviation of rounding, uniform within a cell [pulses].
     cell = 1 / np.sqrt(12)
     return Budget(
         dynamics=arm.dynamics,

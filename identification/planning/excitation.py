@@ -63,16 +63,19 @@ class ExcitationSettings:
         Least motion of every motor [pulses].
     """
 
+    # The problem that Ipopt solves.
     samples: int = 120
     sharpness: int = 4
     margin: float = 0.01
     torque: float = 0.8
     slack: float = 1e-3
+    # Defaults of the arguments.
     harmonics: int = 5
     iterations: int = 200
     starts: int = 3
     starts_of_many: int = 1
     many: int = 20
+    # Weights of the torque equation, and acceptance of a motion.
     least_unit: float = 1e-2
     full_error: float = 100.0
     least_pulses: int = 100
@@ -187,6 +190,7 @@ def design_motion(
     design_arm, rig = experiment_of(arm, rig)
     model: Arm = instance("arm", design_arm, Arm, "The order is arm, rig, law.")
     period = real("period", period, "Give seconds.", positive=True)
+    # A law, for instance, has no influence on a multisine: an argument without effect is a mistake.
     search = {
         "law": law,
         "harmonics": harmonics,
@@ -210,6 +214,7 @@ def design_motion(
         return multisines(model, rig, period, frequencies, SETTINGS.torque, limits)
     harmonics = SETTINGS.harmonics if harmonics is None else harmonics
     many = model.dynamics.p > SETTINGS.many
+    # The cost has local optima; each start costs one solution.
     usual = SETTINGS.starts_of_many if many else SETTINGS.starts
     starts = usual if starts is None else whole("starts", starts, "Leave it out for the usual.")
     if iterations is None:
@@ -256,6 +261,7 @@ def _end(
     """Cost and motion of the best of these starts, or None; makes its own problem."""
     # casadi's problems cannot be sent to another process.
     problem = _Problem(*experiment)
+    # The limits are part of the problem; each start only changes initial values.
     problem.limit(*limits)
     return problem.solved(starts, iterations)
 
@@ -270,11 +276,13 @@ class _Problem:
         order = np.arange(1, harmonics + 1)
         angle = 2 * np.pi / period * np.arange(samples)[:, None] * period / samples * order
         rate = _rates(period, harmonics)
+        # Constant matrices: only the amplitudes are variables.
         c = np.cos(angle)
         s = np.sin(angle)
         n = arm.n
         p = arm.dynamics.p
         self.opti = ca.Opti()
+        # A mean pose and the amplitudes of cosines and sines.
         offset = self.opti.variable(n)
         cosine = self.opti.variable(n, harmonics)
         sine = self.opti.variable(n, harmonics)
@@ -303,6 +311,7 @@ class _Problem:
 
     def limit(self, position: Floats, velocity: Floats, acceleration: Floats) -> None:
         """Keep motion and torque within limits at every sample; the arm starts from rest."""
+        # A real arm can only join the motion at rest.
         self.opti.subject_to(self.qd[:, 0] == 0)
         for value, low, high in (
             (self.q, position[:, 0], position[:, 1]),
@@ -310,6 +319,7 @@ class _Problem:
             (self.qdd, -acceleration, acceleration),
             (self.torques, -self.torque_limit, self.torque_limit),
         ):
+            # A joint without a limit gets no constraint.
             for i in np.flatnonzero(np.isfinite(high)).tolist():
                 margin = SETTINGS.margin * (high[i] - low[i])
                 self.opti.subject_to(
@@ -338,6 +348,7 @@ class _Problem:
         opti.solver("ipopt", {"print_time": False, "error_on_fail": False}, options)
         best: tuple[float, Harmonics] | None = None
         for start in starts:
+            # Ipopt starts from the last solution where nothing else is set.
             for amplitude, value in zip(self.amplitudes, start, strict=True):
                 opti.set_initial(amplitude, value)
             try:
@@ -345,6 +356,7 @@ class _Problem:
                 solution = opti.solve_limited()
             except RuntimeError:  # this start leads nowhere
                 continue
+            # Ipopt also returns points that violate constraints: check them here.
             excess = ca.vertcat(ca.vec(opti.g - opti.ubg), ca.vec(opti.lbg - opti.g))
             cost = solution.value(opti.f)
             if np.max(solution.value(excess)) < SETTINGS.slack and (best is None or cost < best[0]):
@@ -370,6 +382,7 @@ def _starts(
     """Random amplitudes of motions within limits: offset (n,), cosine and sine (n, harmonics)."""
     # `reach`: amplitude of the lowest harmonic that all limits allow.
     middle = position.mean(axis=1)
+    # A joint starts around the middle of its range.
     half = np.diff(position, axis=1).ravel() / 2
     reach = np.minimum(half, np.minimum(velocity / rate[0], acceleration / rate[0] ** 2))
     for _ in range(starts):
@@ -395,9 +408,11 @@ def _equation(arm: Arm, rig: Rig, law: Law | None) -> tuple[ca.Function, ca.Func
         unit = np.where(unit > 0, unit, unit.max())
     # A row in pulses has the same noise, that of rounding, on every joint.
     per_pulse = ca.repmat(ca.DM(_torque_per_pulse(rig, law)), 1, dynamics.p)
+    # Row i: torque of joint i; column j: f j in its unit.
     scaled = dynamics.Y(q, qd, qdd) * ca.repmat(ca.DM(unit).T, n, 1) / per_pulse
     arguments = [q, qd, qdd]
     names = ["q", "qd", "qdd"]
+    # Torque of the nominal arm along the motion, for the limits.
     moving, at_rest = lumped_torque(dynamics.chain, dynamics.lumping, q, qd, qdd, ca.SX(arm.f))
     # Coulomb friction jumps, so it is not in this torque, but in the rest of the amplifier's limit.
     tau = moving + at_rest + rig.drive.joint_viscous() * qd - rig.spring_torque(q)
@@ -423,6 +438,7 @@ def _torque_per_pulse(rig: Rig, law: Law | None) -> Floats:
             f"law must be fast and without memory, like P; got {type(law).__name__}. Give that of"
             " the log."
         )
+    # The law itself says how much torque an error of one pulse causes.
     block = law.block(rig)
     zero = np.zeros(rig.n)
 

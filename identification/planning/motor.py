@@ -40,6 +40,7 @@ class MotorFit(Shown, Frozen):
     std: Floats
 
     def _rows(self) -> list[tuple[str, str, str]]:
+        # The same text in the short form and in the table.
         rows = zip(self.names, self.values, self.std, strict=True)
         return [(name, f"{value:.5g}", f"+- {std:.2g}") for name, value, std in rows]
 
@@ -101,6 +102,7 @@ def motor_test(
     >>> motor_test(speed=(-100, -50, 50, 100), current=(-1.4, -1.2, 1.2, 1.4), motor_gain=0.2).names
     ('viscous', 'coulomb', 'offset')
     """
+    # Two tests with disjoint arguments; a mixture is a mistake.
     at_speed = (speed, current, motor_gain)
     if record is None:
         if any(value is None for value in at_speed):
@@ -118,6 +120,7 @@ def motor_test(
 
 def _gains(record: Record) -> MotorFit:
     """P gains [N m per pulse] from currents and tracking errors."""
+    # Under a law with memory, current is no function of the error.
     law = record.law
     if law is not None and law.has_memory(record.n):
         raise ValueError(
@@ -152,6 +155,7 @@ def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
     speeds = array("speed", speed, ("N",), advice="Give motor speeds [rad/s].")
     currents = array("current", current, speeds.shape, advice="Give one current per speed [A].")
     torque = real("motor_gain", motor_gain, "Give K_i [N m/A].", positive=True) * currents
+    # With one sign the columns of Coulomb friction and of the offset are equal.
     if not (speeds.max(initial=0) > 0 > speeds.min(initial=0)):
         raise ValueError(
             f"speed must have both signs; got {speeds.min()} to {speeds.max()}. Turn the motor both"
@@ -172,11 +176,13 @@ def _friction(speed: Any, current: Any, motor_gain: Any) -> MotorFit:
 def _line(names: Sequence[str], columns: Sequence[Floats], target: Floats) -> tuple[Floats, Floats]:
     """Least squares of a target (N,), and standard deviations from its residual."""
     rows = np.column_stack(columns)
+    # Without a surplus the residual is zero, and so would be every deviation.
     if len(rows) <= len(names):
         raise ValueError(
             f"a fit of {len(names)} numbers needs more readings; got {len(rows)}. Measure more."
         )
     values, covariance, _ = least_squares(names, rows, target)
     residual = target - (rows * values).sum(axis=1)
+    # The noise of the currents is unknown: the residual shows it.
     variance = dot(residual, residual) / (len(rows) - len(names))
     return values, np.sqrt(np.diag(covariance) * variance)

@@ -51,9 +51,11 @@ class MotionSettings:
         Share by which the torque may then exceed its limit.
     """
 
+    # Default limits of any motion.
     share: float = 0.9
     around: float = np.pi / 2
     narrow: float = 0.1
+    # Design of multisines.
     lines: int = 25
     highest: float = 0.1
     clipped: tuple[float, float, int] = (0.5, 0.98, 200)
@@ -73,6 +75,7 @@ def experiment_of(source: Any, rig: Rig) -> tuple[Any, Rig]:
     if not isinstance(source, Chain):
         return source, rig
     rig.require_fit(source)
+    # Model files seldom state rotors, but geared arms depend on them.
     rotors = any(body.rotor for body in source.bodies)
     dynamics = Dynamics.from_chain(source if rotors else source.with_rotors(rig.drive))
     if source.limits is not None:
@@ -97,6 +100,7 @@ def motion_limits(
     chain = arm.dynamics.chain
     fastest = 2 * np.pi * harmonics / period
     advice = "Give one per joint."
+    # Without limits of the chain only a stated position keeps a joint in place.
     lower = np.full(arm.n, -np.inf)
     upper = np.full(arm.n, np.inf)
     speed = np.full(arm.n, np.inf)
@@ -110,6 +114,7 @@ def motion_limits(
         "position", position, (arm.n, 2), advice="Give the lowest and highest angle of each joint."
     )
     if velocity is None:
+        # The highest harmonic alone, over the range of positions.
         amplitude = np.diff(position, axis=1).ravel() / 2
         velocity = np.minimum(SETTINGS.share * speed, fastest * amplitude)
     velocity = array("velocity", velocity, (arm.n,), advice=advice)
@@ -134,6 +139,7 @@ def _within(chain: Chain, lower: Floats, upper: Floats, part: float) -> Floats:
     The limits of a joint that turns without end are a right angle around 0.
     """
     endless = upper - lower >= 2 * np.pi
+    # A right angle means nothing on a sliding joint.
     for i in np.flatnonzero(~np.isfinite(upper - lower)):
         if chain.links[i].prismatic:
             raise ValueError(
@@ -155,6 +161,7 @@ def _lines(rig: Rig, period: float, frequencies: ArrayLike | None) -> NDArray[np
         top = SETTINGS.highest / rig.period
         wanted = np.geomspace(min(2 / period, top), top, SETTINGS.lines)
     wanted = array("frequencies", wanted, ("F",), advice="Give the lines [Hz].")
+    # Above half the sampling rate a line is an alias of a lower one.
     nyquist = 0.5 / rig.period
     if not len(wanted) or not ((wanted > 0) & (wanted < nyquist)).all():
         rule = f"be positive, and below half the sampling rate, {nyquist:.4g} Hz"
@@ -179,6 +186,7 @@ def multisines(
     """
     # 1. Spectrum of one joint: the amplitudes fall with the frequency, so that all lines have the
     # same speed.
+    # Only a whole number of samples repeats exactly.
     period = max(round(period / rig.period), 1) * rig.period
     lines = _lines(rig, period, frequencies)
     position, velocity, acceleration = motion_limits(
@@ -211,6 +219,7 @@ def multisines(
         if (needed < 1 + SETTINGS.slack).all():
             return motions
         size = size * np.minimum((1 - holding) / np.maximum(needed - holding, 1e-9), 1)
+    # Either the pose alone takes the torque, or the rounds did not converge.
     joint = int(holding.argmax())
     taken = (
         f"{arm.dynamics.chain.joint_labels[joint]} takes {100 * holding[joint]:.0f} % of what"
@@ -232,6 +241,7 @@ def _phases(lines: NDArray[np.intp]) -> Floats:
     best = phases
     lowest = np.inf
     for share in np.linspace(*SETTINGS.clipped):
+        # Clipping changes amplitudes and phases; keep the phases, restore the amplitudes.
         spectrum = np.zeros(count // 2 + 1, complex)
         spectrum[lines] = np.exp(1j * phases)
         signal = np.fft.irfft(spectrum, count)

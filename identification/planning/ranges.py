@@ -38,6 +38,7 @@ class Interval:
     @staticmethod
     def of(value: "Interval | ArrayLike") -> "Interval":
         """Interval from a number, a pair or an interval."""
+        # Equations mix intervals with numbers, such as the pair of a length.
         if isinstance(value, Interval):
             return value
         ends: Any = [value, value] if np.ndim(value) == 0 else value
@@ -120,6 +121,7 @@ class LinkSize:
     (10, 20)
     """
 
+    # Bounds, as a data sheet or a ruler gives them.
     mass: tuple[float, float]
     x: tuple[float, float]
     y: tuple[float, float]
@@ -129,6 +131,7 @@ class LinkSize:
     def intervals(self, reflect: Callable[[float], float]) -> SimpleNamespace:
         """Intervals of m, x, y, Izz (about the centre of mass) and J = `reflect`(Jm)."""
         mass = Interval.of(self.mass)
+        # Equation (5) reduces the extent to the range of the centre.
         x = centre_range(self.x)
         y = centre_range(self.y)
         radius = self.radius
@@ -136,6 +139,7 @@ class LinkSize:
             # The corner of the centre's rectangle that is furthest from the axis.
             radius = float(np.hypot(max(-x.low, x.high), max(-y.low, y.high)))
         inertia = Interval(0.0, greatest_inertia(mass.high, radius))
+        # Reflection by the gear keeps the order of the bounds.
         low, high = self.motor_inertia
         return SimpleNamespace(
             m=mass, x=x, y=y, Izz=inertia, J=Interval(reflect(low), reflect(high))
@@ -198,6 +202,7 @@ def ranges(
 
     Source: paper 3.6.
     """
+    # The paper's drive, so that the defaults give its printed ranges.
     motors = puma560.rig().drive if drive is None else drive
 
     # The gear of each joint reflects its motor's inertia to the joint side.

@@ -64,11 +64,13 @@ class FrequencyResponse(Shown, Frozen):
         Time for which a torque is held [s]; 0 under fast hardware.
     """
 
+    # The responses, by line.
     frequency: Floats
     plant: Complex
     plant_std: Floats
     loop: Complex
     loop_std: Floats
+    # The conditions of the measurement.
     period: float
     joints: tuple[str, ...]
     held: float
@@ -98,12 +100,14 @@ class FrequencyResponse(Shown, Frozen):
         model : python-control system, optional
             For comparison: a state space or transfer function from torques to angles.
         """
+        # Magnitude above, phase below.
         axes = row_by_row(ax, 2, 1, time=False)[:, 0]
         modelled = None
         if model is not None:
             # A sampled model is a function of z.
             modelled = model(np.exp(2j * np.pi * self.frequency * self.period), squeeze=False)
         for joint, label in enumerate(self.joints):
+            # The diagonal alone: n^2 curves would hide each other.
             response = self.plant[joint, joint]
             colour = colour_of(joint)
             axes[0].errorbar(
@@ -138,6 +142,7 @@ class FrequencyResponse(Shown, Frozen):
         head = ("plant [rad/(N m)]", f"at {low:.3g} Hz", f"at {high:.3g} Hz", "std, median")
         rows = []
         for j, joint in enumerate(self.joints):
+            # Both ends of the band show whether inertia or gears dominate.
             size = np.abs(self.plant[j, j])
             std = 100 * np.median(self.plant_std[j, j] / size)
             rows.append((joint, f"{size[0]:.3g}", f"{size[-1]:.3g}", f"{std:.2g} %"))
@@ -197,6 +202,7 @@ def frequency_response(
     logs = [records] if isinstance(records, Record) else list(records)
     for log in logs:
         instance("each record", log, Record, "Give what simulate returns, or Record.read.")
+    # With fewer records than joints, U has no inverse.
     n = logs[0].rig.n if logs else 0
     if len(logs) < max(n, 1):
         raise ValueError(
@@ -209,6 +215,7 @@ def frequency_response(
         raise ValueError(
             "records must all have an injected torque, or none; got both. Measure both apart."
         )
+    # Lines of different periods do not coincide.
     spans = {_samples(log, period) for log in logs}
     if len(spans) > 1:
         raise ValueError(
@@ -226,6 +233,7 @@ def frequency_response(
 
 def _samples(record: Record, period: float | None) -> int:
     """Number of samples of one period of the excitation."""
+    # A missing sample shifts all later ones against the lines.
     step = record.rig.period
     if (
         not np.allclose(np.diff(record.t), step, rtol=0, atol=1e-3 * step)
@@ -241,6 +249,7 @@ def _samples(record: Record, period: float | None) -> int:
             "period must be given; the reference states none. It is that of the excitation [s]."
         )
     span = real("period", period, "Of the excitation [s].", positive=True) / step
+    # A fraction of a sample would spread each line over its neighbours.
     if abs(span - round(span)) > 1e-6 * span:
         raise ValueError(
             f"period must be a whole number of samples of {step:g} s; got {span:.6g}. Choose"
@@ -252,6 +261,7 @@ def _samples(record: Record, period: float | None) -> int:
 def _lines(record: Record, samples: int, skip: int) -> dict[str, Complex]:
     """Amplitudes (P, F, n) of angle, torque and excitation in each period but the skipped ones."""
     rig = record.rig
+    # Two periods are the least whose difference shows the noise.
     periods = len(record) // samples - skip
     if periods < 2:
         got = f"{len(record) / samples:.3g} periods, of which {skip} are skipped"
@@ -259,6 +269,7 @@ def _lines(record: Record, samples: int, skip: int) -> dict[str, Complex]:
             f"records must have two periods at least after those skipped; got {got}. Log for"
             " longer."
         )
+    # Measured angle = reference - error.
     reference = record.reference_pulses
     signals = {
         "angle": rig.to_angle(reference - record.error_pulses),
@@ -321,6 +332,7 @@ def _responses(
     rounding = _rounding(logs[0], samples)
     Y = np.stack([signal["angle"].mean(axis=0)[lines] for signal in signals], axis=2)
     U = np.stack([signal["torque"].mean(axis=0)[lines] for signal in signals], axis=2)
+    # Numpy inverts the matrices (n, n) of all lines at once.
     plant = Y @ np.linalg.pinv(U)
     loop = (U if injected else Y) @ np.linalg.pinv(E)
 
@@ -346,6 +358,7 @@ def _responses(
     loop_std = np.sqrt(loop_variance @ np.abs(np.linalg.pinv(E)) ** 2)
     law = logs[0].law
     rig = logs[0].rig
+    # Without a law, a sampled controller is assumed.
     held = rig.period if law is None else law.period or 0.0
     return FrequencyResponse(
         frequency=(lines + 1) / (samples * rig.period),

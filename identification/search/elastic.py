@@ -91,11 +91,14 @@ class Intervals:
         self._view = view
         self._solution = solution
         self._start = start
+        # Variance of an innovation as it counts for coordinates: the unit of all levels.
         self._unit = view.settle(solution.values)
         n = len(view.inertia(solution.values))
+        # Squared periods, the coordinates of stiffness: rigid gears are at their zero.
         self._periods, self._rigid = np.zeros((n, 2)), np.zeros(n, bool)
         self.better: Floats | None = None
         steps = start.steps.copy()
+        # Sensitivities are the same for all profiles; compute them once.
         varied = np.flatnonzero(steps) if view.stiffness else np.empty(0, int)
         change = slopes(view, solution.values, steps, varied, view.innovations(solution.values))
         for i, place in view.stiffness.items():
@@ -103,6 +106,7 @@ class Intervals:
                 view, solution.values, change, steps, start.bounds, place, final=final
             )
             self._periods[i], self._rigid[i] = self._of(profile, place)
+            # The intervals of a local optimum would be wrong: stop, and search on.
             if profile.better is not None and not final:
                 self.better = profile.better
                 break
@@ -121,6 +125,7 @@ class Intervals:
         return (profile.end(width, level, low), profile.end(width, level, high)), False
 
     def _std(self, place: int) -> float:
+        # Rounding is no white noise, see INFLATION.
         return float(np.sqrt(INFLATION * self._solution.covariance[place, place]))
 
     def covariance(self) -> Floats:
@@ -142,6 +147,7 @@ class Intervals:
         high = hz.copy()
         ratio_low = ratio.copy()
         ratio_high = ratio.copy()
+        # Stated stiffness has no interval.
         searched = np.array([i in view.stiffness for i in range(len(hz))])
         # The longest period belongs to the lowest resonance; a period of zero is a rigid gear.
         with np.errstate(divide="ignore"):
@@ -169,6 +175,7 @@ class Intervals:
 def pose_of(problem: Problem) -> Floats:
     """Joint angles (n,) at the beginning of the first record [rad]."""
     record = problem.records[0]
+    # All intervals refer to the inertia at this pose.
     return np.asarray(start_of(record, path_of(record))[0], dtype=float)
 
 
@@ -184,6 +191,7 @@ def gear_fits(problem: Problem, deflection: GearFit | None = None) -> list[GearF
     slope, rotors = link_inertia(dynamics, rig, pose_of(problem))
     stiff = np.full((1, dynamics.n), ELASTIC.rigid)
     rigid = fit_gears(dynamics, records, problem.unknown, problem.known, stiff)
+    # The logs leave no pass band for the torque equation.
     if not rigid:
         raise ValueError(NO_BAND)
     middle = rigid[min(len(rigid) - 1, ELASTIC.middle_band)]
@@ -203,6 +211,7 @@ def gear_fits(problem: Problem, deflection: GearFit | None = None) -> list[GearF
             grid[:, i] = 1 / problem.known.get(name, stiffness)
         elif deflection is not None and np.isfinite(deflection.compliance[i]):
             grid[:, i] = max(deflection.compliance[i], ELASTIC.rigid)
+    # `_starts` relies on the rigid fit being the leading one.
     return [middle, *fit_gears(dynamics, records, problem.unknown, problem.known, grid)]
 
 
@@ -227,6 +236,7 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
     else:
         fits = gear_fits(problem, deflection)
     starts = _starts(problem, view, fits)
+    # The leading start is the best elastic one.
     stages = {"equation error": view.values(starts[0].coordinates)[: len(problem.unknown)]}
 
     # 2. Least sum of squares.
@@ -248,6 +258,7 @@ def _deflection(problem: Problem) -> GearFit | None:
     unknown = any(
         name.startswith(STIFFNESS) and name not in problem.known for name in problem.unknown
     )
+    # Without unknown gears a measured deflection has no use.
     if not records or not unknown:
         return None
     return fit_deflection(problem.dynamics, records, problem.unknown, problem.known)
@@ -266,6 +277,7 @@ def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list
     starts = []
     steps = view.prediction.nuisance_steps
     bounds = np.vstack([problem.bounds, view.prediction.nuisance_bounds])
+    # Stiffness comes from the grid, all other values from the torque equation.
     for fit in fits:
         values, step = start_of_fit(problem, fit.torque)
         for i, place in view.stiffness.items():
@@ -285,6 +297,7 @@ def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list
             "the search must start from an arm that follows the log; no fit of the torque equation"
             " does. Check signs, units and the order of joints."
         )
+    # Nothing distinguishes the starts but f, where one start suffices.
     if not view.stiffness:
         return [starts[order[0]]]
     # Start 0 has rigid gears. It is followed whatever its cost, since the gears may be rigid.

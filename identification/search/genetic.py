@@ -84,22 +84,27 @@ class GeneticSettings:
     (20, 4)
     """
 
+    # Population and duration of the run.
     individuals: int = _within(20, Integral, 2)
     subpopulations: int = _within(4, Integral, 1)
     generations: int = _within(40, Integral, 1)
+    # Representation of a point, see `decode`.
     bits_per_variable: int | tuple[int, ...] = 16
     coding: str = "binary"
+    # Operators of a generation, in their order: selection, recombination, mutation.
     ranking: str = "linear"
     pressure: float = _within(2.0, Real, 1)
     crossover_probability: float = _within(0.6, Real, 0, 1)
     mutation_probability: float | None = _within(None, Real, 0, 1)
     generation_gap: float = _within(0.94, Real, 0, 1)
+    # Exchange between sub-populations, survival, and end.
     migration_rate: float = _within(0.3, Real, 0, 1)
     migration_interval: int = _within(20, Integral, 1)
     safe: bool = True
     target: float | None = _within(None, Real, -INF)
 
     def __post_init__(self) -> None:
+        # Metadata of a field hold its range; the others are checked below.
         for setting in fields(self):
             value = getattr(self, setting.name)
             if setting.metadata and not (value is None and setting.default is None):
@@ -241,6 +246,7 @@ def minimize_genetic(
     code = bounds, settings.bits_per_variable, settings.coding
     shape = settings.subpopulations * settings.individuals, sum(_code(*code)[2])
 
+    # The one way to the objective, for the initial population and for all offspring.
     def evaluate(chromosomes: Bits) -> tuple[Floats, Floats]:
         x = decode(chromosomes, *code)
         return x, _evaluate(objective, x)
@@ -250,6 +256,7 @@ def minimize_genetic(
     rng = np.random.default_rng(int(seed))
     chromosomes = rng.integers(0, 2, shape, dtype=np.uint8)
     if initial is not None:
+        # A point is replaced by its nearest chromosome, so its cost may differ a little.
         seeds = encode(_points("initial", initial, len(np.asarray(bounds))), *code)
         _require(
             len(seeds) <= shape[0],
@@ -257,6 +264,7 @@ def minimize_genetic(
         )
         chromosomes[: len(seeds)] = seeds
     x, costs = evaluate(chromosomes)
+    # A state before any cost is known: `_advance` makes it generation 0.
     blank = GeneticState(
         chromosomes=chromosomes, costs=costs, best_x=x[0], history=np.empty((0, 3)), rng=rng
     )
@@ -265,6 +273,7 @@ def minimize_genetic(
     # 3. Generations, until there is a reason to stop.
     state = initial_state
     message = _reason_to_stop(state, settings)
+    # The callback does not see generation 0, so that it cannot stop a run without a generation.
     while not message:
         state = _next_generation(state, settings, evaluate)
         message = _reason_to_stop(state, settings, callback is not None and bool(callback(state)))
@@ -292,13 +301,17 @@ def _next_generation(
     """Rank, select, recombine, mutate, evaluate, reinsert; migrate at the end of an interval."""
     # 1. Offspring of each sub-population, by itself.
     rng = state.rng
+    # Costs only count by their rank: their scale does not matter, and some may be infinite.
     rank = rank_linear if settings.ranking == "linear" else rank_nonlinear
     mutation = settings.mutation_probability
     mutation = 0.7 / state.chromosomes.shape[1] if mutation is None else mutation
+    # Row numbers of each sub-population.
     groups = np.arange(len(state.costs)).reshape(settings.subpopulations, -1)
     offspring = []
     for rows in groups:
         fitness = rank(state.costs[rows], settings.pressure)
+        # Selection, recombination and mutation draw from one generator in this order; any other
+        # order gives another run of the same seed.
         parents = state.chromosomes[rows[select(fitness, settings.offspring, rng)]]
         children = crossover(parents, settings.crossover_probability, rng)
         offspring.append(mutate(children, mutation, rng))
@@ -331,6 +344,7 @@ def _advance(
     # The best cost is NaN until a cost is a number, and a comparison with NaN is false.
     if cost < state.best_cost or (np.isnan(state.best_cost) and not np.isnan(cost)):
         state = replace(state, best_x=x[best].copy(), best_cost=float(cost))
+    # Statistics of the population that remains, not of the offspring.
     finite = costs[np.isfinite(costs)]
     mean, worst = (finite.mean(), finite.max()) if finite.size else (INF, INF)
     row = (np.fmin.reduce(costs, initial=INF), mean, worst)
@@ -346,6 +360,7 @@ def _advance(
 
 def _reason_to_stop(state: GeneticState, settings: GeneticSettings, stopped: bool = False) -> str:
     """Message of the result, or "" while there is no reason to stop."""
+    # Where several reasons hold, the message has the target.
     done = state.generation
     if settings.target is not None and state.best_cost <= settings.target:
         reason = (
@@ -368,6 +383,7 @@ def _evaluate(objective: Callable[[Floats], ArrayLike], x: Floats) -> Floats:
         f"objective must return real costs of shape ({len(x)},), inf or NaN for a bad candidate"
     )
     try:
+        # Whatever the objective raises is reported with the shape that it must return.
         costs = np.asarray(objective(x.copy()))
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())
@@ -381,6 +397,7 @@ def _code(
     bounds: ArrayLike, bits_per_variable: Any, coding: str
 ) -> tuple[Floats, Floats, NDArray[np.int_]]:
     """Lower (p,) and upper bounds (p,) and the bits of each variable (p,), all validated."""
+    # A range wider than the largest double has no width to scale by.
     ends = _points("bounds", bounds, 2)
     for j, (low, high) in enumerate(ends.tolist()):
         good = low <= high and high - low < INF
@@ -412,8 +429,10 @@ def _points(name: str, value: ArrayLike, columns: int) -> Floats:
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
+        # A value that is no array of numbers fails the check below, with the same message.
         array = np.array(np.nan)
     good = array.ndim == 2 and array.shape[1] == columns and np.isfinite(array).all()
+    # The shape of a wrong shape, otherwise the start of the value: it may be long.
     got = f"shape {array.shape}" if np.isfinite(array).all() else f"{value!r:.60}".replace("\n", "")
     _require(
         good,
@@ -434,6 +453,7 @@ def decode(
     digits is the running parity. Source: paper section 3.7.
     """
     lower, upper, widths = _code(bounds, bits_per_variable, coding)
+    # Bits enter as numbers, so that the same check refuses a wrong shape.
     rows = _points("bits", bits, widths.sum()).astype(np.uint8)
     integers = np.empty((len(rows), len(widths)))
     for j, block in enumerate(np.split(rows, np.cumsum(widths)[:-1], axis=1)):
@@ -470,6 +490,7 @@ def rank_linear(costs: Floats, pressure: float = 2.0) -> Floats:
     `pressure` is 1 to 2. Equal costs share their mean fitness; the sum is N.
     Source: paper section 3.7.
     """
+    # With these ends the mean fitness is 1.
     return _by_rank(costs, np.linspace(2 - pressure, pressure, len(costs)))
 
 
@@ -491,12 +512,14 @@ def _by_rank(costs: Floats, fitness: Floats) -> Floats:
 
     numpy sorts NaN last, so it is the worst cost.
     """
+    # `order` is best first, the fitness worst first.
     shared = np.empty(len(costs))
     order = np.argsort(costs, kind="stable")
     shared[order[::-1]] = fitness
     ranked = np.asarray(costs)[order]
     if (ranked[1:] > ranked[:-1]).all():  # no two costs are equal
         return shared
+    # Mean fitness of the individuals with the same cost.
     tie = np.unique(costs, return_inverse=True)[1]
     return (np.bincount(tie, shared) / np.bincount(tie))[tie]
 
@@ -507,6 +530,7 @@ def select(fitness: Floats, number: int, rng: np.random.Generator) -> NDArray[np
     Each row occurs as often as its fitness lets expect, rounded up or down: equally spaced pointers
     with one random offset fall on the cumulated fitness (N,). Source: paper section 3.7.
     """
+    # One offset for all pointers has less scatter than independent draws.
     edges = np.cumsum(fitness)
     pointers = (rng.random() + np.arange(number)) * (edges[-1] / number)
     # rounding must not point past the end
@@ -521,6 +545,7 @@ def crossover(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
     """
     even = len(bits) // 2 * 2
     length = bits.shape[1]
+    # A chromosome of one bit has no place to cut; the draw takes place all the same.
     cut = rng.integers(1, max(length, 2), (even // 2, 1))
     swap = (rng.random((even // 2, 1)) < probability) & (np.arange(length) >= cut)
     mothers = bits[:even:2]
@@ -533,6 +558,7 @@ def crossover(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
 
 def mutate(bits: Bits, probability: float, rng: np.random.Generator) -> Bits:
     """Bits (M, L), each flipped with this probability. Source: paper section 3.7."""
+    # Exclusive or flips a bit where the draw is below the probability.
     return bits ^ (rng.random(bits.shape) < probability)
 
 
@@ -549,6 +575,7 @@ def reinsert(
     Costs are not compared. If safe, the best parent stays; of too many offspring the best go in.
     Source: paper section 3.7.
     """
+    # Replacing all but the best parent keeps the best cost from rising.
     number = min(len(offspring), len(parents) - bool(safe))
     worst = np.argsort(parent_costs, kind="stable")[::-1][:number]
     best = np.argsort(offspring_costs, kind="stable")[:number]
@@ -576,6 +603,7 @@ def migrate(
     """
     if rate == 0 or subpopulations == 1:
         return chromosomes.copy(), costs.copy()
+    # All migrants are copies of the populations before migration.
     groups = np.arange(len(costs)).reshape(subpopulations, -1)
     moved = chromosomes.copy()
     moved_costs = costs.copy()
@@ -584,6 +612,7 @@ def migrate(
     # In binary 100 * 0.29 is less than 29; the small number restores the integer.
     number = min(max(int(groups.shape[1] * rate + 1e-9), 1), groups.shape[1] - bool(safe))
     for group in range(subpopulations):
+        # The complete net: every sub-population but this one may send.
         candidates = np.delete(ranked, group, axis=0)[:, :number].ravel()
         migrants = rng.choice(candidates, number, replace=False)
         replaced = ranked[group, ::-1][:number] if safe else groups[group, :number]

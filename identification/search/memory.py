@@ -66,6 +66,7 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     freedom = sum(
         memory.usual.size + 2 * problem.dynamics.n for memory in memories if memory is not None
     )
+    # Sum of squares in units of the variance of the better fit.
     readings = sum(record.error_pulses.size for record in problem.records)
     gain = readings * (began.fit.rms_innovation**2 / resumed.fit.rms_innovation**2 - 1)
     return resumed if gain > freedom + _BY_CHANCE * np.sqrt(2 * freedom) else began
@@ -88,6 +89,7 @@ def as_repeated(
 
 def run_again(record: Record, arm: Arm, rig: Rig, law: Law) -> Record:
     """A record simulated with another arm, rig and law; the law resumes from the record's state."""
+    # The fitted controller replaces the inner law; its state stays.
     resumed = dataclasses.replace(record.law, law=law) if isinstance(record.law, Resumed) else law
     return replay(arm, record, rig=rig, law=resumed)
 
@@ -107,6 +109,7 @@ def placed(problem: Problem, fit: Fit) -> Objective:
     """The objective of the fitted records, their counters moved by the zeros of a fit."""
     if fit.zeros is None:
         return problem.objective
+    # Zeros shift the measured positions, so the objective needs other records.
     moved = with_zeros(problem.objective.records, fit.zeros)
     return Objective(problem.dynamics, moved, fit.unknown, **problem.options)
 

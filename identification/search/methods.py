@@ -65,6 +65,7 @@ def paper(problem: Problem) -> Outcome:
             f"ranges must be given for {', '.join(problem.unknown)}; got None. Pass (low, high) for"
             " each, or give the Dynamics its ranges."
         )
+    # The ranges of the problem, not a box: this is the method of the paper.
     result = _genetic(problem, problem.everywhere)
     # The best individual of the run need not have survived to the final population.
     candidates = _as_good(
@@ -86,6 +87,7 @@ def _as_good(vectors: Floats, costs: Floats) -> Floats:
 def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
     # An interrupted run repeats its random numbers and reads the stored costs.
     costs = problem.checkpoint.remembered("costs", problem.costs)
+    # The progress bar needs the best cost alone.
     show = problem.show
     shown = None if show is None else lambda state: show(state.best_cost)
     return minimize_genetic(costs, ranges, problem.settings, problem.seed, callback=shown)
@@ -95,6 +97,7 @@ def equation_error(problem: Problem) -> Outcome:
     """Weighted least squares on the torque equation."""
     fit = torque_fit(problem)
     values, _ = start_of_fit(problem, fit)
+    # Unknowns that the torque equation lacks get no variance.
     covariance = covariance_of(problem.unknown, fit.names, fit.covariance)
     message = f"{fit.rows} equations, relative torque error {fit.relative_error:.1%}."
     solved = Fit(
@@ -120,6 +123,7 @@ def prediction_error(problem: Problem) -> Outcome:
 def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
     """Gauss-Newton from the torque equation's fit, for rigid gears and one model of the law."""
     values, step = start_of_fit(problem, torque_fit(problem))
+    # Stages are part of the result, so that a user can compare them.
     start = {"equation error": values}
     return problem.checkpoint.stage(
         "fit", lambda: polished(problem, values, step, start, simulated=simulated)
@@ -137,6 +141,7 @@ def seeded(problem: Problem) -> Outcome:
     (4) depends on single counts, the result is the one of them that repeats the tracking errors
     best.
     """
+    # A fit of elastic gears has starts of its own, see `elastic`.
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
     # 1. Equation error; with many unknowns the fit follows at once.
@@ -146,6 +151,7 @@ def seeded(problem: Problem) -> Outcome:
             direct = problem.checkpoint.stage(
                 "direct", lambda: polished(problem, values, step, {"equation error": values})
             )
+            # Even a good fit is refused if none of its neighbours can be simulated.
             neighbours, costs = _neighbours(problem, direct.fit)
             if direct.fit.fallback_reason is None and np.isfinite(costs.min()):
                 return _with_best(direct, neighbours, costs)
@@ -170,6 +176,7 @@ def seeded(problem: Problem) -> Outcome:
     )
     if fit.fallback_reason is None and np.isfinite(costs.min()):
         best = _with_best(outcome, neighbours, costs)
+        # Objective (4) of parts cannot be compared with that of all samples.
         cost = result.cost if part is problem else float(problem.costs(result.x[None])[0])
         if not _only_genetic(problem, best.fit, float(costs.min()), cost):
             return best
@@ -181,6 +188,7 @@ def seeded(problem: Problem) -> Outcome:
     if fit.fallback_reason is None and is_late(*delayed):
         # Only a wrong arm repeats errors of late counts; the intervals of the fit include a delay.
         return outcome
+    # The best of the genetic algorithm at least repeats the errors.
     reason = fit.fallback_reason or (
         "the fit that follows the counts does not reproduce the errors when simulated; check rig,"
         " law and signs"
@@ -207,6 +215,7 @@ def _in_parts(problem: Problem) -> Problem:
     records = problem.objective.records
     if not any(map(is_long, records)):
         return problem
+    # A short record is its own single part.
     parts = [part for record in records for part in in_parts(record)]
     objective = Objective(problem.dynamics, parts, problem.unknown, **problem.options)
     return dataclasses.replace(problem, objective=objective)
@@ -224,6 +233,7 @@ def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
 
 def _with_best(outcome: Outcome, vectors: Floats, costs: Floats) -> Outcome:
     """The outcome with the one of these vectors (P, k) that has the least objective (4)."""
+    # The values of the fit itself stay visible among the stages.
     outcome.stages["prediction error"] = outcome.fit.values
     fit = dataclasses.replace(
         outcome.fit, values=vectors[int(np.argmin(costs))], candidates=_as_good(vectors, costs)
@@ -237,6 +247,7 @@ def _only_genetic(problem: Problem, fit: Fit, cost: float, genetic_cost: float) 
     `cost`, `genetic_cost`: objective (4) of the fit and of the genetic algorithm's best.
     """
     records = problem.objective.records
+    # Simulating the model many times is costly: the check runs only where it can decide.
     if cost <= genetic_cost:
         return False
     check = predicted(problem, fit, records, cost)
@@ -260,6 +271,7 @@ def _root(covariance: Floats) -> Floats:
     numpy's Cholesky factor refuses a singular covariance, which fixed values make.
     """
     root = np.zeros_like(covariance)
+    # Column by column, as Cholesky's algorithm; rounding may leave a small negative square.
     for i in range(len(root)):
         for j in range(i):
             if root[j, j]:

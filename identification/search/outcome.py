@@ -35,26 +35,34 @@ class GearResonance(Shown, Frozen):
     stiffness, so that low is a bound there: the gear is stiffer.
     """
 
+    # Where: the joints, and the pose at which inertia counts.
     joints: tuple[str, ...]
     pose: Floats
+    # The resonances and their intervals, undamped.
     hz: Floats
     low: Floats
     high: Floats
+    # The damping ratios and their intervals.
     damping_ratio: Floats
     damping_low: Floats
     damping_high: Floats
+    # What limits the meaning of these numbers.
     searched: NDArray[np.bool_]
     played: tuple[str, ...] = ()
 
     def beside_backlash(self, joints: tuple[str, ...]) -> Self:
         """Lower bounds alone, where the log shows backlash at these joints."""
         return dataclasses.replace(
-            self, high=np.where(self.searched, np.inf, self.high), played=joints
+            # Backlash looks like compliance, so a finite upper end would be wrong.
+            self,
+            high=np.where(self.searched, np.inf, self.high),
+            played=joints,
         )
 
     def bounds(self, name: str) -> bool:
         """Whether an unknown is stiffness or damping of a gear that the log bounds from below."""
         stiffer = np.flatnonzero(self.searched & np.isinf(self.high)).tolist()
+        # A bound of the stiffness leaves the damping open.
         kinds = ("stiffness", "damping")
         return name in [f"drive.elasticity.{kind}[{i}]" for kind in kinds for i in stiffer]
 
@@ -69,6 +77,7 @@ class GearResonance(Shown, Frozen):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict("resonance of each link against its locked motor, with 95 % intervals")
+        # Stated resonance, lower bound, or interval with damping.
         rows = []
         for i, label in enumerate(self.joints):
             hz = f"{self.hz[i]:.1f}"
@@ -138,17 +147,21 @@ class Fit(Shown, Frozen):
         Of f.
     """
 
+    # The estimate itself.
     unknown: tuple[str, ...]
     values: Floats
     candidates: Floats
+    # Its uncertainty, as far as the method provides one.
     covariance: Floats | None = None
     noise_covariance: Floats | None = None
     between: BetweenRuns | None = None
     rms_innovation: float | None = None
     fallback_reason: str | None = None
+    # Nuisance values that were estimated beside the unknowns.
     zeros: Floats | None = None
     resumptions: tuple[Resumption | None, ...] = ()
     gains: Floats | None = None
+    # Elastic gears, and prior knowledge.
     resonance: GearResonance | None = None
     prior: Prior | None = None
 
@@ -161,6 +174,7 @@ class Fit(Shown, Frozen):
         deviations = [""] * len(self.values)
         if self.covariance is not None:
             deviations = [f"+- {std:.2g}" for std in self.std]
+        # A method without a covariance leaves the column of deviations empty.
         columns = zip(self.unknown, self.values, deviations, strict=True)
         rows = [(name, f"{value:.5g}", deviation) for name, value, deviation in columns]
         yield Table((), rows, words=(2,))
@@ -176,6 +190,7 @@ class Fit(Shown, Frozen):
         ValueError
             A fit without a covariance.
         """
+        # Raises where there is none: a silent zero would claim certainty.
         return np.sqrt(np.diag(self._required_covariance))
 
     @property
@@ -194,6 +209,7 @@ class Fit(Shown, Frozen):
     @property
     def _required_covariance(self) -> Floats:
         if self.covariance is None:
+            # The most specific explanation first.
             reason = self.fallback_reason or "its method has none; use the default method"
             raise ValueError(
                 f"standard deviations need a covariance; this fit provides none: {reason}."
@@ -272,6 +288,7 @@ class Search(Shown, Frozen):
     def of(cls, problem: Problem, outcome: Outcome, objective: float, seconds: float) -> Self:
         """Search of a problem with this outcome; `objective`: objective (4) of the result."""
         genetic = outcome.genetic
+        # Arrays of zero length stand for the generations that a method does not have.
         population: dict[str, Any]
         if genetic is None:
             population = {

@@ -70,13 +70,16 @@ class FitSettings:
         Step of the central differences of observer gains, relative.
     """
 
+    # Central differences: small against the uncertainty, large against rounding errors.
     step: float = 0.01
     relative_step: float = 0.02
     spring_step: float = 0.02
     range_step: float = 0.01
+    # Conditions of a second attempt.
     far: float = 0.4
     at_bound: float = 10.0
     unlike_rotor: float = 0.5
+    # Observer gains where the memory of a law is unknown.
     staged_gains: tuple[float, ...] = (0.2, 0.07, 0.025)
     critical: float = 0.285
     gain_step: float = 0.01
@@ -115,6 +118,7 @@ def torque_fit(problem: Problem) -> TorqueFit:
     """
     if not any(problem.replays):
         return fit_pulses(problem.dynamics, problem.records, problem.unknown, problem.known)
+    # Without unknown gains or zeros: only whether the arm follows the log counts.
     prediction = problem.prediction()
     for fit in over_bands(
         problem.dynamics, problem.records, problem.unknown, problem.known
@@ -141,6 +145,7 @@ def start_of_fit(problem: Problem, fit: TorqueFit) -> tuple[Floats, Floats]:
     for i, name in enumerate(problem.unknown):
         if name.startswith(SPRINGS) and not step[i]:
             step[i] = FIT.spring_step
+    # A range whose ends are equal overrides the record.
     for name, value in problem.known.items():
         values[problem.unknown.index(name)] = value
     for i, name in enumerate(problem.unknown):
@@ -172,6 +177,7 @@ def polished(
         simulated=simulated, zeros=problem.zeros, memories=problem.memories
     )
     # 1. Values and steps of the unknowns, followed by those of the nuisances, gains first.
+    # The solution's values are the unknowns, then the gains, then zeros and memories.
     k = len(start)
     bounds = np.vstack([problem.bounds, prediction.nuisance_bounds])
     steps = np.append(FIT.step * step, prediction.nuisance_steps)
@@ -226,6 +232,7 @@ def _searched(
     Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The
     inertia of a joint that is little more than its rotor's has a second optimum below zero.
     """
+    # Without memories the innovations are linear enough for free gains from the start.
     staged = gains if problem.memories else None
     best = by_stages(prediction, start, steps, bounds, staged)
 
@@ -236,6 +243,7 @@ def _searched(
 
     # 2. Start again from the stated rotors where a fitted one differs much, or no arm results.
     values = best.values.copy()
+    # Joint -> f that is the inertia of its rotor alone.
     rotors = rotors_alone(problem.dynamics)
     arm, rig, _ = problem.parts(values[: len(problem.unknown)])
     columns = [problem.unknown.index(problem.dynamics.names[k]) for k in rotors.values()]
@@ -269,6 +277,7 @@ def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats
     # The rows of a prior of f come first; those of a law's memory come last, in no segment.
     rows = slice(count + sum(lengths))
     residual = (solution.residual / prediction.scales)[rows]
+    # Fixed numbers have no deviation.
     std = np.zeros(len(solution.values))
     std[solution.varied] = group_std(
         solution.slopes[rows], residual, in_groups(lengths, count, SEGMENTS)
@@ -282,6 +291,7 @@ def fit_of(solution: Solution, unknown: tuple[str, ...], values: Floats, **field
     `fields`: further fields of the `Fit`; they replace those of the solution.
     """
     k = len(values)
+    # A covariance of nuisances is not part of the result.
     fields.setdefault("covariance", solution.covariance[:k, :k])
     fields.setdefault("rms_innovation", solution.rms_innovation)
     return Fit(unknown=unknown, values=values, candidates=values[None], **fields)
@@ -329,6 +339,7 @@ def _unbiased(
     random = np.random.default_rng([seed, count])
     # The phase of an encoder is uniform within a count.
     shifts = random.uniform(-0.5, 0.5, (count, *prediction.shape))
+    # The innovations of the log show at which rate its loop felt counts.
     logs = _rounded(prediction, values, shifts, solution.residual / prediction.scales)
     if not logs:
         return solution, None
@@ -400,8 +411,10 @@ def by_stages(
     if gains is None:
         return gauss_newton(prediction, values, steps, bounds)
     solutions = list[Solution]()
+    # Gains of position of all joints come before those of speed.
     joints = (gains.stop - gains.start) // 2
     fixed = steps.copy()
+    # A step of zero keeps the gains at the value of the stage.
     fixed[gains] = 0
     for position in FIT.staged_gains:
         values = values.copy()
@@ -414,6 +427,7 @@ def by_stages(
                 raise
             break
         values = solutions[-1].values
+    # A later stage can be worse, where lower gains let go of the log.
     best = min(solutions, key=lambda solution: solution.rms_innovation)
     fixed[gains] = FIT.gain_step * best.values[gains]
     try:

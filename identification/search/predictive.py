@@ -101,9 +101,11 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
 
     # 2. The runs with the fitted values, from which the distances are measured.
     try:
+        # One failure is enough: without a run of the fit nothing can be compared.
         runs = [_run(problem, fit.values, record) for record in records]
     except ValueError:  # it diverges, or has no sound inertia
         return Predicted(difference)
+    # A fixed seed: the same identification gives the same verdict.
     random = np.random.default_rng(0)
     hunts = {i for i in swings if _alike(swings[i], runs[i])}
     logarithms = list[float]()

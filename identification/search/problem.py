@@ -62,9 +62,11 @@ class Tolerances(Frozen):
     0.0
     """
 
+    # Relative, and as shares of the torque in the log.
     gear: float = 0.008
     offset: float = 0.01
     friction: float = 0.01
+    # Times; zero takes them as exact.
     lag: float = 0.0
     delay: float = 0.0
 
@@ -121,11 +123,13 @@ class Problem:
     log. `prior`: of f, or None. `checkpoint`: storage of finished stages.
     """
 
+    # The experiment.
     dynamics: Dynamics
     records: tuple[Record, ...]
     unknown: tuple[str, ...]
     objective: Objective
     held_out: Objective | None
+    # Where to search, and how.
     nominal: Floats
     ranges: Floats | None
     method: str
@@ -133,6 +137,7 @@ class Problem:
     seed: int
     zeros: bool
     options: dict[str, Any]
+    # Knowledge beside the records, and the course of the run.
     tolerances: Tolerances = dataclasses.field(default_factory=Tolerances)
     show: Callable[..., Any] | None = None
     memories: tuple[Memory | None, ...] = ()
@@ -183,6 +188,7 @@ class Problem:
     @property
     def known(self) -> Known:
         """Unknowns that their range fixes, both ends being equal, name -> value; and the prior."""
+        # Methods leave these numbers out of every fit.
         rows = () if self.ranges is None else zip(self.unknown, self.ranges.tolist(), strict=True)
         return Known({name: low for name, (low, high) in rows if low == high}, self.prior)
 
@@ -195,7 +201,7 @@ class Problem:
         return np.column_stack([low, np.full(len(low), np.inf)])
 
     def _least(self, name: str) -> float:
-        """The least value of an unknown that its part accepts; -inf where it takes any sign."""
+        """Least value of an unknown that its part accepts; -inf where it takes any sign."""
         if _POSITIVE.match(name):
             return 0.0
         if name in self.dynamics.names:
@@ -208,11 +214,13 @@ class Problem:
 
     def _accepts(self, name: str, value: float) -> bool:
         """Whether rig and law of the first record can have this value of an unknown."""
-        first = self.objective.records[0]
+        record = self.objective.records[0]
+        law: Any = record.law  # an Objective refuses records without a law
         named = dict(zip(self.unknown, self.nominal.tolist(), strict=True)) | {name: value}
+        # A part checks its numbers when it is made.
         try:
-            first.rig.filled(named)
-            first.law.filled(named, "law.")  # type: ignore[union-attr]  # an Objective refuses records without a law
+            record.rig.filled(named)
+            law.filled(named, "law.")
         except ValueError:
             return False
         return True
@@ -240,6 +248,7 @@ class Problem:
         record = self.objective.records[0]
         law: Any = record.law  # an Objective refuses records without a law
         law = law.filled(named, "law.")
+        # The state belongs to the record, not to the identified controller.
         if isinstance(law, Resumed):
             law = law.law
         arm = self.dynamics.arm([named[name] for name in self.dynamics.names])
@@ -274,8 +283,10 @@ def parts_of(record: Record) -> list[slice]:
     """
     if not is_long(record):
         return [slice(0, len(record))]
+    # Samples of a part.
     size = LONG // PARTS
     count = len(record)
+    # A sample reads a joint when its count changes; invalid samples read nothing.
     moved = np.minimum(np.abs(np.diff(record.counts, axis=0)), 1).sum(axis=1) * record.valid[1:]
     # Running sum of the joints that changed their count up to each sample, so that a difference of
     # two entries gives the readings of a part.
@@ -310,6 +321,7 @@ def rows_of_parts(
     """
     if innovations is None:
         return None
+    # Innovations are stored sample by sample, all joints of a sample together.
     rows = [np.arange(begin)]
     for record in records:
         n = record.n
