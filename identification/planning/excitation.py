@@ -348,7 +348,6 @@ class _Problem:
         opti.solver("ipopt", {"print_time": False, "error_on_fail": False}, options)
         best: tuple[float, Harmonics] | None = None
         for start in starts:
-            # Ipopt starts from the last solution where nothing else is set.
             for amplitude, value in zip(self.amplitudes, start, strict=True):
                 opti.set_initial(amplitude, value)
             try:

@@ -118,7 +118,7 @@ def torque_fit(problem: Problem) -> TorqueFit:
     """
     if not any(problem.replays):
         return fit_pulses(problem.dynamics, problem.records, problem.unknown, problem.known)
-    # Without unknown gains or zeros: only whether the arm follows the log counts.
+    # Nuisances stay at their start: only whether the arm follows the log counts.
     prediction = problem.prediction()
     for fit in over_bands(
         problem.dynamics, problem.records, problem.unknown, problem.known
