@@ -1,8 +1,8 @@
-"""Checks of a log before it is used: does it agree with its own rig and law? One line per check and
-joint.
+"""Checks of a log before it is used: does it agree with its rig and its control law?
 
-Reading order: `finding` (a line, and the table) -> `signals`, `torque_regression` (what a log shows
-without a model of the arm) -> `counts`, `lost_rows` (what is no measurement), `stamps`,
-`quantisation`, `rounding`, `law_delay`, `tracking`, `wiring`, `units` (the checks) -> `examine`
-(advice is tried before it is given).
+Reading order: `finding` (one line per check and joint, and their table) -> `signals` and
+`torque_regression` (signals that need no model of the arm) -> `counts` and `lost_rows` (rows that
+are no measurement) -> the checks `stamps`, `quantisation`, `rounding`, `oscillation`, `law_delay`,
+`tracking`, `wiring` and `units` -> `corrections` (each correction is tried before it is advised) ->
+`examine` (`record.check()`: all checks of a record).
 """

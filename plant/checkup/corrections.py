@@ -1,235 +1,309 @@
-"""Advice is tried before it is given: what a finding suggests is applied, and the checks run again.
+"""Corrections are tried before they are advised: each is applied, and all checks run again.
 
-The correction is kept after which the fewest checks find something, if they are fewer and the
-motion explains no less of the torque; the text names what it changed. What it leaves is told of the
-corrected record: a cause, not its effects.
+A correction stays if fewer checks find a problem afterwards and the motion explains no less of the
+torque. The findings that remain are those of the corrected record: a fault, not its consequences.
 """
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.checkup.finding import Finding
+from plant.checkup.finding import Finding, sign_advice
 from plant.checkup.signals import Signals
 from plant.checkup.wiring import error_column, torque_column
-from plant.machine.rig import Rig
-from plant.parts.fields import Floats
 
-# Factor, and share, by which what is unexplained of the torque may rise: chance, and counts rounded
-# again; and of a sign, with which the sums of angles change that stand for gravity.
-_WORSE = 1.02
-_CHANCE = 1e-3
-_SUMS = 1e-2
 
-# corrections that are tried of one log; a log with more to correct is wrong throughout
-_TRIALS = 12
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CorrectionSettings:
+    """Limits of the trials of corrections, chosen by hand.
 
-_IN_VAIN = (
-    "; correcting that was tried and does not make the log explain more, so leave it: look for"
-    " another cause."
-)
+    ``tests/benchmarks/second_reading.py`` measures them: does a log suffer from a correction?
 
-_SIGN = ": change the sign of "
+    Parameters
+    ----------
+    worse : float
+        Factor by which the unexplained share of the torque may rise.
+    chance : float
+        Rise of the unexplained share (0 to 1) that chance and rounding the counts again may cause.
+    gravity : float
+        The same for a change of sign. The regression has sines of sums of joint angles for gravity,
+        and these sums change with the sign of one angle.
+    trials : int
+        Corrections that are tried of one log. A log with more of them is wrong throughout.
+    """
+
+    worse: float = 1.02
+    chance: float = 1e-3
+    gravity: float = 1e-2
+    trials: int = 12
+
+
+SETTINGS = CorrectionSettings()
+
+
+@dataclasses.dataclass(frozen=True)
+class Correction:
+    """A change of a log, or of its rig, that a finding suggests.
+
+    Parameters
+    ----------
+    mended : tuple of int
+        Indices of the findings that it corrects.
+    record : Record
+        The record after the change.
+    column : str
+        The column whose sign it changes, as messages call it; empty for other changes.
+    """
+
+    mended: tuple[int, ...]
+    record: Any
+    column: str = ""
+
+
+class _Trial(NamedTuple):
+    """A correction, the findings about the record after it, and its unexplained share of torque."""
+
+    correction: Correction
+    findings: list[Finding]
+    unexplained: float
 
 
 def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
-    """Findings about a record, each with what its correction does, and the record with all
-    corrections that help.
+    """Findings about a record with the effect of their corrections; the record with all that help.
 
-    `examined`: the findings about a record.
+    `examined` gives the findings about a record.
     """
-    told = dict[Any, Finding]()
-    vain = set[Any]()
-    trials = 0
+    mended = dict[Any, Finding]()
+    in_vain = set[Any]()
+    budget = SETTINGS.trials
     findings = examined(record)
-    left = unexplained(record)
-    while (
-        k := next(
-            (k for k, x in enumerate(findings) if not x.ok and _key(x) not in {*told, *vain}), -1
-        )
-    ) >= 0:
-        options = list(_corrections(record, findings, k))[: max(0, _TRIALS - trials)]
-        trials += len(options)
-        explains = [unexplained(option) for *_, option in options]
-        seen = [
-            (
-                examined(option)
-                if share <= _WORSE * left + (_SUMS if changed else _CHANCE)
-                else findings
-            )
-            for (_, changed, option), share in zip(options, explains, strict=True)
-        ]
-        fewest = min(map(_odd, seen), default=_odd(findings))
-        if fewest == _odd(findings):
-            vain.add(_key(findings[k]))
-            if options and findings[k].check in ("delay", "period"):
-                findings[k] = _said(findings[k], findings[k].advice.partition(";")[0] + _IN_VAIN)
+    unexplained = unexplained_share(record)
+    while (index := _next_problem(findings, {*mended, *in_vain})) is not None:
+        # 1. Try what the finding suggests.
+        corrections = list(_corrections(record, findings, index))[:budget]
+        budget -= len(corrections)
+        trials = [_trial(each, findings, unexplained, examined) for each in corrections]
+
+        # 2. Without an improvement the advice stays, or says that the correction is in vain.
+        problems = _problem_count(findings)
+        fewest = min((_problem_count(trial.findings) for trial in trials), default=problems)
+        if fewest == problems:
+            finding = findings[index]
+            in_vain.add(_key(finding))
+            if trials and finding.check in ("delay", "period"):
+                advice = (
+                    f"{finding.cause}; correcting that was tried and does not make the log explain"
+                    " more, so leave it: look for another cause."
+                )
+                findings[index] = dataclasses.replace(finding, advice=advice)
             continue
-        best = [j for j, after in enumerate(seen) if _odd(after) == fewest]
-        changed = ", or of ".join(options[j][1] for j in best)
-        of, _, record = options[best[0]]
-        more = "fewer checks find something"
-        if left - explains[best[0]] > _CHANCE:
-            more = (
-                f"the motion explains {1 - explains[best[0]]:.2%} of the torque, before"
-                f" {1 - left:.2%}"
+
+        # 3. Keep the first of the best; the columns of all the best are equally likely.
+        best = [trial for trial in trials if _problem_count(trial.findings) == fewest]
+        column = ", or of ".join(trial.correction.column for trial in best)
+        effect = "fewer checks find something"
+        if unexplained - best[0].unexplained > SETTINGS.chance:
+            effect = (
+                f"the motion explains {1 - best[0].unexplained:.2%} of the torque, before"
+                f" {1 - unexplained:.2%}"
             )
-        for finding in (findings[i] for i in of):
-            head, sign, _ = finding.advice.partition(_SIGN)
-            advice = f"{head}{sign}{changed}." if sign and changed else finding.advice
-            told[_key(finding)] = _said(finding, f"{advice} Corrected so, {more}.")
-        findings = seen[best[0]]
-        left = explains[best[0]]
-        vain = set()
-    return (*told.values(), *(each for each in findings if _key(each) not in told)), record
+        for k in best[0].correction.mended:
+            finding = findings[k]
+            advice = finding.advice
+            if column and finding.cause:
+                advice = sign_advice(finding.cause, column)
+            advice = f"{advice} Corrected so, {effect}."
+            mended[_key(finding)] = dataclasses.replace(finding, advice=advice)
+
+        # 4. Go on with the corrected record: what failed before may help now.
+        record = best[0].correction.record
+        findings = best[0].findings
+        unexplained = best[0].unexplained
+        in_vain = set()
+    remaining = (finding for finding in findings if _key(finding) not in mended)
+    return (*mended.values(), *remaining), record
 
 
-def _key(finding: Finding) -> tuple[str, int | None]:
+def _next_problem(findings, settled):
+    """Index of the first finding with a problem that is not settled; None without any."""
+    for k, finding in enumerate(findings):
+        if not finding.ok and _key(finding) not in settled:
+            return k
+    return None
+
+
+def _key(finding):
     return finding.check, finding.joint
 
 
-def _odd(findings: Sequence[Finding]) -> int:
-    return sum(not each.ok for each in findings)
+def _problem_count(findings):
+    return sum(not finding.ok for finding in findings)
 
 
-def _said(finding: Finding, advice: str) -> Finding:
-    return dataclasses.replace(finding, advice=advice)
+def _trial(
+    correction,
+    findings,
+    unexplained,
+    examined,
+):
+    """Findings after a correction; those before it where the motion then explains less torque."""
+    share = unexplained_share(correction.record)
+    rise = SETTINGS.gravity if correction.column else SETTINGS.chance
+    if share > SETTINGS.worse * unexplained + rise:
+        return _Trial(correction, findings, share)
+    return _Trial(correction, examined(correction.record), share)
 
 
-def unexplained(record: Any) -> float:
-    """Share of the logged torques' variance that the motion does not explain, mean over joints;
-    1 where none can be.
+def unexplained_share(record: Any) -> float:
+    """Share of the torque's variance that the motion does not explain, mean over the joints.
+
+    It is 1 for a joint, or a record, whose torque is unknown.
     """
     signals = Signals(record)
     if not signals.long_enough or signals.torque is None:
         return 1.0
-    return float(
-        np.mean([1.0 if each is None else each.unexplained for each in signals.regressions])
-    )
+    return float(np.mean([1.0 if fit is None else fit.unexplained for fit in signals.regressions]))
 
 
-def _corrections(
-    record: Any, findings: Sequence[Finding], k: int
-) -> Iterator[tuple[Sequence[int], str, Any]]:
-    """Findings that a correction mends, what has its sign changed, and the record so; of what
-    finding k suggests.
+def _corrections(record, findings, index):
+    """Corrections that the finding of this index suggests; none for most checks."""
+    finding = findings[index]
+    for other in findings:
+        # No correction of a column mends the column of another motor.
+        if other.check == "copied columns" and other.joint == finding.joint and not other.ok:
+            return
+    if finding.check in _BY_CHECK:
+        yield from _BY_CHECK[finding.check](record, findings, index)
 
-    None where its law runs at one period.
-    """
-    finding = findings[k]
-    i = -1 if finding.joint is None else finding.joint
+
+def _other_rounding(record, _, index):
+    """The other convention of rounding the counts."""
+    rounding = "floor" if record.rig.encoder.rounding == "fix" else "fix"
+    encoder = dataclasses.replace(record.rig.encoder, rounding=rounding)
+    yield Correction((index,), _with_rig(record, encoder=encoder))
+
+
+def _counts_in_time(record, findings, index):
+    """Late counts moved back: of all late joints, as a logger delays them, or of this one alone."""
+    late = [k for k, finding in enumerate(findings) if finding.check == "delay" and not finding.ok]
+    for joints in dict.fromkeys((tuple(late), (index,))):
+        moved = record
+        for k in joints:
+            counts = _read_later(moved, findings[k])
+            moved = _with_counts(moved, findings[k].joint, counts)
+        yield Correction(joints, moved)
+
+
+def _other_time(record, findings, index):
+    """Times in another unit; or the rig's period, where no law runs at a period of its own."""
+    period = (findings[index].value or 0.0) / 1e3
+    factor = 1e3 ** np.round(np.log10(period / record.rig.period) / 3)
+    if factor != 1:
+        yield Correction((index,), dataclasses.replace(record, t=record.t / factor))
+    elif getattr(record.law, "period", None) is None:
+        yield Correction((index,), _with_rig(record, period=period))
+
+
+def _exchanged_counts(record, findings, index):
+    """Counts of two joints exchanged, as counts or as angles that the wrong gears converted."""
     rig = record.rig
-    value = finding.value or 0.0
-    if any(each.check == "copied columns" and each.joint == i and not each.ok for each in findings):
-        return  # of another motor: no change of it mends that
-    if finding.check == "rounding":
-        encoder = dataclasses.replace(
-            rig.encoder, rounding="floor" if rig.encoder.rounding == "fix" else "fix"
-        )
-        yield (k,), "", dataclasses.replace(record, rig=dataclasses.replace(rig, encoder=encoder))
-    elif finding.check == "delay":  # of all joints, as a logger makes it, or of this one alone
-        late = [
-            each for each, other in enumerate(findings) if other.check == "delay" and not other.ok
-        ]
-        for of in dict.fromkeys((tuple(late), (k,))):
-            moved = record
-            for each in of:
-                moved = _counting(moved, findings[each].joint, _read_later(moved, findings[each]))
-            yield of, "", moved
-    elif (
-        finding.check == "period"
-        and (power := 1e3 ** np.round(np.log10(value / 1e3 / rig.period) / 3)) != 1
-    ):
-        yield (k,), "", dataclasses.replace(record, t=record.t / power)
-    elif finding.check == "period" and getattr(record.law, "period", None) is None:
-        yield (
-            (k,),
-            "",
-            dataclasses.replace(record, rig=dataclasses.replace(rig, period=value / 1e3)),
-        )
-    # as counts, or as angles that were converted by each other's gears
-    elif finding.check == "swapped joints":
-        for each, other in enumerate(findings):
-            if other.check == finding.check and not other.ok and each != k:
-                order = np.arange(record.n)
-                pair = np.array([i, other.joint], int)
-                order[pair] = pair[::-1]
-                exchanged = (
-                    record.counts[:, order],
-                    rig.counts(rig.cell_centre(record.counts)[:, order]),
-                )
-                error = min(
-                    (record.reference_pulses - counts for counts in exchanged),
-                    key=lambda x: np.abs(x).sum(),
-                )
-                yield (k, each), "", dataclasses.replace(record, error_pulses=error)
-    elif finding.check in ("gear sign", "drive sign"):
-        turns = _turned_counts if finding.check == "gear sign" else _turned_torque
-        yield from (((k,), *each) for each in turns(record, i))
+    joint = findings[index].joint
+    for k, other in enumerate(findings):
+        if other.check != "swapped joints" or other.ok or k == index:
+            continue
+        order = np.arange(record.n)
+        order[joint], order[other.joint] = other.joint, joint
+        as_counts = record.reference_pulses - record.counts[:, order]
+        as_angles = record.reference_pulses - rig.counts(rig.cell_centre(record.counts)[:, order])
+        error = min((as_counts, as_angles), key=lambda pulses: np.abs(pulses).sum())
+        yield Correction((index, k), dataclasses.replace(record, error_pulses=error))
 
 
-def _turned_counts(record: Any, i: int) -> Iterator[tuple[str, Any]]:
-    """What may be turned where counts and reference of joint i disagree, and the record with it
-    turned back.
-    """
+def _turned_counts(record, findings, index):
+    """The sign of the counts, the reference or the gear changed, where counts oppose reference."""
+    joint = findings[index].joint
     signals = Signals(record)
+    rig = record.rig
     columns = record.columns or {}
-    turned = np.where(np.arange(record.n) == i, -1.0, 1.0)
-    angles = "position" in columns, "reference_position" in columns
-    counts = _counting(record, i, _reversed(record.rig, record.counts, angles[0])[:, i])
-    asked = np.where(
+    turned = np.where(np.arange(record.n) == joint, -1.0, 1.0)
+    counts_are_angles = "position" in columns
+    reference_is_angles = "reference_position" in columns
+    counts = _reversed(rig, record.counts, counts_are_angles)[:, joint]
+    with_counts = _with_counts(record, joint, counts)
+    reference = np.where(
         turned < 0,
-        _reversed(record.rig, record.reference_pulses, angles[1]),
+        _reversed(rig, record.reference_pulses, reference_is_angles),
         record.reference_pulses,
     )
-    reference = dataclasses.replace(
-        record, reference=None, reference_pulses=asked, error_pulses=asked - record.counts
+    # A stated `reference` would contradict the turned column.
+    with_reference = dataclasses.replace(
+        record,
+        reference=None,
+        reference_pulses=reference,
+        error_pulses=reference - record.counts,
     )
-    if angles[0] != angles[1]:  # the gear turns only the one that it made pulses of
-        drive = dataclasses.replace(record.rig.drive, gear=turned * record.rig.drive.gear)
-        rig = dataclasses.replace(record.rig, drive=drive)
-        yield "the gear", dataclasses.replace(counts if angles[0] else reference, rig=rig)
-        yield signals.column("counts", i), counts
+    counts_column = signals.column("counts", joint)
+    # Where the gear converted only one of the two columns to pulses, its sign is a correction of
+    # its own; otherwise a wrong gear looks like wrong counts.
+    if counts_are_angles != reference_is_angles:
+        drive = dataclasses.replace(rig.drive, gear=turned * rig.drive.gear)
+        converted = with_counts if counts_are_angles else with_reference
+        yield Correction((index,), _with_rig(converted, drive=drive), "the gear")
+        yield Correction((index,), with_counts, counts_column)
     else:
-        yield f"{signals.column('counts', i)}, or of the gear", counts
-    yield signals.column("reference", i), reference
+        yield Correction((index,), with_counts, f"{counts_column}, or of the gear")
+    yield Correction((index,), with_reference, signals.column("reference", joint))
 
 
-def _reversed(rig: Rig, pulses: Floats, angles: bool) -> Floats:
+def _reversed(rig, pulses, angles):
     """Pulses (N, n) with the other sign; of angles, as the encoder would count those."""
     return rig.counts(-rig.cell_centre(pulses)) if angles else -pulses
 
 
-def _turned_torque(record: Any, i: int) -> Iterator[tuple[str, Any]]:
-    """What may be turned where torque and counts of joint i disagree, and the record with it
-    turned back.
-    """
+def _turned_torque(record, findings, index):
+    """The sign of the torque or of the error changed, where torque and counts disagree."""
+    joint = findings[index].joint
     signals = Signals(record)
-    turned = np.where(np.arange(record.n) == i, -1.0, 1.0)
-    given = {name: x for name in ("torque", "current") if (x := getattr(record, name)) is not None}
-    if given:
-        changed = "" if signals.reference is None else torque_column(signals, i)
-        yield (
-            changed,
-            dataclasses.replace(record, **{name: turned * x for name, x in given.items()}),
-        )
-    if error := error_column(signals, i):
-        yield error, dataclasses.replace(record, error_pulses=turned * record.error_pulses)
+    turned = np.where(np.arange(record.n) == joint, -1.0, 1.0)
+    columns = {}
+    for name in ("torque", "current"):
+        logged = getattr(record, name)
+        if logged is not None:
+            columns[name] = turned * logged
+    if columns:
+        # Without a reference the sign of the counts, or of the gear, is as likely: name no column.
+        column = "" if signals.reference is None else torque_column(signals, joint)
+        yield Correction((index,), dataclasses.replace(record, **columns), column)
+    if column := error_column(signals, joint):
+        error = turned * record.error_pulses
+        yield Correction((index,), dataclasses.replace(record, error_pulses=error), column)
 
 
-def _counting(record, i, counts):
-    """The record with other counts (N,) of joint i."""
+_BY_CHECK: dict[str, Callable[[Any, Sequence[Finding], int], Iterator[Correction]]] = {
+    "rounding": _other_rounding,
+    "delay": _counts_in_time,
+    "period": _other_time,
+    "swapped joints": _exchanged_counts,
+    "gear sign": _turned_counts,
+    "drive sign": _turned_torque,
+}
+
+
+def _with_rig(record, **changes: Any):
+    return dataclasses.replace(record, rig=dataclasses.replace(record.rig, **changes))
+
+
+def _with_counts(record, joint, counts):
+    """The record with other counts (N,) of a joint."""
     error = np.array(record.error_pulses)
-    error[:, i] = record.reference_pulses[:, i] - counts
+    error[:, joint] = record.reference_pulses[:, joint] - counts
     return dataclasses.replace(record, error_pulses=error)
 
 
 def _read_later(record, finding):
-    """Counts (N,) of the joint of a finding that were so many samples late, as its encoder would
-    count them in time.
-    """
+    """Counts (N,) of the finding's joint as its encoder would count them without the delay."""
     encoder = record.rig.encoder
     rows = np.arange(len(record))
     centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))[:, finding.joint]

@@ -1,308 +1,382 @@
-"""Are the counts an encoder's: motion, glitches, jumps, standstill, clipping."""
+"""Are the counts those of an encoder? Motion, glitches, jumps, standstill, clipping."""
 
+import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.checkup.finding import Finding
+from plant.checkup.finding import Check, Finding
 from plant.checkup.signals import LEAST_MOTION, Signals
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-_SPIKE = 4.0  # outlier limit of an innovation: so many pulses, and so many times the 98 % quantile
 
-_MANY = 20  # number of equal jumps from which on they are steps of a coarse grid
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CountSettings:
+    """Limits of the checks of counts, chosen by hand.
 
-# jitter of a count's sampling [samples]; the difference of the intervals about it adds to that
-_MISTIMED = 0.2
+    ``tests/plant/checkup/test_examine.py`` holds them against twenty right logs and spoiled ones.
 
-_RUN = 0.02  # standstill [s] from which on its reason is checked
+    Parameters
+    ----------
+    spike : float
+        Innovation of an outlier, both in pulses and in 98 % quantiles of the innovations.
+    mistimed : float
+        Jitter [samples] of the instant at which a count is read.
+    equal_jumps : int
+        Jumps above which those of one size are steps of a coarse grid.
+    hunting_range : float
+        Motion [LEAST_MOTION] below which a motor may only hunt about its reference.
+    hunting_error : float
+        Motion [range of its error] below which such a motor excites nothing.
+    in_step : float
+        Correlation of two speeds from which on joints move in step.
+    standstill : float
+        Standstill [s] from which on a check asks for its reason.
+    stuck_error : float
+        Motion of the reference [usual errors] during a standstill that means a stuck encoder.
+    stiction : float
+        Range of torque [twice the Coulomb friction] that no joint at rest can hold.
+    long_standstill : float
+        Standstill [s] under such torques that is more than the turning point of a motion.
+    resting_share : float
+        Share of the log that a joint may rest without a reason while others move.
+    plateau : int
+        Samples at an extreme that make a clipped peak. Half of it is the least speed [counts per
+        sample] on both sides.
+    """
 
-# an encoder is stuck if the reference moves on by so many times the error usual in this log
-_BEYOND = 3.0
+    spike: float = 4.0
+    mistimed: float = 0.2
+    equal_jumps: int = 20
+    hunting_range: float = 10
+    hunting_error: float = 3.0
+    in_step: float = 0.9999
+    standstill: float = 0.02
+    stuck_error: float = 3.0
+    stiction: float = 2.5
+    long_standstill: float = 0.1
+    resting_share: float = 0.2
+    plateau: int = 5
 
-# A joint at rest holds torques over a range of twice its Coulomb friction; above so many times it
-# should move.
-_STICTION = 2.5
 
-_LONG = 0.1  # standstill [s] under too much torque that is more than the turning point of a motion
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LeftOutSettings:
+    """Limits of the search for rows that are left out behind even stamps, chosen by hand.
 
-_HELD = 0.2  # share of the log that a joint may rest without a reason while others move
+    Parameters
+    ----------
+    neighbours : int
+        Rows to each side whose speeds are the speed across a gap.
+    even : float
+        Deviation of the stamps from even times [intervals] up to which they hide a gap.
+    missing : float
+        Motion beyond that of one interval [intervals] from which on a row is missing.
+    across : float
+        Share of a jump's square that may lie across the direction of motion.
+    """
 
-# samples at an extreme, and counts per sample on the way there, that make a clipped peak
-_PLATEAU = 5
+    neighbours: int = 4
+    even: float = 0.5
+    missing: float = 0.6
+    across: float = 0.1
 
 
-# A motion of fewer counts, in units of `LEAST_MOTION`, and of less than so many times its error,
-# excites nothing.
-_FEW = 10
-_OF_ERROR = 3.0
+SETTINGS = CountSettings()
+LEFT_OUT = LeftOutSettings()
 
-# Rows to each side whose speeds tell that across a gap; share by which its stamps may be off,
-# intervals that are lacking, and share of the jumps' squares that are not along the motion.
-_ASIDE = 4
-_EVEN = 0.5
-_LACKS = 0.6
-_ALONG = 0.1
-
-_IN_STEP = 0.9999  # correlation of two speeds from which on joints move in step
+_MORE_MOTION = "log a motion of all joints (design_motion), or identify with prior=, such as 0.3."
 
 
 def hardly_moving(record: Any) -> NDArray[np.bool_]:
-    """Motors (n,) that move by less than `LEAST_MOTION`, or do little but hunt about a reference
-    that moves others.
+    """Motors (n,) that move by less than `LEAST_MOTION`, or only hunt about their reference.
+
+    Hunting counts only while the reference moves other joints.
     """
-    moved, error, asked = (
-        np.ptp(x, axis=0) for x in (record.counts, record.error_pulses, record.reference_pulses)
+    moved, error, reference = (
+        np.ptp(pulses, axis=0)
+        for pulses in (record.counts, record.error_pulses, record.reference_pulses)
     )
-    hunting = (moved < np.minimum(_FEW * LEAST_MOTION, _OF_ERROR * error)) & (
-        asked.max() >= LEAST_MOTION
-    )
+    limit = np.minimum(SETTINGS.hunting_range * LEAST_MOTION, SETTINGS.hunting_error * error)
+    hunting = (moved < limit) & (reference.max() >= LEAST_MOTION)
+    # An injected torque excites a joint however little it moves.
     return np.asarray((moved < LEAST_MOTION) | (hunting & (record.injected is None)))
 
 
 def hardly_asked(record: Any) -> NDArray[np.bool_]:
-    """Those of them (n,) whose reference asks for no more: friction may hold them beside it,
-    which is no mistake.
+    """Those of the hardly moving motors (n,) whose reference hardly moves either.
+
+    Friction may hold them beside the reference, which is no mistake.
     """
-    return hardly_moving(record) & (np.ptp(record.reference_pulses, axis=0) < _FEW * LEAST_MOTION)
+    reference = np.ptp(record.reference_pulses, axis=0)
+    return hardly_moving(record) & (reference < SETTINGS.hunting_range * LEAST_MOTION)
 
 
-def in_step(speeds: Floats, least: float = _IN_STEP) -> list[tuple[int, int]]:
-    """Pairs of columns of speeds (N, n) that are proportional all along, from this correlation
-    on.
-    """
+def in_step(speeds: Floats, least: float = SETTINGS.in_step) -> list[tuple[int, int]]:
+    """Pairs of columns of speeds (N, n) with at least this correlation about zero."""
     lengths = np.sqrt((speeds**2).sum(axis=0))
-    together = products(speeds / np.where(lengths > 0, lengths, np.inf))
-    return [(int(i), int(j)) for i, j in np.argwhere(np.triu(np.abs(together) > least, 1))]
+    correlation = products(speeds / np.where(lengths > 0, lengths, np.inf))
+    return [(int(i), int(j)) for i, j in np.argwhere(np.triu(np.abs(correlation) > least, 1))]
 
 
-def counts_findings(signals: Signals, whole: Signals) -> Iterator[Finding]:
-    """Yield the findings about counts, check by check; `whole`: with lost packets and stuck
-    samples bridged.
+class Events(NamedTuple):
+    """Outliers among the counts (M,) of a joint.
+
+    Rows of glitches, which return at once, and of jumps, which stay; innovation (M - 1,) of each
+    step; step of a grid that is coarse in places, or 0 [pulses].
     """
-    found = [events(whole, i) for i in range(signals.n)]
-    left_out = renumbered(whole, [jumps for _, jumps, *_ in found])
-    places = ", ".join(f"{whole.t[row]:.6g}" for row in left_out[:3]) + ", ..." * (
-        len(left_out) > 3
-    )
-    advice = (
-        f"Rows are lost at t = {places} s ({len(left_out)} in all): joints jump along their motion"
-        " together where stamps go on evenly; log the controller's stamps, or cut the log there."
-    )
-    yield Finding.graded("rows left out", None, len(left_out), "", look=0, wrong=0, advice=advice)
-    pairs = in_step(signals.motion[1][signals.clear]) if signals.long_enough else []
-    yield from (
-        _motion(signals, i, [signals.joint_labels[k] for k, j in pairs if j == i])
-        for i in range(signals.n)
-    )
-    for i, (glitches, _, size, _) in enumerate(found):
-        largest = np.abs(size[glitches - 1]).max(initial=0.0)
+
+    glitches: NDArray[np.int_]
+    jumps: NDArray[np.int_]
+    sizes: Floats
+    step: float
+
+
+def counts_findings(signals: Signals, bridged: Signals) -> Iterator[Finding]:
+    """Yield the findings about counts; `bridged`: without lost packets and stuck samples."""
+    odd_rows = [events(bridged, i) for i in range(signals.n)]
+    left_out = renumbered(bridged, [joint.jumps for joint in odd_rows])
+    yield _left_out(bridged, left_out)
+
+    pairs = in_step(signals.motion.speed[signals.clear]) if signals.long_enough else []
+    for i in range(signals.n):
+        yield _motion(signals, i, [signals.joint_labels[k] for k, j in pairs if j == i])
+    for i, joint in enumerate(odd_rows):
+        largest = np.abs(joint.sizes[joint.glitches - 1]).max(initial=0.0)
         advice = (
             f"Single counts are off by up to {largest:.0f} pulses; fits bridge them without weight;"
             " check the cable."
         )
-        yield Finding.graded(
-            "glitches", i, len(glitches), "", look=0, wrong=0.01 * len(signals.t), advice=advice
-        )
-    for i, (_, rows, size, step) in enumerate(found):
-        jumps = (
-            rows[size[rows - 1] * whole.local_speed[rows - 1, i] <= 0] if len(left_out) else rows
-        )
-        jump = (
-            f"jump by up to {np.abs(size[jumps - 1]).max(initial=0.0):.0f} pulses and stay there,"
-            " faster than any arm"
-        )
-        advice = f"The counts {jump}; cut the log there. Fits take whole turns back by themselves."
-        if step:
-            advice = (
-                f"In places the counts go in steps of {step:.3g} pulses; log them with more digits."
-            )
-        yield Finding.graded(
-            "jumps", i, len(jumps), "", look=0, wrong=np.inf if step else 0, advice=advice
-        )
-    yield from signals.each(_stuck, _clipped)
+        limit = 0.01 * len(signals.t)
+        yield Check("glitches", i).graded(len(joint.glitches), advice, look=0, wrong=limit)
+    for i, joint in enumerate(odd_rows):
+        yield _jumps(bridged, i, joint, len(left_out) > 0)
+    yield from signals.per_joint(_stuck, _clipped)
 
 
-_MORE = "log a motion of all joints (design_motion), or identify with prior=, such as 0.3."
+def _left_out(bridged, rows):
+    times = ", ".join(f"{bridged.t[row]:.6g}" for row in rows[:3]) + ", ..." * (len(rows) > 3)
+    advice = (
+        f"Rows are lost at t = {times} s ({len(rows)} in all): joints jump along their motion"
+        " together where stamps go on evenly; log the controller's stamps, or cut the log there."
+    )
+    return Check("rows left out").graded(len(rows), advice, look=0, wrong=0)
 
 
-def _motion(signals, i, alike):
-    moved = np.ptp(signals.counts[:, i]) / signals.least_count[i]
+def _motion(signals, i, in_step_with):
+    """Range of the counts [pulses], and the joints that move in step."""
+    check = Check("motion", i, "pulses")
+    pulses = np.ptp(signals.counts[:, i])
+    moved = pulses / signals.least_count[i]
     others = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
-    verdict = "fine"
-    advice = ""
+    # Back to pulses from the quotient, which may differ from `pulses` in its last bit.
+    value = moved * signals.least_count[i]
     if moved < LEAST_MOTION:
-        why = "hardly moves"
+        fault = "hardly moves"
         if len(others) and others.max() > 10 * LEAST_MOTION:
             reasons = (
                 "it sticks, its brake is on, its encoder is dead or in other units, or it was"
                 " asked to"
             )
-            why = f"stands still while others move ({reasons})"
-        verdict = "wrong"
-        advice = f"The motor {why}: {_MORE}"
-    elif hardly_moving(signals.record)[i]:
-        verdict = "look"
-        advice = f"The motor moves by little more than its error: {_MORE}"
-    elif alike:
-        why = f"It moves in step with {', '.join(alike)}: that hardly tells their parameters apart"
-        verdict = "look"
-        advice = f"{why}; log a motion that excites more (design_motion)."
-    return Finding.of("motion", i, moved * signals.least_count[i], "pulses", verdict, advice)
+            fault = f"stands still while others move ({reasons})"
+        advice = f"The motor {fault}: {_MORE_MOTION}"
+        return check.wrong(value, advice)
+    if hardly_moving(signals.record)[i]:
+        advice = f"The motor moves by little more than its error: {_MORE_MOTION}"
+        return check.look(value, advice)
+    if in_step_with:
+        advice = (
+            f"It moves in step with {', '.join(in_step_with)}: that hardly tells their parameters"
+            " apart; log a motion that excites more (design_motion)."
+        )
+        return check.look(value, advice)
+    return check.fine(value)
 
 
-def events(signals: Signals, i: int) -> tuple[Any, Any, Any, float]:
-    """Rows of glitches and of jumps; how far each row is off (M - 1,); and the step of a coarse
-    grid, or 0 [pulses].
-    """
-    around = signals.local_speed[:, i]
+def _jumps(bridged, i, joint, rows_left_out):
+    rows = joint.jumps
+    if rows_left_out:
+        # Where rows are left out, jumps along the motion are theirs.
+        rows = rows[joint.sizes[rows - 1] * bridged.local_speed[rows - 1, i] <= 0]
+    largest = np.abs(joint.sizes[rows - 1]).max(initial=0.0)
+    advice = (
+        f"The counts jump by up to {largest:.0f} pulses and stay there, faster than any arm; cut"
+        " the log there. Fits take whole turns back by themselves."
+    )
+    if joint.step:
+        advice = (
+            f"In places the counts go in steps of {joint.step:.3g} pulses; log them with more"
+            " digits."
+        )
+    wrong = np.inf if joint.step else 0
+    return Check("jumps", i).graded(len(rows), advice, look=0, wrong=wrong)
+
+
+def events(signals: Signals, i: int) -> Events:
+    """Find the outliers among the counts of joint i."""
+    # 1. Innovations beyond the local speed that neither noise nor timing explains.
+    speed = signals.local_speed[:, i]
     spans = np.diff(signals.t)
-    innovation = np.diff(signals.counts[:, i]) - around * spans
+    innovation = np.diff(signals.counts[:, i]) - speed * spans
     usual = np.quantile(np.abs(innovation), 0.98)
+    # A stamp that is off shows in its own interval and in its neighbours.
     odd = np.abs(np.pad(spans, 1, mode="edge") - signals.interval)
-    mistimed = _MISTIMED * signals.interval + np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
-    limit = _SPIKE * max(signals.least_count[i], usual) + np.abs(around) * mistimed
-    strange = np.flatnonzero(np.abs(innovation) > limit)
-    steps = np.abs(innovation[strange])
-    common = np.median(steps) if len(steps) > _MANY else 0.0
-    # no accident: a grid, coarse in places
-    if common and np.mean(np.abs(steps - common) < 0.05 * common) > 0.8:
-        return strange[:0] + 1, strange + 1, innovation, common
+    odd = np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
+    timing = np.abs(speed) * (SETTINGS.mistimed * signals.interval + odd)
+    limit = SETTINGS.spike * max(signals.least_count[i], usual) + timing
+    outliers = np.flatnonzero(np.abs(innovation) > limit)
+
+    # 2. Many jumps of one size are no accident: a grid that is coarse in places.
+    sizes = np.abs(innovation[outliers])
+    common = np.median(sizes) if len(sizes) > SETTINGS.equal_jumps else 0.0
+    if common and np.mean(np.abs(sizes - common) < 0.05 * common) > 0.8:
+        return Events(outliers[:0] + 1, outliers + 1, innovation, common)
+
+    # 3. A glitch returns with the next step, by the same size within a half.
     glitches = list[int]()
     jumps = list[int]()
-    last = -2
-    for k in strange.tolist():
-        if k == last:  # the way back from a glitch
-            continue
+    for k in outliers.tolist():
+        if glitches and k == glitches[-1] + 1:
+            continue  # the step back from a glitch
         back = k + 1 < len(innovation) and innovation[k + 1] * innovation[k] < 0
         if back and abs(innovation[k + 1] + innovation[k]) < 0.5 * abs(innovation[k]):
             glitches.append(k)
-            last = k + 1
         else:
             jumps.append(k)
-    rows = np.array(glitches, dtype=int), np.array(jumps, dtype=int)
-    return rows[0] + 1, rows[1] + 1, innovation, 0.0
+    return Events(np.array(glitches, int) + 1, np.array(jumps, int) + 1, innovation, 0.0)
 
 
-def renumbered(signals: Signals, jumps: Sequence[Any]) -> Any:
-    """Rows after rows that a log lacks, unseen in its stamps: several joints, or all, jump along
-    their motion.
+def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
+    """Rows that follow left out rows which the stamps do not show.
 
-    `jumps`: rows of the jumps of each joint.
+    There several joints, or all, jump along their motion. `jumps`: rows of the jumps of each joint.
     """
-    if signals.n < 2 or len(signals.t) < 10 * _ASIDE:
+    reach = LEFT_OUT.neighbours
+    if signals.n < 2 or len(signals.t) < 10 * reach:
         return np.array([], int)
+    # 1. Excess of each step over the motion, with the speed of the rows around it.
     spans = np.diff(signals.t)
-    speed = signals.local_speed
-    wide = np.pad(speed, ((_ASIDE, _ASIDE), (0, 0)), mode="edge")
-    speed = (wide[: -2 * _ASIDE] + wide[2 * _ASIDE :]) / 2
-    size = np.diff(signals.counts, axis=0) - speed * spans[:, None]
-    nearby = np.ones(_ASIDE + 1)
-    late = np.convolve(spans / signals.interval - 1, nearby, mode="same")
+    padded = np.pad(signals.local_speed, ((reach, reach), (0, 0)), mode="edge")
+    speed = (padded[: -2 * reach] + padded[2 * reach :]) / 2
+    excess = np.diff(signals.counts, axis=0) - speed * spans[:, None]
+
+    # 2. The gap [s] that fits the excess of all joints, which must lie along the motion.
     power = np.maximum((speed**2).sum(axis=1), 1e-300)
-    gap = (size * speed).sum(axis=1) / power
-    off = ((size - gap[:, None] * speed) ** 2).sum(axis=1) < _ALONG * (size**2).sum(axis=1)
-    # much where a loop oscillates
-    usual = np.maximum(signals.least_count, np.quantile(np.abs(size), 0.9, axis=0))
-    several = (np.abs(size) > _SPIKE * usual).sum(axis=1) > 1
-    even = (np.abs(late) < _EVEN) & (np.abs(spans / signals.interval - 1) < _EVEN)
-    # What was late comes back.
-    lacks = np.minimum(gap, np.convolve(gap, nearby, mode="same")) > _LACKS * signals.interval
-    alike = even & off & several & lacks
-    together = [k for k in set.intersection(*(set(rows.tolist()) for rows in jumps)) if even[k - 1]]
-    return np.union1d(np.flatnonzero(alike) + 1, np.array(together, int))
+    gap = (excess * speed).sum(axis=1) / power
+    across = ((excess - gap[:, None] * speed) ** 2).sum(axis=1)
+    along = across < LEFT_OUT.across * (excess**2).sum(axis=1)
+    # The usual excess is large where a loop oscillates.
+    usual = np.maximum(signals.least_count, np.quantile(np.abs(excess), 0.9, axis=0))
+    several = (np.abs(excess) > SETTINGS.spike * usual).sum(axis=1) > 1
+
+    # 3. Stamps that hide it are even. What was only late comes back in the next rows, so the sum of
+    # the gaps over these rows must lack the time, too.
+    neighbours = np.ones(reach + 1)
+    late = np.convolve(spans / signals.interval - 1, neighbours, mode="same")
+    even = np.abs(late) < LEFT_OUT.even
+    even &= np.abs(spans / signals.interval - 1) < LEFT_OUT.even
+    remaining = np.minimum(gap, np.convolve(gap, neighbours, mode="same"))
+    missing = remaining > LEFT_OUT.missing * signals.interval
+    rows = np.flatnonzero(even & along & several & missing) + 1
+
+    # 4. Jumps of all joints in one row have no other reason.
+    common = set.intersection(*(set(rows_of_joint.tolist()) for rows_of_joint in jumps))
+    return np.union1d(rows, np.array([row for row in common if even[row - 1]], int))
 
 
 def _runs(counts):
-    """First and last row of every stretch of equal counts."""
-    edges = np.flatnonzero(np.diff(counts) != 0)
-    return np.concatenate([[0], edges + 1]), np.concatenate([edges, [len(counts) - 1]])
+    """Stretches of equal counts, as slices of rows."""
+    edges = np.flatnonzero(np.diff(counts) != 0) + 1
+    stops = np.append(edges, len(counts))
+    for start, stop in zip(np.append(0, edges), stops, strict=True):
+        yield slice(start, stop)
 
 
 def _stuck(signals, i):
     """The longest unexplained standstill [s]."""
-    first, last = _runs(signals.counts[:, i])
-    length = signals.t[last] - signals.t[first]
-    long = length >= max(_RUN, 5 * signals.interval)
-    rows = [slice(a, b + 1) for a, b in zip(first[long], last[long], strict=True)]
+    check = Check("stuck encoder", i, "s")
+
+    def seconds(run):
+        return float(signals.t[run.stop - 1] - signals.t[run.start])
+
+    least = max(SETTINGS.standstill, 5 * signals.interval)
+    runs = [run for run in _runs(signals.counts[:, i]) if seconds(run) >= least]
     if signals.reference is not None:
-        strange = _against_reference(signals, i, rows)
-        advice = "while the reference moves on"
+        stuck = max(map(seconds, _against_reference(signals, i, runs)), default=0.0)
+        evidence = "while the reference moves on"
     else:
-        strange = _against_torque(signals, i, rows)
-        advice = "under torques that its friction cannot hold"
-    stuck = max((signals.t[run.stop - 1] - signals.t[run.start] for run in strange), default=0.0)
+        stuck = max(map(seconds, _against_torque(signals, i, runs)), default=0.0)
+        evidence = "under torques that its friction cannot hold"
     if stuck or signals.reference is not None:
         advice = (
-            f"The counts stand still {advice}; leave these rows out (valid = 0), check the encoder."
+            f"The counts stand still {evidence}; leave these rows out (valid = 0), check the"
+            " encoder."
         )
-        return Finding.graded("stuck encoder", i, stuck, "s", look=0, wrong=0, advice=advice)
+        return check.graded(stuck, advice, look=0, wrong=0)
+
+    # Without a reference and such torques, rest alone is no proof: look, never wrong.
     others = np.delete(signals.counts, i, axis=1)
-    whole = signals.t[-1] - signals.t[0]
-    for run in rows:
-        seconds = signals.t[run.stop - 1] - signals.t[run.start]
-        if (
-            others.size
-            and seconds > _HELD * whole
-            and np.ptp(others[run], axis=0).max() > 10 * LEAST_MOTION
-        ):
-            stuck = max(stuck, seconds)
+    resting = SETTINGS.resting_share * (signals.t[-1] - signals.t[0])
+    for run in runs:
+        long = others.size and seconds(run) > resting
+        if long and np.ptp(others[run], axis=0).max() > 10 * LEAST_MOTION:
+            stuck = max(stuck, seconds(run))
     advice = (
         "The joint rests for a large part of the log while others move; does it stick, or its"
         " encoder?"
     )
-    return Finding.graded("stuck encoder", i, stuck, "s", look=0, advice=advice)
+    return check.graded(stuck, advice, look=0)
 
 
-def _against_reference(signals, i, rows):
-    """Standstills in which the reference moves on by more than the error that friction causes
-    elsewhere.
-    """
+def _against_reference(signals, i, runs):
+    """Standstills in which the reference moves on by more than friction explains elsewhere."""
     reference = signals.reference[:, i]
     running = np.ones(len(signals.t), bool)
-    for run in rows:
+    for run in runs:
         running[run] = False
     error = np.abs(reference - signals.counts[:, i])[running]
-    usual = 10 * signals.least_count[i] + _BEYOND * (
-        np.quantile(error, 0.99) if len(error) else 0.0
-    )
-    return [run for run in rows if np.ptp(reference[run]) > usual]
+    largest = np.quantile(error, 0.99) if len(error) else 0.0
+    usual = 10 * signals.least_count[i] + SETTINGS.stuck_error * largest
+    return [run for run in runs if np.ptp(reference[run]) > usual]
 
 
-def _against_torque(signals, i, rows):
-    """Standstills under torques that the stated friction cannot hold; none where no friction is
-    stated.
-    """
+def _against_torque(signals, i, runs):
+    """Standstills under torques beyond the stated friction; none where none is stated."""
     friction = signals.rig.drive.coulomb[i]
     if signals.torque is None or not friction:
         return []
-    least = _LONG / signals.interval
-    long = [run for run in rows if run.stop - run.start > least]
-    return [run for run in long if np.ptp(signals.torque[run, i]) > 2 * _STICTION * friction]
+    least = SETTINGS.long_standstill / signals.interval
+    # Friction holds a joint between plus and minus its Coulomb torque.
+    largest = 2 * SETTINGS.stiction * friction
+    return [
+        run
+        for run in runs
+        if run.stop - run.start > least and np.ptp(signals.torque[run, i]) > largest
+    ]
 
 
 def _clipped(signals, i):
     """Time at an extreme that was reached at full speed [s]."""
     counts = signals.counts[:, i]
     t = signals.t
-    first, last = _runs(counts)
-    spent = 0.0
+    fast = SETTINGS.plateau / 2 * signals.least_count[i]
+    runs = [run for run in _runs(counts) if run.stop - run.start >= SETTINGS.plateau]
+    clipped = 0.0
     for extreme in (counts.min(), counts.max()):
-        for a, b in zip(first, last, strict=True):
-            if counts[a] != extreme or b - a + 1 < _PLATEAU:
+        for run in runs:
+            if counts[run.start] != extreme:
                 continue
-            before = np.abs(np.diff(counts[max(a - 3, 0) : a + 1]))
-            after = np.abs(np.diff(counts[b : b + 4]))
-            fast = _PLATEAU / 2 * signals.least_count[i]
-            if all(len(side) and side.min() > 0 and side.mean() > fast for side in (before, after)):
-                spent += t[b] - t[a]
+            # A motion that turns by itself is slow beside its extreme.
+            end = run.stop - 1
+            before = np.abs(np.diff(counts[max(run.start - 3, 0) : run.start + 1]))
+            after = np.abs(np.diff(counts[end : end + 4]))
+            if all(len(s) and s.min() > 0 and s.mean() > fast for s in (before, after)):
+                clipped += t[end] - t[run.start]
     advice = (
         "Peaks are cut off at one value: the converter's range, or a mechanical stop; leave these"
         " rows out."
     )
-    return Finding.graded(
-        "clipped counts", i, spent, "s", look=0, wrong=0.05 * (t[-1] - t[0]), advice=advice
-    )
+    limit = 0.05 * (t[-1] - t[0])
+    return Check("clipped counts", i, "s").graded(clipped, advice, look=0, wrong=limit)

@@ -1,16 +1,16 @@
-"""The checkup of a record: what its rig and law state against what its columns show, without a
-model of the arm.
+"""The checkup of a record: what its rig and law state against what its columns show.
+
+It needs no model of the arm.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 from plant.checkup.corrections import tried
 from plant.checkup.counts import counts_findings
-from plant.checkup.finding import Checkup, Finding, unless
+from plant.checkup.finding import Check, Checkup, Finding, unless
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import count_unit_findings, quantisation_findings
@@ -21,119 +21,152 @@ from plant.checkup.tracking import reference_findings
 from plant.checkup.units import unit_findings
 from plant.checkup.wiring import wiring_findings
 
-# Share of the amplifier's limit from which on it is saturated; and above which the limit is wrong.
-_AT_LIMIT = 0.999
-_BEYOND = 1.05
 
-# Share of saturated samples [%] to look at, and above which the log shows the limit alone.
-_SATURATED = 1.0
-_LOST = 50.0
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TorqueSettings:
+    """Limits of the checks of saturation, clipped torque and backlash, chosen by hand.
 
-# share of its range by which a torque that is not clipped may differ from the commanded one
-_ALIKE = 0.01
+    ``tests/plant/checkup/test_examine.py`` holds them against twenty right logs and spoiled ones.
 
-# An extreme value is clipped if it is so many times as frequent as the next ones, in so many % of
-# the samples.
-_PILED = 4.0
-_LEAST_PILE = 0.5
+    Parameters
+    ----------
+    at_limit : float
+        Share of the amplifier's limit from which on it is saturated.
+    saturated, lost : float
+        Samples [%] to look at, and above which the log shows the limit alone; of clipped torque,
+        too.
+    beyond : float
+        Commanded torque [largest logged torque] that was cut off.
+    alike : float
+        Difference of logged and commanded torque [range] up to which they agree.
+    piled : float
+        Frequency of an extreme [mean frequency of the next three levels] that is clipped.
+    clipped : float
+        Clipped samples [%] to look at.
+    certain : float
+        Standard deviations from which on an inertia is significant.
+    reversals : int
+        Reversals of the load that an estimate of the backlash needs.
+    backlash : float
+        Significant backlash [least counts].
+    backlash_certain : float
+        The same in standard deviations.
+    """
 
-_SURE = 5.0  # standard deviations from which on a sign is significant
+    at_limit: float = 0.999
+    saturated: float = 1.0
+    lost: float = 50.0
+    beyond: float = 1.05
+    alike: float = 0.01
+    piled: float = 4.0
+    clipped: float = 0.5
+    certain: float = 5.0
+    reversals: int = 6
+    backlash: float = 0.5
+    backlash_certain: float = 3.5
 
-# Reversals of the load that a log must hold; backlash [pulses], and in standard deviations, that is
-# significant.
-_REVERSALS = 6
-_PLAY = 0.5
-_PLAY_SURE = 3.5
+
+SETTINGS = TorqueSettings()
+
+# Fewer samples with weight have no statistics: only their times are checked. Chosen by hand.
+_LEAST_SAMPLES = 50
 
 
-def _of_torque(
-    name: str, check: Callable[[Any, int], Finding]
-) -> Callable[[Signals], Iterator[Finding]]:
+def _of_torque(name, check):
     """A check of torque or current, joint by joint."""
-    return lambda signals: unless(signals.no_torque, (name,), signals.each(check))
+    return lambda signals: unless(signals.no_torque, (name,), signals.per_joint(check))
 
 
 def _saturated(signals, i):
+    """Share of samples at the amplifier's limit [%]."""
+    check = Check("saturation", i, "%")
     limit = signals.rig.drive.current_limit[i]
     if not np.isfinite(limit):
-        return Finding.unknown("saturation", i, "no current limit stated")
+        return check.unknown("no current limit stated")
     current = signals.motor_torque[:, i] / signals.rig.drive.motor_gain[i]
-    share = 100 * np.mean(np.abs(current) >= _AT_LIMIT * limit)
-    advice = (
-        f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains."
+    return check.graded(
+        100 * np.mean(np.abs(current) >= SETTINGS.at_limit * limit),
+        f"The amplifier is at its limit of {limit:g} A: slow the motion down, or lower the gains.",
+        look=SETTINGS.saturated,
+        wrong=SETTINGS.lost,
     )
-    return Finding.graded("saturation", i, share, "%", look=_SATURATED, wrong=_LOST, advice=advice)
 
 
 def _clipped(signals, i):
     """Share of samples that pile up at an extreme which is not the amplifier's limit [%]."""
     torque = signals.motor_torque[:, i]
-    limit = signals.rig.drive.current_limit[i]
-    levels, often = np.unique(torque, return_counts=True)
-    piled = 0
-    for k, inner in ((0, slice(1, 4)), (-1, slice(-4, -1))):
-        if (
-            len(levels) < 10
-            or np.abs(levels[k]) / signals.rig.drive.motor_gain[i] >= _AT_LIMIT * limit
-        ):
+    levels, frequency = np.unique(torque, return_counts=True)
+    clipped = 0
+    for extreme, neighbours in ((0, slice(1, 4)), (-1, slice(-4, -1))):
+        if len(levels) < 10 or _at_limit(signals, i, levels[extreme]):
             continue
         if signals.torque is not None and signals.commanded is not None:
-            cut = torque == levels[k]
-            commanded = signals.commanded[:, i]
-            inside = (torque > levels[0]) & (torque < levels[-1])
-            alike = np.quantile(np.abs(commanded - torque)[inside], 0.9) < _ALIKE * np.ptp(torque)
-            piled += alike * np.sum(cut & (np.abs(commanded) > _BEYOND * np.abs(levels[k])))
-        elif often[k] > _PILED * often[inner].mean():
-            piled += often[k]
-    # Against the commanded torque a cut one is plain to see.
-    least = _LEAST_PILE if signals.commanded is None else _LEAST_PILE / 5
-    cut_off = (
-        f"cut off at {np.abs(torque).max():.4g} N m (motor), not at the stated limit of the"
-        " amplifier"
+            clipped += _commanded_beyond(signals, i, levels[extreme])
+        elif frequency[extreme] > SETTINGS.piled * frequency[neighbours].mean():
+            clipped += frequency[extreme]
+    # Against the commanded torque a clipped one is plain to see.
+    look = SETTINGS.clipped if signals.commanded is None else SETTINGS.clipped / 5
+    return Check("clipped torque", i, "%").graded(
+        100 * clipped / len(torque),
+        f"The torque is cut off at {np.abs(torque).max():.4g} N m (motor), not at the stated"
+        " limit of the amplifier: it gives less, or the log's range is too small; leave these"
+        " rows out.",
+        look=look,
+        wrong=SETTINGS.lost,
     )
-    advice = (
-        f"The torque is {cut_off}: it gives less, or the log's range is too small; leave these rows"
-        " out."
-    )
-    return Finding.graded(
-        "clipped torque", i, 100 * piled / len(torque), "%", look=least, wrong=_LOST, advice=advice
-    )
+
+
+def _at_limit(signals, i, torque):
+    drive = signals.rig.drive
+    return bool(np.abs(torque) / drive.motor_gain[i] >= SETTINGS.at_limit * drive.current_limit[i])
+
+
+def _commanded_beyond(signals, i, extreme):
+    """Samples at an extreme of the logged torque that were commanded to be beyond it.
+
+    None where the logged torque differs from the commanded one elsewhere, too.
+    """
+    torque = signals.torque[:, i]
+    commanded = signals.commanded[:, i]
+    inside = (torque > torque.min()) & (torque < torque.max())
+    difference = np.quantile(np.abs(commanded - torque)[inside], 0.9)
+    if difference >= SETTINGS.alike * np.ptp(torque):
+        return 0
+    beyond = np.abs(commanded) > SETTINGS.beyond * np.abs(extreme)
+    return int(np.sum((torque == extreme) & beyond))
 
 
 def _backlash(signals, i):
-    """Motion of the motor alone where the load torque changes sign [pulses]: a lower bound of
-    the backlash.
-    """
-    name = "backlash"
-    unit = "pulses"
+    """Motion of the motor alone where the load changes sign [pulses]: at most the backlash."""
+    check = Check("backlash", i, "pulses")
     regression = signals.regressions[i]
-    if regression is None or regression.inertia[i] < _SURE * regression.inertia_std[i]:
-        return Finding.unknown(name, i, "no acceleration that torque explains")
-    if regression.reversals < _REVERSALS:
-        return Finding.unknown(name, i, f"the load changes sign {regression.reversals} times")
-    play = regression.backlash
+    if regression is None or regression.inertia[i] < SETTINGS.certain * regression.inertia_std[i]:
+        return check.unknown("no acceleration that torque explains")
+    if regression.reversals < SETTINGS.reversals:
+        return check.unknown(f"the load changes sign {regression.reversals} times")
+    backlash = regression.backlash
     std = regression.backlash_std
-    if play > max(_PLAY * signals.least_count[i], _PLAY_SURE * std):
-        why = (
-            "The motor runs ahead where the load changes sign: the gear has at least this backlash"
+    least = SETTINGS.backlash * signals.least_count[i]
+    certain = SETTINGS.backlash_certain * std
+    if backlash > max(least, certain):
+        advice = (
+            "The motor runs ahead where the load changes sign: the gear has at least this backlash;"
+            " expect no better than that from the model there."
         )
-        return Finding.of(
-            name, i, play, unit, "look", f"{why}; expect no better than that from the model there."
-        )
-    if std > _PLAY * signals.least_count[i] or (abs(play) > _PLAY_SURE * std and play < 0):
-        return Finding.unknown(name, i, f"known to +-{std:.2g} pulses only", value=play, unit=unit)
+        return check.look(backlash, advice)
+    # A significant motion backwards is no backlash, but an error of the regression.
+    if std > least or (abs(backlash) > certain and backlash < 0):
+        reason = f"known to +-{std:.2g} pulses only"
+        return check.unknown(reason, backlash)
     if signals.reference is not None:
-        return Finding.unknown(
-            name, i, "none seen, but a position loop hides it", value=play, unit=unit
-        )
-    return Finding.of(name, i, play, unit)
+        reason = "none seen, but a position loop hides it"
+        return check.unknown(reason, backlash)
+    return check.fine(backlash)
 
 
-_LEAST = 50  # samples with weight, below which only their times are checked
-
-
-# Checks of a log whose lost rows are bridged; first what shows as noise, saturation and delay, too.
-_PARTS = (
+# Checks of a log whose lost rows are bridged. What others take for noise, saturation or a delay
+# comes first, since the first finding is the first to be corrected.
+_CHECKS = (
     _of_torque("clipped torque", _clipped),
     oscillation_findings,
     quantisation_findings,
@@ -149,39 +182,39 @@ _PARTS = (
 def examine(record: Any) -> Checkup:
     """Check a record for errors; ``record.check()`` does."""
     labels = tuple(Signals(record).joint_labels)
-    if (record.valid > 0).sum() < _LEAST:
+    if (record.valid > 0).sum() < _LEAST_SAMPLES:
         return Checkup(findings=tuple(_findings(record)), joint_labels=labels, record=record)
+
+    # A law that was made for another rig gives no torque: the other checks do without it.
     misfit = tuple[Finding, ...]()
-    known = record
+    checked = record
     try:
         if record.law is not None:
             record.law.block(record.rig)
-    except ValueError as error:  # made for another rig: all else is told without it
-        misfit = (
-            Finding.of(
-                "law", None, None, "", "wrong", f"The record's law does not fit its rig: {error}"
-            ),
-        )
-        known = dataclasses.replace(record, law=None)
-    findings, corrected = tried(known, _findings)
-    corrected = record if corrected is known else dataclasses.replace(corrected, law=record.law)
+    except ValueError as error:
+        advice = f"The record's law does not fit its rig: {error}"
+        misfit = (Check("law").wrong(None, advice),)
+        checked = dataclasses.replace(record, law=None)
+    findings, corrected = tried(checked, _findings)
+    corrected = record if corrected is checked else dataclasses.replace(corrected, law=record.law)
     return Checkup(findings=(*misfit, *findings), joint_labels=labels, record=corrected)
 
 
-def _findings(record: Any) -> list[Finding]:
+def _findings(record):
+    """All findings about a record as it is."""
     signals = Signals(record)
-    if len(signals.t) < _LEAST:
-        few = Finding.unknown("counts, torque", None, f"only {len(signals.t)} samples have weight")
-        return [*time_findings(signals), few]
+    findings = list(time_findings(signals))
+    if len(signals.t) < _LEAST_SAMPLES:
+        reason = f"only {len(signals.t)} samples have weight"
+        return [*findings, Check("counts, torque").unknown(reason)]
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
-        return [*time_findings(signals), *lost_findings(signals, lost)]
-    whole = Signals(repeats_bridged(record, lost))
+        return [*findings, *lost_findings(signals, lost)]
+    findings += count_unit_findings(signals)
+    findings += lost_findings(signals, lost)
+    # Glitches and jumps are findings of their own, so they are bridged for the later checks only.
+    findings += counts_findings(signals, Signals(repeats_bridged(record, lost)))
     bridged = Signals(all_bridged(record, lost))
-    found = [
-        *time_findings(signals),
-        *count_unit_findings(signals),
-        *lost_findings(signals, lost),
-        *counts_findings(signals, whole),
-    ]
-    return [*found, *(finding for part in _PARTS for finding in part(bridged))]
+    for check in _CHECKS:
+        findings += check(bridged)
+    return findings

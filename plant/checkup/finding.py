@@ -1,24 +1,35 @@
-"""Findings of a checkup: one per check and joint, and the table of all of them."""
+"""Findings of a checkup: one line per check and joint, and the table of all of them."""
 
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator
-from typing import Any, Self
+from typing import Any, NamedTuple
 
 from plant.parts.messages import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_ROUNDING = 1e-9  # printed as 0
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class Finding(Shown):
-    """One line of a checkup: what was checked, of which joint (its place in q, or None for the
-    whole record).
+    """One line of a checkup: a check, its joint, the measured value and the verdict.
 
-    `value` is what was measured, in `unit`, or None; the verdict "fine", "look", "wrong", or
-    "cannot tell: " and why; `advice` what to do, one sentence, or empty.
+    Parameters
+    ----------
+    check : str
+        Name of the check, "delay".
+    joint : int, optional
+        Index of the joint in q; None for the whole record.
+    value : float, optional
+        The measured value in `unit`.
+    unit : str
+    verdict : str
+        "fine", "look", "wrong", or "cannot tell: " and the reason.
+    advice : str
+        One sentence that says what to do; empty where there is nothing to do.
+    cause : str
+        The beginning of the advice, which names the fault and no remedy yet. `corrections` puts the
+        remedy that helped behind it. Empty where the advice stays as it is.
     """
 
     check: str
@@ -27,44 +38,7 @@ class Finding(Shown):
     unit: str
     verdict: str
     advice: str = ""
-
-    @classmethod
-    def of(
-        cls,
-        check: str,
-        joint: int | None,
-        value: Any,
-        unit: str,
-        verdict: str = "fine",
-        advice: str = "",
-    ) -> Self:
-        """What a check measured, and its verdict."""
-        value = None if value is None else float(value)
-        return cls(check=check, joint=joint, value=value, unit=unit, verdict=verdict, advice=advice)
-
-    @classmethod
-    def graded(
-        cls,
-        name: str,
-        joint: int | None,
-        value: float,
-        unit: str,
-        *,
-        look: float,
-        wrong: float = math.inf,
-        advice: str,
-    ) -> Self:
-        """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
-        size = abs(value)
-        verdict = "wrong" if size > wrong else "look" if size > look else "fine"
-        return cls.of(name, joint, value, unit, verdict, "" if verdict == "fine" else advice)
-
-    @classmethod
-    def unknown(
-        cls, check: str, joint: int | None, why: str, *, value: Any = None, unit: str = ""
-    ) -> Self:
-        """A check that this record does not allow."""
-        return cls.of(check, joint, value, unit, f"cannot tell: {why}")
+    cause: str = ""
 
     @property
     def ok(self) -> bool:
@@ -72,9 +46,9 @@ class Finding(Shown):
         return self.verdict not in ("look", "wrong")
 
     def _short(self) -> str:
-        measured = "" if self.value is None else f", {_measured([self.value], self.unit)}"
-        where = "" if self.joint is None else f", joint {self.joint}"
-        return f"{self.check}{where}{measured}: {self.verdict:.40}"
+        measured = "" if self.value is None else f", {_range_text([self.value], self.unit)}"
+        joint = "" if self.joint is None else f", joint {self.joint}"
+        return f"{self.check}{joint}{measured}: {self.verdict:.40}"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), self.ok)
@@ -82,16 +56,79 @@ class Finding(Shown):
             yield self.advice
 
 
-def unless(why: str, names: Iterable[str], findings: Iterable[Finding]) -> Iterator[Finding]:
-    """What checks of these names find; where there is a reason why they cannot tell, that."""
-    yield from (Finding.unknown(name, None, why) for name in names) if why else findings
+class Check(NamedTuple):
+    """A check of a joint, or of the whole record, which makes its findings.
+
+    `joint`: index in q, or None. `unit`: that of the measured values.
+    """
+
+    name: str
+    joint: int | None = None
+    unit: str = ""
+
+    def finding(self, value: Any, verdict: str, advice: str = "", cause: str = "") -> Finding:
+        """A finding of this check; the value becomes a plain float."""
+        value = None if value is None else float(value)
+        return Finding(
+            check=self.name,
+            joint=self.joint,
+            value=value,
+            unit=self.unit,
+            verdict=verdict,
+            advice=advice,
+            cause=cause,
+        )
+
+    def fine(self, value: Any = None) -> Finding:
+        """There is nothing to do."""
+        return self.finding(value, "fine")
+
+    def look(self, value: Any, advice: str, cause: str = "") -> Finding:
+        """There may be a fault, which a user has to look at."""
+        return self.finding(value, "look", advice, cause)
+
+    def wrong(self, value: Any, advice: str, cause: str = "") -> Finding:
+        """There is a fault."""
+        return self.finding(value, "wrong", advice, cause)
+
+    def wrong_sign(self, value: Any, cause: str, column: str) -> Finding:
+        """A column, or one of several, has the wrong sign."""
+        return self.wrong(value, sign_advice(cause, column), cause)
+
+    def unknown(self, reason: str, value: Any = None) -> Finding:
+        """This record does not allow the check."""
+        # Without a value the table shows no unit, and findings with one reason share a line.
+        check = self._replace(unit="") if value is None else self
+        return check.finding(value, f"cannot tell: {reason}")
+
+    def graded(
+        self, value: Any, advice: str, look: float, wrong: float = math.inf, cause: str = ""
+    ) -> Finding:
+        """Judge the size of a value: fine up to `look`, wrong above `wrong`."""
+        if abs(value) > wrong:
+            return self.wrong(value, advice, cause)
+        return self.look(value, advice, cause) if abs(value) > look else self.fine(value)
+
+
+def sign_advice(cause: str, column: str) -> str:
+    """Advice for a wrong sign: its cause, and the columns one of which has it."""
+    return f"{cause}: change the sign of {column}."
+
+
+def unless(reason: str, names: Iterable[str], findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Findings of the checks of these names; "cannot tell" of each where there is a reason."""
+    if not reason:
+        yield from findings
+        return
+    for name in names:
+        yield Check(name).unknown(reason)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class Checkup(Shown):
-    """All findings about a record; printed, a table, which calls the joints by their labels.
+    """All findings about a record; it prints as a table with the labels of the joints.
 
-    `record`: with every correction of the advice that was tried and helps; none, the same record.
+    `record` has every correction that was tried and helps; without any it is the same record.
     """
 
     findings: tuple[Finding, ...]
@@ -113,48 +150,46 @@ class Checkup(Shown):
         return ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
 
     def _shown(self) -> Iterator[Piece]:
-        """Check, joint, number and verdict; joints with one verdict share the line of a check.
-        Above, what to do.
-        """
+        """Advice first, then check, joint, value and verdict; joints with one verdict share it."""
+        # A joint with a problem has a line of its own: its advice names its columns.
         groups: dict[tuple[Any, ...], list[Finding]] = {}
         for finding in self.findings:
-            own = finding.joint if not finding.ok else None
-            groups.setdefault((finding.check, finding.verdict, finding.unit, own), []).append(
-                finding
-            )
+            joint = None if finding.ok else finding.joint
+            key = finding.check, finding.verdict, finding.unit, joint
+            groups.setdefault(key, []).append(finding)
         yield Verdict(
             f"{len(self.problems)} of {len(self.findings)} checks need attention: {self._short()}",
             self.ok,
         )
         rows = []
         reasons = []
-        for (name, verdict, unit, _), group in groups.items():
-            label, *more = self._labels([finding.joint for finding in group])
+        for (check, verdict, unit, _), group in groups.items():
+            label, *further_labels = self._labels([finding.joint for finding in group])
             values = [finding.value for finding in group if finding.value is not None]
-            said, _, why = verdict.partition(": ")
-            rows.append((name, label, _measured(values, unit), said))
-            rows += [("", label, "", "") for label in more]
+            word, _, reason = verdict.partition(": ")
+            rows.append((check, label, _range_text(values, unit), word))
+            rows += [("", label, "", "") for label in further_labels]
             if group[0].advice:
-                yield f"{name}{'' if label == '-' else f', {label}'}: {group[0].advice}"
-            if why:
-                reasons.append(f"{name}: {verdict}")
+                yield f"{check}{'' if label == '-' else f', {label}'}: {group[0].advice}"
+            if reason:
+                reasons.append(f"{check}: {verdict}")
         yield Table(("check", "joint", "measured", "verdict"), rows, words=(1, 2, 3))
         yield from reasons
 
     def _labels(self, joints: list[int | None]) -> list[str]:
-        """What the table calls these joints, a line each; "all" for all of several."""
+        """Labels of these joints in the table, a line each; "all" for all of several."""
         if 1 < len(joints) == len(self.joint_labels):
             return ["all"]
-        known = [joint for joint in joints if joint is not None]
-        return [
-            self.joint_labels[j] if self.joint_labels else joint_label((), j) for j in known
-        ] or ["-"]
+        labels = self.joint_labels
+        named = [labels[j] if labels else joint_label((), j) for j in joints if j is not None]
+        return named or ["-"]
 
 
-def _measured(values: list[float], unit: str) -> str:
+def _range_text(values: list[float], unit: str) -> str:
     if not values:
         return ""
+    # What is zero but for rounding prints as 0, so that equal numbers share one text.
     low, high = (
-        f"{0.0 if abs(value) < _ROUNDING else value:.4g}" for value in (min(values), max(values))
+        f"{0.0 if abs(value) < 1e-9 else value:.4g}" for value in (min(values), max(values))
     )
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"

@@ -1,10 +1,11 @@
-"""Delay of the counts under a law with memory: run along its log, it gives the logged torque from
-the right rows alone.
+"""Delay of the counts under a law with memory: only the right rows give the logged torque.
 
-Its memory before the log need not be known: the steps of torques are compared, from which an
-integral is away, and smoothed torques without their mean.
+The law is run along the counts of the log, shifted by whole samples. Its memory before the log is
+unknown, so two quantities without it are compared: the steps of the torques, in which an integral
+cancels, and smoothed torques without their mean.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -15,141 +16,161 @@ from plant.laws.resumed import FAST, AlongLog, Resumed
 from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
 
-# Samples by which counts may be late; and trials, since a joint's torque may depend on another's
-# late counts.
-_SHIFTS = np.arange(-2, 4)
-_ROUNDS = 3
 
-# What the right rows leave of the torque, relative to what any others leave, at most; and relative
-# to the torque.
-_BETTER = 0.25
-_SAME = 1e-4
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LawDelaySettings:
+    """Numbers of the search for the rows that a law with memory read, chosen by hand.
 
-# Samples along which the law is run; and its period, and the rig's, relative to the log's, at most.
-_MOST = 5000
-_PERIODS = 1.01
+    Parameters
+    ----------
+    earliest, latest : int
+        Samples by which counts may be late; negative is early.
+    rounds : int
+        Searches over all joints, since the torque of one may depend on the counts of another.
+    better : float
+        Residual that the right rows may leave, as a share of the residual of the next best rows.
+    same : float
+        Residual [share of the torque] below which two residuals do not differ.
+    samples : int
+        Samples in the middle of the log along which the law is run.
+    period : float
+        Largest ratio of the law's period, and of the rig's, to the interval of the log.
+    """
+
+    earliest: int = -2
+    latest: int = 3
+    rounds: int = 3
+    better: float = 0.25
+    same: float = 1e-4
+    samples: int = 5000
+    period: float = 1.01
+
+
+SETTINGS = LawDelaySettings()
 
 
 def law_delays(signals: Signals) -> Floats:
-    """Samples (n,) by which the counts of each joint are late; NaN where law and logged torque do
-    not tell.
+    """Samples (n,) by which the counts of each joint are late; NaN where the torque does not tell.
 
-    Smoothed torques alone, which fast hardware leaves, do not tell that nothing is late: a law lags
-    by itself.
+    Fast hardware leaves only the smoothed torques. They alone do not show that nothing is late,
+    since a law lags by itself.
     """
     late = np.zeros(signals.n, int)
     unknown = np.full(signals.n, np.nan)
-    if (law := _along(signals)) is None:
+    law = _law_along_log(signals)
+    if law is None:
         return unknown
-    rows = _Rows(signals, law)
-    for _ in range(_ROUNDS):
-        left = np.stack([rows.left(late + shift) for shift in _SHIFTS], axis=1)  # (2, shifts, n)
-        (best, other), (least, following) = (
-            left.argmin(axis=1),
-            np.moveaxis(np.sort(left, axis=1)[:, :2], 1, 0),
-        )
-        by_steps, smoothed = least + _SAME < _BETTER * following
-        moved = np.where(by_steps | (best == other), _SHIFTS[best], 0)
-        if not moved.any():
-            return np.where(by_steps | (smoothed & (best == other) & (late != 0)), late, unknown)
-        late += moved
+    run = _RunAlongLog(signals, law)
+    shifts = np.arange(SETTINGS.earliest, SETTINGS.latest + 1)
+    for _ in range(SETTINGS.rounds):
+        # For each joint, the shift with the least residual of steps, and of smoothed torques.
+        residuals = np.array([run.residuals(late + shift) for shift in shifts])
+        by_steps, by_smoothed = residuals.argmin(axis=0)
+        least, following = np.sort(residuals, axis=0)[:2]
+        steps_clear, smoothed_clear = least + SETTINGS.same < SETTINGS.better * following
+        # The steps decide where they are clear; otherwise both quantities must agree.
+        agree = by_steps == by_smoothed
+        correction = np.where(steps_clear | agree, shifts[by_steps], 0)
+        if not correction.any():
+            return np.where(steps_clear | (smoothed_clear & agree & (late != 0)), late, unknown)
+        # A corrected joint changes the torque of others: search again.
+        late += correction
     return unknown
 
 
-def _along(signals: Signals) -> AlongLog | None:
-    """The law, reading the log's counts; None where it has no memory, or what it gives cannot be
-    compared.
-    """
+def _law_along_log(signals):
+    """The law that reads the counts of the log; None where its torque cannot be compared."""
     law = signals.record.law
     rig = signals.rig
-    interval = signals.interval
     if law is None or law.replays or not law.has_memory(signals.n) or signals.reference is None:
         return None
     if signals.torque is None or not (signals.long_enough and signals.tracks.all()):
         return None
-    if (
-        law.period or 0.0
-    ) > _PERIODS * interval or not 1 / _PERIODS < interval / rig.period < _PERIODS:
+    # A slower law would need the rows between those of the log.
+    slower = (law.period or 0.0) > SETTINGS.period * signals.interval
+    if slower or not 1 / SETTINGS.period < signals.interval / rig.period < SETTINGS.period:
         return None
-    return (
-        law if isinstance(law, Resumed) else Resumed(law=law, state=law.initial_state(signals.n))
-    ).along(rig)
+    if not isinstance(law, Resumed):
+        law = Resumed(law=law, state=law.initial_state(signals.n))
+    return law.along(rig)
 
 
-class _Rows:
-    """Rows in the middle of a log, on even times, along which its law is run."""
+class _RunAlongLog:
+    """A law run along the middle of a log, at even times."""
 
     def __init__(self, signals: Signals, law: AlongLog) -> None:
         self.signals = signals
         self.law = law
         record = signals.record
         rig = signals.rig
-        first = max(0, (len(signals.clear) - _MOST) // 2)
-        self.clear = signals.clear[first : first + _MOST].copy()
-        self.clear[: signals.window] = self.clear[-signals.window :] = False
-        self.t = signals.t[0] + signals.interval * (first + np.arange(len(self.clear)))
+        start = max(0, (len(signals.clear) - SETTINGS.samples) // 2)
+        # The law starts with the wrong memory, and filters need rows on both sides.
+        self.clear = signals.clear[start : start + SETTINGS.samples].copy()
+        self.clear[: signals.window] = False
+        self.clear[-signals.window :] = False
+        self.t = signals.t[0] + signals.interval * (start + np.arange(len(self.clear)))
         self.period = law.period or signals.interval / FAST
         self.steps = np.arange(self.t[0], self.t[-1] + self.period / 2, self.period)
-        self.counts, self.reference = (
-            law.replayed(record),
-            _lines(self.steps, signals.t, signals.reference),
-        )
+        self.counts = law.replayed(record)
+        self.reference = _at_times(self.steps, signals.t, signals.reference)
         self.motion = [np.zeros_like(self.reference)] * 3
         step = law.block(rig).step
+        # The law's outputs, torque and state, may depend on the inputs 1 to 3: reference position,
+        # velocity and acceleration. Splines of a logged reference are made only if they do.
         if record.reference is not None:
             self.motion = record.reference(self.steps - record.t[0])
         elif any(step.jac_sparsity(out, of).nnz() for out in (0, 1) for of in (1, 2, 3)):
             self.motion = self._smooth_motion()
-        self.injected = (
-            0.0 if record.injected is None else _lines(self.t, record.t, record.injected)
-        )
-        self.logged = self._limited(
-            rig.drive.joint_torque(_lines(self.t, signals.t, signals.torque))
-        )
+        self.injected: Any = 0.0
+        if record.injected is not None:
+            self.injected = _at_times(self.t, record.t, record.injected)
+        logged = _at_times(self.t, signals.t, signals.torque)
+        self.logged = self._limited(rig.drive.joint_torque(logged))
 
     def _smooth_motion(self) -> list[Floats]:
         """Position, velocity and acceleration of the logged reference."""
         signals = self.signals
-        rig = self.signals.rig
+        rig = signals.rig
         rows = (signals.t >= self.t[0]) & (signals.t <= self.t[-1])
-        asked = np.asarray(signals.reference)[rows]
+        reference = np.asarray(signals.reference)[rows]
         encoder = rig.encoder
-        if whole := bool((asked == np.trunc(asked)).all()):
-            asked = encoder.position_in_pulses(encoder.cell_centre(asked))
-        splines = smooth_splines(signals.t[rows], asked, whole, 1.0)
+        # Whole pulses were rounded from a smooth path: the splines may pass anywhere in the cells.
+        whole = bool((reference == np.trunc(reference)).all())
+        if whole:
+            reference = encoder.position_in_pulses(encoder.cell_centre(reference))
+        splines = smooth_splines(signals.t[rows], reference, whole, 1.0)
         return [
-            rig.to_angle(np.column_stack([each(self.steps, nu) for each in splines]))
-            for nu in range(3)
+            rig.to_angle(np.column_stack([spline(self.steps, order) for spline in splines]))
+            for order in range(3)
         ]
 
-    def left(self, late: NDArray[np.int_]) -> Floats:
-        """What is left (2, n) of the logged torque with counts so late, relative to it: of its
-        steps, and smoothed.
+    def residuals(self, late: NDArray[np.int_]) -> tuple[Floats, Floats]:
+        """Deviation (n,) from the logged torque, relative to it: of its steps, and smoothed.
+
+        `late` (n,): samples by which the counts were late.
         """
         signals = self.signals
-        t = self.signals.record.t
-        read = [
-            np.interp(self.steps + k * signals.interval, t, x)
-            for k, x in zip(late, self.counts.T, strict=True)
+        t = signals.record.t
+        counts = [
+            np.interp(self.steps + samples * signals.interval, t, column)
+            for samples, column in zip(late, self.counts.T, strict=True)
         ]
-        columns = *self.motion, self.reference, np.column_stack(read)
-        ((given, _),) = self.law.steps(signals.rig, columns, self.period, [self.law.state])
-        held = np.floor((self.t - self.t[0]) / self.period + 1e-6).astype(int)
-        off = self._limited(given[held] + self.injected) - self.logged
-        return np.array(
-            [
-                seen(off) / np.maximum(seen(self.logged), 1e-300)
-                for seen in (self._steps, self._smoothed)
-            ]
-        )
+        columns = *self.motion, self.reference, np.column_stack(counts)
+        ((torque, _),) = self.law.steps(signals.rig, columns, self.period, [self.law.state])
+        # Each sample has the torque of the last step of the law up to it.
+        step = np.floor((self.t - self.t[0]) / self.period + 1e-6).astype(int)
+        deviation = self._limited(torque[step] + self.injected) - self.logged
+        steps = self._mean_step(deviation) / np.maximum(self._mean_step(self.logged), 1e-300)
+        smoothed = self._mean_size(deviation) / np.maximum(self._mean_size(self.logged), 1e-300)
+        return steps, smoothed
 
-    def _steps(self, torque: Floats) -> Floats:
+    def _mean_step(self, torque: Floats) -> Floats:
         return np.asarray(np.abs(np.diff(torque, axis=0))[self.clear[1:]].mean(axis=0))
 
-    def _smoothed(self, torque: Floats) -> Floats:
-        smooth = np.column_stack([self.signals.smooth_even(column) for column in torque.T])[
-            self.clear
-        ]
+    def _mean_size(self, torque: Floats) -> Floats:
+        """Mean size (n,) of smoothed torque about its mean, in which unknown memory cancels."""
+        smooth = np.column_stack([self.signals.smooth_even(column) for column in torque.T])
+        smooth = smooth[self.clear]
         return np.asarray(np.abs(smooth - smooth.mean(axis=0)).mean(axis=0))
 
     def _limited(self, torque: Floats) -> Floats:
@@ -158,5 +179,5 @@ class _Rows:
         return np.asarray(drive.motor_torque(drive.limited(torque)))
 
 
-def _lines(at: Floats, t: Floats, columns: Any) -> Floats:
-    return np.column_stack([np.interp(at, t, column) for column in columns.T])
+def _at_times(times, t, columns):
+    return np.column_stack([np.interp(times, t, column) for column in columns.T])

@@ -1,9 +1,9 @@
-"""Rows of a log that are no measurement: told apart, bridged for filters, and given no weight.
+"""Rows of a log that are no measurement: found, bridged for filters, and given no weight.
 
-A lost packet repeats the row before, or its reference, while the rest moves; a stuck sample the
-count of one joint: the count that follows is where the motion went meanwhile, which a joint at rest
-does not do. A late stamp is read with a count that was taken in time. A counter that loses or gains
-a turn goes on from there.
+A lost packet repeats the previous row, or its reference, while the rest moves; a stuck sample
+repeats the count of one joint. The count that follows is where the motion went meanwhile, which a
+joint at rest does not show. A late stamp comes with a count that was read in time. A counter that
+loses or gains a turn goes on from there.
 """
 
 import dataclasses
@@ -17,36 +17,54 @@ from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
-# rows of a gap up to which straight lines across it are as good as its neighbours, for filters
 BRIDGED = 10
+"""Rows of a gap up to which straight lines across it are as good as its neighbours, for filters."""
 
-# Counts per row from which on rows cannot be equal; how far, relatively, the next count may be off
-# the motion's; and steps to each side that tell the motion.
-_FAST = 2.0
-_FOLLOWS = 0.35
-_AROUND = 4
-
-# Pulses by which a logged reference may differ from the stated one; and share of rows that may be
-# lost.
-_OFF = 1.0
 MOST = 0.5
+"""Share of rows that may be lost."""
 
-_OTHER = 0.2  # share of rows off the stated reference above which it is another one
 
-# Intervals by which a stamp is late, at least; and of that, how far off the even time its count may
-# be.
-_ODD = 0.2
-_EVEN = 0.3
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LostRowSettings:
+    """Limits of the search for rows that are no measurement, chosen by hand.
 
-# Part of a turn within which a jump is a whole one; and counts after which registers begin again.
-_TURN = 0.02
-_REGISTERS = (2.0**12, 2.0**16, 2.0**24, 2.0**32)
+    ``tests/benchmarks/second_reading.py`` measures them on logs that are spoiled in these ways.
+
+    Parameters
+    ----------
+    fast : float
+        Motion [steps of the counts per row] from which on two rows cannot be equal.
+    follows : float
+        Relative deviation from the motion up to which the next count catches up.
+    neighbours : int
+        Steps to each side whose median is the speed of the motion.
+    off_reference : float
+        Difference [pulses] between the logged and the stated reference of a lost row.
+    other_reference : float
+        Share of such rows above which the stated reference is another one.
+    late : float
+        Shift of a stamp [median intervals] from which on it is late or early.
+    in_time : float
+        Share of that shift by which the count of an even time may be off.
+    turn : float
+        Deviation of a jump from whole turns [turns] up to which the counter lost them.
+    """
+
+    fast: float = 2.0
+    follows: float = 0.35
+    neighbours: int = 4
+    off_reference: float = 1.0
+    other_reference: float = 0.2
+    late: float = 0.2
+    in_time: float = 0.3
+    turn: float = 0.02
+
+
+SETTINGS = LostRowSettings()
 
 
 class LostRows(NamedTuple):
-    """Rows (N,) that are no measurement, by cause, and counts (N, n) that jumps of whole turns
-    have added.
-    """
+    """Rows (N,) that are no measurement, by cause; counts (N, n) that lost turns have added."""
 
     packets: NDArray[np.bool_]
     stuck: NDArray[np.bool_]
@@ -61,49 +79,61 @@ class LostRows(NamedTuple):
 
 
 def lost_rows(record: Any) -> LostRows:
-    """Rows of a record with weight that are no measurement; those without are left out."""
+    """Find the rows of a record that are no measurement, among those with weight."""
     N, n = record.counts.shape
-    none = np.zeros(N, bool)
+    packets, stuck, glitches, late = np.zeros((4, N), bool)
+    lost = LostRows(packets, stuck, glitches, late, np.zeros((N, n)))
     rows = np.flatnonzero(record.valid > 0)
-    lost = LostRows(none, none.copy(), none.copy(), none.copy(), np.zeros((N, n)))
-    if len(rows) < 10 * _AROUND:
+    least_rows = 10 * SETTINGS.neighbours
+    if len(rows) < least_rows:
         return lost
-    counts = record.counts[rows]
+
+    # 1. Repeated rows. A packet is lost if the reference repeats, or everything that moves does.
     reference = record.reference_pulses[rows]
-    columns = np.hstack([counts, reference])
+    columns = np.hstack([record.counts[rows], reference])
     t = record.t[rows] / np.median(np.diff(record.t))
-    repeats, moving = (
-        np.column_stack(each)
-        for each in zip(*(_repeats(x / grid(x), t) for x in columns.T), strict=True)
-    )
-    packet = repeats[:, n:].any(axis=1) | (repeats == moving).all(axis=1) & repeats.any(axis=1)
+    repeated = np.zeros(columns.shape, bool)
+    fast = np.zeros(columns.shape, bool)
+    for j, column in enumerate(columns.T):
+        repeated[:, j], fast[:, j] = _repeats(column / grid(column), t)
+    packet = repeated[:, n:].any(axis=1)
+    packet |= (repeated == fast).all(axis=1) & repeated.any(axis=1)
+    # Off the stated reference the row is old if the reference repeats; otherwise its stamp is late.
     off = off_reference(record)[rows]
-    again = np.diff(reference, axis=0, prepend=np.nan).any(axis=1)
-    packet |= off & ~again
-    lost.packets[rows], lost.late[rows] = packet, off & again
-    lost.stuck[rows] = repeats[:, :n].any(axis=1) & ~packet
-    mended = on_lines(record, lost.any)
-    signals = Signals(mended)
-    kept = np.flatnonzero(mended.valid > 0)
-    lost.late[kept] |= _late(signals)
-    for i in range(n if len(kept) > 10 * _AROUND else 0):
-        glitches, jumps, sizes, step = events(signals, i)
-        lost.glitches[kept[glitches]] = True
-        jumps = jumps[:0] if step else jumps
-        for row, turn in zip(
-            kept[jumps], _turns(sizes[jumps - 1], record.rig.encoder.resolution[i]), strict=True
-        ):
+    new_reference = np.diff(reference, axis=0, prepend=np.nan).any(axis=1)
+    packet |= off & ~new_reference
+    packets[rows] = packet
+    late[rows] = off & new_reference
+    stuck[rows] = repeated[:, :n].any(axis=1) & ~packet
+
+    # 2. Late stamps, glitches and lost turns, which those rows would hide.
+    bridged_record = on_lines(record, lost.any)
+    signals = Signals(bridged_record)
+    rows = np.flatnonzero(bridged_record.valid > 0)
+    late[rows] |= _late_stamps(signals)
+    if len(rows) <= least_rows:
+        return lost
+    for i in range(n):
+        outliers = events(signals, i)
+        glitches[rows[outliers.glitches]] = True
+        if outliers.step:
+            continue  # the jumps are steps of a coarse grid
+        sizes = outliers.sizes[outliers.jumps - 1]
+        turns = _turns(sizes, record.rig.encoder.resolution[i])
+        for row, turn in zip(rows[outliers.jumps], turns, strict=True):
             lost.turns[row:, i] += turn
     return lost
 
 
 def bridged(record: Any) -> Any:
-    """The record with lost rows and short gaps on straight lines in time and without weight, and
-    lost turns taken back.
+    """The record with lost rows and short gaps bridged without weight, and lost turns taken back.
 
     A record without any is returned as it is.
 
-    Raises a ValueError: more lost rows than measurements.
+    Raises
+    ------
+    ValueError
+        More rows are lost than measured.
     """
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
@@ -115,36 +145,38 @@ def bridged(record: Any) -> Any:
 
 
 def all_bridged(record: Any, lost: LostRows) -> Any:
-    """The record with these rows bridged, and turns taken back."""
+    """The record with these rows and short gaps bridged, and lost turns taken back."""
     if lost.turns.any():
         record = dataclasses.replace(record, error_pulses=record.error_pulses + lost.turns)
     return on_lines(record, lost.any | short_gaps(record.valid == 0, BRIDGED))
 
 
 def repeats_bridged(record: Any, lost: LostRows) -> Any:
-    """The record with lost packets, stuck samples and late stamps bridged; glitches and jumps
-    are as they were.
+    """The record with lost packets, stuck samples and late stamps bridged.
+
+    Glitches and jumps stay as they are.
     """
     return on_lines(record, lost.packets | lost.stuck | lost.late)
 
 
 def off_reference(record: Any) -> NDArray[np.bool_]:
-    """Rows (N,), a few in a row, whose logged reference is not the stated one where nearly all
-    others are.
+    """Rows (N,) in short gaps whose logged reference is not the stated one.
+
+    There are none where many rows are off: then the record follows another reference.
     """
     if record.reference is None or record.reference.n != record.rig.n:
         return np.zeros(len(record), bool)
     stated = record.rig.counts(record.reference(record.t - record.t[0]).q)
-    off = np.abs(stated - record.reference_pulses).max(axis=1) > _OFF
-    return short_gaps(off, BRIDGED) & (off.mean() < _OTHER)
+    off = np.abs(stated - record.reference_pulses).max(axis=1) > SETTINGS.off_reference
+    return short_gaps(off, BRIDGED) & (off.mean() < SETTINGS.other_reference)
 
 
-def short_gaps(missing: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
-    """Those of the missing rows (N,) that lie in gaps of at most so many."""
+def short_gaps(missing: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
+    """Those of the missing rows (N,) that lie in gaps of at most so many rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], missing, [0]])))
     short = np.zeros(len(missing), bool)
     for begin, end in edges.reshape(-1, 2):
-        short[begin:end] = end - begin <= most
+        short[begin:end] = end - begin <= longest
     return short
 
 
@@ -152,55 +184,63 @@ def on_lines(record: Any, rows: NDArray[np.bool_]) -> Any:
     """The record with these rows on straight lines between the others, and without weight."""
     if not rows.any():
         return record
-    known = ~rows
 
-    def lines(table, whole=True):
+    def lines(table, pulses):
         if table is None:
             return None
-        made = np.column_stack(
-            [np.interp(record.t, record.t[known], column[known]) for column in table.T]
-        )
-        made = np.round(made) if whole and (table == np.round(table)).all() else made
-        return np.where(rows[:, None], made, table)
+        t = record.t[~rows]
+        values = np.column_stack([np.interp(record.t, t, column[~rows]) for column in table.T])
+        # Whole pulses stay whole: later checks tell counts from angles by that.
+        if pulses and (table == np.round(table)).all():
+            values = np.round(values)
+        return np.where(rows[:, None], values, table)
 
-    reference = lines(record.reference_pulses)
-    values = {
-        name: lines(getattr(record, name), False)
-        for name in ("torque", "current", "injected", "link_counts")
-    }
-    valid = np.where(rows, 0.0, record.valid)
-    error = reference - lines(record.counts)
+    reference = lines(record.reference_pulses, True)
     return dataclasses.replace(
-        record, reference_pulses=reference, error_pulses=error, valid=valid, **values
+        record,
+        reference_pulses=reference,
+        error_pulses=reference - lines(record.counts, True),
+        valid=np.where(rows, 0.0, record.valid),
+        torque=lines(record.torque, False),
+        current=lines(record.current, False),
+        injected=lines(record.injected, False),
+        link_counts=lines(record.link_counts, False),
     )
 
 
 def _repeats(column, t):
-    """Rows (M,) of a column that repeat the one before while it moves on; and rows in which it
-    moves too fast to.
+    """Rows (M,) of a column that repeat the previous one although it moves; rows of fast motion.
 
     `t` (M,): their times [median intervals].
     """
+    # 1. The speed before and after each jump between two stretches of equal values.
+    reach = SETTINGS.neighbours
     starts = np.append(0, np.flatnonzero(np.diff(column)) + 1)
-    if len(starts) < 2 * _AROUND + 2:
+    if len(starts) < 2 * reach + 2:
         return np.zeros(len(column), bool), np.zeros(len(column), bool)
     length = np.diff(t[starts])
     jump = np.diff(column[starts])
-    around = np.lib.stride_tricks.sliding_window_view(jump / length, _AROUND)
-    speed = np.median(around, axis=1)
-    before = np.concatenate([np.full(_AROUND, speed[0]), speed[: len(jump) - _AROUND]])
-    after = np.concatenate([speed[1:], np.full(_AROUND, speed[-1])])[: len(jump)]
+    windows = np.lib.stride_tricks.sliding_window_view(jump / length, reach)
+    speed = np.median(windows, axis=1)
+    before = np.concatenate([np.full(reach, speed[0]), speed[: len(jump) - reach]])
+    after = np.concatenate([speed[1:], np.full(reach, speed[-1])])[: len(jump)]
     mean = (before + after) / 2
-    fast = (np.minimum(np.abs(before), np.abs(after)) >= _FAST) & (before * after > 0)
+
+    # 2. A stretch repeats its value if the motion is fast on both sides, and the jump at its end
+    # is that of its whole length rather than that of one row.
+    fast = (np.minimum(np.abs(before), np.abs(after)) >= SETTINGS.fast) & (before * after > 0)
     off = np.abs(jump - length * mean)
-    follows = (off <= _FAST + _FOLLOWS * np.abs(length * mean)) & (off < np.abs(jump - mean))
-    run = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(column)))
-    repeats = np.append(fast & follows, False)[run]
+    tolerance = SETTINGS.fast + SETTINGS.follows * np.abs(length * mean)
+    follows = (off <= tolerance) & (off < np.abs(jump - mean))
+
+    # 3. Back to rows; the first row of a stretch is a measurement.
+    stretch = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(column)))
+    repeats = np.append(fast & follows, False)[stretch]
     repeats[starts] = False
-    return repeats, np.append(fast, False)[run]
+    return repeats, np.append(fast, False)[stretch]
 
 
-def _late(signals):
+def _late_stamps(signals):
     """Rows (M,) stamped late or early whose counts are those of the even time."""
     late = np.zeros(len(signals.t), bool)
     T = signals.interval
@@ -208,25 +248,27 @@ def _late(signals):
     counts = signals.counts
     if len(steps) < 3:
         return late
+    # One interval is longer, and the next as much shorter.
     shift = (steps[:-1] - steps[1:]) / 2
-    odd = (np.abs(shift) > _ODD * T) & (np.abs(steps[:-1] + steps[1:] - 2 * T) < _ODD * T)
-    even = counts[1:-1] - (counts[2:] + counts[:-2]) / 2
-    moved = (counts[2:] - counts[:-2]) / (2 * T) * shift[:, None]
-    # Of a stamp and count that belong together `even` is `moved`.
-    seen = (moved**2).sum(axis=1)
-    kept = np.abs((even * moved).sum(axis=1))
-    late[1:-1] = odd & (seen > (2 * _FAST) ** 2) & (kept < _EVEN * seen)
+    limit = SETTINGS.late * T
+    odd = (np.abs(shift) > limit) & (np.abs(steps[:-1] + steps[1:] - 2 * T) < limit)
+    # Deviation of each count from the mean of its neighbours, and its prediction if stamp and count
+    # belong together. The share of the prediction that is there says which of them is the case.
+    deviation = counts[1:-1] - (counts[2:] + counts[:-2]) / 2
+    predicted = (counts[2:] - counts[:-2]) / (2 * T) * shift[:, None]
+    power = (predicted**2).sum(axis=1)
+    visible = power > (2 * SETTINGS.fast) ** 2
+    measured = np.abs((deviation * predicted).sum(axis=1))
+    late[1:-1] = odd & visible & (measured < SETTINGS.in_time * power)
     return late
 
 
 def _turns(sizes, resolution):
-    """Counts of whole turns, or of a register of bits, that jumps (J,) are; 0 where they are
-    something else.
-    """
+    """Counts of whole turns, or of registers, that jumps (J,) are; 0 for other jumps."""
     turns = np.zeros(len(sizes))
-    for one in (resolution, *_REGISTERS):
-        whole = np.round(sizes / one) * one
-        turns = np.where(
-            (turns == 0) & (np.abs(sizes - whole) < _TURN * one), np.round(whole), turns
-        )
+    # Registers of 12, 16, 24 and 32 bits begin again after as many counts.
+    for period in (resolution, 2.0**12, 2.0**16, 2.0**24, 2.0**32):
+        nearest = np.round(sizes / period) * period
+        close = np.abs(sizes - nearest) < SETTINGS.turn * period
+        turns = np.where((turns == 0) & close, np.round(nearest), turns)
     return turns

@@ -1,50 +1,81 @@
-"""Oscillation of the loop itself: errors that oscillate at a frequency which the reference does not
-contain, and go on.
+"""Oscillation of the loop itself: lasting errors at a frequency that the reference lacks.
 
-A stable loop rings after each reversal of friction, and stays below its tracking error. One that is
-unstable, by a lag of its currents or by elastic gears, oscillates ever wider, or until friction or
-the amplifier limit it.
+A stable loop rings after each reversal of friction, and stays below its tracking error. A loop that
+is unstable, by a lag of its currents or by elastic gears, oscillates ever wider, or until friction
+or the amplifier limit it.
 """
 
+import dataclasses
 import functools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.checkup.finding import Finding, unless
+from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
-# Share of the reference's power below the highest of its frequencies; and how many times that, and
-# [Hz], is above.
-_CONTAINED = 0.999
-_BEYOND = 5.0
-_SLOWEST = 3.0
 
-_PARTS = 6  # of the log, in whose median the error oscillates
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OscillationSettings:
+    """Limits that separate an oscillation of the loop from ringing and noise.
 
-# How much wider, RMS, than the slow part of the error: stable P loops come to 0.55; and in counts.
-_SWINGS = 0.8
-_LEAST = 2.0
+    Where a measurement is given it is that of ``docs/guides/check.md``; the others are chosen by
+    hand.
 
-# Power there in that of the median of fast frequencies, averaged over so many neighbours; noise
-# comes to 3.
-_PEAK = 20.0
-_AVERAGED = 9
+    Parameters
+    ----------
+    contained : float
+        Share of the reference's power below the highest of its frequencies.
+    faster : float
+        Multiple of that frequency from which on the error is the loop's.
+    slowest : float
+        Least frequency [Hz] of an oscillation.
+    segments : int
+        Segments of the log, in whose median the error oscillates.
+    share_of_slow : float
+        RMS of an oscillation [RMS of the slow error]. In 40 logs of stable P loops it is at most
+        0.55.
+    counts : float
+        Least RMS of an oscillation [counts].
+    peak : float
+        Power of its peak [median power of the fast frequencies]; noise reaches 3.
+    averaged : int
+        Lines of the spectrum over which that power is averaged.
+    grown : float
+        RMS in the last third of the log [that in the first] from which on the oscillation grows.
+    decayed : float
+        The same ratio below which the start excited it: such a loop has little damping, and is
+        stable.
+    flares : float
+        RMS after reversals of the load [that before them] from which on a gear has backlash; logs
+        without backlash have 0.9 to 1.3.
+    reversals : int
+        Reversals that such a median needs.
+    periods : int
+        Periods of the oscillation before and after a reversal that are compared.
+    limited : float
+        Share of the log with commands above the limit, from which on the loop is not analysed.
+    """
 
-_GROWN = 1.5  # ratio of the last third to the first from which on it grows
+    contained: float = 0.999
+    faster: float = 5.0
+    slowest: float = 3.0
+    segments: int = 6
+    share_of_slow: float = 0.8
+    counts: float = 2.0
+    peak: float = 20.0
+    averaged: int = 9
+    grown: float = 1.5
+    decayed: float = 0.5
+    flares: float = 1.6
+    reversals: int = 4
+    periods: int = 4
+    limited: float = 0.01
 
-# the same ratio, below which it is what is left of the start: a loop of little damping, but stable
-_DECAYED = 0.5
 
-# How much wider, by the median over so many reversals of the loads at least, it is in so many of
-# its periods after them than before, where a gear has backlash; without it comes to 1.3.
-_FLARES = 1.6
-_REVERSALS = 4
-_AFTER = 4
-
-_LIMITED = 0.01  # share of the log in which commands above the limit make it another loop
+SETTINGS = OscillationSettings()
 
 _NAME = "oscillation"
 
@@ -53,124 +84,153 @@ def spectrum(values: Floats, period: float) -> tuple[Floats, Floats]:
     """Frequencies [Hz] and power of values (N,) or (N, n) about their mean, in a Hann window."""
     window = np.hanning(len(values)).reshape(-1, *[1] * (values.ndim - 1))
     power = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0)) ** 2
-    return np.asarray(np.fft.rfftfreq(len(values), period), dtype=np.float64), np.asarray(
-        power, dtype=np.float64
-    )
+    frequency = np.fft.rfftfreq(len(values), period)
+    return np.asarray(frequency, dtype=np.float64), np.asarray(power, dtype=np.float64)
 
 
 def oscillation_findings(signals: Signals, share: float = 1.0) -> Iterator[Finding]:
-    """Yield the findings about oscillations of the loop, joint by joint."""
-    why = (
-        ""
-        if signals.long_enough and signals.tracks.all()
-        else "too short, or counts that do not track"
-    )
-    why = "no reference" if signals.reference is None else why
+    """Yield the findings about oscillations of the loop from this share of the limits on."""
+    reason = ""
+    if signals.reference is None:
+        reason = "no reference"
+    elif not (signals.long_enough and signals.tracks.all()):
+        reason = "too short, or counts that do not track"
     check = functools.partial(_oscillation, share=share)
-    yield from unless(why, (_NAME,), signals.each(check))
+    yield from unless(reason, (_NAME,), signals.per_joint(check))
 
 
 def own_oscillations(record: Any, share: float = 1.0) -> list[float]:
-    """Frequencies [Hz] at which joints of the loop of a `Record` oscillate, by more than this
-    share of what is told.
+    """Frequencies [Hz] at which joints of the loop of a `Record` oscillate.
+
+    They have at least this share of the size at which a finding reports them.
     """
-    found = oscillation_findings(Signals(record), share)
-    return [each.value for each in found if not each.ok and each.value is not None]
+    findings = oscillation_findings(Signals(record), share)
+    return [finding.value for finding in findings if not finding.ok and finding.value is not None]
 
 
 class _Swings(NamedTuple):
-    """Error (M,) of a joint [pulses] above the frequencies of its reference, its slow part and that
-    of the torque.
+    """Error (M,) of a joint [pulses] above the frequencies of its reference; its slow part.
 
-    `own`: frequency of the highest peak above [Hz]. `clear`: whether that stands out.
+    `load`: slow part (M,) of the torque, or of the error without a torque. `frequency`: that of the
+    highest peak of the fast error [Hz]. `clear`: whether that peak stands out.
     """
 
     fast: Floats
     slow: Floats
     load: Floats
-    own: float
+    frequency: float
     clear: bool
 
 
 def _swings(signals, i):
     """Swings of a joint; None where the reference is as fast as the samples show."""
+    reference = signals.even(signals.reference[:, i])
     error = signals.even((signals.reference - signals.counts)[:, i])
-    frequency, of_error = spectrum(error, signals.interval)
-    contained = np.cumsum(spectrum(signals.even(signals.reference[:, i]), signals.interval)[1])
-    highest = frequency[np.searchsorted(contained, _CONTAINED * contained[-1])]
-    fast = frequency > max(_BEYOND * highest, _SLOWEST)
-    if fast.sum() < 10 * _AVERAGED:
+    frequency, power = spectrum(error, signals.interval)
+
+    # 1. The frequencies above those of the reference.
+    contained = np.cumsum(spectrum(reference, signals.interval)[1])
+    highest = frequency[np.searchsorted(contained, SETTINGS.contained * contained[-1])]
+    fast = frequency > max(SETTINGS.faster * highest, SETTINGS.slowest)
+    if fast.sum() < 10 * SETTINGS.averaged:
         return None
-    around = np.convolve(of_error, np.ones(_AVERAGED) / _AVERAGED, mode="same")
-    torque = error if signals.motor_torque is None else signals.even(signals.motor_torque[:, i])
-    parts = (error - error.mean(), fast), (error - error.mean(), ~fast), (torque, ~fast)
-    kept = (np.fft.irfft(np.fft.rfft(values) * some, len(error)) for values, some in parts)
-    clear = around[fast].max() > _PEAK * np.median(around[fast])
-    return _Swings(*kept, own=frequency[np.argmax(of_error * fast)], clear=bool(clear))
+
+    # 2. A peak among them, averaged so that a single noisy line is none.
+    kernel = np.ones(SETTINGS.averaged) / SETTINGS.averaged
+    averaged = np.convolve(power, kernel, mode="same")
+    clear = averaged[fast].max() > SETTINGS.peak * np.median(averaged[fast])
+
+    def part(values, lines):
+        return np.fft.irfft(np.fft.rfft(values) * lines, len(error))
+
+    torque = signals.motor_torque
+    load = error if torque is None else signals.even(torque[:, i])
+    deviation = error - error.mean()
+    return _Swings(
+        fast=part(deviation, fast),
+        slow=part(deviation, ~fast),
+        load=part(load, ~fast),
+        frequency=frequency[np.argmax(power * fast)],
+        clear=bool(clear),
+    )
 
 
 def _oscillation(signals, i, share):
-    joint = _swings(signals, i)
-    if joint is None:
-        return Finding.unknown(_NAME, i, "the reference is as fast as the samples show")
-    parts = np.array([_rms(part) for part in np.array_split(joint.fast, _PARTS)])
-    size = np.median(parts)
-    tracking = _rms(joint.slow)
-    third = _PARTS // 3
-    wide = size > share * _LEAST * signals.least_count[i] and size > share * _SWINGS * tracking
-    grown = parts[-third:].mean() / max(parts[:third].mean(), 1e-300)
-    flares = _flares(signals) if joint.clear and wide else 1.0
-    if not (joint.clear and wide) or (grown < _DECAYED and flares < _FLARES):
-        return Finding.of(_NAME, i, size, "pulses")
+    # 1. A wide error with a clear peak, ...
+    check = Check(_NAME, i, "pulses")
+    swings = _swings(signals, i)
+    if swings is None:
+        return check.unknown("the reference is as fast as the samples show")
+    segments = np.array([_rms(part) for part in np.array_split(swings.fast, SETTINGS.segments)])
+    size = np.median(segments)
+    tracking = _rms(swings.slow)
+    wide = size > share * SETTINGS.counts * signals.least_count[i]
+    wide &= size > share * SETTINGS.share_of_slow * tracking
+    if not (swings.clear and wide):
+        return check.fine(size)
+
+    # 2. ... which is not what remains of the start, unless backlash restarts it, ...
+    third = SETTINGS.segments // 3
+    growth = segments[-third:].mean() / max(segments[:third].mean(), 1e-300)
+    flares = _flares(signals)
+    if growth < SETTINGS.decayed and flares < SETTINGS.flares:
+        return check.fine(size)
+
+    # 3. ... in a loop that its limit does not change.
     if _driven_to_limit(signals, i, size):
-        return Finding.unknown(
-            _NAME, i, "the motion takes the amplifier to its limit", value=size, unit="pulses"
-        )
-    does = "grows" if grown > _GROWN else "goes on"
-    seen = (
-        f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and {does}"
-    )
-    why = (
+        reason = "the motion takes the amplifier to its limit"
+        return check.unknown(reason, size)
+    lasts = "grows" if growth > SETTINGS.grown else "goes on"
+    cause = (
         ": it is unstable, or nearly, by gains too high for its friction, lag of the currents,"
         " elastic gears or backlash (or driven by ripple)"
     )
-    if flares >= _FLARES and grown <= _GROWN:  # what grows is wider after anything
-        why = (
+    # An oscillation that grows is wider after any event, so it shows no backlash.
+    if flares >= SETTINGS.flares and growth <= SETTINGS.grown:
+        cause = (
             f"; just after the load changes sign it is {flares:.2g} times as wide as before: a gear"
             " has backlash"
         )
-    return Finding.of(_NAME, i, joint.own, "Hz", "look", f"{seen}{why}. Lower its gains.")
+    advice = (
+        f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and"
+        f" {lasts}{cause}. Lower its gains."
+    )
+    return Check(_NAME, i, "Hz").look(swings.frequency, advice)
 
 
 def _flares(signals):
-    """How much wider the loop swings just after the load of a joint changes sign, but not its
-    speed, than before.
+    """RMS of the fast error after the load of a joint changes sign, relative to that before.
+
+    The median over the reversals of all joints; those of the speed are left out, since there
+    friction changes sign, too. It is 1 with too few reversals.
     """
     ratios = list[float]()
-    for i, joint in enumerate(_swings(signals, i) for i in range(signals.n)):
-        if joint is None:
+    for i in range(signals.n):
+        swings = _swings(signals, i)
+        if swings is None:
             continue
-        around = round(_AFTER / joint.own / signals.interval)
-        turns = np.flatnonzero(np.diff(np.sign(np.gradient(signals.even(signals.reference[:, i])))))
-        for k in np.flatnonzero(np.diff(np.sign(joint.load))):
-            if around < k < len(joint.fast) - around and not (np.abs(turns - k) < around).any():
-                ratios.append(
-                    _rms(joint.fast[k : k + around]) / max(_rms(joint.fast[k - around : k]), 1e-300)
-                )
-    return float(np.median(ratios)) if len(ratios) >= _REVERSALS else 1.0
+        fast = swings.fast
+        span = round(SETTINGS.periods / swings.frequency / signals.interval)
+        speed = np.gradient(signals.even(signals.reference[:, i]))
+        turns = np.flatnonzero(np.diff(np.sign(speed)))
+        for k in np.flatnonzero(np.diff(np.sign(swings.load))):
+            if span < k < len(fast) - span and not (np.abs(turns - k) < span).any():
+                ratios.append(_rms(fast[k : k + span]) / max(_rms(fast[k - span : k]), 1e-300))
+    return float(np.median(ratios)) if len(ratios) >= SETTINGS.reversals else 1.0
 
 
 def _driven_to_limit(signals, i, size):
-    """Whether commands reach the amplifier's limit, which swings of this size [pulses] (RMS)
-    alone would not.
-    """
+    """Whether the motion takes commands to the limit, not the oscillation of this RMS [pulses]."""
     if signals.commanded is None:
         return False
     drive = signals.rig.drive
     commanded = signals.commanded[:, i]
     limit = drive.current_limit[i] * drive.motor_gain[i]
-    per_pulse = _rms(commanded) / max(_rms((signals.reference - signals.counts)[:, i]), 1e-300)
-    return np.mean(np.abs(commanded) > limit) > _LIMITED and np.sqrt(2) * size * per_pulse < limit
+    error = (signals.reference - signals.counts)[:, i]
+    per_pulse = _rms(commanded) / max(_rms(error), 1e-300)
+    saturates = np.mean(np.abs(commanded) > limit) > SETTINGS.limited
+    # The amplitude of a sine is sqrt(2) times its RMS.
+    return bool(saturates and np.sqrt(2) * size * per_pulse < limit)
 
 
 def _rms(values):

@@ -1,78 +1,98 @@
-"""How counters round, seen where joints pass zero: `fix` has a cell two pulses wide there, `floor`
-and `round` none.
+"""How counters round, as crossings of zero show: `fix` has a cell two pulses wide there.
 
-A polynomial in time, what the torque adds to it, and a step of the counts at zero are fitted about
-each crossing. The same at crossings of other counts, whose cells are one pulse wide, tells what no
-step looks like in this log; with two neighbouring cells merged, a step of `fix`. So the log is its
-own yardstick, whatever its motion and its noise.
+`floor` and `round` have none. A polynomial in time, the motion that the torque adds to it, and a
+step of the counts at zero are fitted about each crossing. The same fit at crossings of other
+counts, whose cells are one pulse wide, shows the size of no step in this log; with two neighbouring
+cells merged, it shows that of `fix`. So the log is its own yardstick for any motion and noise.
 """
 
+import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.checkup.finding import Finding
+from plant.checkup.finding import Check, Finding
 from plant.checkup.quantisation import STEP_NOTE
 from plant.checkup.signals import Signals
 
-# Rows to each side of a crossing, and degree of the polynomial in time: the pair that tells most is
-# taken.
-_WINDOWS = tuple((half, degree) for half in (10, 20, 40, 80) for degree in (3, 5, 7))
 
-# crossings of other counts that are fitted, at most; fewer tell nothing
-_MOST = 300
-_FEW = 20
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RoundingSettings:
+    """Numbers of the search for the convention of rounding.
 
-# Probability from which on a convention is seen; standard deviations from both at which it is
-# neither.
-_SURE = 0.95
-_NEITHER = 4.0
+    They are chosen by hand; ``tests/benchmarks/second_reading.py rounding`` counts the logs whose
+    convention is found with them.
 
-_MOST_ODDS = 100.0  # logarithm of odds beyond which it makes no difference
+    Parameters
+    ----------
+    halves, degrees : tuple of int
+        Rows to each side of a crossing, and degrees of the polynomial in time. The pair with the
+        smallest standard deviation counts.
+    crossings, least_crossings : int
+        Crossings of other counts that are fitted, at most and at least.
+    sure : float
+        Probability from which on a convention is certain.
+    neither : float
+        Distance from both conventions [standard deviations] at which the step is neither.
+    comparable : float
+        Standard deviation [that of the best window] up to which a window is as good as the best.
+    alike : float
+        Factor between the speeds at zero and at the other counts.
+    slow : float
+        Speed [counts per row] below which a motor does not cross a count.
+    """
 
-# windows whose standard deviation is at most so many times that of the best one tell the same
-_COMPARABLE = 3.0
+    halves: tuple[int, ...] = (10, 20, 40, 80)
+    degrees: tuple[int, ...] = (3, 5, 7)
+    crossings: int = 300
+    least_crossings: int = 20
+    sure: float = 0.95
+    neither: float = 4.0
+    comparable: float = 3.0
+    alike: float = 2.0
+    slow: float = 0.05
 
-# Factor within which other counts are passed at the speeds at which zero is; and counts per row
-# that pass nothing.
-_ALIKE = 2.0
-_SLOW = 0.05
+
+SETTINGS = RoundingSettings()
 
 
 def rounding_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the finding about the convention of the counters, of all joints together."""
-    stated = signals.rig.encoder.rounding
-    scaled = any(STEP_NOTE.format(i) in (signals.record.notes or {}) for i in range(signals.n))
-    seen = None if signals.rig.encoder.smooth or scaled else fix_seen(signals)
-    if seen is None:
-        why = (
-            "the encoder is said not to round"
-            if signals.rig.encoder.smooth
-            else "no joint passes zero clearly"
-        )
-        why = "the positions are not in whole pulses" if scaled else why
-        yield Finding.unknown("rounding", None, f"{why}; {stated} is stated")
-        return
-    share = 100 * seen
-    if 1 - _SURE < seen < _SURE:
-        yield Finding.unknown(
-            "rounding", None, f"{stated} is stated, fix to {share:.0f} %", value=share, unit="% fix"
-        )
-    elif (seen > 0.5) == (stated == "fix"):
-        yield Finding.of("rounding", None, share, "% fix")
+    check = Check("rounding", None, "% fix")
+    encoder = signals.rig.encoder
+    stated = encoder.rounding
+    notes = signals.record.notes or {}
+    scaled = any(STEP_NOTE.format(i) in notes for i in range(signals.n))
+    reason = "no joint passes zero clearly"
+    fix = None
+    if scaled:
+        reason = "the positions are not in whole pulses"
+    elif encoder.smooth:
+        reason = "the encoder is said not to round"
     else:
-        shown = (
+        fix = fix_seen(signals)
+    if fix is None:
+        yield check.unknown(f"{reason}; {stated} is stated")
+        return
+    share = 100 * fix
+    if 1 - SETTINGS.sure < fix < SETTINGS.sure:
+        reason = f"{stated} is stated, fix to {share:.0f} %"
+        yield check.unknown(reason, share)
+    elif (fix > 0.5) == (stated == "fix"):
+        yield check.fine(share)
+    else:
+        evidence = (
             'a cell two pulses wide at zero: Encoder(rounding="fix") (probability'
-            f" {min(seen, 0.999):.1%})"
+            f" {min(fix, 0.999):.1%})"
         )
-        if seen < 0.5:
-            shown = (
+        if fix < 0.5:
+            evidence = (
                 'no wide cell at zero: Encoder(rounding="floor"), or "round" (probability'
-                f" {min(1 - seen, 0.999):.1%})"
+                f" {min(1 - fix, 0.999):.1%})"
             )
-        advice = f"The counts show {shown}, not {stated!r} as stated."
-        yield Finding.of("rounding", None, share, "% fix", "wrong", advice)
+        advice = f"The counts show {evidence}, not {stated!r} as stated."
+        yield check.wrong(share, advice)
 
 
 def rounding_doubts(record: Any) -> list[str]:
@@ -81,97 +101,131 @@ def rounding_doubts(record: Any) -> list[str]:
 
 
 def fix_seen(signals: Signals) -> float | None:
-    """Probability (0 to 1) that the counts are rounded towards zero; None where the log does not
-    tell.
-    """
+    """Probability (0 to 1) that the counts are rounded towards zero; None if the log is silent."""
     if not signals.long_enough:
         return None
     torque = signals.motor_torque
     if torque is None and signals.reference is not None:
+        # Without a torque the error stands in: that of a P law is proportional to it.
         torque = signals.reference - signals.counts
     torque = np.zeros((len(signals.t), 1)) if torque is None else torque
-    rows = np.flatnonzero(signals.record.valid > 0)
-    # rows without weight on straight lines: the windows are of rows in turn
-    every = np.arange(rows[0], rows[-1] + 1)
-    counts, torques = (
-        [np.interp(every, rows, x) for x in table.T] for table in (signals.counts, torque)
-    )
-    counts = [np.where(np.isin(every, rows), x, np.round(x)) for x in counts]
-    forces = np.column_stack([x / max(np.std(x), 1e-300) for x in torques])
-    odds = [odds for x in counts if (odds := _odds(x, forces)) is not None]
-    return float(1 / (1 + np.exp(-np.clip(sum(odds), -_MOST_ODDS, _MOST_ODDS)))) if odds else None
 
-
-def _odds(counts, forces):
-    """Logarithm of the odds of `fix`, of counts (M,) of a joint under forces (M, k); None: not
-    to be told.
-    """
-    tried = [each for window in _WINDOWS if (each := _step(counts, forces, *window)) is not None]
-    if (counts != np.round(counts)).any() or not tried:
+    # Windows need all rows: those without weight go on straight lines, rounded.
+    valid = np.flatnonzero(signals.record.valid > 0)
+    rows = np.arange(valid[0], valid[-1] + 1)
+    measured = np.isin(rows, valid)
+    columns = [np.interp(rows, valid, column) for column in torque.T]
+    forces = np.column_stack([column / max(np.std(column), 1e-300) for column in columns])
+    log_odds = []
+    for column in signals.counts.T:
+        counts = np.interp(rows, valid, column)
+        counts = np.where(measured, counts, np.round(counts))
+        odds = _log_odds(counts, forces)
+        if odds is not None:
+            log_odds.append(odds)
+    if not log_odds:
         return None
-    value, none, wide, std = np.array(tried).T
-    width = np.maximum(wide - none, 1e-9)
-    # of a wide cell's step
-    share = (value - none) / width
+    # Beyond e^100 the odds make no difference, and the exponential would overflow.
+    return float(1 / (1 + np.exp(-np.clip(sum(log_odds), -100.0, 100.0))))
+
+
+class _Step(NamedTuple):
+    """Mean step at zero [pulses], its size without and with a wide cell, standard deviation."""
+
+    value: float
+    without: float
+    with_fix: float
+    std: float
+
+
+def _log_odds(counts, forces):
+    """Logarithm of the odds of `fix` from counts (M,) under forces (M, k); None if undecided."""
+    if (counts != np.round(counts)).any():
+        return None
+    steps = []
+    for half in SETTINGS.halves:
+        for degree in SETTINGS.degrees:
+            step = _step(counts, forces, half, degree)
+            if step is not None:
+                steps.append(step)
+    if not steps:
+        return None
+    value, without, with_fix, std = np.array(steps).T
+
+    # Steps relative to that of a wide cell: 0 is no wide cell, 1 is `fix`. The spread among windows
+    # of other lengths belongs to the error of the best one.
+    width = np.maximum(with_fix - without, 1e-9)
+    share = (value - without) / width
     std = std / width
     best = np.argmin(std)
-    near = share[std < _COMPARABLE * std[best]]
-    spread = np.hypot(
-        std[best], np.sqrt(np.mean((near - share[best]) ** 2))
-    )  # what windows of other lengths make of it
-    off = np.abs(share[best] - np.array([0, 1])) / spread
-    return None if off.min() > _NEITHER else float(off[0] ** 2 - off[1] ** 2) / 2
+    comparable = share[std < SETTINGS.comparable * std[best]]
+    spread = np.hypot(std[best], np.sqrt(np.mean((comparable - share[best]) ** 2)))
+    distance = np.abs(share[best] - np.array([0, 1])) / spread
+    if distance.min() > SETTINGS.neither:
+        return None
+    return float(distance[0] ** 2 - distance[1] ** 2) / 2
 
 
 def _step(counts, forces, half, degree):
-    """Mean step at zero; what it is without a wide cell, and with one; standard deviation of it.
-    None: no crossings.
-    """
+    """Fit the step at zero in windows of 2 half rows; None without crossings."""
+    # 1. Crossings of zero, in windows that do not overlap.
     if len(counts) < 4 * half:
         return None
     speed = np.pad(np.abs(counts[2 * half :] - counts[: -2 * half]) / (2 * half), half)
-    at_zero = np.flatnonzero(np.diff(counts >= 0) & (speed[1:] > _SLOW))
-    at_zero = at_zero[np.diff(at_zero, prepend=-half) >= half]
-    if not len(at_zero):
+    zeros = np.flatnonzero(np.diff(counts >= 0) & (speed[1:] > SETTINGS.slow))
+    zeros = zeros[np.diff(zeros, prepend=-half) >= half]
+    if not len(zeros):
         return None
-    alike = (
-        (speed >= speed[at_zero].min() / _ALIKE)
-        & (speed <= speed[at_zero].max() * _ALIKE)
-        & (speed > _SLOW)
-    )
-    away = np.abs(counts) > 2 * half * np.maximum(speed, 1)  # a wide cell would spoil it
+
+    # 2. Crossings of other counts at such speeds, so far from zero that no window holds it.
+    alike = (speed >= speed[zeros].min() / SETTINGS.alike) & (speed > SETTINGS.slow)
+    alike &= speed <= speed[zeros].max() * SETTINGS.alike
+    away = np.abs(counts) > 2 * half * np.maximum(speed, 1)
     others = np.flatnonzero((alike & away)[:-1] & (np.diff(counts) != 0))
-    others = others[:: max(1, len(others) // _MOST)]
-    if len(others) < _FEW:
+    others = others[:: max(1, len(others) // SETTINGS.crossings)]
+    if len(others) < SETTINGS.least_crossings:
         return None
+
+    # 3. Motion that the torque adds to the polynomial, from the other crossings.
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 2 * half), degree + 1))
+    offsets = np.arange(1 - half, half + 1)
     levels = np.maximum(counts[others], counts[others + 1])
-    off = np.arange(1 - half, half + 1)
-    windows = counts[others[:, None] + off] - levels[:, None]
-    passed = counts[at_zero[:, None] + off]
-    moved = [
-        np.cumsum(np.cumsum(forces[rows[:, None] + off], axis=1), axis=1)
-        for rows in (others, at_zero)
-    ]
-    apart = moved[0].swapaxes(1, 2)
-    apart = (apart - apart @ basis @ basis.T).swapaxes(1, 2).reshape(-1, forces.shape[1])
-    gain = np.linalg.lstsq(apart, (windows - windows @ basis @ basis.T).ravel(), rcond=None)[0]
-    found, weight = _fitted(passed - moved[1] @ gain, basis, passed)
+    windows = counts[others[:, None] + offsets] - levels[:, None]
+    at_zero = counts[zeros[:, None] + offsets]
+    motion = _double_sum(forces[others[:, None] + offsets])
+    motion_at_zero = _double_sum(forces[zeros[:, None] + offsets])
+    beside = motion.swapaxes(1, 2)
+    beside = (beside - beside @ basis @ basis.T).swapaxes(1, 2).reshape(-1, forces.shape[1])
+    target = (windows - windows @ basis @ basis.T).ravel()
+    gain = np.linalg.lstsq(beside, target, rcond=None)[0]
+
+    # 4. The step at zero, and at other crossings: as they are, and with the cell at the level
+    # merged with the one below.
+    sizes, weights = _fitted_steps(at_zero - motion_at_zero @ gain, basis, at_zero)
     means = []
     scale = 0.0
-    # as they are; the cell at the level merged with the one below
     for window in (windows, windows + (windows < 0)):
-        sizes, weights = _fitted(window - moved[0] @ gain, basis, window)
-        means.append(float(np.average(sizes, weights=weights)))
-        scale = max(scale, 1.4826 * float(np.median(np.abs(sizes - means[-1]) * np.sqrt(weights))))
-    return float(np.average(found, weights=weight)), *means, scale / np.sqrt(weight.sum())
+        other_sizes, other_weights = _fitted_steps(window - motion @ gain, basis, window)
+        mean = float(np.average(other_sizes, weights=other_weights))
+        # 1.4826 times the median deviation is the standard deviation of a normal distribution.
+        deviation = np.abs(other_sizes - mean) * np.sqrt(other_weights)
+        scale = max(scale, 1.4826 * float(np.median(deviation)))
+        means.append(mean)
+    value = float(np.average(sizes, weights=weights))
+    return _Step(value, means[0], means[1], scale / np.sqrt(weights.sum()))
 
 
-def _fitted(windows, basis, counts):
-    """Steps where counts pass zero (K,) in windows (K, 2 half) beside a polynomial, in that of
-    `fix`; their weights.
+def _double_sum(forces):
+    """Motion per unit of gain that forces (K, 2 half, k) cause."""
+    return np.cumsum(np.cumsum(forces, axis=1), axis=1)
+
+
+def _fitted_steps(windows, basis, counts):
+    """Steps (K,) where counts pass zero in windows (K, 2 half), beside a polynomial; their weights.
+
+    A step of 1 is that of `fix`.
     """
     step = -0.5 * np.sign(counts)
-    apart = step - (step @ basis) @ basis.T
-    weight = np.maximum((apart**2).sum(axis=1), 1e-9)
-    return (apart * windows).sum(axis=1) / weight, weight
+    beside = step - (step @ basis) @ basis.T
+    weights = np.maximum((beside**2).sum(axis=1), 1e-9)
+    return (beside * windows).sum(axis=1) / weights, weights

@@ -1,148 +1,166 @@
 """Sampling of a log: period, jitter, missing and repeated samples, length."""
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
 
-from plant.checkup.finding import Finding
+from plant.checkup.finding import Check, Finding
 from plant.checkup.lost_rows import MOST, LostRows
+from plant.checkup.signals import SETTINGS as SIGNALS
 from plant.checkup.signals import Signals
 
-# median intervals above which a sample is missing, and below which one is repeated
-_GAP = 1.5
-_CROWD = 0.5
 
-_LOST = 5.0  # missing samples [%] above which the log is broken rather than patchy
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StampSettings:
+    """Limits of the checks of time, chosen by hand.
 
-# Jitter of the intervals [%] to look at, and above which time stamps are not sample times.
-_JITTER = 1.0
-_UNTIMED = 20.0
+    Parameters
+    ----------
+    samples : int
+        Samples below which a log is too short for a fit.
+    left_out : float
+        Samples without weight [%] to look at.
+    crowded : float
+        Interval [median intervals] below which a sample is repeated.
+    missing : float
+        Missing samples [%] above which the log is broken rather than patchy.
+    jitter, untimed : float
+        Jitter of the intervals [%] to look at, and above which stamps are no sample times.
+    period, other_period : float
+        Relative error of the period to look at, and above which it is wrong: a thousandth is one
+        sample in a thousand by the end.
+    stamps_match : float
+        Coefficient of `Signals.row_shift` above which stamps and counts belong together.
+    counts_even : float
+        Coefficient below which the counts were read at even times.
+    """
 
-# relative error of the period: a thousandth is one sample in a thousand by the end
-_OFF = 1e-3
-_OTHER = 2e-2
+    samples: int = 200
+    left_out: float = 5.0
+    crowded: float = 0.5
+    missing: float = 5.0
+    jitter: float = 1.0
+    untimed: float = 20.0
+    period: float = 1e-3
+    other_period: float = 2e-2
+    stamps_match: float = 0.7
+    counts_even: float = 0.3
 
-# Regression coefficient (`Signals.row_shift`) above which stamps and counts belong together; and
-# below which the counts were taken evenly.
-_MATCH = 0.7
-_EVEN = 0.3
 
-_SHORT = 200  # fewer samples are too few for a fit
+SETTINGS = StampSettings()
 
 
 def time_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about time."""
     record = signals.record
     N = len(record)
-    advice = f"{N} samples hold little; log at least {_SHORT}, and a few periods of the motion."
-    short = "wrong" if N < _SHORT else "fine"
-    yield Finding.of("samples", None, N, "", short, advice * (N < _SHORT))
-    left_out = 100 * (1 - np.mean(record.valid > 0))
-    advice = "Many samples have weight 0; see why they were dropped."
-    yield Finding.graded(
-        "samples left out", None, left_out, "%", look=_LOST, wrong=50, advice=advice
+    short = SETTINGS.samples > N
+    advice = (
+        f"{N} samples hold little; log at least {SETTINGS.samples}, and a few periods of the"
+        " motion."
+    )
+    yield Check("samples").finding(N, "wrong" if short else "fine", advice if short else "")
+    yield Check("samples left out", None, "%").graded(
+        100 * (1 - np.mean(record.valid > 0)),
+        "Many samples have weight 0; see why they were dropped.",
+        look=SETTINGS.left_out,
+        wrong=50,
     )
     if N < 3:
-        for name in (
-            "period",
-            "missing samples",
-            "crowded samples",
-            "time jitter",
-            "rows and stamps",
-        ):
-            yield Finding.unknown(name, None, "fewer than three samples")
+        names = "period", "missing samples", "crowded samples", "time jitter", "rows and stamps"
+        for name in names:
+            yield Check(name).unknown("fewer than three samples")
         return
-    steps = np.diff(record.t) / signals.interval
     yield _period(signals)
-    gaps = steps[steps > _GAP]
-    lost = np.round(gaps).sum() - len(gaps)
-    missing = (
-        f"{lost:.0f} rows are missing in {len(gaps)} gaps of up to {steps.max():.1f} intervals"
-    )
-    advice = f"{missing}; use the time stamps, do not count rows."
-    yield Finding.graded(
-        "missing samples", None, 100 * lost / (lost + N), "%", look=0, wrong=_LOST, advice=advice
-    )
-    crowded = int((steps < _CROWD).sum())
-    advice = "Samples follow each other within half an interval; drop the second of each pair."
-    yield Finding.graded(
-        "crowded samples", None, crowded, "", look=0, wrong=0.05 * N, advice=advice
-    )
-    even = (steps < _GAP) & (steps > _CROWD)
-    jitter = 100 * np.std(steps[even] if even.any() else steps)
-    advice = (
-        "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
-    )
-    yield Finding.graded(
-        "time jitter", None, jitter, "%", look=_JITTER, wrong=_UNTIMED, advice=advice
-    )
-    yield _stamps(signals)
+    yield from _intervals(np.diff(record.t) / signals.interval)
+    yield _rows_and_stamps(signals)
 
 
 def _period(signals):
     """Median interval against the rig's period [ms]."""
     ratio = signals.interval / signals.rig.period
-    thousand = np.log10(ratio) / 3
-    if abs(thousand) > 0.5 and abs(thousand - round(thousand)) < 0.03:
-        factor = 1e3 ** round(thousand)
-        advice = (
+    thousands = np.log10(ratio) / 3
+    # Milliseconds or microseconds are a power of a thousand, but for 0.03 * 3 decades.
+    if abs(thousands) > 0.5 and abs(thousands - round(thousands)) < 0.03:
+        factor = 1e3 ** round(thousands)
+        cause = advice = (
             f"Times are {factor:g} times what the rig's period says: give seconds (divide t by"
             f" {factor:g})."
         )
     else:
-        advice = (
-            f"The rig says {signals.rig.period * 1e3:.6g} ms; correct rig.period, or resample the"
-            " log."
-        )
-    finding = Finding.graded(
-        "period", None, ratio - 1, "ms", look=_OFF, wrong=_OTHER, advice=advice
+        cause = f"The rig says {signals.rig.period * 1e3:.6g} ms"
+        advice = f"{cause}; correct rig.period, or resample the log."
+    # The ratio is judged, and the interval is shown.
+    finding = Check("period", None, "ms").graded(
+        ratio - 1, advice, look=SETTINGS.period, wrong=SETTINGS.other_period, cause=cause
     )
-    return Finding(**{**vars(finding), "value": signals.interval * 1e3})
+    return dataclasses.replace(finding, value=signals.interval * 1e3)
 
 
-def _stamps(signals):
-    """Whether the counts were taken when their time stamps say."""
-    name = "rows and stamps"
-    unit = "rows"
-    shift, share = (np.nan, 0.0) if len(signals.t) < 20 else signals.row_shift
-    if np.isnan(shift):
-        return Finding.unknown(name, None, "intervals are too alike")
-    if shift == 0 and share > _MATCH:
-        return Finding.of(name, None, 0.0, unit)
-    if share < _EVEN:
+def _intervals(steps):
+    """Yield the findings about intervals (N - 1,) [median intervals]."""
+    N = len(steps) + 1
+    gaps = steps[steps > SIGNALS.gap]
+    missing = np.round(gaps).sum() - len(gaps)
+    advice = (
+        f"{missing:.0f} rows are missing in {len(gaps)} gaps of up to {steps.max():.1f} intervals;"
+        " use the time stamps, do not count rows."
+    )
+    share = 100 * missing / (missing + N)
+    yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=SETTINGS.missing)
+    crowded = int((steps < SETTINGS.crowded).sum())
+    advice = "Samples follow each other within half an interval; drop the second of each pair."
+    yield Check("crowded samples").graded(crowded, advice, look=0, wrong=0.05 * N)
+    # Gaps and repeated samples have findings of their own.
+    regular = (steps < SIGNALS.gap) & (steps > SETTINGS.crowded)
+    jitter = 100 * np.std(steps[regular] if regular.any() else steps)
+    advice = (
+        "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
+    )
+    yield Check("time jitter", None, "%").graded(
+        jitter, advice, look=SETTINGS.jitter, wrong=SETTINGS.untimed
+    )
+
+
+def _rows_and_stamps(signals):
+    """Whether the counts were read when their time stamps say."""
+    check = Check("rows and stamps", None, "rows")
+    if len(signals.t) < 20 or np.isnan(signals.row_shift.rows):
+        return check.unknown("intervals are too alike")
+    shift, share = signals.row_shift
+    if shift == 0 and share > SETTINGS.stamps_match:
+        return check.fine(0.0)
+    if share < SETTINGS.counts_even:
         advice = (
             "The stamps jitter, the samples do not: the counts come evenly; put t = row times"
             " interval."
         )
-        return Finding.of(name, None, None, unit, "look", advice)
-    when = (
-        f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps"
-        if shift
-        else "partly in other rows"
+        return check.look(None, advice)
+    rows = "partly in other rows"
+    if shift:
+        rows = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps"
+    advice = (
+        f"At odd intervals the counts come {rows}: clock and counter are not read together; leave"
+        " out the rows at gaps (valid = 0)."
     )
-    reading = f"the counts come {when}: clock and counter are not read together"
-    advice = f"At odd intervals {reading}; leave out the rows at gaps (valid = 0)."
-    return Finding.of(name, None, shift, unit, "look", advice)
+    return check.look(shift, advice)
 
 
 def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
     """Yield the findings about rows that are no measurement, by cause."""
-    N = len(signals.record)
-    fits = "Fits bridge them without weight"
+    remedy = "Fits bridge them without weight"
     if lost.any.mean() > MOST:
-        fits = (
+        remedy = (
             f"They are {lost.any.mean():.0%} of all, too many for any fit; log every sample, and"
             " anew"
         )
     causes = {
-        "lost packets": (
-            lost.packets,
-            "Rows, or their reference, repeat the one before although the arm moves",
-        ),
-        "stuck samples": (lost.stuck, "Counts of a joint repeat although it moves, and catch up"),
-        "late stamps": (lost.late, "Stamps are late or early whose counts were taken in time"),
+        "lost packets": "Rows, or their reference, repeat the one before although the arm moves",
+        "stuck samples": "Counts of a joint repeat although it moves, and catch up",
+        "late stamps": "Stamps are late or early whose counts were taken in time",
     }
-    for name, (rows, why) in causes.items():
-        yield Finding.graded(
-            name, None, int(rows.sum()), "", look=0, wrong=0.05 * N, advice=f"{why}. {fits}."
-        )
+    limit = 0.05 * len(signals.record)
+    rows_by_cause = lost.packets, lost.stuck, lost.late
+    for (name, cause), rows in zip(causes.items(), rows_by_cause, strict=True):
+        yield Check(name).graded(int(rows.sum()), f"{cause}. {remedy}.", look=0, wrong=limit)

@@ -1,10 +1,10 @@
-"""Regressions of a motor's torque on its motion, at each sample or averaged, without a model of the
-arm.
+"""Regressions of a motor's torque on its motion, without a model of the arm.
 
 Regressors are the accelerations of all motors, the motor's speed (viscous friction) and its sign
 (Coulomb friction), and sines and cosines of the joint angles and of their sums: all of a planar
 arm's gravity, most of another's. The coefficients are averages over the log; their signs and sizes
-tell whether a log can be an arm's.
+show whether a log can be an arm's. `TorqueRegression` holds at each sample, `AveragedRegression` on
+average over much of a swing.
 """
 
 import dataclasses
@@ -14,15 +14,34 @@ import numpy as np
 
 from plant.parts.fields import Floats
 
-_SLOW = 0.05  # share of the RMS speed below which a joint may stick, and its friction is unknown
 
-# relative eigenvalue below which a direction of the normal equations is not identifiable
-_SINGULAR = 1e-10
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RegressionSettings:
+    """Numbers of the regressions of torque on motion, chosen by hand.
 
-_TENTHS = 10
+    Parameters
+    ----------
+    slow : float
+        Share of the RMS speed below which a joint may stick, so that its friction is unknown.
+    singular : float
+        Relative eigenvalue below which a direction of the normal equations is not identifiable.
+    segments : int
+        Segments of the log, each left out once by the jackknife.
+    per_window : int
+        Rows taken from a filter's window: more are not independent. Also the rows per unknown that
+        an averaged regression needs.
+    average : float
+        Window [s] of the averaged regression, shorter where the log has too few of them.
+    """
 
-# rows taken from a window, more are not independent; and rows that each unknown needs
-_PER_WINDOW = 7
+    slow: float = 0.05
+    singular: float = 1e-10
+    segments: int = 10
+    per_window: int = 7
+    average: float = 0.4
+
+
+SETTINGS = RegressionSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,55 +70,61 @@ class TorqueRegression:
     @classmethod
     def of(cls, signals: Any, torque: Floats, i: int) -> Self | None:
         """Fit the torque (M, n) [N m] of motor i; None for too few rows, or a constant torque."""
+        # 1. Rows in which the motor moves, so that friction has a known sign.
         n = signals.n
         encoder = signals.rig.encoder
-        counts, speed, acceleration = signals.motion
-        own = speed[:, i]
-        rows = signals.clear & (np.abs(own) > _SLOW * np.sqrt(np.mean(own[signals.clear] ** 2)))
-        rows = np.flatnonzero(rows)[:: max(1, signals.window // _PER_WINDOW)]
-        if len(rows) < 10 * _PER_WINDOW or not np.ptp(torque[:, i]):
+        counts, speeds, accelerations = signals.motion
+        speed = speeds[:, i]
+        rms_speed = np.sqrt(np.mean(speed[signals.clear] ** 2))
+        rows = np.flatnonzero(signals.clear & (np.abs(speed) > SETTINGS.slow * rms_speed))
+        rows = rows[:: max(1, signals.window // SETTINGS.per_window)]
+        if len(rows) < 10 * SETTINGS.per_window or not np.ptp(torque[:, i]):
             return None
+
+        # 2. Inertia, friction and gravity.
         angle = np.cumsum(signals.rig.cell_centre(counts), axis=1)
-        direction = signals.smooth_even(np.sign(own))
+        direction = signals.smooth_even(np.sign(speed))
         columns = np.column_stack(
             [
-                encoder.to_angle(acceleration),
-                encoder.to_angle(speed)[:, i],
+                encoder.to_angle(accelerations),
+                encoder.to_angle(speeds)[:, i],
                 direction,
-                np.ones(len(own)),
+                np.ones(len(speed)),
                 np.sin(angle),
                 np.cos(angle),
             ]
         )
         measured = signals.smooth(torque)[:, i]
 
-        def fitted(*more: Floats) -> tuple[Floats, Floats]:
-            return least_squares(
-                np.column_stack([columns, *more])[rows], measured[rows], memory=_PER_WINDOW
-            )
+        def fitted(*further_columns):
+            table = np.column_stack([columns, *further_columns])
+            return least_squares(table[rows], measured[rows], memory=SETTINGS.per_window)
 
-        # Late counts: the torque correlates with the jerk, too.
-        jerk = encoder.to_angle(np.gradient(acceleration, signals.interval, axis=0))
         value, std = fitted()
-        with_jerk, with_jerk_std = fitted(jerk)
         residual = measured[rows] - columns[rows] @ value
-        late, late_std = (
+
+        # 3. Delay: with late counts the torque correlates with the jerk, too. A second estimate is
+        # the coefficient of the torque's own slope; the standard deviation covers both.
+        jerk = encoder.to_angle(np.gradient(accelerations, signals.interval, axis=0))
+        with_jerk, with_jerk_std = fitted(jerk)
+        delay, delay_std = (
             x[-n + i] / with_jerk[i] / signals.interval for x in (with_jerk, with_jerk_std)
         )
-        # another estimate of it
-        slope = fitted(np.gradient(measured, signals.interval))[0][-1] / signals.interval
-        late_std = max(abs(late_std), abs(late - slope) / 2)
-        # Backlash: where the load torque changes sign, the motor turns alone.
-        alone = signals.rig.drive.motor_inertia[i]
+        with_slope, _ = fitted(np.gradient(measured, signals.interval))
+        delay_by_slope = with_slope[-1] / signals.interval
+        delay_std = max(abs(delay_std), abs(delay - delay_by_slope) / 2)
+
+        # 4. Backlash: where the load torque changes sign, the motor turns alone.
+        rotor = signals.rig.drive.motor_inertia[i]
         load = (
             columns @ value
             - value[n] * columns[:, n]
             - value[n + 1] * direction
-            - alone * columns[:, i]
+            - rotor * columns[:, i]
         )
-        side = signals.smooth_even(np.sign(load))
-        ahead, ahead_std = fitted(signals.rates(side[:, None])[1])
-        scale = 2 / max(abs(value[i] - alone), 1e-300) / encoder.to_angle(np.ones(n))[i]
+        load_sign = signals.smooth_even(np.sign(load))
+        ahead, ahead_std = fitted(signals.rates(load_sign[:, None])[1])
+        scale = 2 / max(abs(value[i] - rotor), 1e-300) / encoder.to_angle(np.ones(n))[i]
         return cls(
             inertia=value[:n],
             inertia_std=std[:n],
@@ -107,8 +132,8 @@ class TorqueRegression:
             viscous_std=std[n],
             coulomb=value[n + 1],
             coulomb_std=std[n + 1],
-            delay=late,
-            delay_std=abs(late_std),
+            delay=delay,
+            delay_std=delay_std,
             backlash=ahead[-1] * scale,
             backlash_std=ahead_std[-1] * scale,
             reversals=int(np.sum(np.diff(np.sign(load)) != 0)),
@@ -117,46 +142,42 @@ class TorqueRegression:
 
 
 def least_squares(columns: Floats, measured: Floats, memory: int) -> tuple[Floats, Floats]:
-    """Coefficients and standard deviations (k,) of a regression with correlated residuals and a
-    model error.
+    """Coefficients and standard deviations (k,) of a regression with correlated residuals.
 
-    Residuals count as independent only every `memory` rows; a jackknife over tenths of the log
-    covers what changes with the pose. The larger standard deviation counts.
+    Residuals count as independent only every `memory` rows; a jackknife over segments of the log
+    covers a model error that changes with the pose. The larger standard deviation counts.
     """
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0] = 1.0
     columns = columns / scale
-    tenths = np.array_split(np.arange(len(measured)), _TENTHS)
-    squares = np.array([columns[rows].T @ columns[rows] for rows in tenths])
-    products = np.array([columns[rows].T @ measured[rows] for rows in tenths])
-    inverse = np.linalg.pinv(squares.sum(axis=0), _SINGULAR, hermitian=True)
-    value = inverse @ products.sum(axis=0)
+    segments = np.array_split(np.arange(len(measured)), SETTINGS.segments)
+    squares = np.array([columns[rows].T @ columns[rows] for rows in segments])
+    products = np.array([columns[rows].T @ measured[rows] for rows in segments])
+    total = squares.sum(axis=0)
+    target = products.sum(axis=0)
+    inverse = _inverse(total)
+    value = inverse @ target
     residual = np.mean((measured - columns @ value) ** 2)
     variance = np.diag(inverse) * residual * memory
-    without = np.array(
-        [
-            np.linalg.pinv(squares.sum(axis=0) - A, _SINGULAR, hermitian=True)
-            @ (products.sum(axis=0) - b)
-            for A, b in zip(squares, products, strict=True)
-        ]
+    without_segment = np.array(
+        [_inverse(total - A) @ (target - b) for A, b in zip(squares, products, strict=True)]
     )
-    jackknife = (_TENTHS - 1) * np.mean((without - value) ** 2, axis=0)
+    jackknife = (SETTINGS.segments - 1) * np.mean((without_segment - value) ** 2, axis=0)
     return value / scale, np.sqrt(np.maximum(variance, jackknife)) / scale
 
 
-# window [s] over which the equation is averaged; shorter where the log would not hold enough of
-# them
-_AVERAGE = 0.4
+def _inverse(squares):
+    """Pseudo-inverse of normal equations: columns that are alike share their coefficient."""
+    return np.linalg.pinv(squares, SETTINGS.singular, hermitian=True)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class AveragedRegression:
-    """Coefficients, with standard deviations, of the equation of motion of a motor, averaged over
-    much of a swing.
+    """Coefficients, with standard deviations, of a motor's equation of motion, averaged.
 
     An arm that swings freely needs little torque for much acceleration, less than the noise of
-    twice differentiated counts; the average of the equation with all its terms holds without the
-    noise.
+    twice differentiated counts; the average of the equation with all its terms, over much of a
+    swing, holds without the noise.
 
     Of the acceleration of every motor (n,), mean over the log [kg m^2]; of the sign of the speed of
     every motor (n,), if all are allowed to rub, and of its own, the only one that should [N m];
@@ -174,20 +195,20 @@ class AveragedRegression:
 
     @classmethod
     def all_of(cls, signals: Any, torque: Floats) -> list[Self] | None:
-        """Fit the torques (M, n) [N m] of all motors; None where the log is too short for that
-        many unknowns.
-        """
+        """Fit the torques (M, n) [N m] of all motors; None for a log too short for the unknowns."""
+        # 1. Terms that all motors share: inertia that depends on the pose, the Coriolis terms that
+        # belong to it, and gravity. The first joint's angle does not change the inertia.
         n = signals.n
         encoder = signals.rig.encoder
         interval = signals.interval
-        counts, *rates = signals.motion
-        speed, acceleration = (encoder.to_angle(rate) for rate in rates)
-        angle = signals.rig.cell_centre(counts)
-        pose = [
-            column - column[signals.clear].mean()
-            for turn in (np.cos, np.sin)
-            for column in turn(angle[:, 1:]).T
-        ]
+        speed = encoder.to_angle(signals.motion.speed)
+        acceleration = encoder.to_angle(signals.motion.acceleration)
+        angle = signals.rig.cell_centre(signals.motion.counts)
+        pose = []
+        for function in (np.cos, np.sin):
+            for column in function(angle[:, 1:]).T:
+                # Without its mean the coefficient of the acceleration alone is a mean over the log.
+                pose.append(column - column[signals.clear].mean())
         products = [speed[:, a] * speed[:, b] for a in range(n) for b in range(a, n)]
         absolute = np.cumsum(angle, axis=1)
         shared = [
@@ -197,42 +218,48 @@ class AveragedRegression:
             *np.sin(absolute).T,
             *np.cos(absolute).T,
         ]
-        unknown = len(shared) + 3
-        length = 2 * int(min(_AVERAGE / interval, signals.clear.sum() / (unknown + 2)) / 2) + 1
+
+        # 2. The longest window of which the log holds enough.
+        unknowns = len(shared) + 3
+        windows = signals.clear.sum() / (unknowns + 2)
+        length = 2 * int(min(SETTINGS.average / interval, windows) / 2) + 1
         if length < signals.window:
             return None
         kernel = np.hanning(length + 2)
         clear = np.convolve(signals.clear, np.ones(length) / length, mode="same") > 1 - 1e-9
-        rows = np.flatnonzero(clear)[:: max(1, length // _PER_WINDOW)]
-        if len(rows) < _PER_WINDOW * unknown:
+        rows = np.flatnonzero(clear)[:: max(1, length // SETTINGS.per_window)]
+        if len(rows) < SETTINGS.per_window * unknowns:
             return None
 
-        def means(columns: Any) -> Floats:
-            return np.column_stack(
-                [np.convolve(x, kernel / kernel.sum(), mode="same") for x in columns]
-            )
+        def averages(columns):
+            averaged = [
+                np.convolve(column, kernel / kernel.sum(), mode="same") for column in columns
+            ]
+            return np.column_stack(averaged)[rows]
 
-        common = means(shared)[rows]
+        # 3. Each motor's friction joins the shared terms.
+        common = averages(shared)
         smooth = signals.smooth(torque)
-        viscous = means(speed.T)[rows]
-        dry = means([signals.smooth_even(np.sign(rate)) for rate in speed.T])[rows]
-        measured, slope = means(smooth.T), means(np.gradient(smooth, interval, axis=0).T)
-        found = []
+        viscous = averages(speed.T)
+        dry = averages([signals.smooth_even(np.sign(rate)) for rate in speed.T])
+        measured = averages(smooth.T)
+        slope = averages(np.gradient(smooth, interval, axis=0).T)
+        fits = []
         for i in range(n):
             columns = np.column_stack([common, viscous[:, i], dry[:, i]])
-            torques = measured[rows, i]
+            torques = measured[:, i]
             if not np.ptp(torques):
                 return None
-            value, std = least_squares(columns, torques, memory=_PER_WINDOW)
+            value, std = least_squares(columns, torques, memory=SETTINGS.per_window)
             # Late counts: the model gives the torque of a delay ago.
-            late, late_std = least_squares(
-                np.column_stack([columns, slope[rows, i]]), torques, memory=_PER_WINDOW
+            with_slope, with_slope_std = least_squares(
+                np.column_stack([columns, slope[:, i]]), torques, memory=SETTINGS.per_window
             )
             # Friction goes with a motor's own speed; with another's, columns are exchanged.
             cross, cross_std = least_squares(
-                np.column_stack([common, viscous, dry]), torques, memory=_PER_WINDOW
+                np.column_stack([common, viscous, dry]), torques, memory=SETTINGS.per_window
             )
-            found.append(
+            fits.append(
                 cls(
                     inertia=value[:n],
                     inertia_std=std[:n],
@@ -240,8 +267,8 @@ class AveragedRegression:
                     cross_coulomb_std=cross_std[-n:],
                     coulomb=value[-1],
                     coulomb_std=std[-1],
-                    delay=late[-1] / interval,
-                    delay_std=late_std[-1] / interval,
+                    delay=with_slope[-1] / interval,
+                    delay_std=with_slope_std[-1] / interval,
                 )
             )
-        return found
+        return fits

@@ -1,161 +1,176 @@
 """Tracking of the reference by the counts: gear sign, swapped joints, delay."""
 
+import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from plant.checkup.counts import hardly_asked
-from plant.checkup.finding import Finding, unless
+from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.law_delay import law_delays
 from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.torque_regression import least_squares
-from plant.machine.rig import Rig
 
-_CLOSER = 0.5  # another joint's reference is the right one if its error is smaller by this factor
 
-# Delay [samples] to look at, and that biases viscous friction beyond use; and in standard
-# deviations:
-_LATE = 0.25
-_VERY_LATE = 2.0
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrackingSettings:
+    """Limits of the checks of counts against reference, chosen by hand.
 
-_SURE = 4.0
+    ``tests/plant/checkup/test_examine.py`` holds them against twenty right logs and spoiled ones.
 
-_DRIVEN = 5.0  # standard deviations from which on the sign of an inertia is significant
+    Parameters
+    ----------
+    closer : float
+        Error against another joint's reference [own error] below which that reference is the right
+        one.
+    unit : float
+        Relative difference of the slope from that of another unit of angles.
+    late, very_late : float
+        Delay [samples] to look at, and above which viscous friction is biased beyond use.
+    late_by_torque : float
+        Delay [samples] that torque and motion alone cannot show: torque is held between samples,
+        drives take time, feedback has noise.
+    certain : float
+        Standard deviations from which on a delay, or an inertia beside it, is significant.
+    driven : float
+        Standard deviations from which on the sign of an inertia shows which column is wrong.
+    explained : float
+        Share of a torque's variance that its law has to explain before a delay is estimated.
+    """
 
-_RUBS = (
-    "Viscous friction is not the rig's: the error grows with speed, and not with the jerk that late"
-    " counts add."
-)
+    closer: float = 0.5
+    unit: float = 0.05
+    late: float = 0.25
+    very_late: float = 2.0
+    late_by_torque: float = 2.0
+    certain: float = 4.0
+    driven: float = 5.0
+    explained: float = 0.8
 
-# Delay [samples] that torque and motion alone cannot tell: torque is held, drives take time,
-# feedback has noise.
-_HELD = 2.0
 
-_ACCELERATION = 3  # place of the reference's acceleration among the inputs of a law's step
-
-# share of a torque's variance that its law has to explain before a delay is estimated from it
-_EXPLAINED = 0.8
+SETTINGS = TrackingSettings()
 
 
 def reference_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about counts and reference."""
     short = "" if signals.long_enough else "too short to compare speeds"
-    why = short or ("no reference" if signals.reference is None else "")
-    yield from unless(why, ("swapped joints", "gear sign"), signals.each(_swapped, _sign))
-    late = law_delays(signals)
-    yield from unless(short, ("delay",), signals.each(lambda _, i: _late(signals, i, late[i])))
+    reason = short or ("no reference" if signals.reference is None else "")
+    names = "swapped joints", "gear sign"
+    yield from unless(reason, names, signals.per_joint(_swapped, _gear_sign))
+    by_law = law_delays(signals)
+    delays = (_delay(signals, i, by_law[i]) for i in range(signals.n))
+    yield from unless(short, ("delay",), delays)
 
 
-def _sign(signals, i):
-    name = "gear sign"
-    unit = "of the reference"
+def _gear_sign(signals, i):
+    """Slope of the counts' speed over the reference's: 1 of right columns."""
+    check = Check("gear sign", i, "of the reference")
     slope = signals.tracking_slope[i]
     if not np.isfinite(slope):
-        return Finding.unknown(name, i, "the reference does not move")
+        return check.unknown("the reference does not move")
     if hardly_asked(signals.record)[i]:
-        return Finding.unknown(name, i, "the reference hardly moves")
+        return check.unknown("the reference hardly moves")
     if not _swapped(signals, i).ok:
-        return Finding.unknown(name, i, "the counts are another joint's")
-    alike = [
-        unit
-        for unit, factor in (("degrees", np.pi / 180), ("turns", 2 * np.pi))
-        if abs(slope / factor - 1) < 0.05
-    ]
+        return check.unknown("the counts are another joint's")
+    if abs(slope - 1) <= TRACKING:
+        return check.fine(slope)
+    if slope < -TRACKING:
+        hint, column = _turned_column(signals, i)
+        cause = f"The counts run against the reference{hint}"
+        return check.wrong_sign(slope, cause, column)
     advice = (
         f"The counts move {slope:.3g} times as far as the reference: check resolution, gear and"
         " units of both"
     )
-    advice += f" (as if the reference were in {alike[0]}, and read in rad)." if alike else "."
-    if slope < -TRACKING:
-        advice = f"The counts run against the reference{_turned(signals, i)}."
-    if abs(slope - 1) <= TRACKING:
-        return Finding.of(name, i, slope, unit)
-    return Finding.of(name, i, slope, unit, "wrong", advice)
+    for angle, radians in (("degrees", np.pi / 180), ("turns", 2 * np.pi)):
+        if abs(slope / radians - 1) < SETTINGS.unit:
+            advice += f" (as if the reference were in {angle}, and read in rad)"
+    return check.wrong(slope, f"{advice}.")
 
 
-def _turned(signals: Signals, i: int) -> str:
-    """Which column has the wrong sign where counts and reference disagree, by what the torque
-    does to the counts.
-    """
+def _turned_column(signals, i):
+    """What the torque does to the counts, as a clause, and the column whose sign must be wrong."""
     counts = signals.column("counts", i)
-    reference = signals.column("reference", i)
-    shown = None if signals.torque is None else signals.regression(i)
-    if shown is not None and shown.inertia[i] > _DRIVEN * shown.inertia_std[i]:
-        return f", and along with the torque: change the sign of {reference}"
-    if shown is not None and shown.inertia[i] < -_DRIVEN * shown.inertia_std[i]:
-        return f", and against the torque: change the sign of {counts}, or of the gear"
-    return f": change the sign of the gear, or of {counts}"
+    regression = None if signals.torque is None else signals.regression(i)
+    if regression is not None:
+        inertia = regression.inertia[i]
+        least = SETTINGS.driven * regression.inertia_std[i]
+        if inertia > least:
+            return ", and along with the torque", signals.column("reference", i)
+        if inertia < -least:
+            return ", and against the torque", f"{counts}, or of the gear"
+    return "", f"the gear, or of {counts}"
 
 
 def _swapped(signals, i):
-    """Relative RMS error of the counts' speed against the reference; the joint whose reference fits
-    better, if any.
+    """Relative RMS error of the counts' speed, and whether another joint's reference fits better.
 
-    Columns may be swapped as counts, or as angles that were converted to counts by each other's
-    gears.
+    Columns may be swapped as counts, or as angles that each other's gears converted to counts.
     """
-    made = signals.motion[1][signals.clear]
-    commanded = signals.smooth_reference[1][signals.clear]
-    size = np.sqrt(np.mean(commanded**2, axis=0))
+    check = Check("swapped joints", i, "% off its reference")
+    counts = signals.motion.speed[signals.clear]
+    reference = signals.smooth_reference.speed[signals.clear]
+    size = np.sqrt(np.mean(reference**2, axis=0))
     if not size[i]:
-        return Finding.unknown("swapped joints", i, "the reference does not move")
+        return check.unknown("the reference does not move")
     error = np.full(signals.n, np.inf)
     angle = signals.rig.to_angle
-    for own_speed, asked in ((made[:, i], commanded), (angle(made)[:, i], angle(commanded))):
-        off = np.sqrt(np.mean((asked - own_speed[:, None]) ** 2, axis=0))
-        error = np.fmin(error, off / np.where(size > 0, np.sqrt(np.mean(asked**2, axis=0)), np.nan))
-    own = error[i]
+    pairs = (counts, reference), (angle(counts), angle(reference))
+    for speed, references in pairs:
+        off = np.sqrt(np.mean((references - speed[:, i][:, None]) ** 2, axis=0))
+        rms = np.sqrt(np.mean(references**2, axis=0))
+        # fmin leaves out the NaN of a reference at rest.
+        error = np.fmin(error, off / np.where(size > 0, rms, np.nan))
+    percent = 100 * error[i]
     nearest = int(np.argmin(error))
-    verdict = "fine"
-    advice = ""
-    if nearest != i and error[nearest] < _CLOSER * min(own, 1.0):
-        other = f"{signals.joint_labels[nearest]} ({error[nearest]:.0%} off)"
-        verdict = "wrong"
-        advice = f"The counts follow the reference of {other}: exchange the columns."
-    return Finding.of("swapped joints", i, 100 * own, "% off its reference", verdict, advice)
+    if nearest == i or error[nearest] >= SETTINGS.closer * min(error[i], 1.0):
+        return check.fine(percent)
+    other = f"{signals.joint_labels[nearest]} ({error[nearest]:.0%} off)"
+    advice = f"The counts follow the reference of {other}: exchange the columns."
+    return check.wrong(percent, advice)
 
 
-def _against_law(signals, i, j):
-    """Regression of the logged torque of motor i on the commanded one of j: slope, delay, its std,
-    explained share.
+class LawFit(NamedTuple):
+    """Regression of the logged torque of a motor on the commanded one.
 
-    Late counts show as torque in proportion to speed, so slope and delay (of the counts [samples])
-    are found together.
+    `slope`: logged per commanded torque. `delay`, `delay_std`: of the counts [samples].
+    `explained`: share of the logged torque's variance.
     """
-    error = (signals.reference - signals.counts)[:, j]
-    # [N m/pulse], of a law without memory
-    gain = (error @ signals.commanded[:, j]) / max(error @ error, 1e-300)
-    clear, (_, speed, acceleration) = signals.clear, signals.motion
-    asked, logged = (
-        signals.smooth(x[:, [k]])[clear, 0]
-        for x, k in ((signals.commanded, j), (signals.torque, i))
-    )
-    columns = np.column_stack(
-        [asked, gain * speed[clear, j], gain * acceleration[clear, j], np.ones(len(asked))]
-    )
-    value, std = least_squares(columns, logged, signals.window)
-    residual = logged - columns @ value
-    slope = value[0]
-    if not slope:
-        return 0.0, 0.0, np.inf, 0.0
-    explained = 1 - np.var(residual) / max(np.var(logged), 1e-300)
-    return (
-        slope,
-        -value[1] / slope / signals.interval,
-        abs(std[1] / slope) / signals.interval,
-        explained,
-    )
+
+    slope: float
+    delay: float
+    delay_std: float
+    explained: float
 
 
-def law_slope(signals: Signals, i: int) -> tuple[float, float] | None:
-    """Logged per commanded torque, and explained share of its variance; None where the record
-    does not allow it.
+def law_fit(signals: Signals, i: int) -> LawFit | None:
+    """Fit the logged torque of motor i by that of its law; None without both.
+
+    Late counts show as torque in proportion to speed, so slope and delay are found together.
     """
     if signals.commanded is None or signals.torque is None or not signals.long_enough:
         return None
-    slope, _, _, explained = _against_law(signals, i, i)
-    return slope, explained
+    # The gain [N m/pulse] of a law without memory turns a shift of the counts into torque.
+    error = (np.asarray(signals.reference) - signals.counts)[:, i]
+    gain = (error @ signals.commanded[:, i]) / max(error @ error, 1e-300)
+    clear = signals.clear
+    commanded = signals.smooth(signals.commanded[:, [i]])[clear, 0]
+    logged = signals.smooth(signals.torque[:, [i]])[clear, 0]
+    speed = gain * signals.motion.speed[clear, i]
+    acceleration = gain * signals.motion.acceleration[clear, i]
+    columns = np.column_stack([commanded, speed, acceleration, np.ones(len(commanded))])
+    value, std = least_squares(columns, logged, signals.window)
+    slope = value[0]
+    if not slope:
+        return LawFit(0.0, 0.0, np.inf, 0.0)
+    residual = logged - columns @ value
+    return LawFit(
+        slope=slope,
+        delay=-value[1] / slope / signals.interval,
+        delay_std=abs(std[1] / slope) / signals.interval,
+        explained=1 - np.var(residual) / max(np.var(logged), 1e-300),
+    )
 
 
 def correlation(signals: Any, i: int, j: int) -> float:
@@ -167,109 +182,149 @@ def correlation(signals: Any, i: int, j: int) -> float:
     return float(np.corrcoef(logged, commanded)[0, 1] ** 2)
 
 
-def _late(signals, i, by_law):
-    """Delay of the counts [samples], as a law with memory tells it, or as `_delay` does where
-    that is NaN.
-    """
-    if np.isnan(by_law):
-        return _delay(signals, i)
-    return _judged(i, by_law, 0.0, "The law gives the logged torque from other rows of the counts")
-
-
-def _delay(signals, i):
-    """Delay of the counts [samples], by the most accurate estimate that other records allow."""
-    name = "delay"
-    unit = "samples"
-    law = signals.record.law
-    rig = signals.rig
+def _delay(signals, i, by_law):
+    """Delay of the counts [samples] by the most accurate estimate that the record allows."""
+    if not np.isnan(by_law):
+        evidence = "The law gives the logged torque from other rows of the counts"
+        return _judged(i, by_law, 0.0, evidence)
     if not signals.tracks[i]:
-        return Finding.unknown(name, i, "the counts do not follow the reference")
-    if signals.commanded is not None and signals.torque is not None:
-        slope, late, std, explained = _against_law(signals, i, i)
-        if explained < _EXPLAINED:
-            return Finding.unknown(name, i, "the logged torque is not its law's")
-        return _judged(i, late, std, "Counts and torque were not logged at the same time")
-    if signals.commanded is not None:
-        if (regression := signals.regressions[i]) is None:
-            return Finding.unknown(name, i, "the motor hardly moves")
-        late, std = (x[i] for x in _beyond_friction(signals))
-        judged = _judged(i, late, std, "The error grows with speed, beyond stated friction")
-        if judged.ok or _adds_jerk(signals):
-            return judged
-        return Finding.of(
-            "viscous friction", i, regression.viscous, "N m s/rad of the motor", "look", _RUBS
-        )
-    shown = signals.regression(i)
-    driven = signals.torque is not None and shown is not None
-    driven = driven and shown.inertia[i] > _SURE * shown.inertia_std[i]
-    leads = law is not None and _feeds_forward(law, rig)
-    if signals.reference is not None and (leads or not driven):
-        speed = signals.smooth_reference[1][signals.clear, i]
-        error = (signals.smooth_reference[0] - signals.motion[0])[signals.clear, i]
-        value, std = least_squares(
-            np.column_stack([speed, np.ones(len(speed))]), error, signals.window
-        )
-        late = value[0] / signals.interval
-        std = std[0] / signals.interval
-        if not leads and abs(late) > _LATE:
-            return Finding.unknown(name, i, "the law itself may lag", value=late, unit=unit)
-        return _judged(i, late, std, "The counts lag behind the reference")
+        return Check("delay", i).unknown("the counts do not follow the reference")
+    # Each estimate that the record does not allow is None; the last one always gives a finding.
+    estimates = _delay_of_torque, _delay_of_error, _delay_of_reference, _delay_of_motion
+    findings = (estimate(signals, i) for estimate in estimates)
+    return next(finding for finding in findings if finding is not None)
+
+
+def _delay_of_torque(signals, i):
+    """Delay by logged and commanded torque: the best estimate, to a hundredth of a sample."""
+    fit = law_fit(signals, i)
+    if fit is None:
+        return None
+    if fit.explained < SETTINGS.explained:
+        return Check("delay", i).unknown("the logged torque is not its law's")
+    evidence = "Counts and torque were not logged at the same time"
+    return _judged(i, fit.delay, fit.delay_std, evidence)
+
+
+def _delay_of_error(signals, i):
+    """Delay by the commanded torque alone: error that grows with speed, beyond stated friction."""
+    if signals.commanded is None:
+        return None
+    regression = signals.regressions[i]
+    if regression is None:
+        return Check("delay", i).unknown("the motor hardly moves")
+    delay, std = _delay_beyond_friction(signals)
+    finding = _judged(i, delay[i], std[i], "The error grows with speed, beyond stated friction")
+    if finding.ok or _jerk_shows_delay(signals):
+        return finding
+    advice = (
+        "Viscous friction is not the rig's: the error grows with speed, and not with the jerk that"
+        " late counts add."
+    )
+    return Check("viscous friction", i, "N m s/rad of the motor").look(regression.viscous, advice)
+
+
+def _delay_of_reference(signals, i):
+    """Delay behind the reference, under a law that feeds its acceleration forward.
+
+    Other laws lag by themselves: they say something only where the torque does not.
+    """
+    if signals.reference is None or signals.smooth_reference is None:
+        return None
+    law = signals.record.law
+    leads = law is not None and _feeds_forward(law, signals.rig)
+    if not leads and _is_driven(signals, i):
+        return None
+    clear = signals.clear
+    speed = signals.smooth_reference.speed[clear, i]
+    error = (signals.smooth_reference.counts - signals.motion.counts)[clear, i]
+    columns = np.column_stack([speed, np.ones(len(speed))])
+    value, std = least_squares(columns, error, signals.window)
+    delay = value[0] / signals.interval
+    if not leads and abs(delay) > SETTINGS.late:
+        reason = "the law itself may lag"
+        return Check("delay", i, "samples").unknown(reason, delay)
+    return _judged(i, delay, std[0] / signals.interval, "The counts lag behind the reference")
+
+
+def _delay_of_motion(signals, i):
+    """Delay by torque and motion alone: a rough estimate, and the last."""
+    check = Check("delay", i)
     if signals.torque is None:
-        return Finding.unknown(name, i, "neither reference nor torque")
-    if not driven:
-        return Finding.unknown(name, i, "no acceleration that torque explains")
-    why = "Motion comes after the torque that made it"
-    return _judged(i, shown.delay, shown.delay_std, why, look=_HELD, wrong=np.inf)
+        return check.unknown("neither reference nor torque")
+    if not _is_driven(signals, i):
+        return check.unknown("no acceleration that torque explains")
+    fit = signals.regression(i)
+    evidence = "Motion comes after the torque that made it"
+    look = SETTINGS.late_by_torque
+    return _judged(i, fit.delay, fit.delay_std, evidence, look=look, wrong=np.inf)
 
 
-def _beyond_friction(signals):
-    """Delay (n,) of the counts [samples] for which torque beyond stated friction stands, and its
-    std; NaN at rest.
-    """
+def _is_driven(signals, i):
+    """Whether the logged torque accelerates the motor, significantly."""
+    fit = None if signals.torque is None else signals.regression(i)
+    return fit is not None and fit.inertia[i] > SETTINGS.certain * fit.inertia_std[i]
+
+
+def _delay_beyond_friction(signals):
+    """Delay (n,) [samples] that torque beyond stated friction means, and its std; NaN at rest."""
     error = signals.reference - signals.counts
-    per_pulse = signals.rig.encoder.to_angle(np.ones(signals.n))
+    angle_per_pulse = signals.rig.encoder.to_angle(np.ones(signals.n))
     gain = (error * signals.commanded).sum(axis=0) / np.maximum((error**2).sum(axis=0), 1e-300)
-    beyond, std = np.full((2, signals.n), np.nan)
-    for i, each in enumerate(signals.regressions):
-        if each is not None:
-            beyond[i], std[i] = each.viscous - signals.rig.drive.viscous[i], each.viscous_std
-    return beyond / (gain * signals.interval / per_pulse), std / np.abs(
-        gain * signals.interval / per_pulse
-    )
+    # Viscous friction [N m s/rad] that looks like a delay of one sample.
+    per_sample = gain * signals.interval / angle_per_pulse
+    beyond = np.full(signals.n, np.nan)
+    std = np.full(signals.n, np.nan)
+    for i, regression in enumerate(signals.regressions):
+        if regression is not None:
+            beyond[i] = regression.viscous - signals.rig.drive.viscous[i]
+            std[i] = regression.viscous_std
+    return beyond / per_sample, std / np.abs(per_sample)
 
 
-def _adds_jerk(signals):
-    """Whether the torque changes with jerk as late counts have it, rather than not, as under
-    more friction.
+def _jerk_shows_delay(signals):
+    """Whether the torque changes with the jerk, as of late counts, rather than with speed alone.
+
+    Over all joints, the delay by the jerk is regressed on the delay by friction: 1 of late counts,
+    0 of more friction.
     """
-    late, _ = _beyond_friction(signals)
+    by_friction, _ = _delay_beyond_friction(signals)
     rows = [
-        (x, each.delay, each.delay_std)
-        for x, each in zip(late, signals.regressions, strict=True)
-        if each
+        (delay, regression.delay, regression.delay_std)
+        for delay, regression in zip(by_friction, signals.regressions, strict=True)
+        if regression
     ]
-    x, seen, std = np.array(rows).T
-    return bool((x * seen / std**2).sum() > 0.5 * (x**2 / std**2).sum())
+    delay, by_jerk, std = np.array(rows).T
+    return bool((delay * by_jerk / std**2).sum() > 0.5 * (delay**2 / std**2).sum())
 
 
-def _feeds_forward(law: Any, rig: Rig) -> bool:
-    """Whether a law feeds the acceleration of its reference forward; one that does not needs an
-    error to act on.
-    """
-    return bool(law.block(rig).step.jac_sparsity(0, _ACCELERATION).nnz() > 0)
+def _feeds_forward(law, rig):
+    """Whether a law feeds the reference's acceleration forward; others need an error to act."""
+    # Input 3 of a law's step is the reference's acceleration, output 0 the torque.
+    return bool(law.block(rig).step.jac_sparsity(0, 3).nnz() > 0)
 
 
-def _judged(i, late, std, why, look=_LATE, wrong=_VERY_LATE):
-    if max(std, abs(late)) > look and abs(late) <= _SURE * std:
-        return Finding.unknown(
-            "delay", i, f"known to +-{std:.1f} samples only", value=late, unit="samples"
-        )
-    sure = f"(+-{std:.1g}) " if std else ""
-    size = (
-        f"{abs(late):.2g} {'sample' if abs(late) == 1 else 'samples'}"
-        f" {sure}{'late' if late > 0 else 'early'}"
+def _judged(
+    i,
+    delay,
+    std,
+    evidence,
+    look=SETTINGS.late,
+    wrong=SETTINGS.very_late,
+):
+    """Judge a delay [samples] with its standard deviation."""
+    check = Check("delay", i, "samples")
+    if max(std, abs(delay)) > look and abs(delay) <= SETTINGS.certain * std:
+        reason = f"known to +-{std:.1f} samples only"
+        return check.unknown(reason, delay)
+    within = f"(+-{std:.1g}) " if std else ""
+    samples = "sample" if abs(delay) == 1 else "samples"
+    direction = "late" if delay > 0 else "early"
+    cause = f"{evidence}: the counts are {abs(delay):.2g} {samples} {within}{direction}"
+    return check.graded(
+        delay,
+        f"{cause}; shift them, or viscous friction will be wrong.",
+        look=max(look, SETTINGS.certain * std),
+        wrong=max(wrong, SETTINGS.certain * std),
+        cause=cause,
     )
-    advice = f"{why}: the counts are {size}; shift them, or viscous friction will be wrong."
-    look = max(look, _SURE * std)
-    wrong = max(wrong, _SURE * std)
-    return Finding.graded("delay", i, late, "samples", look=look, wrong=wrong, advice=advice)

@@ -1,141 +1,197 @@
-"""Unit and side of the torque: against its law, the amplifier's limit, the rotor inertia and the
-stated friction.
-"""
+"""Unit and side of the torque: against law, amplifier limit, rotor inertia and stated friction."""
 
+import dataclasses
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
-from plant.checkup.finding import Finding, unless
+from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.quantisation import comb
 from plant.checkup.signals import Signals
-from plant.checkup.tracking import correlation, law_slope
+from plant.checkup.tracking import correlation, law_fit
 
-_SURE = 5.0  # standard deviations from which on a number is significant
 
-_EXPLAINED = 0.9  # share of a torque's variance that its law explains
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class UnitSettings:
+    """Limits of the checks of the torque's unit, chosen by hand.
 
-# Factor between torques that means another unit, not noise; relative error of a gain to look at.
-_FACTOR = 3.0
-_GAIN_OFF = 0.1
+    ``tests/benchmarks/silent_mistakes.py`` counts the wrong gains and units that are found.
 
-# Share of the amplifier's limit above which the unit is wrong; and that a log usually reaches.
-_BEYOND = 1.05
-_USED = 0.3
+    Parameters
+    ----------
+    certain : float
+        Standard deviations from which on an inertia is significant.
+    explained : float
+        Share of a torque's variance that its law explains.
+    other_unit : float
+        Factor between torques that means another unit, not noise.
+    gain_error : float
+        Relative error of a gain to look at; a tenth of it is the noise that may hide it.
+    beyond : float
+        Share of the amplifier's limit above which the unit is wrong.
+    used : float
+        Share of the amplifier's limit that a log usually reaches.
+    light : float
+        Least possible torque per acceleration [rotor inertias].
+    usual : float
+        That of a usual arm [rotor inertias].
+    heavy, absurd : float
+        That to look at, and above which it is wrong: no arm is geared so badly [rotor inertias].
+    alike : float
+        Relative difference of two factors that are one.
+    friction_error : float
+        Standard deviations by which Coulomb friction must differ by `other_unit`, too.
+    """
 
-# Torque per acceleration [rotor inertias]: the least possible; that of a usual arm; and above which
-# it is to be looked at, and wrong: no arm is geared so badly.
-_LIGHT = 0.5
-_USUAL = 3.0
-_HEAVY = 300.0
-_ABSURD = 3000.0
+    certain: float = 5.0
+    explained: float = 0.9
+    other_unit: float = 3.0
+    gain_error: float = 0.1
+    beyond: float = 1.05
+    used: float = 0.3
+    light: float = 0.5
+    usual: float = 3.0
+    heavy: float = 300.0
+    absurd: float = 3000.0
+    alike: float = 0.1
+    friction_error: float = 2.0
 
-_ALIKE = 0.1  # relative difference of two factors that are one
 
-_RUBS = 2.0  # standard deviations by which Coulomb friction must differ by that factor, too
+SETTINGS = UnitSettings()
+
+_NAME = "units of torque"
 
 
 def unit_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about the unit of torque."""
-    yield from unless(signals.no_torque, ("units of torque",), signals.each(_units))
+    yield from unless(signals.no_torque, (_NAME,), signals.per_joint(_units))
 
 
 def _units(signals, i):
-    name = "units of torque"
+    """Compare the torque with the first of these yardsticks that the record has."""
+    check = Check(_NAME, i, "rotor inertias")
     drive = signals.rig.drive
+
+    # 1. A logged torque cannot exceed the amplifier's limit.
     share = np.abs(signals.motor_torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
-    if share > _BEYOND and signals.torque is not None:
-        advice = f"The torque is beyond the amplifier: {_guess(signals, share / _USED, i)}."
-        return Finding.of(name, i, share, "of the limit", "wrong", advice)
-    law = law_slope(signals, i)
-    if law is not None and law[1] > _EXPLAINED:
-        slope = abs(law[0])
-        verdict = "fine" if 1 / _FACTOR < slope < _FACTOR else "wrong"
-        advice = f"The torque is {slope:.3g} times the commanded one: {_guess(signals, slope, i)}."
-        if (
-            verdict == "fine"
-            and abs(slope - 1) > _GAIN_OFF
-            and correlation(signals, i, i) > 1 - _GAIN_OFF / 10
-        ):
-            verdict = "look"
-            advice = (
-                f"The torque is {slope:.3g} times the commanded one: check gain, motor gain and"
-                " gear."
-            )
-        return Finding.of(name, i, slope, "of the law's", verdict, advice * (verdict != "fine"))
+    if share > SETTINGS.beyond and signals.torque is not None:
+        guess = _likely_units(signals, share / SETTINGS.used, i)
+        advice = f"The torque is beyond the amplifier: {guess}."
+        return Check(_NAME, i, "of the limit").wrong(share, advice)
+
+    # 2. The commanded torque is exact where the law explains the logged one.
+    fit = law_fit(signals, i)
+    if fit is not None and fit.explained > SETTINGS.explained:
+        return _against_law(signals, i, abs(fit.slope))
+
+    # 3. Torque per acceleration lies between the rotor inertia and that of a badly geared arm.
     stated = drive.motor_inertia[i]
-    shown = signals.regression(i)
-    if shown is None:
-        return Finding.unknown(name, i, "too little motion, and no law that tells the torque")
-    if abs(shown.inertia[i]) < _SURE * shown.inertia_std[i]:
-        return Finding.unknown(
-            name, i, "no acceleration that torque explains, and no law that tells the torque"
+    regression = signals.regression(i)
+    if regression is None:
+        reason = "too little motion, and no law that tells the torque"
+        return check.unknown(reason)
+    if abs(regression.inertia[i]) < SETTINGS.certain * regression.inertia_std[i]:
+        reason = "no acceleration that torque explains, and no law that tells the torque"
+        return check.unknown(reason)
+    inertia = abs(regression.inertia[i]) / stated if stated else np.nan
+    friction = None
+    # Noise makes the sign of the speed change at random, which hides the friction.
+    if signals.noise[i] <= signals.least_count[i]:
+        friction = _friction_ratio(regression, drive.coulomb[i])
+    if inertia < SETTINGS.light or inertia > SETTINGS.heavy:
+        return _against_rotor(signals, i, inertia, friction)
+
+    # 4. Coulomb friction as stated; a look, since the statement is often a guess.
+    if friction is not None and not _same_unit(friction):
+        guess = _likely_units(signals, friction, i)
+        advice = (
+            f"Coulomb friction is {friction:.2g} of what the rig states: correct that if it was a"
+            f" guess; of the torque, {guess}."
         )
-    found = abs(shown.inertia[i]) / stated if stated else np.nan
-    quiet = signals.noise[i] <= signals.least_count[i]  # else chatter masks friction
-    rubs = _rubs(shown, drive.coulomb[i]) if quiet else None
-    if found < _LIGHT or found > _HEAVY:
-        verdict = "look" if _HEAVY < found < _ABSURD else "wrong"
-        size = f"{found:.2g} of" if found < _LIGHT else f"{found:.3g} times"
-        guess = _guess(signals, found / _USUAL if rubs is None else rubs, i)
-        if rubs is None:
-            guess += ", or the counts are of angles of the " + (
-                "motor" if found < _LIGHT else "joint"
-            )
-        elif 1 / _FACTOR < rubs < _FACTOR:
-            guess = (
-                "friction is as stated, so look at the counts: resolution, and angles of motor or"
-                " joint"
-            )
-        advice = f"Torque per acceleration is {size} the rotor inertia: {guess}."
-        return Finding.of(name, i, found, "rotor inertias", verdict, advice)
-    if rubs is not None and not 1 / _FACTOR < rubs < _FACTOR:
-        guess = f"correct that if it was a guess; of the torque, {_guess(signals, rubs, i)}"
-        advice = f"Coulomb friction is {rubs:.2g} of what the rig states: {guess}."
-        return Finding.of(name, i, rubs, "of the Coulomb friction", "look", advice)
+        return Check(_NAME, i, "of the Coulomb friction").look(friction, advice)
     if not stated:
-        return Finding.unknown(name, i, "no rotor inertia stated, and no law that tells the torque")
-    return Finding.of(name, i, found, "rotor inertias")
+        reason = "no rotor inertia stated, and no law that tells the torque"
+        return check.unknown(reason)
+    return check.fine(inertia)
 
 
-def _rubs(shown: Any, stated: float) -> float | None:
-    """Coulomb friction found per stated; None where it is not significant."""
+def _same_unit(factor):
+    """Whether a factor between two torques is not that of another unit."""
+    return 1 / SETTINGS.other_unit < factor < SETTINGS.other_unit
+
+
+def _against_law(signals, i, slope):
+    """Judge the logged per commanded torque."""
+    check = Check(_NAME, i, "of the law's")
+    advice = f"The torque is {slope:.3g} times the commanded one: "
+    if not _same_unit(slope):
+        advice += f"{_likely_units(signals, slope, i)}."
+        return check.wrong(slope, advice)
+    noise = SETTINGS.gain_error / 10
+    if abs(slope - 1) > SETTINGS.gain_error and correlation(signals, i, i) > 1 - noise:
+        advice += "check gain, motor gain and gear."
+        return check.look(slope, advice)
+    return check.fine(slope)
+
+
+def _against_rotor(signals, i, inertia, friction):
+    """An impossible torque per acceleration [rotor inertias]: torque or counts are wrong.
+
+    Friction as stated shows that the torque is right.
+    """
+    light = inertia < SETTINGS.light
+    verdict = "look" if SETTINGS.heavy < inertia < SETTINGS.absurd else "wrong"
+    size = f"{inertia:.2g} of" if light else f"{inertia:.3g} times"
+    if friction is None:
+        angles = "motor" if light else "joint"
+        guess = (
+            f"{_likely_units(signals, inertia / SETTINGS.usual, i)}, or the counts are of angles of"
+            f" the {angles}"
+        )
+    elif _same_unit(friction):
+        guess = (
+            "friction is as stated, so look at the counts: resolution, and angles of motor or joint"
+        )
+    else:
+        guess = _likely_units(signals, friction, i)
+    advice = f"Torque per acceleration is {size} the rotor inertia: {guess}."
+    return Check(_NAME, i, "rotor inertias").finding(inertia, verdict, advice)
+
+
+def _friction_ratio(regression, stated):
+    """Estimated per stated Coulomb friction; None where it is not significant."""
     if not stated:
         return None
-    ratio = abs(shown.coulomb) / stated
-    std = _RUBS * shown.coulomb_std / stated
-    surely = std < ratio / 2 or ratio + std < 1 / _FACTOR or ratio - std > _FACTOR
-    return max(ratio, 1e-9) if surely else None
+    ratio = abs(regression.coulomb) / stated
+    error = SETTINGS.friction_error * regression.coulomb_std / stated
+    above = ratio - error > SETTINGS.other_unit
+    below = ratio + error < 1 / SETTINGS.other_unit
+    # A ratio of zero has no logarithm in `_likely_units`.
+    return max(ratio, 1e-9) if error < ratio / 2 or below or above else None
 
 
-def _guess(signals: Any, ratio: float, i: int) -> str:
-    """The likeliest reasons for a wrong factor of joint i."""
+def _likely_units(signals, ratio, i):
+    """The likeliest reasons for a torque of joint i that is so many times too large."""
     gain = np.log(signals.rig.drive.motor_gain[i])
-    # a torque by the law is the larger one
+    # The ratio of a torque that is the law's is that of the law, which is the larger one.
     factor = np.log(ratio) if signals.torque is not None else -np.log(ratio)
     step, clear = comb(signals.counts[:, i])
-    if (
-        clear
-        and step > 1 + _ALIKE
-        and abs(factor + np.log(step)) < _ALIKE
-        and not signals.rig.encoder.smooth
-    ):
+    coarse = clear and step > 1 + SETTINGS.alike and not signals.rig.encoder.smooth
+    if coarse and abs(factor + np.log(step)) < SETTINGS.alike:
         return f"the counts come in steps of {step:.4g}, so correct the resolution"
-    if abs(gain) > _ALIKE and abs(factor - gain) < _ALIKE and signals.commanded is not None:
+    geared = abs(gain) > SETTINGS.alike and abs(factor - gain) < SETTINGS.alike
+    if geared and signals.commanded is not None:
         return "the gains of the law may be in A per pulse: multiply them by motor_gain"
+
+    # All reasons whose factor is as near to the ratio as the nearest, to a factor of another unit.
     gear = abs(signals.rig.drive.gear[i])
-    of_current = signals.record.torque is None
     reasons = {1e3: "it may be in mN m", 1e-3: "it may be in kN m"}
-    if of_current:
+    if signals.record.torque is None:
         reasons = {1e3: "the current may be in mA", 1e-3: "the current may be in A, not in mA"}
-    reasons |= {
-        gear: "it may have crossed the gear twice",
-        1 / gear: "it may be the motor's torque, not the joint's",
-    }
-    off = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
-    near = sorted(
-        (reason for reason in off if off[reason] < min(off.values()) + np.log(_FACTOR)),
-        key=off.__getitem__,
-    )
-    return ", or ".join(near)
+    # A gear of 1000 replaces the unit of the same factor.
+    reasons[gear] = "it may have crossed the gear twice"
+    reasons[1 / gear] = "it may be the motor's torque, not the joint's"
+    distance = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
+    limit = min(distance.values()) + np.log(SETTINGS.other_unit)
+    near = [reason for reason in distance if distance[reason] < limit]
+    return ", or ".join(sorted(near, key=distance.__getitem__))

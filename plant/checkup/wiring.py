@@ -1,269 +1,307 @@
 """Wiring of counts and torques: copied columns, sign of the torque, swapped joints."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
-from plant.checkup.finding import Finding, unless
+from plant.checkup.finding import Check, Finding, unless
 from plant.checkup.signals import Signals
-from plant.checkup.torque_regression import AveragedRegression
-from plant.checkup.tracking import correlation, law_slope
+from plant.checkup.tracking import correlation, law_fit
 
-_BACKWARDS = -1 / 3  # logged per commanded torque below which the sign is wrong
 
-_SURE = 5.0  # standard deviations from which on a sign is significant
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WiringSettings:
+    """Limits of the checks of signs and order of columns, chosen by hand.
 
-# Standard deviations from which on one of two columns is named, where one of them is known to be
-# reversed.
-_LIKELY = 3.0
+    ``tests/plant/checkup/test_examine.py`` holds them against twenty right logs and spoiled ones.
 
-# share of the largest motor torque below which a motor may just be moved by the others
-_WEAK = 0.25
+    Parameters
+    ----------
+    backwards : float
+        Logged per commanded torque below which the sign is wrong.
+    explained : float
+        Share of a torque's variance that its law explains.
+    certain : float
+        Standard deviations from which on a sign is significant.
+    likely : float
+        The same for one of two columns, of which one is known to have the wrong sign.
+    weak : float
+        Share of the largest motor torque below which other joints may just move a motor.
+    light : float
+        Share of the stated rotor inertia that torque per acceleration must reach.
+    closer : float
+        Unexplained share with another joint's law [own unexplained share] of a swapped torque.
+    minor : float
+        Product D_ij D_ji [D_ii D_jj] above which two rows are swapped; it is below 1 in an inertia
+        matrix, and this is with a margin.
+    uneven, even : float
+        Standard deviations from which on two numbers differ, and up to which they may be equal.
+    """
 
-# Share of a torque's variance that its law explains; and of the unexplained share, what another
-# joint's law leaves at most if the two are swapped.
-_EXPLAINED = 0.9
-_CLOSER = 0.2
+    backwards: float = -1 / 3
+    explained: float = 0.9
+    certain: float = 5.0
+    likely: float = 3.0
+    weak: float = 0.25
+    light: float = 0.5
+    closer: float = 0.2
+    minor: float = 1.5
+    uneven: float = 4.0
+    even: float = 3.0
 
-_MINOR = 1.5  # an inertia matrix has D_ij D_ji < D_ii D_jj; with this margin
 
-_LIGHT = 0.5  # share of the stated rotor inertia that torque per acceleration must reach
-
-# standard deviations from which on two numbers differ; and up to which they may be equal
-_UNEVEN = 4.0
-_EVEN = 3.0
+SETTINGS = WiringSettings()
 
 
 def wiring_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about columns, signs and order of counts and torques."""
-    yield from signals.each(_copied)
-    yield from unless(
-        signals.no_torque, ("drive sign", "swapped torques"), signals.each(_sign, _swapped)
-    )
+    yield from signals.per_joint(_copied)
+    names = "drive sign", "swapped torques"
+    yield from unless(signals.no_torque, names, signals.per_joint(_drive_sign, _swapped))
 
 
 def _copied(signals, i):
     """Whether an earlier joint has the same columns, as they are or as angles."""
+    check = Check("copied columns", i)
     for j in range(i):
-        for column, same in (("counts", _same_counts), ("torque", _same_torque)):
-            if same(signals, j, i):
-                advice = (
-                    f"The same {column} as {signals.joint_labels[j]}: one column was mapped to"
-                    " both."
-                )
-                return Finding.of(
-                    "copied columns", i, None, "", "wrong" if column == "counts" else "look", advice
-                )
-    return Finding.of("copied columns", i, None, "")
+        remedy = f"as {signals.joint_labels[j]}: one column was mapped to both."
+        if _same_counts(signals, j, i):
+            return check.wrong(None, f"The same counts {remedy}")
+        if _same_torque(signals, j, i):
+            return check.look(None, f"The same torque {remedy}")
+    return check.fine()
 
 
 def _same_counts(signals, i, j):
+    """Whether two joints move alike, to a pulse, although their references differ."""
     moved = signals.counts - signals.counts[0]
-    reference = signals.reference
-    angle = np.abs(signals.rig.to_angle(moved))
-    pulse = np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
     if not moved[:, i].any():
         return False
-    if reference is not None:
-        commanded = np.abs(signals.rig.to_angle(reference - reference[0]))
-        if np.abs(commanded[:, i] - commanded[:, j]).max() <= pulse[i] + pulse[j]:
-            return False  # commanded alike
-    return bool(
-        (moved[:, i] == moved[:, j]).all()
-        or np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j]
-    )
+    pulse = np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
+
+    def alike(pulses):
+        # Magnitudes, since the gears of the two joints may have different signs.
+        angle = np.abs(signals.rig.to_angle(pulses))
+        return bool(np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])
+
+    if signals.reference is not None:
+        commanded = signals.reference - signals.reference[0]
+        if alike(commanded):
+            return False
+    return bool((moved[:, i] == moved[:, j]).all()) or alike(moved)
 
 
 def _same_torque(signals, i, j):
-    logged = [
-        table for table in (signals.record.torque, signals.record.current) if table is not None
-    ]
-    return any(np.ptp(table[:, i]) and (table[:, i] == table[:, j]).all() for table in logged)
+    for table in (signals.record.torque, signals.record.current):
+        if table is not None and np.ptp(table[:, i]) and (table[:, i] == table[:, j]).all():
+            return True
+    return False
 
 
-def _sign(signals, i):
-    name = "drive sign"
-    unit = "kg m^2"
-    law = law_slope(signals, i)
-    shown = signals.regression(i)
-    if law is not None and law[0] < _BACKWARDS and law[1] > _EXPLAINED:
-        advice = (
-            f"The torque has the opposite sign of the commanded one{_turned(signals, i, shown)}."
-        )
-        return Finding.of(name, i, law[0], "of the law's", "wrong", advice)
-    if shown is None:
-        return Finding.unknown(name, i, "too little motion")
-    against = signals.tracking_slope[i] < 0  # a wrong sign of the counts says nothing of the torque
+def _drive_sign(signals, i):
+    """Torque per acceleration [kg m^2], which is positive where all signs are right."""
+    check = Check("drive sign", i, "kg m^2")
+    regression = signals.regression(i)
+
+    # 1. The law gives the sign of the torque, if it explains the torque at all.
+    fit = law_fit(signals, i)
+    if fit is not None and fit.slope < SETTINGS.backwards and fit.explained > SETTINGS.explained:
+        hint, column = _turned_column(signals, i, regression)
+        cause = f"The torque has the opposite sign of the commanded one{hint}"
+        return Check("drive sign", i, "of the law's").wrong_sign(fit.slope, cause, column)
+
+    # 2. Records that show no sign.
+    if regression is None:
+        return check.unknown("too little motion")
+    against = signals.tracking_slope[i] < 0
     if against and signals.torque is None:
-        return Finding.unknown(name, i, "the counts run against the reference")
-    sign = -1 if against else 1
-    inertia = sign * shown.inertia[i]
-    std = shown.inertia_std[i]
-    size = np.std(signals.motor_torque, axis=0)
+        return check.unknown("the counts run against the reference")
+    # Counts of the wrong sign show in "gear sign"; they say nothing about the torque.
+    inertia = -regression.inertia[i] if against else regression.inertia[i]
+    std = regression.inertia_std[i]
     stated = signals.rig.drive.motor_inertia[i]
-    if abs(inertia) + _SURE * std < _LIGHT * stated:
-        return Finding.unknown(name, i, "the torque is in other units", value=inertia, unit=unit)
-    if inertia < -_SURE * std and law is None and size[i] < _WEAK * size.max():
-        verdict = "look"
-        advice = (
-            "Torque brakes the motion caused by other joints: its sign is wrong, or the motor is"
-            " not driven."
-        )
-    elif inertia < -_SURE * std:
-        torque = signals.column("torque", i)
-        counts = signals.column("counts", i)
-        order = ", or the order of the columns" if signals.n > 1 else ""
-        which = f": change the sign of {torque}, {counts} or gear{order}"
-        which = which if signals.reference is None else _turned(signals, i, shown)
-        verdict = "wrong"
-        advice = f"Torque accelerates the counts backwards{which}."
-    elif signals.reference is None and shown.coulomb < -_SURE * shown.coulomb_std:
-        torque = signals.column("torque", i)
-        verdict = "look"
-        advice = f"Friction drives the motor: {torque} has the wrong sign, or is another motor's."
-    elif (
-        signals.reference is not None
-        and _friction_drives(shown, signals.rig.drive.coulomb[i])
-        and not against
-    ):
-        column = _wrong_error(signals, i) if signals.torque is None else torque_column(signals, i)
-        verdict = "wrong"
-        advice = f"Friction drives the arm: change the sign of {column}."
-    elif inertia < _SURE * std:
-        return Finding.unknown(
-            name, i, "no acceleration that torque explains", value=inertia, unit=unit
-        )
-    else:
-        verdict = "fine"
-        advice = ""
-    return Finding.of(name, i, inertia, unit, verdict, advice)
+    if abs(inertia) + SETTINGS.certain * std < SETTINGS.light * stated:
+        reason = "the torque is in other units"
+        return check.unknown(reason, inertia)
+
+    # 3. A negative inertia.
+    if inertia < -SETTINGS.certain * std:
+        size = np.std(signals.motor_torque, axis=0)
+        if fit is None and size[i] < SETTINGS.weak * size.max():
+            advice = (
+                "Torque brakes the motion caused by other joints: its sign is wrong, or the motor"
+                " is not driven."
+            )
+            return check.look(inertia, advice)
+        hint, column = _turned_column(signals, i, regression)
+        if signals.reference is None:
+            order = ", or the order of the columns" if signals.n > 1 else ""
+            torque = signals.column("torque", i)
+            hint = ""
+            column = f"{torque}, {signals.column('counts', i)} or gear{order}"
+        cause = f"Torque accelerates the counts backwards{hint}"
+        return check.wrong_sign(inertia, cause, column)
+
+    # 4. Negative friction.
+    if signals.reference is None:
+        if regression.coulomb < -SETTINGS.certain * regression.coulomb_std:
+            torque = signals.column("torque", i)
+            advice = (
+                f"Friction drives the motor: {torque} has the wrong sign, or is another motor's."
+            )
+            return check.look(inertia, advice)
+    elif not against and _friction_drives(regression, signals.rig.drive.coulomb[i]):
+        column = torque_column(signals, i)
+        if signals.torque is None:
+            column = _turned_error(signals, i)
+        return check.wrong_sign(inertia, "Friction drives the arm", column)
+
+    if inertia < SETTINGS.certain * std:
+        reason = "no acceleration that torque explains"
+        return check.unknown(reason, inertia)
+    return check.fine(inertia)
 
 
-def _turned(signals: Signals, i: int, shown: Any) -> str:
-    """Which column has the wrong sign where torque and law disagree: friction says whether the
-    torque is right.
+def _turned_column(signals, i, regression):
+    """What friction says of the torque, as a clause, and the column that has the wrong sign.
 
-    The slow motion of the counts is that of the reference, whatever the sign of the error; its
-    acceleration is not.
+    Torque and law disagree, so torque or error is wrong. The slow motion of the counts is that of
+    the reference whatever the sign of the error, and so is the sign of friction; their acceleration
+    is not.
     """
-    error = _wrong_error(signals, i)
+    error = _turned_error(signals, i)
     if signals.torque is None:
-        return f": change the sign of {error}"
-    if shown is not None and shown.coulomb < -_LIKELY * shown.coulomb_std:
-        return (
-            f", and drives against friction's sign: change the sign of {torque_column(signals, i)}"
-        )
-    if shown is not None and shown.coulomb > _LIKELY * shown.coulomb_std:
-        return f", but friction's sign is right: change the sign of {error}"
-    return f": change the sign of {signals.column('torque', i)}, or of {error}"
+        return "", error
+    torque = torque_column(signals, i)
+    if regression is not None:
+        least = SETTINGS.likely * regression.coulomb_std
+        if regression.coulomb < -least:
+            return ", and drives against friction's sign", torque
+        if regression.coulomb > least:
+            return ", but friction's sign is right", error
+    return "", f"{signals.column('torque', i)}, or of {error}"
 
 
 def torque_column(signals: Signals, i: int) -> str:
-    """What messages call a torque of joint i with the wrong sign: which side a current is of,
-    the gear says.
+    """Name in messages of a torque of joint i with the wrong sign.
+
+    The sign of the gear decides which direction of the joint a current drives.
     """
-    return signals.column("torque", i) + ", or of the gear" * (signals.record.torque is None)
+    name = signals.column("torque", i)
+    return name if signals.record.torque is not None else f"{name}, or of the gear"
 
 
-def _wrong_error(signals, i):
+def _turned_error(signals, i):
     return error_column(signals, i) or "the law's gain"
 
 
 def error_column(signals: Signals, i: int) -> str:
-    """What messages call the error of joint i, which may have the wrong sign; "" where it was
-    made of counts.
+    """Name in messages of the error of joint i, which may have the wrong sign.
+
+    It is empty where the error was computed from the counts.
     """
-    made = {"counts", "position", "motor_position"} & set(signals.record.columns or ())
-    return (
-        ""
-        if made or signals.reference is None
-        else f"{signals.column('error', i)} (reference minus counted)"
-    )
+    columns = set(signals.record.columns or ())
+    computed = {"counts", "position", "motor_position"} & columns
+    if computed or signals.reference is None:
+        return ""
+    return f"{signals.column('error', i)} (reference minus counted)"
 
 
-def _friction_drives(regression: Any, stated: float) -> bool:
-    """Whether friction has the wrong sign: significantly, or with the size of the stated
-    friction.
-    """
-    found = -regression.coulomb
+def _friction_drives(regression, stated):
+    """Whether friction has the wrong sign: significantly, or with the size of the stated one."""
+    size = -regression.coulomb
     std = regression.coulomb_std
-    return found > _SURE * std or (found > 2 * std and 0.5 * stated < found < 1.5 * stated)
+    if size > SETTINGS.certain * std:
+        return True
+    return bool(size > 2 * std and 0.5 * stated < size < 1.5 * stated)
 
 
 def _swapped(signals, i):
     """Whether the torque belongs to the motion of another joint."""
-    name = "swapped torques"
+    check = Check("swapped torques", i, "of the diagonal")
     others = [j for j in range(signals.n) if j != i]
     if not others:
-        return Finding.unknown(name, i, "one joint")
+        return check.unknown("one joint")
     if signals.commanded is not None and signals.torque is not None:
-        own = correlation(signals, i, i)
-        found = max(others, key=lambda j: correlation(signals, i, j))
-        if 1 - correlation(signals, i, found) < _CLOSER * (1 - own) and own < _EXPLAINED:
-            return _exchange(signals, i, found, 100 * own, "% like its law's")
-        return Finding.of(name, i, 100 * own, "% like its law's")
+        return _swapped_by_law(signals, i, others)
     if None in signals.regressions:
-        return Finding.unknown(name, i, "too little motion")
-    M = np.array([regression.inertia for regression in signals.regressions])
-    sure = np.abs(M) > _SURE * np.array(
-        [regression.inertia_std for regression in signals.regressions]
-    )
-    worst = max(others, key=lambda j: M[i, j] * M[j, i] / max(abs(M[i, i] * M[j, j]), 1e-300))
-    ratio = M[i, worst] * M[worst, i] / max(abs(M[i, i] * M[worst, worst]), 1e-300)
-    if ratio > _MINOR and sure[i, worst] and sure[worst, i]:
-        return _exchange(signals, i, worst, ratio, "of the diagonal")
-    if signals.averaged is not None:
+        return check.unknown("too little motion")
+
+    # 1. An inertia matrix has D_ij D_ji < D_ii D_jj.
+    fits = signals.regressions
+    D = np.array([fit.inertia for fit in fits])
+    certain = np.abs(D) > SETTINGS.certain * np.array([fit.inertia_std for fit in fits])
+    ratio = [D[i, j] * D[j, i] / max(abs(D[i, i] * D[j, j]), 1e-300) for j in range(signals.n)]
+    worst = max(others, key=lambda j: ratio[j])
+    if ratio[worst] > SETTINGS.minor and certain[i, worst] and certain[worst, i]:
+        return _exchange(signals, i, worst, ratio[worst], "of the diagonal")
+
+    # 2. Friction of another motor; an inertia matrix that is even only with two motors exchanged.
+    averaged = signals.averaged
+    if averaged is not None:
         for j in others:
-            if _crossed(signals.averaged, i, j):
-                return _exchange(
-                    signals, i, j, signals.averaged[i].cross_coulomb[j], "N m of another's friction"
-                )
-            if exchanged := _uneven(signals.averaged, i, j):
+            if _crossed(averaged, i, j):
+                friction = averaged[i].cross_coulomb[j]
+                return _exchange(signals, i, j, friction, "N m of another's friction")
+            exchanged = _uneven(averaged, i, j)
+            if exchanged:
                 return _exchange(signals, i, j, exchanged, "of the diagonal")
-    if not sure[i, i]:
-        shown = signals.regression(i)
-        if abs(shown.inertia[i]) < _SURE * shown.inertia_std[i]:
-            return Finding.unknown(name, i, "no acceleration that torque explains")
-        M = np.array([fit.inertia for fit in signals.averaged])
-        ratio = max(M[i, j] * M[j, i] / abs(M[i, i] * M[j, j]) for j in others)
-    return Finding.of(name, i, ratio, "of the diagonal")
+    if certain[i, i]:
+        return check.fine(ratio[worst])
+
+    # 3. The averaged inertia of an arm that swings freely.
+    regression = signals.regression(i)
+    if abs(regression.inertia[i]) < SETTINGS.certain * regression.inertia_std[i]:
+        return check.unknown("no acceleration that torque explains")
+    D = np.array([fit.inertia for fit in averaged])
+    largest = max(D[i, j] * D[j, i] / abs(D[i, i] * D[j, j]) for j in others)
+    return check.fine(largest)
 
 
-def _crossed(averaged: Sequence[AveragedRegression], i: int, j: int) -> bool:
-    """Whether each of two torques shows the Coulomb friction of the other motor, and not its
-    own.
-    """
+def _swapped_by_law(signals, i, others):
+    """The same by the correlation [%] of logged and commanded torques."""
+    alike = correlation(signals, i, i)
+    nearest = max(others, key=lambda j: correlation(signals, i, j))
+    closer = 1 - correlation(signals, i, nearest) < SETTINGS.closer * (1 - alike)
+    if closer and alike < SETTINGS.explained:
+        return _exchange(signals, i, nearest, 100 * alike, "% like its law's")
+    return Check("swapped torques", i, "% like its law's").fine(100 * alike)
+
+
+def _crossed(averaged, i, j):
+    """Whether each of two torques has the Coulomb friction of the other motor, not its own."""
     for a, b in ((i, j), (j, i)):
         size = np.abs(averaged[a].cross_coulomb)
         std = averaged[a].cross_coulomb_std
-        if not (size[b] > _SURE * std[b] and size[a] + _EVEN * std[a] < size[b] / 2):
+        others_friction = size[b] > SETTINGS.certain * std[b]
+        if not (others_friction and size[a] + SETTINGS.even * std[a] < size[b] / 2):
             return False
     return True
 
 
-def _uneven(averaged: Sequence[AveragedRegression], i: int, j: int) -> float:
-    """D_ij D_ji / (D_ii D_jj), if the inertia matrix is one with motors i and j exchanged only;
-    otherwise 0.
+def _uneven(averaged, i, j):
+    """D_ij D_ji / (D_ii D_jj), if D is an inertia matrix only with motors i and j exchanged; or 0.
 
     An inertia matrix is symmetric and positive definite; with two of its rows or columns exchanged
     it is neither.
     """
-    M = np.array([[averaged[a].inertia[b] for b in (i, j)] for a in (i, j)])
+    D = np.array([[averaged[a].inertia[b] for b in (i, j)] for a in (i, j)])
     std = np.array([[averaged[a].inertia_std[b] for b in (i, j)] for a in (i, j)])
-    if (np.abs(M) < _UNEVEN * std).any() or np.linalg.det(M) > 0:
+    if (np.abs(D) < SETTINGS.uneven * std).any() or np.linalg.det(D) > 0:
         return 0.0
-    as_it_is = abs(M[0, 1] - M[1, 0]) / np.hypot(std[0, 1], std[1, 0])
-    exchanged = abs(M[0, 0] - M[1, 1]) / np.hypot(std[0, 0], std[1, 1])
-    uneven = as_it_is > _UNEVEN and exchanged < _EVEN
-    return M[0, 1] * M[1, 0] / (M[0, 0] * M[1, 1]) if uneven else 0.0
+    asymmetry = abs(D[0, 1] - D[1, 0]) / np.hypot(std[0, 1], std[1, 0])
+    exchanged_asymmetry = abs(D[0, 0] - D[1, 1]) / np.hypot(std[0, 0], std[1, 1])
+    if not (asymmetry > SETTINGS.uneven and exchanged_asymmetry < SETTINGS.even):
+        return 0.0
+    return float(D[0, 1] * D[1, 0] / (D[0, 0] * D[1, 1]))
 
 
-def _exchange(signals: Signals, i: int, j: int, value: float, unit: str) -> Finding:
+def _exchange(signals, i, j, value, unit):
     torque = signals.joint_labels[i]
     motion = signals.joint_labels[j]
     advice = (
         f"The torque of {torque} belongs to the motion of {motion}: exchange the columns of torque,"
         " or of counts."
     )
-    return Finding.of("swapped torques", i, value, unit, "wrong", advice)
+    return Check("swapped torques", i, unit).wrong(value, advice)
