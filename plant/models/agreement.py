@@ -1,5 +1,6 @@
-"""How well an inertial agrees with all else that a model file says, and what is impossible or
-exact in it.
+"""How well an inertial agrees with the rest of a model file; what is impossible or exact in it.
+
+The costs are negative logarithms of likelihoods: a difference of 6 means odds of e^6.
 """
 
 import dataclasses
@@ -7,177 +8,216 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plant.models.hypotheses import Shape, Stated
+from plant.models.hypotheses import Inertial, Shape
 from plant.parts.fields import Floats
 
-# Usual density [kg/m^3] of a link over the volume of its primitives, and the deviation of its
-# logarithm.
-_DENSITY = 1500.0
-_TIMES = 1.2
-
-# Share by which a link may be larger than its shape in the file, and what a body says that needs
-# more.
-_SLACK = 0.05
-_OUTSIDE = 15.0
-
-_FAR = 1.0  # the same share, for a proof: shapes for collisions leave parts out
-
-_FAITHFUL = 3  # links that have to fit their shapes before shapes are taken for what links are
-
-# density [kg/m^3] of nothing that links are made of: above that of osmium
-_LIGHTEST = 1.0
 HEAVIEST = 23000.0
+"""Density [kg/m^3] of nothing that links are made of: above that of osmium."""
 
-# Relative differences at which a link is its partner mirrored, or its shape uniformly filled, and
-# what that says.
-_SAME = 1e-4
-_UNIFORM = 2e-3
-_COINCIDENCE = 15.0
 
-_APART = 20.0  # what a whole difference from the link on the other side says
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AgreementSettings:
+    """Weights of the evidence for an inertial, chosen by hand.
 
-_CAP = 40.0  # most that one piece of evidence may say
+    ``tests/benchmarks/broken_models.py`` counts the broken files that are repaired with them.
+
+    Parameters
+    ----------
+    density, density_factor : float
+        Usual density [kg/m^3] of a link over the volume of its primitives, and the factor of one
+        standard deviation of its logarithm.
+    lightest : float
+        Density [kg/m^3] below which nothing is a link.
+    slack : float
+        Share by which a link may be larger than its shape in the file.
+    slack_of_proof : float
+        The same for a proof: shapes for collisions leave parts out.
+    faithful : int
+        Links that have to fit their shapes before shapes are taken for the links themselves.
+    outside : float
+        Cost of a body that needs more than the slack.
+    same : float
+        Relative difference of two inertials that are the same.
+    uniform : float
+        Relative difference from a uniformly filled shape.
+    coincidence : float
+        Gain of an inertial that is exactly its partner's, or its shape's.
+    apart : float
+        Cost of a relative difference of 1 from the link on the other side.
+    cap : float
+        Largest cost of one piece of evidence.
+    """
+
+    density: float = 1500.0
+    density_factor: float = 1.2
+    lightest: float = 1.0
+    slack: float = 0.05
+    slack_of_proof: float = 1.0
+    faithful: int = 3
+    outside: float = 15.0
+    same: float = 1e-4
+    uniform: float = 2e-3
+    coincidence: float = 15.0
+    apart: float = 20.0
+    cap: float = 40.0
+
+
+SETTINGS = AgreementSettings()
 
 
 @dataclasses.dataclass
 class CheckedLink:
-    """A link: what it states (None: no inertial), and what the file says beside it."""
+    """A link with its inertial in the file (or None), its shape, joints and partners."""
 
     name: str
-    stated: Stated | None
+    stated: Inertial | None
     shape: Shape | None
-    places: Floats
-    partners: Sequence[tuple[Stated, Floats]] = ()
+    joints: Floats
+    partners: Sequence[tuple[Inertial, Floats]] = ()
 
 
-def mirrored(given: Stated, plane: Floats) -> Stated:
+def mirrored(inertial: Inertial, plane: Floats) -> Inertial:
     """The inertial on the other side of a plane."""
-    turned = given.rotation @ given.inertia @ given.rotation.T
-    return Stated(given.mass, plane @ given.com, np.eye(3), plane @ turned @ plane)
+    in_link = inertial.rotation @ inertial.inertia @ inertial.rotation.T
+    return Inertial(inertial.mass, plane @ inertial.com, np.eye(3), plane @ in_link @ plane)
 
 
-def coincides(given: Stated, link: CheckedLink) -> bool:
-    """Whether an inertial is exactly that of the other side, or that of the shape uniformly
-    filled.
-    """
-    alike = (
-        agrees(given, mirrored(partner, plane))
-        for partner, plane in link.partners
-        if partner.physical()
-    )
-    return any(alike) or uniform(given, link.shape)
+def coincides(inertial: Inertial, link: CheckedLink) -> bool:
+    """Whether an inertial is exactly that of the other side, or of the shape uniformly filled."""
+    for partner, plane in link.partners:
+        if partner.physical() and same(inertial, mirrored(partner, plane)):
+            return True
+    return uniform(inertial, link.shape)
 
 
-def agrees(one: Stated, other: Stated) -> bool:
+def same(inertial: Inertial, reference: Inertial) -> bool:
     """Whether two inertials are the same."""
-    return apart(one, other) < _SAME
+    return distance(inertial, reference) < SETTINGS.same
 
 
-def uniform(given: Stated, shape: Shape | None) -> bool:
+def uniform(inertial: Inertial, shape: Shape | None) -> bool:
     """Whether an inertial is that of the shape uniformly filled."""
     if shape is None:
         return False
     size = float(np.trace(shape.spread))
-    spread = np.abs(given.spread / given.mass - shape.spread).max() < _UNIFORM * size
-    return bool(spread and np.linalg.norm(given.com - shape.centre) < _UNIFORM * np.sqrt(size))
+    off = np.abs(inertial.spread / inertial.mass - shape.spread).max()
+    shift = np.linalg.norm(inertial.com - shape.centre)
+    return bool(off < SETTINGS.uniform * size and shift < SETTINGS.uniform * np.sqrt(size))
 
 
-def impossible(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> bool:
-    """Whether no body within the robot, or within the link's shape, can have this inertial, or is
-    as dense.
+def impossible(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]) -> bool:
+    """Whether no body within the robot, or within the link's shape, can have this inertial.
 
-    The shape may be a third of the link, as shapes for collisions are; but as large as it is where
-    the other links of the file (at least `_FAITHFUL`) are all as large as theirs.
+    The shape may be a third of the link, as shapes for collisions are; but it counts as large as it
+    is where all other links of the file (at least `faithful`) are as large as theirs.
     """
-    spread = given.spread / given.mass
-    if given.density() > HEAVIEST:
+    spread = inertial.spread / inertial.mass
+    if inertial.density() > HEAVIEST:
         return True
-    if link.shape is not None:
-        dense = not _LIGHTEST < given.mass / link.shape.volume < HEAVIEST
-        others = [
-            each.shape.holds(each.stated.com, each.stated.spread / each.stated.mass, _SLACK)
-            for each in links.values()
-            if each is not link
-            and each.shape is not None
-            and each.stated is not None
-            and each.stated.physical()
-        ]
-        faithful = len(others) >= _FAITHFUL and all(others)
-        return dense or not link.shape.holds(given.com, spread, 2 * _SLACK if faithful else _FAR)
-    whole = sum(
-        float(np.linalg.norm(each.places, axis=1).max())
-        for each in links.values()
-        if len(each.places)
-    )
-    return bool(whole) and bool(
-        max(np.linalg.norm(given.com), np.sqrt(np.trace(spread))) > 2.0 * whole
-    )
+    if link.shape is None:
+        # Without a shape the body must lie within all links in a row, twice.
+        reach = sum(_length(one) for one in links.values() if len(one.joints))
+        size = max(np.linalg.norm(inertial.com), np.sqrt(np.trace(spread)))
+        return bool(reach) and bool(size > 2.0 * reach)
+    if not SETTINGS.lightest < inertial.mass / link.shape.volume < HEAVIEST:
+        return True
+    fits = [
+        one.shape.holds(one.stated.com, one.stated.spread / one.stated.mass, SETTINGS.slack)
+        for one in links.values()
+        if one is not link and one.shape is not None and one.stated and one.stated.physical()
+    ]
+    faithful = len(fits) >= SETTINGS.faithful and all(fits)
+    slack = 2 * SETTINGS.slack if faithful else SETTINGS.slack_of_proof
+    return not link.shape.holds(inertial.com, spread, slack)
 
 
-def cost_of(given: Stated, link: CheckedLink, links: dict[str, CheckedLink]) -> float:
-    """How little an inertial agrees with all else that the file says."""
-    if not given.physical():
+def cost_of(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]) -> float:
+    """Disagreement of an inertial with the rest of the file; infinite if no body can have it."""
+    if not inertial.physical():
         return np.inf
-    spread = given.spread / given.mass
     if link.shape is not None:
-        scale = link.shape.spread
-        where = given.com - link.shape.centre
-        cost = 0.5 * min(_CAP, float(where @ np.linalg.solve(scale, where)))
-        cost += 2.0 * min(_CAP, _divergence(spread, scale))
-        cost += 0.5 * min(_CAP, (np.log(given.mass / link.shape.volume / _DENSITY) / _TIMES) ** 2)
-        cost += 0.0 if link.shape.holds(given.com, spread, _SLACK) else _OUTSIDE
-        cost -= _COINCIDENCE if uniform(given, link.shape) else 0.0
+        cost = _cost_of_shape(inertial, link.shape)
     else:
-        masses = [
-            other.stated.mass
-            for other in links.values()
-            if other is not link and other.stated is not None
-        ]
-        median = float(np.median([abs(mass) for mass in masses])) if masses else given.mass
-        cost = 0.5 * min(_CAP, (np.log(given.mass / max(median, 1e-9)) / 1.5) ** 2)
-        ends = np.linalg.norm(link.places, axis=1)
-        size = max([*ends, 0.1 * _reach(links), 1e-3])
-        middle = given.com - (link.places.mean(axis=0) / 2 if len(link.places) else 0.0)
-        cost += 0.5 * min(_CAP, float(middle @ middle) / size**2)
-        cost += 0.5 * min(_CAP, (np.log(np.trace(spread) / (0.3 * size) ** 2) / 2.0) ** 2)
+        cost = _cost_of_joints(inertial, link, links)
     if link.partners:
-        other = [
-            apart(given, mirrored(partner, plane))
+        distances = [
+            distance(inertial, mirrored(partner, plane))
             for partner, plane in link.partners
             if partner.mass > 0
         ]
-        cost += min([_CAP / 2, *(_APART * each for each in other)])
-        cost -= _COINCIDENCE if other and min(other) < _SAME else 0.0
+        # The two sides may differ by design, so this evidence has half of the cap.
+        cost += min([SETTINGS.cap / 2, *(SETTINGS.apart * value for value in distances)])
+        if distances and min(distances) < SETTINGS.same:
+            cost -= SETTINGS.coincidence
     return cost
 
 
+def _capped(evidence: float) -> float:
+    """Evidence that no error of a single number of the file makes decisive."""
+    return min(SETTINGS.cap, evidence)
+
+
+def _cost_of_shape(inertial: Inertial, shape: Shape) -> float:
+    spread = inertial.spread / inertial.mass
+    scale = shape.spread
+    shift = inertial.com - shape.centre
+    # Position in units of the shape's own spread, widths by their divergence, and density.
+    cost = 0.5 * _capped(float(shift @ np.linalg.solve(scale, shift)))
+    cost += 2.0 * _capped(_divergence(spread, scale))
+    density = np.log(inertial.mass / shape.volume / SETTINGS.density) / SETTINGS.density_factor
+    cost += 0.5 * _capped(density**2)
+    if not shape.holds(inertial.com, spread, SETTINGS.slack):
+        cost += SETTINGS.outside
+    if uniform(inertial, shape):
+        cost -= SETTINGS.coincidence
+    return cost
+
+
+def _cost_of_joints(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]) -> float:
+    spread = inertial.spread / inertial.mass
+    # The mass of a link is like those of the others, within a factor of e^1.5.
+    masses = [
+        abs(one.stated.mass) for one in links.values() if one is not link and one.stated is not None
+    ]
+    median = float(np.median(masses)) if masses else inertial.mass
+    cost = 0.5 * _capped((np.log(inertial.mass / max(median, 1e-9)) / 1.5) ** 2)
+    # Its centre is halfway to its joints, and its width a third of its length.
+    lengths = np.linalg.norm(link.joints, axis=1)
+    size = max([*lengths, 0.1 * _reach(links), 1e-3])
+    middle = inertial.com - (link.joints.mean(axis=0) / 2 if len(link.joints) else 0.0)
+    cost += 0.5 * _capped(float(middle @ middle) / size**2)
+    cost += 0.5 * _capped((np.log(np.trace(spread) / (0.3 * size) ** 2) / 2.0) ** 2)
+    return cost
+
+
+def _length(link: CheckedLink) -> float:
+    """Largest distance of a joint that a link carries from its own joint [m]."""
+    return float(np.linalg.norm(link.joints, axis=1).max())
+
+
 def _reach(links: dict[str, CheckedLink]) -> float:
-    """The longest distance of two joints on a link [m]."""
-    return max(
-        (
-            float(np.linalg.norm(link.places, axis=1).max())
-            for link in links.values()
-            if len(link.places)
-        ),
-        default=0.1,
-    )
+    """The longest distance of two joints on a link [m]; 0.1 m in a file without any."""
+    return max((_length(link) for link in links.values() if len(link.joints)), default=0.1)
 
 
 def _divergence(spread: Floats, scale: Floats) -> float:
-    """Log-det divergence of second moments from those of a shape; a flat body is as thick as a
-    hundredth of it.
-    """
+    """Log-det divergence of second moments from those of a shape."""
     ratio = np.linalg.solve(scale, spread)
+    # A flat body counts as thick as a hundredth of the shape, so that its logarithm is finite.
     sign, logarithm = np.linalg.slogdet(ratio + 1e-4 * np.eye(3))
-    return float(np.trace(ratio) - logarithm - 3) if sign > 0 else _CAP
+    return float(np.trace(ratio) - logarithm - 3) if sign > 0 else SETTINGS.cap
 
 
-def apart(one: Stated, other: Stated) -> float:
-    """How far two bodies are from each other, relative to their own size."""
+def distance(inertial: Inertial, reference: Inertial) -> float:
+    """Distance of two bodies relative to their own size."""
+    # The reference may be impossible, hence the magnitudes.
     size = max(
-        np.trace(one.spread) / one.mass, np.trace(np.abs(other.spread)) / abs(other.mass), 1e-12
+        np.trace(inertial.spread) / inertial.mass,
+        np.trace(np.abs(reference.spread)) / abs(reference.mass),
+        1e-12,
     )
-    mass = np.log(one.mass / abs(other.mass)) ** 2
-    where = float((one.com - other.com) @ (one.com - other.com)) / size
-    spread = float(np.abs(one.spread / one.mass - other.spread / other.mass).max()) / size
-    return float(np.sqrt(mass + where + spread**2))
+    mass = np.log(inertial.mass / abs(reference.mass)) ** 2
+    shift = inertial.com - reference.com
+    widths = inertial.spread / inertial.mass - reference.spread / reference.mass
+    spread = float(np.abs(widths).max()) / size
+    return float(np.sqrt(mass + float(shift @ shift) / size + spread**2))

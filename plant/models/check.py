@@ -1,18 +1,18 @@
-"""What is wrong with the inertials of a URDF file, by what the file itself says, and the repair:
-`check_model`.
+"""Mistakes in the inertials of a URDF file, found by what the file itself says: `check_model`.
 
 Every inertial is compared with what it would be without each mistake that files have
-(`hypotheses`). What speaks for one or the other: the link's own shape (where it is, how wide, how
-dense), the places of its joints, the masses of the other links, and the link on the other side. A
-mistake is named only where something proves it: no body can have what is stated; none within three
-times the link's shape can, or none within the robot; no matter is so dense; or what is left without
-the mistake is exactly the link on the other side, or exactly the shape uniformly filled, which does
-not happen by chance.
+(`hypotheses`). The evidence for one or the other (`agreement`): the link's own shape (its position,
+width and density), the positions of its joints, the masses of the other links, and the link on the
+other side. A mistake is a finding only with a proof: no body can have the stated inertial; none
+within three times the link's shape can, or none within the robot; no matter is so dense; or the
+inertial without the mistake is exactly the link on the other side, or exactly the shape uniformly
+filled, which does not happen by chance.
 """
 
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,17 +23,18 @@ from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
 from plant.models.agreement import (
     HEAVIEST,
     CheckedLink,
-    agrees,
-    apart,
     coincides,
     cost_of,
+    distance,
     impossible,
     mirrored,
+    same,
+    uniform,
 )
-from plant.models.edits import body_of, guess, only, urdf_inertial
+from plant.models.edits import urdf_inertial
 from plant.models.hypotheses import (
-    Stated,
-    joint_places,
+    Inertial,
+    joint_positions,
     mirrors,
     partner_of,
     shape_of,
@@ -43,21 +44,42 @@ from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.shown import Piece, Shown, Verdict
 
-_MARGIN = 6.0
-# Relative difference of a link from its repair below which nothing is said: CAD models of two sides
-# differ as much.
-_COUNTS = 0.006
 
-_RARE = 4.0  # a mistake is e^4 times rarer than none
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RepairSettings:
+    """Evidence that a mistake or a repair needs [logarithms of odds], chosen by hand.
+
+    ``tests/benchmarks/broken_models.py`` counts the broken files that are repaired, and the alarms
+    on right ones.
+
+    Parameters
+    ----------
+    rare : float
+        Evidence against a mistake before the file is read: it is e^4 times rarer than none.
+    margin : float
+        Evidence that a mistake needs beside its proof.
+    likely : float
+        Evidence that a repair needs against the others, where no body can have what is stated.
+    difference : float
+        Relative difference of a link from its repair below which there is no finding: CAD models of
+        two sides differ as much.
+    """
+
+    rare: float = 4.0
+    margin: float = 6.0
+    likely: float = 3.0
+    difference: float = 0.006
+
+
+SETTINGS = RepairSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class ModelFinding(Shown):
-    """A mistake in the inertial of a link, and its repair in the link's frame; None where the file
-    does not tell.
+    """A mistake in the inertial of a link, and its repair in the link's frame, if one is certain.
 
-    `evidence`: how much better the repair agrees with the file, in logarithms of odds; infinite
-    where no body can have what is stated.
+    `evidence`: logarithm of the odds of the repair against the stated inertial; infinite where no
+    body can have that.
     """
 
     link: str
@@ -69,24 +91,22 @@ class ModelFinding(Shown):
         return f"link {self.link}{', repaired' * (self.repair is not None)}"
 
     def _shown(self) -> Iterator[Piece]:
-        what = (
-            "no repair is certain"
-            if self.repair is None
-            else f"repaired: mass {self.repair.mass:.4g} kg"
-        )
-        yield f"link {self.link}: {self.mistake}; {what}"
+        repair = "no repair is certain"
+        if self.repair is not None:
+            repair = f"repaired: mass {self.repair.mass:.4g} kg"
+        yield f"link {self.link}: {self.mistake}; {repair}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class ModelCheck(Shown):
-    """What `check_model` found."""
+    """The findings of `check_model` about a file."""
 
     path: Path
     findings: tuple[ModelFinding, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there is no finding."""
         return not self.findings
 
     def _short(self) -> str:
@@ -99,7 +119,7 @@ class ModelCheck(Shown):
 
     @known_options
     def write(self, target: str | Path, *, overwrite: bool = False) -> None:
-        """Write the file with the repairs, a new one; every byte of what is not repaired stays."""
+        """Write a new file with the repairs; every other byte stays."""
         path = require_new(target, overwrite)
         robot, data = parsed(self.path, "robot", "URDF")
         links = {link.attributes.get("name", ""): link for link in robot.all("link")}
@@ -111,7 +131,7 @@ class ModelCheck(Shown):
 
 
 def check_model(path: str | Path) -> ModelCheck:
-    """What is wrong with the inertials of a URDF file, and the repair.
+    """Find the mistakes in the inertials of a URDF file, and their repairs.
 
     Units (g for kg, mm for m), signs and order of the products of inertia, inertia about the link's
     frame, mirrored links, missing inertials, and what no body can have. Meshes are not read: links
@@ -147,127 +167,193 @@ def check_model(path: str | Path) -> ModelCheck:
     False
     """
     robot, _ = parsed(path, "robot", "URDF")
-    elements = {link.attributes.get("name", ""): link for link in robot.all("link")}
-    links = {
-        name: CheckedLink(
-            name, _stated(element, name), shape_of(element), joint_places(robot, name)
-        )
-        for name, element in elements.items()
-    }
+    links = _checked_links(robot)
     joints = [joint for joint in robot.all("joint") if joint.attributes.get("type") in MOVING]
     moving = {end.attributes.get("link") for joint in joints for end in joint.all("child")}
+    findings: dict[str, ModelFinding] = {}
     for name, link in links.items():
-        other = partner_of(name, list(links))
-        if other is not None and links[other].stated is not None:
-            partner = links[other]
-            planes = mirrors((link.shape, partner.shape), (link.places, partner.places))
-            if partner.stated is not None:
-                link.partners = [(partner.stated, plane) for plane in planes]
-    found: dict[str, ModelFinding] = {}
-    for name, link in links.items():
-        finding = (
-            _missing(link, links)
-            if link.stated is None and name in moving
-            else _judged(link, links)
-        )
+        # A link that moves needs an inertial; a fixed one may do without.
+        missing = link.stated is None and name in moving
+        finding = _missing(link, links) if missing else _judged(link, links)
         if finding is not None:
-            found[name] = finding
-    for name in list(found):  # of two sides that differ, one is wrong
-        other = partner_of(name, list(links))
-        if (
-            name in found
-            and other in found
-            and np.isfinite([found[name].evidence, found[other].evidence]).all()
-        ):
-            if found[name].mistake == found[other].mistake and _alike(links[name]):
-                continue  # the same mistake in both
-            del found[
-                min((name, other), key=lambda each: _own_gain(links[each], found[each], links))
-            ]
-    return ModelCheck(path=Path(path), findings=tuple(found.values()))
+            findings[name] = finding
+    _keep_one_side(findings, links)
+    return ModelCheck(path=Path(path), findings=tuple(findings.values()))
+
+
+def _checked_links(robot: Element) -> dict[str, CheckedLink]:
+    """The links of a file by name, each with its partner on the other side."""
+    links = {}
+    for element in robot.all("link"):
+        name = element.attributes.get("name", "")
+        joints = joint_positions(robot, name)
+        links[name] = CheckedLink(name, _stated(element, name), shape_of(element), joints)
+    for name, link in links.items():
+        partner_name = partner_of(name, list(links))
+        if partner_name is None:
+            continue
+        partner = links[partner_name]
+        if partner.stated is not None:
+            planes = mirrors((link.shape, partner.shape), (link.joints, partner.joints))
+            link.partners = [(partner.stated, plane) for plane in planes]
+    return links
+
+
+def _keep_one_side(findings: dict[str, ModelFinding], links: dict[str, CheckedLink]) -> None:
+    """Of two sides that differ only one is wrong: remove the less likely finding."""
+    for name in list(findings):
+        partner = partner_of(name, list(links))
+        if partner is None or name not in findings or partner not in findings:
+            continue
+        finding = findings[name]
+        other_finding = findings[partner]
+        # An impossible inertial is wrong whatever the other side states.
+        if not np.isfinite([finding.evidence, other_finding.evidence]).all():
+            continue
+        if finding.mistake == other_finding.mistake and _alike(links[name]):
+            continue  # the same mistake in both
+        gains = {side: _gain_alone(links[side], findings[side], links) for side in (name, partner)}
+        del findings[min((name, partner), key=gains.__getitem__)]
 
 
 def _alike(link: CheckedLink) -> bool:
     """Whether a link states what the other side states, mirrored."""
-    own = link.stated
-    return own is not None and any(
-        agrees(own, mirrored(partner, plane)) for partner, plane in link.partners
+    stated = link.stated
+    return stated is not None and any(
+        same(stated, mirrored(partner, plane)) for partner, plane in link.partners
     )
 
 
-def _own_gain(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:
-    """What speaks for a repair without the link on the other side."""
+def _gain_alone(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:
+    """Evidence for a repair without the link on the other side."""
     alone = dataclasses.replace(link, partners=())
-    if link.stated is None or finding.repair is None:
+    body = finding.repair
+    if link.stated is None or body is None:
         return 0.0
-    repaired = Stated(
-        finding.repair.mass, finding.repair.com, np.eye(3), inertia_matrix(finding.repair.inertia)
-    )
+    repaired = Inertial(body.mass, body.com, np.eye(3), inertia_matrix(body.inertia))
     return cost_of(link.stated, alone, links) - cost_of(repaired, alone, links)
 
 
-def _stated(link: Element, name: str) -> Stated | None:
-    """The inertial as it stands, without a judgement; None where there is none, or nothing in
-    it.
-    """
-    inertial = link.find("inertial")
-    if inertial is None:
+def _stated(link: Element, name: str) -> Inertial | None:
+    """The inertial as it stands, without a judgement; None if there is none, or it is empty."""
+    element = link.find("inertial")
+    if element is None:
         return None
-    where = f"link {name}"
-    pose = origin_of(inertial, f"link {name}")
-    mass = numbers_of(inertial.find("mass"), "value", 1, "0", where)[0]
-    entries = [numbers_of(inertial.find("inertia"), key, 1, "0", where)[0] for key in INERTIA]
+    label = f"link {name}"
+    pose = origin_of(element, label)
+    mass = numbers_of(element.find("mass"), "value", 1, "0", label)[0]
+    entries = [numbers_of(element.find("inertia"), key, 1, "0", label)[0] for key in INERTIA]
     inertia = inertia_matrix(entries)
     if not mass and not inertia.any():
         return None
-    return Stated(float(mass), np.array(pose.position), np.array(pose.rotation), inertia)
+    return Inertial(float(mass), np.array(pose.position), np.array(pose.rotation), inertia)
+
+
+class _Trial(NamedTuple):
+    """An inertial without a mistake: its cost with the rarity of the mistake, and its name."""
+
+    cost: float
+    mistake: str
+    inertial: Inertial
 
 
 def _judged(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | None:
-    """The mistake that explains the inertial better than none, if there is one."""
-    if link.stated is None:
+    """The mistake that explains the inertial better than none, if there is one with a proof."""
+    stated = link.stated
+    if stated is None:
         return None
-    now = cost_of(link.stated, link, links)
     trials = [
-        (cost_of(other, link, links) + _RARE, words, other)
-        for words, other in without_mistakes(link.stated)
+        _Trial(cost_of(inertial, link, links) + SETTINGS.rare, mistake, inertial)
+        for mistake, inertial in without_mistakes(stated)
     ]
-    best, words, other = min(trials, key=lambda trial: trial[0])
-    exact = np.isfinite(best) and coincides(other, link)
-    dense = link.stated.physical() and link.stated.density() > HEAVIEST
-    if dense:
-        left = [
+    if not stated.physical() or stated.density() > HEAVIEST:
+        return _impossible(link, links, trials)
+    best = min(trials, key=lambda trial: trial.cost)
+    exact = np.isfinite(best.cost) and coincides(best.inertial, link)
+    proven = (exact and not coincides(stated, link)) or impossible(stated, link, links)
+    differs = distance(stated, best.inertial) > SETTINGS.difference
+    evidence = cost_of(stated, link, links) - best.cost
+    if not proven or not differs or impossible(best.inertial, link, links):
+        return None
+    if evidence <= SETTINGS.margin:
+        return None
+    repair = _body(best.inertial)
+    return ModelFinding(link=link.name, mistake=best.mistake, evidence=evidence, repair=repair)
+
+
+def _impossible(
+    link: CheckedLink, links: dict[str, CheckedLink], trials: list[_Trial]
+) -> ModelFinding:
+    """The finding about an inertial that no body has: which mistake it is, if that is certain."""
+    best = min(trials, key=lambda trial: trial.cost)
+    possible = np.isfinite(best.cost)
+    mistake = "an inertia that no body has"
+    if link.stated is not None and link.stated.physical():
+        # Only too dense: of the mistakes, those count that leave a possible body.
+        mistake = "denser than any matter"
+        remaining = [
             trial
             for trial in trials
-            if np.isfinite(trial[0]) and not impossible(trial[2], link, links)
+            if np.isfinite(trial.cost) and not impossible(trial.inertial, link, links)
         ]
-        best, words, other = min(left, key=lambda trial: trial[0], default=(np.inf, "", other))
-        exact = bool(left) and coincides(other, link)
-        trials = left or trials
-    if dense or not link.stated.physical():
-        sure = (
-            exact or (np.isfinite(best) and words.startswith("a negative")) or only(trials, other)
-        )
-        mistake = (
-            words if sure else "denser than any matter" if dense else "an inertia that no body has"
-        )
-        repair = body_of(other) if sure else guess(link, links)
-        return ModelFinding(link=link.name, mistake=mistake, evidence=np.inf, repair=repair)
-    proven = (exact and not coincides(link.stated, link)) or impossible(link.stated, link, links)
-    counts = apart(link.stated, other) > _COUNTS and not impossible(other, link, links)
-    if proven and counts and now - best > _MARGIN:
-        return ModelFinding(
-            link=link.name, mistake=words, evidence=now - best, repair=body_of(other)
-        )
-    return None
+        possible = len(remaining) > 0
+        trials = remaining or trials
+        no_mistake = _Trial(np.inf, "", best.inertial)
+        best = min(remaining, key=lambda trial: trial.cost, default=no_mistake)
+    exact = possible and coincides(best.inertial, link)
+    negative = possible and best.mistake.startswith("a negative")
+    certain = exact or negative or _unrivalled(trials, best.inertial)
+    return ModelFinding(
+        link=link.name,
+        mistake=best.mistake if certain else mistake,
+        evidence=np.inf,
+        repair=_body(best.inertial) if certain else _guess(link, links),
+    )
+
+
+def _unrivalled(trials: list[_Trial], best: Inertial) -> bool:
+    """Whether all other bodies that one mistake leaves agree with the file much less."""
+    # Several mistakes may leave the same body.
+    costs = [
+        trial.cost
+        for trial in trials
+        if not np.allclose(trial.inertial.spread, best.spread, rtol=1e-3, atol=0)
+    ]
+    least = min(trial.cost for trial in trials)
+    return bool(np.isfinite(least) and min(costs, default=np.inf) - least > SETTINGS.likely)
 
 
 def _missing(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | None:
-    """A link that moves and has a shape, or a partner with an inertial, and no inertial of its
-    own.
-    """
+    """The finding about a link with a shape or a partner, and without an inertial."""
     if link.shape is None and not link.partners:
         return None
     return ModelFinding(
-        link=link.name, mistake="no inertial", evidence=np.inf, repair=guess(link, links)
+        link=link.name, mistake="no inertial", evidence=np.inf, repair=_guess(link, links)
     )
+
+
+def _guess(link: CheckedLink, links: dict[str, CheckedLink]) -> Body | None:
+    """The partner's body mirrored; or the link's shape filled, if all others are filled alike."""
+    for partner, plane in link.partners:
+        if partner.physical():
+            return _body(mirrored(partner, plane))
+    densities = []
+    for one in links.values():
+        if one is link or one.stated is None or one.shape is None:
+            continue
+        if not uniform(one.stated, one.shape):
+            return None
+        densities.append(one.stated.mass / one.shape.volume)
+    # One link alone is no rule of the file.
+    if link.shape is None or len(densities) < 2 or np.ptp(densities) >= 0.01 * min(densities):
+        return None
+    mass = float(np.median(densities)) * link.shape.volume
+    spread = mass * link.shape.spread
+    inertia = np.trace(spread) * np.eye(3) - spread
+    return _body(Inertial(mass, link.shape.centre, np.eye(3), inertia))
+
+
+def _body(inertial: Inertial) -> Body:
+    """The body of an inertial, in the link's frame."""
+    in_link = inertial.rotation @ inertial.inertia @ inertial.rotation.T
+    return Body(mass=inertial.mass, com=inertial.com, inertia=in_link[np.triu_indices(3)])

@@ -1,6 +1,4 @@
-"""What a URDF file says of a link: its inertial without each mistake that files have, shapes,
-joints, other sides.
-"""
+"""Links of a URDF file: inertials without each mistake that files have; shapes, other sides."""
 
 import dataclasses
 import itertools
@@ -15,9 +13,10 @@ from plant.parts.fields import Floats
 
 
 @dataclasses.dataclass(frozen=True)
-class Stated:
-    """An inertial as the file states it: mass, centre of mass and rotation in the link's frame,
-    inertia in its own.
+class Inertial:
+    """An inertial as the file states it.
+
+    Mass, centre of mass and rotation are in the link's frame, the inertia in the inertial's own.
     """
 
     mass: float
@@ -28,20 +27,21 @@ class Stated:
     @property
     def spread(self) -> Floats:
         """Second moments about the centre of mass (3, 3), in the link's axes [kg m^2]."""
-        turned = self.rotation @ self.inertia @ self.rotation.T
-        return np.asarray(np.trace(turned) / 2 * np.eye(3) - turned)
+        in_link = self.rotation @ self.inertia @ self.rotation.T
+        return np.asarray(np.trace(in_link) / 2 * np.eye(3) - in_link)
 
     def density(self) -> float:
-        """Least density [kg/m^3] of the densest part: that of the ball with this mass and these
-        second moments.
+        """Least density [kg/m^3] of the densest part, that of a ball.
 
-        Of all that is nowhere denser than rho, the ball has the least second moments.
+        Of all bodies that are nowhere denser than rho, the ball has the least second moments.
         """
+        # The second moments of a ball have the trace 3/5 m r^2.
         radius = np.sqrt(5 / 3 * np.trace(self.spread) / self.mass)
         return float(self.mass / (4 / 3 * np.pi * radius**3))
 
     def physical(self) -> bool:
-        """Whether a body can have it."""
+        """Whether a body can have it: positive mass and no negative second moment."""
+        # Files round their numbers, so flat bodies have slightly negative moments.
         widths = np.linalg.eigvalsh(self.spread)
         return bool(
             self.mass > 0
@@ -50,7 +50,8 @@ class Stated:
         )
 
 
-_UNITS = (  # what was written in another unit -> mass, length, inertia of the file in SI
+# The mistake -> SI units per unit of mass, length and inertia in the file.
+_UNITS = (
     ("grams for kilograms (mass)", 1e-3, 1.0, 1.0),
     ("grams for kilograms (mass and inertia)", 1e-3, 1.0, 1e-3),
     ("grams for kilograms (inertia)", 1.0, 1.0, 1e-3),
@@ -62,61 +63,92 @@ _UNITS = (  # what was written in another unit -> mass, length, inertia of the f
     ("centimetres for metres (centre of mass)", 1.0, 1e-2, 1.0),
     ("kg cm^2 for kg m^2 (inertia)", 1.0, 1.0, 1e-4),
 )
-SLIP = "a decimal point of a moment of inertia in the wrong place"  # one of several
 
-_PRODUCTS = ((0, 1), (0, 2), (1, 2))
+_PRODUCTS = ((0, 1), (0, 2), (1, 2))  # places of the products of inertia in the matrix
 
 
-def without_mistakes(given: Stated) -> Iterator[tuple[str, Stated]]:
+def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
     """Each mistake in words, and the inertial without it."""
-    m, c, I = given.mass, given.com, given.inertia  # noqa: E741 - the field's letter
+    m = stated.mass
+    c = stated.com
+    I = stated.inertia  # noqa: E741 - the field's letter
     moments = np.diag(np.diag(I))
     orders = [list(order) for order in itertools.permutations(range(3))][1:]
+
+    # 1. Signs of mass and moments.
     if m < 0 or (np.diag(I) < 0).any():
-        turned = I * (1 - 2 * (np.trace(I) < 0))
-        yield "a negative mass or inertia", dataclasses.replace(given, mass=abs(m), inertia=turned)
-        whole = I - moments + np.abs(moments)
-        yield "a negative moment of inertia", dataclasses.replace(given, mass=abs(m), inertia=whole)
-    for words, mass, length, inertia in _UNITS:
-        yield words, dataclasses.replace(given, mass=m * mass, com=c * length, inertia=I * inertia)
-    apart = given.rotation.T @ c
-    about = m * (apart @ apart * np.eye(3) - np.outer(apart, apart))
-    if np.abs(about).max() > 1e-9 * np.abs(I).max():
+        inertia = I * (1 - 2 * (np.trace(I) < 0))
+        yield (
+            "a negative mass or inertia",
+            dataclasses.replace(stated, mass=abs(m), inertia=inertia),
+        )
+        inertia = I - moments + np.abs(moments)
+        yield (
+            "a negative moment of inertia",
+            dataclasses.replace(stated, mass=abs(m), inertia=inertia),
+        )
+
+    # 2. Units.
+    for words, mass, length, per_unit in _UNITS:
+        yield (
+            words,
+            dataclasses.replace(stated, mass=m * mass, com=c * length, inertia=I * per_unit),
+        )
+
+    # 3. The point about which the inertia is stated (Steiner).
+    shift = stated.rotation.T @ c
+    steiner = m * (shift @ shift * np.eye(3) - np.outer(shift, shift))
+    if np.abs(steiner).max() > 1e-9 * np.abs(I).max():
         yield (
             "inertia about the link's frame, not the centre of mass",
-            dataclasses.replace(given, inertia=I - about),
+            dataclasses.replace(stated, inertia=I - steiner),
         )
-    products = np.array([I[place] for place in _PRODUCTS])
+
+    # 4. Signs, order and size of single entries.
+    products = np.array([I[entry] for entry in _PRODUCTS])
     if products.any():
         for signs in [*itertools.product((1, -1), repeat=3)][1:]:
-            yield "products of inertia of the wrong sign", _with(given, products * np.array(signs))
+            yield (
+                "products of inertia of the wrong sign",
+                _with_products(stated, products * np.array(signs)),
+            )
         for order in orders:
-            yield "products of inertia in another order", _with(given, products[order])
+            yield "products of inertia in another order", _with_products(stated, products[order])
     for order in orders:
-        exchanged = I - moments + np.diag(np.diag(I)[order])
-        yield "moments of inertia in another order", dataclasses.replace(given, inertia=exchanged)
+        inertia = I - moments + np.diag(np.diag(I)[order])
+        yield "moments of inertia in another order", dataclasses.replace(stated, inertia=inertia)
     for k, factor in itertools.product(range(3), (0.1, 0.01, 10.0, 100.0)):
-        slipped = I.copy()
-        slipped[k, k] *= factor
-        yield SLIP, dataclasses.replace(given, inertia=slipped)
+        inertia = I.copy()
+        inertia[k, k] *= factor
+        yield (
+            "a decimal point of a moment of inertia in the wrong place",
+            dataclasses.replace(stated, inertia=inertia),
+        )
+
+    # 5. Mirrored links: all of the inertial, or the centre of mass alone.
     for axis in range(3):
         plane = np.eye(3)
         plane[axis, axis] = -1.0
-        turned = plane @ given.rotation @ plane
-        yield (f"a link mirrored in {'xyz'[axis]}", Stated(m, plane @ c, turned, plane @ I @ plane))
+        rotation = plane @ stated.rotation @ plane
+        yield (
+            f"a link mirrored in {'xyz'[axis]}",
+            Inertial(m, plane @ c, rotation, plane @ I @ plane),
+        )
         yield (
             f"a centre of mass mirrored in {'xyz'[axis]}",
-            dataclasses.replace(given, com=plane @ c),
+            dataclasses.replace(stated, com=plane @ c),
         )
 
 
-def _with(given: Stated, products: Floats) -> Stated:
-    inertia = given.inertia.copy()
+def _with_products(stated: Inertial, products: Floats) -> Inertial:
+    inertia = stated.inertia.copy()
     for (i, j), value in zip(_PRODUCTS, products, strict=True):
-        inertia[i, j] = inertia[j, i] = value
-    return dataclasses.replace(given, inertia=inertia)
+        inertia[i, j] = value
+        inertia[j, i] = value
+    return dataclasses.replace(stated, inertia=inertia)
 
 
+# Words and abbreviations of the two sides: left and right, front, hind and rear.
 _SIDES = (
     ("left", "right"),
     ("l", "r"),
@@ -126,15 +158,17 @@ _SIDES = (
     ("lf", "rf"),
     ("lh", "rh"),
 )
-# Reflections of a link on the other side; the last is none, for frames that are mirrored
+# Reflections of a link on the other side. The last is the identity, for frames that are mirrored
 # themselves.
 _PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1)))
 
 
 @dataclasses.dataclass(frozen=True)
 class Shape:
-    """Volume [m^3], centroid (3,) [m], second moments about it per unit mass (3, 3) [m^2], if
-    uniformly filled; corners (2, 3) of the box around it, along the axes of the link's frame [m].
+    """A uniformly filled shape of a link, in the link's frame.
+
+    Volume [m^3], centroid (3,) [m], second moments about it per unit mass (3, 3) [m^2]; corners
+    (2, 3) of the box around it, along the axes of the link's frame [m].
     """
 
     volume: float
@@ -143,12 +177,11 @@ class Shape:
     corners: Floats
 
     def holds(self, com: Floats, spread: Floats, slack: float) -> bool:
-        """Whether mass within the box can have this centre and these second moments per unit mass
-        about it.
+        """Whether mass within the box can have this centre and these second moments about it.
 
-        Of anything between a and b the variance is at most (b - mean)(mean - a) (R. Bhatia, C.
-        Davis, 2000). The box is taken larger by a share `slack` of its edges, since shapes in files
-        are approximate.
+        The moments are per unit mass. The variance of any mass between a and b is at most
+        (b - mean)(mean - a) (R. Bhatia, C. Davis, 2000). The box is taken larger by a share `slack`
+        of its edges, since shapes in files are approximate.
         """
         wider = slack * (self.corners[1] - self.corners[0])
         below = com - self.corners[0] + wider
@@ -159,24 +192,29 @@ class Shape:
 
 
 def shape_of(link: Element) -> Shape | None:
-    """The primitives of a link's collision geometry, else of its visual one, as one uniform
-    body; None without.
+    """The primitives of a link's collision geometry, else of its visual one, as one uniform body.
+
+    None where a geometry has other parts, such as meshes.
     """
     for tag in ("collision", "visual"):
-        found = [shape for element in link.all(tag) if (shape := _primitive(element)) is not None]
-        if found and len(found) == len(link.all(tag)):
-            volume = sum(shape.volume for shape in found)
-            centre = sum((shape.volume * shape.centre for shape in found), np.zeros(3)) / volume
-            apart = [np.outer(shape.centre - centre, shape.centre - centre) for shape in found]
-            spread = sum(
-                (s.volume * (s.spread + r) for s, r in zip(found, apart, strict=True)),
-                np.zeros((3, 3)),
-            )
-            low, high = np.array([each.corners for each in found]).swapaxes(0, 1)
-            return Shape(
-                volume, centre, spread / volume, np.array([low.min(axis=0), high.max(axis=0)])
-            )
+        elements = link.all(tag)
+        shapes = [shape for element in elements if (shape := _primitive(element)) is not None]
+        if shapes and len(shapes) == len(elements):
+            return _united(shapes)
     return None
+
+
+def _united(shapes: list[Shape]) -> Shape:
+    """One body of several shapes; where they overlap their mass counts twice."""
+    volume = sum(shape.volume for shape in shapes)
+    centre = sum((shape.volume * shape.centre for shape in shapes), np.zeros(3)) / volume
+    spread = np.zeros((3, 3))
+    for shape in shapes:
+        shift = shape.centre - centre
+        spread = spread + shape.volume * (shape.spread + np.outer(shift, shift))
+    low, high = np.array([shape.corners for shape in shapes]).swapaxes(0, 1)
+    corners = np.array([low.min(axis=0), high.max(axis=0)])
+    return Shape(volume, centre, spread / volume, corners)
 
 
 def _primitive(element: Element) -> Shape | None:
@@ -184,20 +222,21 @@ def _primitive(element: Element) -> Shape | None:
     if geometry is None or not geometry.children:
         return None
     form = geometry.children[0]
-    where = element.tag
-    pose = origin_of(element, where)
+    label = element.tag
+    pose = origin_of(element, label)
     if form.tag == "box":
-        edges = numbers_of(form, "size", 3, None, where)
+        edges = numbers_of(form, "size", 3, None, label)
         volume = float(np.prod(edges))
         spread = np.diag(edges**2 / 12)
         half = edges / 2
     elif form.tag == "sphere":
-        radius = numbers_of(form, "radius", 1, None, where)[0]
+        radius = numbers_of(form, "radius", 1, None, label)[0]
         volume = 4 / 3 * np.pi * radius**3
         spread = np.eye(3) * radius**2 / 5
         half = np.full(3, radius)
     elif form.tag == "cylinder":
-        radius, length = (numbers_of(form, key, 1, None, where)[0] for key in ("radius", "length"))
+        radius = numbers_of(form, "radius", 1, None, label)[0]
+        length = numbers_of(form, "length", 1, None, label)[0]
         volume = np.pi * radius**2 * length
         spread = np.diag([radius**2 / 4, radius**2 / 4, length**2 / 12])
         half = np.array([radius, radius, length / 2])
@@ -207,51 +246,54 @@ def _primitive(element: Element) -> Shape | None:
         return None
     rotation = np.array(pose.rotation)
     centre = np.array(pose.position)
+    # The box around a turned box; around a turned cylinder it is somewhat larger than need be.
     reach = np.abs(rotation) @ half
-    return Shape(
-        volume, centre, rotation @ spread @ rotation.T, np.array([centre - reach, centre + reach])
-    )
+    corners = np.array([centre - reach, centre + reach])
+    return Shape(volume, centre, rotation @ spread @ rotation.T, corners)
 
 
-def joint_places(robot: Element, name: str) -> Floats:
-    """Where the joints sit that a link carries, (k, 3) in its frame [m]."""
-    found = []
+def joint_positions(robot: Element, name: str) -> Floats:
+    """Positions (k, 3) of the joints that a link carries, in its frame [m]."""
+    positions = []
     for joint in robot.all("joint"):
         parent = joint.find("parent")
         if parent is not None and parent.attributes.get("link") == name:
-            found.append(origin_of(joint, f"joint {joint.attributes.get('name', '')}").position)
-    return np.array(found).reshape(-1, 3)
+            label = f"joint {joint.attributes.get('name', '')}"
+            positions.append(origin_of(joint, label).position)
+    return np.array(positions).reshape(-1, 3)
 
 
 def partner_of(name: str, names: list[str]) -> str | None:
     """The link on the other side, by its name: left and right, l and r."""
-    for one, other in _SIDES:
-        for mine, theirs in ((one, other), (other, one)):
-            edges = (r"(?<![a-zA-Z])", r"(?![a-zA-Z])") if len(mine) < 3 else ("", "")
-            for form in (str.lower, str.upper, str.capitalize):
-                pattern = f"{edges[0]}{form(mine)}{edges[1]}"
-                found = re.sub(pattern, form(theirs), name, count=1)
-                if found != name and found in names:
-                    return found
+    for sides in _SIDES:
+        for mine, theirs in (sides, sides[::-1]):
+            # A short abbreviation must be a word of its own: "l" is in many words.
+            border, end = (r"(?<![a-zA-Z])", r"(?![a-zA-Z])") if len(mine) < 3 else ("", "")
+            for case in (str.lower, str.upper, str.capitalize):
+                pattern = f"{border}{case(mine)}{end}"
+                partner = re.sub(pattern, case(theirs), name, count=1)
+                if partner != name and partner in names:
+                    return partner
     return None
 
 
 def mirrors(
-    shapes: tuple[Shape | None, Shape | None], places: tuple[Floats, Floats]
+    shapes: tuple[Shape | None, Shape | None], joints: tuple[Floats, Floats]
 ) -> list[Floats]:
-    """Reflections (3, 3) that take the partner's shape and joints to the link's own; several
-    where nothing tells.
+    """Reflections (3, 3) that take the partner's shape and joints to the link's own.
+
+    There are several where neither shape nor joints decide.
     """
-    kept = []
+    shape, partner = shapes
+    planes = []
     for plane in _PLANES:
-        same = places[0].shape == places[1].shape and np.allclose(
-            places[0], places[1] @ plane, atol=1e-4
-        )
-        if shapes[0] is not None and shapes[1] is not None:
-            same = same and np.allclose(shapes[0].centre, plane @ shapes[1].centre, atol=1e-4)
-            same = same and np.allclose(
-                shapes[0].spread, plane @ shapes[1].spread @ plane, rtol=1e-3, atol=1e-9
-            )
+        # Positions agree within 0.1 mm, second moments within a thousandth.
+        same = joints[0].shape == joints[1].shape
+        same = same and np.allclose(joints[0], joints[1] @ plane, atol=1e-4)
+        if shape is not None and partner is not None:
+            spread = plane @ partner.spread @ plane
+            same = same and np.allclose(shape.centre, plane @ partner.centre, atol=1e-4)
+            same = same and np.allclose(shape.spread, spread, rtol=1e-3, atol=1e-9)
         if same:
-            kept.append(plane)
-    return kept
+            planes.append(plane)
+    return planes
