@@ -181,11 +181,9 @@ def _motion(signals, i, in_step_with):
                 " asked to"
             )
             fault = f"stands still while others move ({reasons})"
-        advice = f"The motor {fault}: {_MORE_MOTION}"
-        return check.wrong(value, advice)
+        return check.wrong(value, f"The motor {fault}: {_MORE_MOTION}")
     if hardly_moving(signals.record)[i]:
-        advice = f"The motor moves by little more than its error: {_MORE_MOTION}"
-        return check.look(value, advice)
+        return check.look(value, f"The motor moves by little more than its error: {_MORE_MOTION}")
     if in_step_with:
         advice = (
             f"It moves in step with {', '.join(in_step_with)}: that hardly tells their parameters"

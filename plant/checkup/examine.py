@@ -156,11 +156,9 @@ def _backlash(signals, i):
         return check.look(backlash, advice)
     # A significant motion backwards is no backlash, but an error of the regression.
     if std > least or (abs(backlash) > certain and backlash < 0):
-        reason = f"known to +-{std:.2g} pulses only"
-        return check.unknown(reason, backlash)
+        return check.unknown(f"known to +-{std:.2g} pulses only", backlash)
     if signals.reference is not None:
-        reason = "none seen, but a position loop hides it"
-        return check.unknown(reason, backlash)
+        return check.unknown("none seen, but a position loop hides it", backlash)
     return check.fine(backlash)
 
 
@@ -205,8 +203,10 @@ def _findings(record):
     signals = Signals(record)
     findings = list(time_findings(signals))
     if len(signals.t) < _LEAST_SAMPLES:
-        reason = f"only {len(signals.t)} samples have weight"
-        return [*findings, Check("counts, torque").unknown(reason)]
+        return [
+            *findings,
+            Check("counts, torque").unknown(f"only {len(signals.t)} samples have weight"),
+        ]
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
         return [*findings, *lost_findings(signals, lost)]

@@ -178,8 +178,7 @@ def _oscillation(signals, i, share):
 
     # 3. ... in a loop that its limit does not change.
     if _driven_to_limit(signals, i, size):
-        reason = "the motion takes the amplifier to its limit"
-        return check.unknown(reason, size)
+        return check.unknown("the motion takes the amplifier to its limit", size)
     lasts = "grows" if growth > SETTINGS.grown else "goes on"
     cause = (
         ": it is unstable, or nearly, by gains too high for its friction, lag of the currents,"

@@ -77,8 +77,7 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
         return
     share = 100 * fix
     if 1 - SETTINGS.sure < fix < SETTINGS.sure:
-        reason = f"{stated} is stated, fix to {share:.0f} %"
-        yield check.unknown(reason, share)
+        yield check.unknown(f"{stated} is stated, fix to {share:.0f} %", share)
     elif (fix > 0.5) == (stated == "fix"):
         yield check.fine(share)
     else:
@@ -91,8 +90,7 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
                 'no wide cell at zero: Encoder(rounding="floor"), or "round" (probability'
                 f" {min(1 - fix, 0.999):.1%})"
             )
-        advice = f"The counts show {evidence}, not {stated!r} as stated."
-        yield check.wrong(share, advice)
+        yield check.wrong(share, f"The counts show {evidence}, not {stated!r} as stated.")
 
 
 def rounding_doubts(record: Any) -> list[str]:

@@ -110,8 +110,12 @@ def _intervals(steps):
     share = 100 * missing / (missing + N)
     yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=SETTINGS.missing)
     crowded = int((steps < SETTINGS.crowded).sum())
-    advice = "Samples follow each other within half an interval; drop the second of each pair."
-    yield Check("crowded samples").graded(crowded, advice, look=0, wrong=0.05 * N)
+    yield Check("crowded samples").graded(
+        crowded,
+        "Samples follow each other within half an interval; drop the second of each pair.",
+        look=0,
+        wrong=0.05 * N,
+    )
     # Gaps and repeated samples have findings of their own.
     regular = (steps < SIGNALS.gap) & (steps > SETTINGS.crowded)
     jitter = 100 * np.std(steps[regular] if regular.any() else steps)

@@ -127,8 +127,9 @@ def _swapped(signals, i):
     if nearest == i or error[nearest] >= SETTINGS.closer * min(error[i], 1.0):
         return check.fine(percent)
     other = f"{signals.joint_labels[nearest]} ({error[nearest]:.0%} off)"
-    advice = f"The counts follow the reference of {other}: exchange the columns."
-    return check.wrong(percent, advice)
+    return check.wrong(
+        percent, f"The counts follow the reference of {other}: exchange the columns."
+    )
 
 
 class LawFit(NamedTuple):
@@ -185,8 +186,9 @@ def correlation(signals: Any, i: int, j: int) -> float:
 def _delay(signals, i, by_law):
     """Delay of the counts [samples] by the most accurate estimate that the record allows."""
     if not np.isnan(by_law):
-        evidence = "The law gives the logged torque from other rows of the counts"
-        return _judged(i, by_law, 0.0, evidence)
+        return _judged(
+            i, by_law, 0.0, "The law gives the logged torque from other rows of the counts"
+        )
     if not signals.tracks[i]:
         return Check("delay", i).unknown("the counts do not follow the reference")
     # Each estimate that the record does not allow is None; the last one always gives a finding.
@@ -202,8 +204,9 @@ def _delay_of_torque(signals, i):
         return None
     if fit.explained < SETTINGS.explained:
         return Check("delay", i).unknown("the logged torque is not its law's")
-    evidence = "Counts and torque were not logged at the same time"
-    return _judged(i, fit.delay, fit.delay_std, evidence)
+    return _judged(
+        i, fit.delay, fit.delay_std, "Counts and torque were not logged at the same time"
+    )
 
 
 def _delay_of_error(signals, i):
@@ -242,8 +245,7 @@ def _delay_of_reference(signals, i):
     value, std = least_squares(columns, error, signals.window)
     delay = value[0] / signals.interval
     if not leads and abs(delay) > SETTINGS.late:
-        reason = "the law itself may lag"
-        return Check("delay", i, "samples").unknown(reason, delay)
+        return Check("delay", i, "samples").unknown("the law itself may lag", delay)
     return _judged(i, delay, std[0] / signals.interval, "The counts lag behind the reference")
 
 
@@ -315,8 +317,7 @@ def _judged(
     """Judge a delay [samples] with its standard deviation."""
     check = Check("delay", i, "samples")
     if max(std, abs(delay)) > look and abs(delay) <= SETTINGS.certain * std:
-        reason = f"known to +-{std:.1f} samples only"
-        return check.unknown(reason, delay)
+        return check.unknown(f"known to +-{std:.1f} samples only", delay)
     within = f"(+-{std:.1g}) " if std else ""
     samples = "sample" if abs(delay) == 1 else "samples"
     direction = "late" if delay > 0 else "early"

@@ -76,8 +76,9 @@ def _units(signals, i):
     share = np.abs(signals.motor_torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
     if share > SETTINGS.beyond and signals.torque is not None:
         guess = _likely_units(signals, share / SETTINGS.used, i)
-        advice = f"The torque is beyond the amplifier: {guess}."
-        return Check(_NAME, i, "of the limit").wrong(share, advice)
+        return Check(_NAME, i, "of the limit").wrong(
+            share, f"The torque is beyond the amplifier: {guess}."
+        )
 
     # 2. The commanded torque is exact where the law explains the logged one.
     fit = law_fit(signals, i)
@@ -88,11 +89,11 @@ def _units(signals, i):
     stated = drive.motor_inertia[i]
     regression = signals.regression(i)
     if regression is None:
-        reason = "too little motion, and no law that tells the torque"
-        return check.unknown(reason)
+        return check.unknown("too little motion, and no law that tells the torque")
     if abs(regression.inertia[i]) < SETTINGS.certain * regression.inertia_std[i]:
-        reason = "no acceleration that torque explains, and no law that tells the torque"
-        return check.unknown(reason)
+        return check.unknown(
+            "no acceleration that torque explains, and no law that tells the torque"
+        )
     inertia = abs(regression.inertia[i]) / stated if stated else np.nan
     friction = None
     # Noise makes the sign of the speed change at random, which hides the friction.
@@ -110,8 +111,7 @@ def _units(signals, i):
         )
         return Check(_NAME, i, "of the Coulomb friction").look(friction, advice)
     if not stated:
-        reason = "no rotor inertia stated, and no law that tells the torque"
-        return check.unknown(reason)
+        return check.unknown("no rotor inertia stated, and no law that tells the torque")
     return check.fine(inertia)
 
 
@@ -154,8 +154,9 @@ def _against_rotor(signals, i, inertia, friction):
         )
     else:
         guess = _likely_units(signals, friction, i)
-    advice = f"Torque per acceleration is {size} the rotor inertia: {guess}."
-    return Check(_NAME, i, "rotor inertias").finding(inertia, verdict, advice)
+    return Check(_NAME, i, "rotor inertias").finding(
+        inertia, verdict, f"Torque per acceleration is {size} the rotor inertia: {guess}."
+    )
 
 
 def _friction_ratio(regression, stated):

@@ -122,8 +122,7 @@ def _drive_sign(signals, i):
     std = regression.inertia_std[i]
     stated = signals.rig.drive.motor_inertia[i]
     if abs(inertia) + SETTINGS.certain * std < SETTINGS.light * stated:
-        reason = "the torque is in other units"
-        return check.unknown(reason, inertia)
+        return check.unknown("the torque is in other units", inertia)
 
     # 3. A negative inertia.
     if inertia < -SETTINGS.certain * std:
@@ -158,8 +157,7 @@ def _drive_sign(signals, i):
         return check.wrong_sign(inertia, "Friction drives the arm", column)
 
     if inertia < SETTINGS.certain * std:
-        reason = "no acceleration that torque explains"
-        return check.unknown(reason, inertia)
+        return check.unknown("no acceleration that torque explains", inertia)
     return check.fine(inertia)
 
 

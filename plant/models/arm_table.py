@@ -1,6 +1,4 @@
-"""The table [arm] of a robot file: a chain from rows or from a model file beside it, what f is,
-and f.
-"""
+"""The table [arm] of a robot file: its chain, from rows or a model file; the parameters f."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -17,6 +15,7 @@ from plant.mechanics.lumping import STANDARD, Lumping, parameter_name
 from plant.models.tables import part_of, table_of
 from plant.parts.arguments import choice, instance, real
 
+# Word of a parameter of f -> whether it acts in the inertial torque, and in that of gravity.
 _TORQUES = {
     "both": (True, True),
     "inertial": (True, False),
@@ -46,18 +45,16 @@ def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
     names = _names(chain)
     matrix = []
     flags = []
-    for name, given in table.items():
-        where = f"{name} of [arm.parameters]"
-        terms = dict(instance(where, given, dict, "Write {Izz2 = 1.0, torque = 'both'}."))
+    for name, sum_table in table.items():
+        label = f"{name} of [arm.parameters]"
+        terms = dict(instance(label, sum_table, dict, "Write {Izz2 = 1.0, torque = 'both'}."))
+        torque = choice(f"torque of {label}", terms.pop("torque", "both"), tuple(_TORQUES))
+        flags.append(_TORQUES[torque])
         row = np.zeros(len(names))
-        flags.append(
-            _TORQUES[choice(f"torque of {where}", terms.pop("torque", "both"), tuple(_TORQUES))]
-        )
         for parameter, coefficient in terms.items():
-            choice(f"a term of {where}", parameter, names)
-            row[names.index(parameter)] = real(
-                f"{parameter} in {where}", coefficient, "Give a number."
-            )
+            choice(f"a term of {label}", parameter, names)
+            number = real(f"{parameter} in {label}", coefficient, "Give a number.")
+            row[names.index(parameter)] = number
         matrix.append(row)
     inertial, gravitational = zip(*flags, strict=True) if flags else ((), ())
     return Lumping(
@@ -65,6 +62,7 @@ def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
     )
 
 
+# Keys of [arm].
 _ARM = (
     "table",
     "links",
@@ -80,12 +78,13 @@ _ARM = (
     "ranges",
     "f",
 )
+# Values of `parameters`: base parameters of the chain, with the rotors' inertias or without.
 _BASE = "base"
 _ROTORLESS = "base without rotors"
 
 
 def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics, Any]:
-    """Dynamics of [arm], which has this chain, and its f."""
+    """Dynamics of [arm], which has this chain; its f, or None if neither f nor bodies are there."""
     rotors = table.get("rotors")
     if rotors is not None:
         choice("rotors of [arm]", rotors, ("drive",))
@@ -102,13 +101,14 @@ def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics
 
 
 def model_beside(table: dict[str, Any], folder: Path) -> Path | None:
-    """The model file that [arm] names."""
-    named = table.get("urdf", table.get("mjcf"))
-    return None if named is None else folder / str(named)
+    """Path of the model file of [arm]; None without one."""
+    name = table.get("urdf", table.get("mjcf"))
+    return None if name is None else folder / str(name)
 
 
 def chain_of(table: dict[str, Any], folder: Path) -> Chain:
     """The chain of [arm], without the rotors of a drive."""
+    # 1. Exactly one source: rows of links, or a file.
     for key in table:
         choice("a key of [arm]", key, _ARM)
     sources = [key for key in ("links", "urdf", "mjcf") if key in table]
@@ -117,35 +117,23 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
             f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give"
             " one."
         )
-    changes: dict[str, Any] = {key: table[key] for key in ("gravity",) if key in table}
+    changes: dict[str, Any] = {}
+    if "gravity" in table:
+        changes["gravity"] = table["gravity"]
     if sources != ["links"]:
-        if unused := [key for key in ("table", "bodies", "limits") if key in table]:
-            raise ValueError(
-                f"[arm] must not have {unused[0]!r} beside a model file, which holds it. Remove"
-                " one."
-            )
-        path = model_beside(table, folder)
-        if path is None or not path.is_file():
-            raise ValueError(
-                f"{sources[0]} of [arm] must name a file; {path} is not there. Put it beside this"
-                " one."
-            )
-        read = Chain.from_urdf if sources == ["urdf"] else Chain.from_mjcf
-        chain = read(path, table.get("joints"))
+        chain = _chain_of_file(table, sources[0], folder)
     else:
-        kept: dict[str, Any] = {
-            key: table[key]
-            for key in ("links", "gravity", "bodies", "coupling", "limits")
-            if key in table
-        }
-        if (
-            choice("table of [arm]", table.get("table", "modified"), ("modified", "standard"))
-            == "modified"
-        ):
-            made: Chain = part_of(kept, "plant.Chain", "arm")
-            return made
-        bodies = tuple(part_of(each, "plant.Body", "arm.bodies") for each in kept.get("bodies", ()))
-        chain = Chain.standard(kept["links"], bodies=bodies)
+        convention = table.get("table", "modified")
+        if choice("table of [arm]", convention, ("modified", "standard")) == "modified":
+            # 2. Modified Denavit-Hartenberg rows are the fields of a chain.
+            keys = "links", "gravity", "bodies", "coupling", "limits"
+            fields = {key: table[key] for key in keys if key in table}
+            modified: Chain = part_of(fields, "plant.Chain", "arm")
+            return modified
+
+        # 3. Standard rows are converted, with the bodies in their frames.
+        bodies = [part_of(body, "plant.Body", "arm.bodies") for body in table.get("bodies", ())]
+        chain = Chain.standard(table["links"], bodies=tuple(bodies))
         if "limits" in table:
             changes["limits"] = part_of(table["limits"], "plant.Limits", "arm.limits")
     if "coupling" in table:
@@ -153,12 +141,28 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
     return dataclasses.replace(chain, **changes)
 
 
+def _chain_of_file(table: dict[str, Any], source: str, folder: Path) -> Chain:
+    for key in ("table", "bodies", "limits"):
+        if key in table:
+            raise ValueError(
+                f"[arm] must not have {key!r} beside a model file, which holds it. Remove one."
+            )
+    path = model_beside(table, folder)
+    if path is None or not path.is_file():
+        raise ValueError(
+            f"{source} of [arm] must name a file; {path} is not there. Put it beside this one."
+        )
+    read = Chain.from_urdf if source == "urdf" else Chain.from_mjcf
+    return read(path, table.get("joints"))
+
+
 def arm_table(dynamics: Dynamics, arm: Arm | None) -> dict[str, Any]:
-    """The table of dynamics, and of the f of an arm where its bodies do not say it."""
+    """The table of dynamics, with the f of an arm where it does not follow from the bodies."""
     chain = dynamics.chain
     table = table_of(chain, "plant.Chain")
     if dynamics.ranges is not None:
         table["ranges"] = [list(row) for row in dynamics.ranges]
+    # A word, if the parameters are base parameters; otherwise the sums themselves.
     for word, rotors in ((_BASE, True), (_ROTORLESS, False)):
         if Dynamics.from_chain(chain, rotors=rotors).lumping == dynamics.lumping:
             table["parameters"] = word

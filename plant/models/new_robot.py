@@ -1,6 +1,4 @@
-"""A robot file to complete, of a URDF file: what that does not say is marked, not guessed; and
-its completion.
-"""
+"""A robot file to complete: numbers that a URDF file lacks are marked, not guessed."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -19,8 +17,10 @@ from plant.models.arm_table import model_beside
 from plant.models.tables import check_keys, meaning_of, toml_lines
 from plant.parts.part import Part
 
-# what stands for a value: nobody has said it yet; the URDF file states it, on the joint
 MISSING = "?"
+"""In place of a value: it is still to be filled in."""
+
+# In place of a value: the URDF file states it, on the joint side.
 _STATED = "urdf"
 
 _OF_URDF = ("viscous", "coulomb", "current_limit")
@@ -31,16 +31,18 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
     """Text of a robot file, to stand at `target`, for the arm of `Chain.from_urdf`."""
     chosen = read_urdf(path).chain_joints(None, base, tip)
     names = [joint.name for joint in chosen]
-    Chain.from_urdf(path, names)  # refuses what is no arm
+    Chain.from_urdf(path, names)  # raises a ValueError for a tree that is no arm
+    # Rows of `_OF_URDF`: damping, friction and effort of the joints.
     stated = np.array([(*joint.friction, joint.limits[3]) for joint in chosen]).T
     comments = dict[str, str]()
     drive: dict[str, Any] = dict.fromkeys(("gear", "motor_inertia", "motor_gain"), MISSING)
     for key, unit, values in zip(_OF_URDF, ("N m s/rad", "N m", "N m"), stated, strict=True):
-        drive[key] = _STATED if np.isfinite(values).all() and values.any() else MISSING
-        if drive[key] == _STATED:
-            comments[key] = (
-                f"the file's {', '.join(f'{value:g}' for value in values)} {unit}, on the joints"
-            )
+        # Zeros in all joints count as not stated.
+        drive[key] = MISSING
+        if np.isfinite(values).all() and values.any():
+            drive[key] = _STATED
+            numbers = ", ".join(f"{value:g}" for value in values)
+            comments[key] = f"the file's {numbers} {unit}, on the joints"
     tables: dict[str, Any] = {
         "name": Path(path).stem,
         "rig": {"period": MISSING},
@@ -50,9 +52,10 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
         "law": {"kind": "plant.P", "gain": MISSING},
     }
 
-    def comment(where: tuple[str, ...], key: str) -> str:
-        missing = tables[where[0]][key] == MISSING if where else False
-        return meaning_of(_PARTS[where[0]], key) if missing else comments.get(key, "")
+    def comment(path: tuple[str, ...], key: str) -> str:
+        if path and tables[path[0]][key] == MISSING:
+            return meaning_of(_PARTS[path[0]], key)
+        return comments.get(key, "")
 
     head = (
         f'# Replace each "{MISSING}", which {Path(path).name} does not say, by one number for all'
@@ -63,7 +66,8 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
 
 def require_complete(data: Mapping[str, Any]) -> None:
     """Refuse a file in which something is still marked as missing."""
-    if missing := list(_missing(data)):
+    missing = list(_missing(data))
+    if missing:
         raise ValueError(
             f"the file must be complete; still missing: {', '.join(missing)}. Replace each"
             f" {MISSING!r}."
@@ -82,36 +86,36 @@ def per_joint_table(table: Any, cls: type[Part], n: int) -> Any:
     """A table with one number for all joints written out."""
     if not isinstance(table, Mapping):
         return table
-    many = {
-        name
-        for name, field in cls.__dataclass_fields__.items()
-        if field.metadata.get("number") == ("n",)
-    }
-    for key in many & set(table):
-        if isinstance(table[key], list) and len(table[key]) != n:
+    complete = dict(table)
+    for name, field in cls.__dataclass_fields__.items():
+        # Only fields with one number per joint: ("n",) is their shape.
+        if name not in table or field.metadata.get("number") != ("n",):
+            continue
+        value = table[name]
+        if isinstance(value, list) and len(value) != n:
             raise ValueError(
-                f"{key} must have {n} numbers; got {len(table[key])}. Give one per joint, or one"
-                " for all."
+                f"{name} must have {n} numbers; got {len(value)}. Give one per joint, or one for"
+                " all."
             )
-    alike = {key for key in many & set(table) if isinstance(table[key], (int, float))}
-    return {key: [value] * n if key in alike else value for key, value in table.items()}
+        if isinstance(value, (int, float)):
+            complete[name] = [value] * n
+    return complete
 
 
 def drive_table(table: dict[str, Any], arm: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The table [drive] with what it leaves to the URDF file of [arm], motor side."""
-    words = [key for key in _OF_URDF if table.get(key) == _STATED]
-    if not words:
+    """The table [drive] with the numbers of the URDF file of [arm], on the motor side."""
+    of_urdf = [key for key in _OF_URDF if table.get(key) == _STATED]
+    if not of_urdf:
         return table
     check_keys(table, Drive, "drive")
     if "urdf" not in arm:
         raise ValueError(
-            f'[drive] must have numbers where [arm] has no urdf; got {words[0]} = "urdf". Write'
+            f'[drive] must have numbers where [arm] has no urdf; got {of_urdf[0]} = "urdf". Write'
             " them."
         )
     path = model_beside(arm, folder)
-    kept = {key: table[key] for key in ("gear", "motor_inertia", "motor_gain")} | dict.fromkeys(
-        _OF_URDF, 1.0
-    )
-    given = {key: value for key, value in kept.items() if key not in words}
-    drive = Drive.from_urdf(path or "", arm.get("joints"), **given)
-    return table | {key: getattr(drive, key).tolist() for key in words}
+    numbers = {key: table[key] for key in ("gear", "motor_inertia", "motor_gain")}
+    # The drive is made for the file's numbers alone: the others may be anything.
+    numbers |= {key: 1.0 for key in _OF_URDF if key not in of_urdf}
+    drive = Drive.from_urdf(path or "", arm.get("joints"), **numbers)
+    return table | {key: getattr(drive, key).tolist() for key in of_urdf}

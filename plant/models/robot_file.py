@@ -1,6 +1,4 @@
-"""Robot files: one TOML file describes arm, drive, encoder, law and log columns; `read_robot`,
-`write_robot`.
-"""
+"""Robot files: one TOML file describes arm, drive, encoder, law and log columns."""
 
 import dataclasses
 import tomllib
@@ -22,10 +20,12 @@ from plant.parts.files import require_new, write_whole
 from plant.parts.frozen import Frozen
 from plant.parts.part import Part
 
-_LARGEST = 5_000_000  # bytes of a robot file
+# Bytes of a robot file: a larger file is none, and is refused before it is read.
+_LARGEST = 5_000_000
 
 _KEYS = ("name", "arm", "rig", "drive", "encoder", "law", "uncertainty", "columns", "units")
-_UNCERTAINTY = "ctc.Uncertainty"  # what [uncertainty] holds; a package above this one defines it
+# The part in [uncertainty]: a package above this one defines it, so a file has its name only.
+_UNCERTAINTY = "ctc.Uncertainty"
 
 FOLDER = Path(__file__).parent / "robots"  # robot files of the package
 
@@ -33,21 +33,21 @@ FOLDER = Path(__file__).parent / "robots"  # robot files of the package
 @known_options
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Robot(Frozen):
-    """What a robot file describes.
+    """A robot as its file describes it: arm, rig, law, and the columns of its logs.
 
     Parameters
     ----------
     rig : Rig
         Drive, encoder, sampling period.
     arm : Arm, optional
-        None where no inertial parameters are known.
+        None where the inertial parameters are unknown.
     dynamics : Dynamics, optional
-        Of the arm, by default; else what is to be identified.
+        Of the arm, by default; otherwise the dynamics to identify.
     law : Law, optional
     uncertainty : Part, optional
-        What is not known of arm and rig, a `ctc.Uncertainty`.
+        Uncertainty of arm and rig, a `ctc.Uncertainty`.
     columns, units : dict, optional
-        Which columns of a log are what, as for `Record.from_csv`.
+        The columns of a log and their units, as for `Record.from_csv`.
     name : str
     model : Path, optional
         The URDF or MJCF file that the arm was read from, for `write_model`; it does not count in a
@@ -77,16 +77,11 @@ class Robot(Frozen):
 
     def __post_init__(self) -> None:
         instance("rig", self.rig, Rig, "Give Rig(drive=..., encoder=..., period=...).")
-        for key, kind in (
-            ("arm", Arm),
-            ("dynamics", Dynamics),
-            ("law", Law),
-            ("uncertainty", Part),
-        ):
+        kinds = {"arm": Arm, "dynamics": Dynamics, "law": Law, "uncertainty": Part}
+        for key, kind in kinds.items():
             if getattr(self, key) is not None:
-                instance(
-                    key, getattr(self, key), kind, f"Give one {kind.__name__}, or leave it out."
-                )
+                advice = f"Give one {kind.__name__}, or leave it out."
+                instance(key, getattr(self, key), kind, advice)
         if self.dynamics is None:
             if self.arm is None:
                 raise ValueError(
@@ -99,9 +94,11 @@ class Robot(Frozen):
         if self.columns is not None:
             mapped_names(self.columns, self.units)
         for key in ("columns", "units"):
-            if (given := getattr(self, key)) is not None:
-                kept = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
-                object.__setattr__(self, key, kept)
+            table = getattr(self, key)
+            if table is not None:
+                # TOML reads lists, so a robot with tuples would differ from its own file.
+                lists = {k: list(v) if isinstance(v, tuple) else v for k, v in table.items()}
+                object.__setattr__(self, key, lists)
 
 
 def read_robot(path: str | Path) -> Robot:
@@ -133,31 +130,34 @@ def read_robot(path: str | Path) -> Robot:
     >>> read_robot("ur5e").dynamics.n
     6
     """
-    own = FOLDER / f"{path}.toml"
-    place = own if not Path(path).suffix and own.is_file() else Path(path)
-    if not place.is_file():
-        packaged = ", ".join(sorted(each.stem for each in FOLDER.glob("*.toml")))
+    packaged_file = FOLDER / f"{path}.toml"
+    # A path with a suffix is never the name of a packaged robot.
+    use_packaged = not Path(path).suffix and packaged_file.is_file()
+    file = packaged_file if use_packaged else Path(path)
+    if not file.is_file():
+        packaged = ", ".join(sorted(robot.stem for robot in FOLDER.glob("*.toml")))
         raise ValueError(
             f"{path} must be a robot file; there is none. Give its path, or one of {packaged}."
         )
-    if place.stat().st_size > _LARGEST:
+    if file.stat().st_size > _LARGEST:
         raise ValueError(
             f"{path} must be a robot file of at most {_LARGEST} bytes; it has more. Give a smaller"
             " one."
         )
     try:
-        data = tomllib.loads(place.read_text(encoding="utf-8"))
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(
             f"{path} must be TOML; {str(error).splitlines()[0]}. Correct it there."
         ) from None
     try:
-        return _robot(data, place.parent)
+        return _robot(data, file.parent)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
 def _robot(data: dict[str, Any], folder: Path) -> Robot:
+    # 1. The tables that the file has and must have.
     require_complete(data)
     for key in data:
         choice("a table of the file", key, _KEYS)
@@ -166,34 +166,38 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
             raise ValueError(
                 f"the file must have [{key}]; it has {', '.join(data) or 'nothing'}. Add it."
             )
-    parts = {key: data[key] for key in ("drive", "encoder")}
-    twice = [key for key in parts if key in data["rig"]]
-    if twice:
-        raise ValueError(
-            f"[rig] must not have {twice[0]!r}: it has a table of its own. Move it to [{twice[0]}]."
-        )
+    for key in ("drive", "encoder"):
+        if key in data["rig"]:
+            raise ValueError(
+                f"[rig] must not have {key!r}: it has a table of its own. Move it to [{key}]."
+            )
+
+    # 2. The rig. The number of joints comes from the chain, for numbers stated once for all.
     chain = chain_of(data["arm"], folder)
-    parts["drive"] = drive_table(
-        per_joint_table(parts["drive"], Drive, chain.n), data["arm"], folder
-    )
-    made = {key: part_of(table, f"plant.{key.capitalize()}", key) for key, table in parts.items()}
-    places = {f"[{key}]": part for key, part in made.items()}
-    rig = part_of(data["rig"] | {key: f"[{key}]" for key in made}, "plant.Rig", "rig", places)
+    drive_numbers = per_joint_table(data["drive"], Drive, chain.n)
+    drive = part_of(drive_table(drive_numbers, data["arm"], folder), "plant.Drive", "drive")
+    encoder = part_of(data["encoder"], "plant.Encoder", "encoder")
+    parts = {"[drive]": drive, "[encoder]": encoder}
+    rig_table = data["rig"] | {"drive": "[drive]", "encoder": "[encoder]"}
+    rig = part_of(rig_table, "plant.Rig", "rig", parts)
+
+    # 3. The arm, and what may refer to both.
     dynamics, f = dynamics_of(data["arm"], chain, rig)
-    arm = None if f is None else dynamics.arm(f)
-    known = {"[rig]": rig} | ({} if arm is None else {"[arm]": arm})
+    arm = None
+    parts = {"[rig]": rig}
+    if f is not None:
+        arm = dynamics.arm(f)
+        parts["[arm]"] = arm
     law = None
     if "law" in data:
-        kind = (
-            class_of(data["law"].get("kind", ""), "law") if isinstance(data["law"], dict) else Law
-        )
-        law = part_of(per_joint_table(data["law"], kind, chain.n), "", "law", known)
-    uncertainty = (
-        part_of(data["uncertainty"], _UNCERTAINTY, "uncertainty") if "uncertainty" in data else None
-    )
-    name = data.get("name", "")
+        table = data["law"]
+        kind = class_of(table.get("kind", ""), "law") if isinstance(table, dict) else Law
+        law = part_of(per_joint_table(table, kind, chain.n), "", "law", parts)
+    uncertainty = None
+    if "uncertainty" in data:
+        uncertainty = part_of(data["uncertainty"], _UNCERTAINTY, "uncertainty")
     return Robot(
-        name=instance("name", name, str, "Write it in quotes."),
+        name=instance("name", data.get("name", ""), str, "Write it in quotes."),
         rig=rig,
         arm=arm,
         dynamics=dynamics,
@@ -238,35 +242,37 @@ def write_robot(robot: Robot, path: str | Path, *, overwrite: bool = False) -> N
 
 
 def _lines(robot: Robot) -> Iterator[str]:
-    # which Robot sets
+    # 1. The tables, in the order in which a reader wants them.
     rig = table_of(robot.rig, "plant.Rig")
-    dynamics = cast(Dynamics, robot.dynamics)
+    drive = rig.pop("drive")
+    encoder = rig.pop("encoder")
+    dynamics = cast(Dynamics, robot.dynamics)  # `Robot` sets it
     tables: dict[str, Any] = {"name": robot.name} if robot.name else {}
-    tables |= {"rig": {key: value for key, value in rig.items() if key not in ("drive", "encoder")}}
-    tables |= {
-        "drive": rig["drive"],
-        "encoder": rig["encoder"],
-        "arm": arm_table(dynamics, robot.arm),
-    }
-    if robot.law is not None:
-        known = {"[rig]": robot.rig} | ({} if robot.arm is None else {"[arm]": robot.arm})
-        tables["law"] = table_of(robot.law, "", known)
-        class_of(tables["law"]["kind"], "law")  # a law of the user's own has no name in a file
-    if robot.uncertainty is not None:
-        tables["uncertainty"] = table_of(robot.uncertainty, _UNCERTAINTY)
-    tables |= {
-        key: value for key in ("columns", "units") if (value := getattr(robot, key)) is not None
-    }
+    tables["rig"] = rig
+    tables["drive"] = drive
+    tables["encoder"] = encoder
+    tables["arm"] = arm_table(dynamics, robot.arm)
     classes: dict[str, type] = {
         "rig": Rig,
         "drive": type(robot.rig.drive),
         "encoder": type(robot.rig.encoder),
     }
-
     if robot.law is not None:
+        parts: dict[str, Part] = {"[rig]": robot.rig}
+        if robot.arm is not None:
+            parts["[arm]"] = robot.arm
+        tables["law"] = table_of(robot.law, "", parts)
+        class_of(tables["law"]["kind"], "law")  # a law of the user's own has no name in a file
         classes["law"] = type(robot.law)
+    if robot.uncertainty is not None:
+        tables["uncertainty"] = table_of(robot.uncertainty, _UNCERTAINTY)
+    if robot.columns is not None:
+        tables["columns"] = robot.columns
+    if robot.units is not None:
+        tables["units"] = robot.units
 
-    def comment(where: tuple[str, ...], key: str) -> str:
-        return unit_of(classes[where[0]], key) if len(where) == 1 and where[0] in classes else ""
+    # 2. Their text, with the unit behind each number of a part.
+    def comment(path: tuple[str, ...], key: str) -> str:
+        return unit_of(classes[path[0]], key) if len(path) == 1 and path[0] in classes else ""
 
     yield from toml_lines(tables, comment=comment)

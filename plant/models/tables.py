@@ -1,6 +1,4 @@
-"""Parts as tables of a robot file, and back: kinds that go without saying, checked keys, and
-TOML text.
-"""
+"""Parts as tables of a robot file, and back: implied kinds, checked keys, and TOML text."""
 
 import dataclasses
 import difflib
@@ -19,18 +17,18 @@ _UNIT = re.compile(r"\[([^\]]*)\]")
 
 
 def meaning_of(cls: type, field: str) -> str:
-    """The first sentence of what a field means; empty where nothing is said."""
+    """The first sentence of the description of a field; empty without one."""
+    # A sentence ends with a single full stop before a blank: not "3.5", and not "...".
     return re.split(r"(?<=[^.])\.(?:\s|$)", meanings(cls).get(field, ""), maxsplit=1)[0]
 
 
 def unit_of(cls: type, field: str) -> str:
-    """What the brackets of its description hold; empty where there are none."""
+    """The unit of a field, from the brackets of its description; empty without any."""
     match = _UNIT.search(meanings(cls).get(field, ""))
     return match[1] if match else ""
 
 
-# Class -> field -> the kind of part that it holds where the file names none, beside those that are
-# declared.
+# Class -> field -> the kind of its part where the file has no kind, beside the declared kinds.
 _KINDS = {
     "Drive": {
         "elasticity": "plant.Elasticity",
@@ -42,126 +40,130 @@ _KINDS = {
 
 
 def _kinds(cls: type[Part]) -> dict[str, str]:
-    """Field -> the kind of part that it holds where the file names none."""
-    declared = {field.name: field.metadata.get("kind") for field in dataclasses.fields(cls)}
-    parts = {name: kind_of(kind) for name, kind in declared.items() if isinstance(kind, type)}
-    return {name: kind for name, kind in parts.items() if kind in PARTS} | _KINDS.get(
-        cls.__name__, {}
-    )
+    """Field -> the kind of its part where the file has no kind."""
+    kinds = {}
+    for field in dataclasses.fields(cls):
+        declared = field.metadata.get("kind")
+        if isinstance(declared, type) and kind_of(declared) in PARTS:
+            kinds[field.name] = kind_of(declared)
+    return kinds | _KINDS.get(cls.__name__, {})
 
 
-def class_of(kind: Any, where: str) -> type[Part]:
-    """The class of a kind; none is imported for it."""
+def class_of(kind: Any, heading: str) -> type[Part]:
+    """The class of a kind; a file imports no package.
+
+    `heading` of its table is for messages.
+    """
     if isinstance(kind, str) and kind in PARTS:
         return PARTS[kind]
     package = str(kind).split(".")[0]
     hint = near(kind, PARTS, "Write it like 'plant.P'.", cutoff=0.6)
-    if package in ("identification", "ctc") and not any(
-        name.startswith(f"{package}.") for name in PARTS
-    ):
+    imported = any(name.startswith(f"{package}.") for name in PARTS)
+    if package in ("identification", "ctc") and not imported:
         hint = f"Import {package} first."
-    raise ValueError(f"kind in [{where}] must be that of a part; got {kind!r:.60}. {hint}")
+    raise ValueError(f"kind in [{heading}] must be that of a part; got {kind!r:.60}. {hint}")
 
 
-def check_keys(table: Any, cls: type[Part], where: str) -> None:
-    """Refuse a key that is no field, and the lack of one that has no default; with meaning and
-    unit.
-    """
+def check_keys(table: Any, cls: type[Part], heading: str) -> None:
+    """Raise a ValueError for a key that is no field, and for the lack of one without a default."""
     if not isinstance(table, Mapping):
         raise ValueError(
-            f"[{where}] must be a table of keys; got {table!r:.60}. Write [{where}] on a line of"
-            " its own."
+            f"[{heading}] must be a table of keys; got {table!r:.60}. Write [{heading}] on a line"
+            " of its own."
         )
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for key in table:
         if key not in fields and key != "kind":
+            hint = f"It has {', '.join(fields)}."
             close = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
-            said = (
-                f"Did you mean {close[0]!r}{_said(cls, close[0])}?"
-                if close
-                else f"It has {', '.join(fields)}."
-            )
-            raise ValueError(f"[{where}] must have keys of {cls.__name__}; got {key!r}. {said}")
+            if close:
+                hint = f"Did you mean {close[0]!r}{_in_brackets(cls, close[0])}?"
+            raise ValueError(f"[{heading}] must have keys of {cls.__name__}; got {key!r}. {hint}")
     for name, field in fields.items():
-        needed = (
-            field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        has_default = (
+            field.default is not dataclasses.MISSING
+            or field.default_factory is not dataclasses.MISSING
         )
-        if needed and name not in table:
-            raise ValueError(f"[{where}] must have {name!r}{_said(cls, name)}; it has not. Add it.")
+        if name not in table and not has_default:
+            meaning = _in_brackets(cls, name)
+            raise ValueError(f"[{heading}] must have {name!r}{meaning}; it has not. Add it.")
 
 
-def _said(cls: type[Part], name: str) -> str:
+def _in_brackets(cls: type[Part], name: str) -> str:
     text = meaning_of(cls, name)
     return f" ({text})" if text else ""
 
 
-def part_of(table: Any, kind: str, where: str, known: Mapping[str, Part] | None = None) -> Any:
-    """The part that a table describes, of this kind where the table names none.
+def part_of(table: Any, kind: str, heading: str, parts: Mapping[str, Part] | None = None) -> Any:
+    """The part that a table describes, of this kind where the table has no kind.
 
-    `where` is its heading, for messages; `known` is what text in the place of a part stands for:
-    ``"[arm]"``. Unknown, missing or misspelt keys, and what the part itself refuses, are refused
-    with the heading.
+    `heading` of the table is for messages; `parts` by their headings, ``"[arm]"``, stand for text
+    in place of a part. Raises a ValueError with the heading for unknown, missing or misspelt keys,
+    and for values that the part itself refuses.
     """
-    cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, where)
-    check_keys(table, cls, where)
+    cls = class_of(table.get("kind", kind) if isinstance(table, Mapping) else kind, heading)
+    check_keys(table, cls, heading)
     kinds = _kinds(cls)
 
     def value_of(key: str, value: Any) -> Any:
         if isinstance(value, Mapping):
-            return part_of(value, kinds.get(key, ""), f"{where}.{key}", known)
-        if isinstance(value, list) and value and all(isinstance(each, Mapping) for each in value):
-            return tuple(value_of(key, each) for each in value)
-        if isinstance(value, str) and known and value in known:
-            return known[value]
+            return part_of(value, kinds.get(key, ""), f"{heading}.{key}", parts)
+        if isinstance(value, list) and value and all(isinstance(row, Mapping) for row in value):
+            return tuple(value_of(key, row) for row in value)
+        if isinstance(value, str) and parts and value in parts:
+            return parts[value]
         return from_plain(value)
 
     values = {key: value_of(key, value) for key, value in table.items() if key != "kind"}
     try:
         return cls(**values)
     except ValueError as error:
-        raise ValueError(f"[{where}]: {error}") from None
+        raise ValueError(f"[{heading}]: {error}") from None
 
 
-def table_of(part: Part, kind: str, known: Mapping[str, Part] | None = None) -> dict[str, Any]:
-    """The table of a part: fields that are not their defaults, kinds that do not go without
-    saying.
+def table_of(part: Part, kind: str, parts: Mapping[str, Part] | None = None) -> dict[str, Any]:
+    """The table of a part: fields that differ from their defaults, kinds that are not implied.
+
+    A part among `parts` is written as its heading.
     """
     kinds = _kinds(type(part))
 
     def value_of(key: str, value: Any, plain: Any) -> Any:
         if isinstance(value, Part):
-            for text, other in (known or {}).items():
-                if value == other:
-                    return text
-            return table_of(value, kinds.get(key, ""), known)
-        if isinstance(value, tuple) and value and all(isinstance(each, Part) for each in value):
-            return [table_of(each, kinds.get(key, ""), known) for each in value]
+            for heading, named_part in (parts or {}).items():
+                if value == named_part:
+                    return heading
+            return table_of(value, kinds.get(key, ""), parts)
+        if isinstance(value, tuple) and value and all(isinstance(row, Part) for row in value):
+            return [table_of(row, kinds.get(key, ""), parts) for row in value]
         return plain
 
     described = part.describe()
-    own = kind_of(type(part))
-    table: dict[str, Any] = {} if own == kind else {"kind": own}
+    part_kind = kind_of(type(part))
+    table: dict[str, Any] = {} if part_kind == kind else {"kind": part_kind}
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
-        if value is None or (
-            field.default is not dataclasses.MISSING and _same(value, field.default)
-        ):
-            continue
-        table[field.name] = value_of(field.name, value, described[field.name])
+        is_default = field.default is not dataclasses.MISSING and _same(value, field.default)
+        if value is not None and not is_default:
+            table[field.name] = value_of(field.name, value, described[field.name])
     return table
 
 
 def _same(value: Any, default: Any) -> bool:
     if isinstance(value, Part) or isinstance(default, Part):
         return bool(value == default)
+    # 1 and True are equal to 1.0, but not the same text.
     try:
         return type(value) is type(default) and bool(value == default)
-    except ValueError:  # an array beside a default that is a tuple
+    except ValueError:  # arrays have no single truth
         return False
 
 
+# Keys that TOML reads without quotes.
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-_WIDE = 110  # characters above which the entries of a list get lines of their own
+# Characters above which the entries of a list get lines of their own. It is part of the format:
+# another number would change each robot file that is written again.
+_WIDE = 110
 
 
 def toml_lines(
@@ -169,40 +171,40 @@ def toml_lines(
     path: tuple[str, ...] = (),
     comment: Callable[..., str] = lambda *_: "",
 ) -> Iterator[str]:
-    """Lines of a table: plain values first, then the tables and lists of tables within it; `path`
-    leads to the table.
+    """Lines of a table at this path: plain values first, then its tables and lists of tables.
 
-    ``comment(path, key)`` is what stands behind a value. What TOML cannot hold is refused.
+    ``comment(path, key)`` is the comment behind a value. Raises a ValueError for values that TOML
+    cannot hold.
     """
-    nested = {
-        key: value
-        for key, value in table.items()
-        if _is_table(value) and not (path and _is_short(value))
-    }
+    nested = {}
     for key, value in table.items():
-        if key not in nested:
-            text = comment(path, key)
-            yield f"{_key(key)} = {_value(value)}{f'  # {text}' if text else ''}"
+        # Values behind a nested table would belong to it, so tables come last.
+        if _is_table(value) and not (path and _is_short(value)):
+            nested[key] = value
+            continue
+        text = comment(path, key)
+        yield f"{_key(key)} = {_value(value)}{f'  # {text}' if text else ''}"
     for key, value in nested.items():
-        name = (*path, key)
+        nested_path = (*path, key)
+        heading = ".".join(map(_key, nested_path))
         several = isinstance(value, (list, tuple))
-        for each in value if several else (value,):
-            label = ".".join(map(_key, name))
-            yield from ("", f"[[{label}]]" if several else f"[{label}]")
-            yield from toml_lines(each, name, comment)
+        for row in value if several else (value,):
+            yield ""
+            yield f"[[{heading}]]" if several else f"[{heading}]"
+            yield from toml_lines(row, nested_path, comment)
 
 
 def _is_table(value: Any) -> bool:
     if isinstance(value, (list, tuple)):
-        return bool(value) and all(isinstance(each, Mapping) for each in value)
+        return bool(value) and all(isinstance(row, Mapping) for row in value)
     return isinstance(value, Mapping)
 
 
 def _is_short(value: Any) -> bool:
     """Whether a table is a few words and numbers, written in one line."""
-    plain = isinstance(value, Mapping) and not any(
-        isinstance(each, (Mapping, list, tuple)) for each in value.values()
-    )
+    if not isinstance(value, Mapping):
+        return False
+    plain = not any(isinstance(entry, (Mapping, list, tuple)) for entry in value.values())
     return plain and len(_value(value)) < _WIDE
 
 
@@ -211,6 +213,7 @@ def _key(key: str) -> str:
 
 
 def _text(value: str | int) -> str:
+    # TOML forbids the delete character, which JSON allows; all else is the same.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -222,14 +225,15 @@ def _value(value: Any) -> str:
             raise ValueError("a robot file must hold numbers; got NaN. Give its value.")
         return repr(value)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items()) + "}"
+        return "{" + ", ".join(f"{_key(key)} = {_value(v)}" for key, v in value.items()) + "}"
     if isinstance(value, (list, tuple)):
-        texts = [_value(each) for each in value]
+        texts = [_value(entry) for entry in value]
         line = f"[{', '.join(texts)}]"
+        # A matrix has a line per row.
         rows = bool(value) and isinstance(value[0], (list, tuple))
-        return (
-            line if len(line) < _WIDE and not rows else "[\n    " + ",\n    ".join(texts) + ",\n]"
-        )
+        if len(line) < _WIDE and not rows:
+            return line
+        return "[\n    " + ",\n    ".join(texts) + ",\n]"
     raise ValueError(
         f"a robot file must hold numbers, text and flags; got a {type(value).__name__}. Leave it"
         " out."
