@@ -84,7 +84,7 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
         # 1. Try what the finding suggests.
         corrections = list(_corrections(record, findings, index))[:budget]
         budget -= len(corrections)
-        trials = [_trial(each, findings, unexplained, examined) for each in corrections]
+        trials = [_trial(correction, findings, unexplained, examined) for correction in corrections]
 
         # 2. Without an improvement the advice stays, or says that the correction is in vain.
         problems = _problem_count(findings)
@@ -149,6 +149,7 @@ def _trial(
     examined,
 ):
     """Findings after a correction; those before it where the motion then explains less torque."""
+    # A correction that makes the torque less plausible is no correction, whatever the checks say.
     share = unexplained_share(correction.record)
     rise = SETTINGS.gravity if correction.column else SETTINGS.chance
     if share > SETTINGS.worse * unexplained + rise:
@@ -162,6 +163,7 @@ def unexplained_share(record: Any) -> float:
     It is 1 for a joint, or a record, whose torque is unknown.
     """
     signals = Signals(record)
+    # Without a logged torque nothing can become less plausible.
     if not signals.long_enough or signals.torque is None:
         return 1.0
     return float(np.mean([1.0 if fit is None else fit.unexplained for fit in signals.regressions]))
@@ -170,10 +172,15 @@ def unexplained_share(record: Any) -> float:
 def _corrections(record, findings, index):
     """Corrections that the finding of this index suggests; none for most checks."""
     finding = findings[index]
-    for other in findings:
+    for other_finding in findings:
         # No correction of a column mends the column of another motor.
-        if other.check == "copied columns" and other.joint == finding.joint and not other.ok:
+        if (
+            other_finding.check == "copied columns"
+            and other_finding.joint == finding.joint
+            and not other_finding.ok
+        ):
             return
+    # Most findings need a new log, or a decision of the user.
     if finding.check in _BY_CHECK:
         yield from _BY_CHECK[finding.check](record, findings, index)
 
@@ -187,6 +194,7 @@ def _other_rounding(record, _, index):
 
 def _counts_in_time(record, findings, index):
     """Late counts moved back: of all late joints, as a logger delays them, or of this one alone."""
+    # The delays of all joints are usually one delay of the logger.
     late = [k for k, finding in enumerate(findings) if finding.check == "delay" and not finding.ok]
     for joints in dict.fromkeys((tuple(late), (index,))):
         moved = record
@@ -199,6 +207,7 @@ def _counts_in_time(record, findings, index):
 def _other_time(record, findings, index):
     """Times in another unit; or the rig's period, where no law runs at a period of its own."""
     period = (findings[index].value or 0.0) / 1e3
+    # Milliseconds and microseconds are powers of a thousand.
     factor = 1e3 ** np.round(np.log10(period / record.rig.period) / 3)
     if factor != 1:
         yield Correction((index,), dataclasses.replace(record, t=record.t / factor))
@@ -210,13 +219,15 @@ def _exchanged_counts(record, findings, index):
     """Counts of two joints exchanged, as counts or as angles that the wrong gears converted."""
     rig = record.rig
     joint = findings[index].joint
-    for k, other in enumerate(findings):
-        if other.check != "swapped joints" or other.ok or k == index:
+    for k, partner in enumerate(findings):
+        # The other joint of the pair has the same finding.
+        if partner.check != "swapped joints" or partner.ok or k == index:
             continue
         order = np.arange(record.n)
-        order[joint], order[other.joint] = other.joint, joint
+        order[joint], order[partner.joint] = partner.joint, joint
         as_counts = record.reference_pulses - record.counts[:, order]
         as_angles = record.reference_pulses - rig.counts(rig.cell_centre(record.counts)[:, order])
+        # The right one of the two leaves the smaller error.
         error = min((as_counts, as_angles), key=lambda pulses: np.abs(pulses).sum())
         yield Correction((index, k), dataclasses.replace(record, error_pulses=error))
 
@@ -267,6 +278,7 @@ def _turned_torque(record, findings, index):
     joint = findings[index].joint
     signals = Signals(record)
     turned = np.where(np.arange(record.n) == joint, -1.0, 1.0)
+    # Torque and current of a record are one signal: their signs change together.
     columns = {}
     for name in ("torque", "current"):
         logged = getattr(record, name)
@@ -297,6 +309,7 @@ def _with_rig(record, **changes: Any):
 
 def _with_counts(record, joint, counts):
     """The record with other counts (N,) of a joint."""
+    # A record holds reference and error; the counts are their difference.
     error = np.array(record.error_pulses)
     error[:, joint] = record.reference_pulses[:, joint] - counts
     return dataclasses.replace(record, error_pulses=error)
@@ -306,5 +319,6 @@ def _read_later(record, finding):
     """Counts (N,) of the finding's joint as its encoder would count them without the delay."""
     encoder = record.rig.encoder
     rows = np.arange(len(record))
+    # Interpolate the middles of the cells, then round as the encoder does.
     centres = encoder.position_in_pulses(encoder.cell_centre(record.counts))[:, finding.joint]
     return encoder.quantised(np.interp(rows + finding.value, rows, centres))

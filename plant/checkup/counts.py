@@ -95,6 +95,7 @@ def hardly_moving(record: Any) -> NDArray[np.bool_]:
 
     Hunting counts only while the reference moves other joints.
     """
+    # Ranges of each motor [pulses].
     moved, error, reference = (
         np.ptp(pulses, axis=0)
         for pulses in (record.counts, record.error_pulses, record.reference_pulses)
@@ -116,6 +117,7 @@ def hardly_asked(record: Any) -> NDArray[np.bool_]:
 
 def in_step(speeds: Floats, least: float = SETTINGS.in_step) -> list[tuple[int, int]]:
     """Pairs of columns of speeds (N, n) with at least this correlation about zero."""
+    # About zero and not about the mean: in step means proportional.
     lengths = np.sqrt((speeds**2).sum(axis=0))
     correlation = products(speeds / np.where(lengths > 0, lengths, np.inf))
     return [(int(i), int(j)) for i, j in np.argwhere(np.triu(np.abs(correlation) > least, 1))]
@@ -136,10 +138,12 @@ class Events(NamedTuple):
 
 def counts_findings(signals: Signals, bridged: Signals) -> Iterator[Finding]:
     """Yield the findings about counts; `bridged`: without lost packets and stuck samples."""
+    # 1. Rows that several joints lack together, before each joint is judged alone.
     odd_rows = [events(bridged, i) for i in range(signals.n)]
     left_out = renumbered(bridged, [joint.jumps for joint in odd_rows])
     yield _left_out(bridged, left_out)
 
+    # 2. Motion, then outliers: their findings come check by check, as the table shows them.
     pairs = in_step(signals.motion.speed[signals.clear]) if signals.long_enough else []
     for i in range(signals.n):
         yield _motion(signals, i, [signals.joint_labels[k] for k, j in pairs if j == i])
@@ -149,6 +153,7 @@ def counts_findings(signals: Signals, bridged: Signals) -> Iterator[Finding]:
             f"Single counts are off by up to {largest:.0f} pulses; fits bridge them without weight;"
             " check the cable."
         )
+        # A glitch in more than every hundredth row is a broken cable, not an accident.
         limit = 0.01 * len(signals.t)
         yield Check("glitches", i).graded(len(joint.glitches), advice, look=0, wrong=limit)
     for i, joint in enumerate(odd_rows):
@@ -170,12 +175,13 @@ def _motion(signals, i, in_step_with):
     check = Check("motion", i, "pulses")
     pulses = np.ptp(signals.counts[:, i])
     moved = pulses / signals.least_count[i]
-    others = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
+    # Motion of all other joints, in least counts.
+    elsewhere = np.delete(np.ptp(signals.counts, axis=0) / signals.least_count, i)
     # Back to pulses from the quotient, which may differ from `pulses` in its last bit.
     value = moved * signals.least_count[i]
     if moved < LEAST_MOTION:
         fault = "hardly moves"
-        if len(others) and others.max() > 10 * LEAST_MOTION:
+        if len(elsewhere) and elsewhere.max() > 10 * LEAST_MOTION:
             reasons = (
                 "it sticks, its brake is on, its encoder is dead or in other units, or it was"
                 " asked to"
@@ -208,6 +214,7 @@ def _jumps(bridged, i, joint, rows_left_out):
             f"In places the counts go in steps of {joint.step:.3g} pulses; log them with more"
             " digits."
         )
+    # A coarse grid loses digits and nothing else: look, but not wrong.
     wrong = np.inf if joint.step else 0
     return Check("jumps", i).graded(len(rows), advice, look=0, wrong=wrong)
 
@@ -218,6 +225,7 @@ def events(signals: Signals, i: int) -> Events:
     speed = signals.local_speed[:, i]
     spans = np.diff(signals.t)
     innovation = np.diff(signals.counts[:, i]) - speed * spans
+    # The 98 % quantile is the noise of the log and leaves out its outliers.
     usual = np.quantile(np.abs(innovation), 0.98)
     # A stamp that is off shows in its own interval and in its neighbours.
     odd = np.abs(np.pad(spans, 1, mode="edge") - signals.interval)
@@ -238,7 +246,9 @@ def events(signals: Signals, i: int) -> Events:
     for k in outliers.tolist():
         if glitches and k == glitches[-1] + 1:
             continue  # the step back from a glitch
+        # The next step goes the other way ...
         back = k + 1 < len(innovation) and innovation[k + 1] * innovation[k] < 0
+        # ... and cancels at least half of this one.
         if back and abs(innovation[k + 1] + innovation[k]) < 0.5 * abs(innovation[k]):
             glitches.append(k)
         else:
@@ -256,6 +266,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
         return np.array([], int)
     # 1. Excess of each step over the motion, with the speed of the rows around it.
     spans = np.diff(signals.t)
+    # Beside a gap the local speed is wrong, so it is taken some rows away on both sides.
     padded = np.pad(signals.local_speed, ((reach, reach), (0, 0)), mode="edge")
     speed = (padded[: -2 * reach] + padded[2 * reach :]) / 2
     excess = np.diff(signals.counts, axis=0) - speed * spans[:, None]
@@ -267,6 +278,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     along = across < LEFT_OUT.across * (excess**2).sum(axis=1)
     # The usual excess is large where a loop oscillates.
     usual = np.maximum(signals.least_count, np.quantile(np.abs(excess), 0.9, axis=0))
+    # One joint alone may have jumped by itself.
     several = (np.abs(excess) > SETTINGS.spike * usual).sum(axis=1) > 1
 
     # 3. Stamps that hide it are even. What was only late comes back in the next rows, so the sum of
@@ -286,6 +298,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
 
 def _runs(counts):
     """Stretches of equal counts, as slices of rows."""
+    # Each change of the count begins a stretch.
     edges = np.flatnonzero(np.diff(counts) != 0) + 1
     stops = np.append(edges, len(counts))
     for start, stop in zip(np.append(0, edges), stops, strict=True):
@@ -299,6 +312,7 @@ def _stuck(signals, i):
     def seconds(run):
         return float(signals.t[run.stop - 1] - signals.t[run.start])
 
+    # In slow logs at least five intervals, since a slow motion repeats counts, too.
     least = max(SETTINGS.standstill, 5 * signals.interval)
     runs = [run for run in _runs(signals.counts[:, i]) if seconds(run) >= least]
     if signals.reference is not None:
@@ -315,11 +329,11 @@ def _stuck(signals, i):
         return check.graded(stuck, advice, look=0, wrong=0)
 
     # Without a reference and such torques, rest alone is no proof: look, never wrong.
-    others = np.delete(signals.counts, i, axis=1)
+    elsewhere = np.delete(signals.counts, i, axis=1)
     resting = SETTINGS.resting_share * (signals.t[-1] - signals.t[0])
     for run in runs:
-        long = others.size and seconds(run) > resting
-        if long and np.ptp(others[run], axis=0).max() > 10 * LEAST_MOTION:
+        long = elsewhere.size and seconds(run) > resting
+        if long and np.ptp(elsewhere[run], axis=0).max() > 10 * LEAST_MOTION:
             stuck = max(stuck, seconds(run))
     advice = (
         "The joint rests for a large part of the log while others move; does it stick, or its"
@@ -331,11 +345,13 @@ def _stuck(signals, i):
 def _against_reference(signals, i, runs):
     """Standstills in which the reference moves on by more than friction explains elsewhere."""
     reference = signals.reference[:, i]
+    # The usual error is that of the rows in which the joint moves.
     running = np.ones(len(signals.t), bool)
     for run in runs:
         running[run] = False
     error = np.abs(reference - signals.counts[:, i])[running]
     largest = np.quantile(error, 0.99) if len(error) else 0.0
+    # Ten counts more, for loops with hardly any error.
     usual = 10 * signals.least_count[i] + SETTINGS.stuck_error * largest
     return [run for run in runs if np.ptp(reference[run]) > usual]
 
@@ -364,17 +380,19 @@ def _clipped(signals, i):
     clipped = 0.0
     for extreme in (counts.min(), counts.max()):
         for run in runs:
+            # Only a stretch at the extreme of the log is cut off.
             if counts[run.start] != extreme:
                 continue
             # A motion that turns by itself is slow beside its extreme.
             end = run.stop - 1
-            before = np.abs(np.diff(counts[max(run.start - 3, 0) : run.start + 1]))
-            after = np.abs(np.diff(counts[end : end + 4]))
-            if all(len(s) and s.min() > 0 and s.mean() > fast for s in (before, after)):
+            approach = np.abs(np.diff(counts[max(run.start - 3, 0) : run.start + 1]))
+            departure = np.abs(np.diff(counts[end : end + 4]))
+            if all(len(s) and s.min() > 0 and s.mean() > fast for s in (approach, departure)):
                 clipped += t[end] - t[run.start]
     advice = (
         "Peaks are cut off at one value: the converter's range, or a mechanical stop; leave these"
         " rows out."
     )
+    # Beyond a twentieth of the log the motion itself is lost.
     limit = 0.05 * (t[-1] - t[0])
     return Check("clipped counts", i, "s").graded(clipped, advice, look=0, wrong=limit)

@@ -81,6 +81,7 @@ def _saturated(signals, i):
     """Share of samples at the amplifier's limit [%]."""
     check = Check("saturation", i, "%")
     limit = signals.rig.drive.current_limit[i]
+    # An infinite limit means that the rig states none.
     if not np.isfinite(limit):
         return check.unknown("no current limit stated")
     current = signals.motor_torque[:, i] / signals.rig.drive.motor_gain[i]
@@ -95,11 +96,14 @@ def _saturated(signals, i):
 def _clipped(signals, i):
     """Share of samples that pile up at an extreme which is not the amplifier's limit [%]."""
     torque = signals.motor_torque[:, i]
+    # A clipped torque repeats its largest, or smallest, value.
     levels, frequency = np.unique(torque, return_counts=True)
     clipped = 0
     for extreme, neighbours in ((0, slice(1, 4)), (-1, slice(-4, -1))):
+        # Few levels are a coarse sensor; piles at the limit are saturation, a check of its own.
         if len(levels) < 10 or _at_limit(signals, i, levels[extreme]):
             continue
+        # The commanded torque shows each clipped sample; without it only the pile does.
         if signals.torque is not None and signals.commanded is not None:
             clipped += _commanded_beyond(signals, i, levels[extreme])
         elif frequency[extreme] > SETTINGS.piled * frequency[neighbours].mean():
@@ -128,6 +132,7 @@ def _commanded_beyond(signals, i, extreme):
     """
     torque = signals.torque[:, i]
     commanded = signals.commanded[:, i]
+    # Compare where the torque is surely not clipped.
     inside = (torque > torque.min()) & (torque < torque.max())
     difference = np.quantile(np.abs(commanded - torque)[inside], 0.9)
     if difference >= SETTINGS.alike * np.ptp(torque):
@@ -142,6 +147,7 @@ def _backlash(signals, i):
     regression = signals.regressions[i]
     if regression is None or regression.inertia[i] < SETTINGS.certain * regression.inertia_std[i]:
         return check.unknown("no acceleration that torque explains")
+    # Backlash shows only while the load changes sides.
     if regression.reversals < SETTINGS.reversals:
         return check.unknown(f"the load changes sign {regression.reversals} times")
     backlash = regression.backlash
@@ -158,6 +164,7 @@ def _backlash(signals, i):
     if std > least or (abs(backlash) > certain and backlash < 0):
         return check.unknown(f"known to +-{std:.2g} pulses only", backlash)
     if signals.reference is not None:
+        # A stiff loop holds the motor in place while the gear is loose.
         return check.unknown("none seen, but a position loop hides it", backlash)
     return check.fine(backlash)
 
@@ -180,6 +187,7 @@ _CHECKS = (
 def examine(record: Any) -> Checkup:
     """Check a record for errors; ``record.check()`` does."""
     labels = tuple(Signals(record).joint_labels)
+    # Too short for corrections, which compare statistics.
     if (record.valid > 0).sum() < _LEAST_SAMPLES:
         return Checkup(findings=tuple(_findings(record)), joint_labels=labels, record=record)
 
@@ -207,6 +215,7 @@ def _findings(record):
             *findings,
             Check("counts, torque").unknown(f"only {len(signals.t)} samples have weight"),
         ]
+    # With most rows lost all other checks would judge invented rows.
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
         return [*findings, *lost_findings(signals, lost)]

@@ -52,6 +52,7 @@ class Finding(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), self.ok)
+        # A finding on its own shows its advice below the verdict.
         if self.advice:
             yield self.advice
 
@@ -68,6 +69,7 @@ class Check(NamedTuple):
 
     def finding(self, value: Any, verdict: str, advice: str = "", cause: str = "") -> Finding:
         """A finding of this check; the value becomes a plain float."""
+        # numpy numbers would print their type in a list of findings.
         value = None if value is None else float(value)
         return Finding(
             check=self.name,
@@ -117,6 +119,7 @@ def sign_advice(cause: str, column: str) -> str:
 
 def unless(reason: str, names: Iterable[str], findings: Iterable[Finding]) -> Iterator[Finding]:
     """Findings of the checks of these names; "cannot tell" of each where there is a reason."""
+    # The findings are a generator: with a reason no check runs.
     if not reason:
         yield from findings
         return
@@ -158,14 +161,17 @@ class Checkup(Shown):
             key = finding.check, finding.verdict, finding.unit, joint
             groups.setdefault(key, []).append(finding)
         yield Verdict(
+            # The counts of all verdicts follow the colon.
             f"{len(self.problems)} of {len(self.findings)} checks need attention: {self._short()}",
             self.ok,
         )
         rows = []
         reasons = []
         for (check, verdict, unit, _), group in groups.items():
+            # Joints of one group are listed below each other; the first has the numbers of all.
             label, *further_labels = self._labels([finding.joint for finding in group])
             values = [finding.value for finding in group if finding.value is not None]
+            # The reason of "cannot tell" is too long for the table, so it goes below.
             word, _, reason = verdict.partition(": ")
             rows.append((check, label, _range_text(values, unit), word))
             rows += [("", label, "", "") for label in further_labels]
@@ -178,6 +184,7 @@ class Checkup(Shown):
 
     def _labels(self, joints: list[int | None]) -> list[str]:
         """Labels of these joints in the table, a line each; "all" for all of several."""
+        # A robot with a single joint keeps its label.
         if 1 < len(joints) == len(self.joint_labels):
             return ["all"]
         labels = self.joint_labels

@@ -82,14 +82,17 @@ def _law_along_log(signals):
     """The law that reads the counts of the log; None where its torque cannot be compared."""
     law = signals.record.law
     rig = signals.rig
+    # Laws without memory have the better estimate of `tracking.law_fit`.
     if law is None or law.replays or not law.has_memory(signals.n) or signals.reference is None:
         return None
+    # The logged torque is the yardstick.
     if signals.torque is None or not (signals.long_enough and signals.tracks.all()):
         return None
     # A slower law would need the rows between those of the log.
     slower = (law.period or 0.0) > SETTINGS.period * signals.interval
     if slower or not 1 / SETTINGS.period < signals.interval / rig.period < SETTINGS.period:
         return None
+    # A law that is resumed has a memory already; any other starts with its initial one.
     if not isinstance(law, Resumed):
         law = Resumed(law=law, state=law.initial_state(signals.n))
     return law.along(rig)
@@ -103,12 +106,14 @@ class _RunAlongLog:
         self.law = law
         record = signals.record
         rig = signals.rig
+        # The middle of the log, where its filters have rows on both sides.
         start = max(0, (len(signals.clear) - SETTINGS.samples) // 2)
         # The law starts with the wrong memory, and filters need rows on both sides.
         self.clear = signals.clear[start : start + SETTINGS.samples].copy()
         self.clear[: signals.window] = False
         self.clear[-signals.window :] = False
         self.t = signals.t[0] + signals.interval * (start + np.arange(len(self.clear)))
+        # Fast hardware has no period: it is run some steps per sample.
         self.period = law.period or signals.interval / FAST
         self.steps = np.arange(self.t[0], self.t[-1] + self.period / 2, self.period)
         self.counts = law.replayed(record)
@@ -124,6 +129,7 @@ class _RunAlongLog:
         self.injected: Any = 0.0
         if record.injected is not None:
             self.injected = _at_times(self.t, record.t, record.injected)
+        # The amplifier limits what the law commands, so compare limited torques.
         logged = _at_times(self.t, signals.t, signals.torque)
         self.logged = self._limited(rig.drive.joint_torque(logged))
 
@@ -138,6 +144,7 @@ class _RunAlongLog:
         whole = bool((reference == np.trunc(reference)).all())
         if whole:
             reference = encoder.position_in_pulses(encoder.cell_centre(reference))
+        # The law needs velocities and accelerations, which differences of whole pulses do not give.
         splines = smooth_splines(signals.t[rows], reference, whole, 1.0)
         return [
             rig.to_angle(np.column_stack([spline(self.steps, order) for spline in splines]))
@@ -152,6 +159,7 @@ class _RunAlongLog:
         signals = self.signals
         t = signals.record.t
         counts = [
+            # Late counts stand so many samples behind the row in which the law read them.
             np.interp(self.steps + samples * signals.interval, t, column)
             for samples, column in zip(late, self.counts.T, strict=True)
         ]

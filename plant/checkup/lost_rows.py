@@ -84,6 +84,7 @@ def lost_rows(record: Any) -> LostRows:
     packets, stuck, glitches, late = np.zeros((4, N), bool)
     lost = LostRows(packets, stuck, glitches, late, np.zeros((N, n)))
     rows = np.flatnonzero(record.valid > 0)
+    # Fewer rows do not show what the motion is.
     least_rows = 10 * SETTINGS.neighbours
     if len(rows) < least_rows:
         return lost
@@ -91,6 +92,7 @@ def lost_rows(record: Any) -> LostRows:
     # 1. Repeated rows. A packet is lost if the reference repeats, or everything that moves does.
     reference = record.reference_pulses[rows]
     columns = np.hstack([record.counts[rows], reference])
+    # Times in intervals: a missing row is no repeated one.
     t = record.t[rows] / np.median(np.diff(record.t))
     repeated = np.zeros(columns.shape, bool)
     fast = np.zeros(columns.shape, bool)
@@ -119,6 +121,7 @@ def lost_rows(record: Any) -> LostRows:
         if outliers.step:
             continue  # the jumps are steps of a coarse grid
         sizes = outliers.sizes[outliers.jumps - 1]
+        # All counts after a lost turn are off by it.
         turns = _turns(sizes, record.rig.encoder.resolution[i])
         for row, turn in zip(rows[outliers.jumps], turns, strict=True):
             lost.turns[row:, i] += turn
@@ -146,6 +149,7 @@ def bridged(record: Any) -> Any:
 
 def all_bridged(record: Any, lost: LostRows) -> Any:
     """The record with these rows and short gaps bridged, and lost turns taken back."""
+    # Turns first: the lines of the bridges end on the counts beside them.
     if lost.turns.any():
         record = dataclasses.replace(record, error_pulses=record.error_pulses + lost.turns)
     return on_lines(record, lost.any | short_gaps(record.valid == 0, BRIDGED))
@@ -173,6 +177,7 @@ def off_reference(record: Any) -> NDArray[np.bool_]:
 
 def short_gaps(missing: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     """Those of the missing rows (N,) that lie in gaps of at most so many rows."""
+    # Pairs of the first row of a gap and the first row behind it.
     edges = np.flatnonzero(np.diff(np.concatenate([[0], missing, [0]])))
     short = np.zeros(len(missing), bool)
     for begin, end in edges.reshape(-1, 2):
@@ -220,15 +225,18 @@ def _repeats(column, t):
         return np.zeros(len(column), bool), np.zeros(len(column), bool)
     length = np.diff(t[starts])
     jump = np.diff(column[starts])
+    # A median leaves out the jump behind a repeated row.
     windows = np.lib.stride_tricks.sliding_window_view(jump / length, reach)
     speed = np.median(windows, axis=1)
-    before = np.concatenate([np.full(reach, speed[0]), speed[: len(jump) - reach]])
-    after = np.concatenate([speed[1:], np.full(reach, speed[-1])])[: len(jump)]
-    mean = (before + after) / 2
+    incoming = np.concatenate([np.full(reach, speed[0]), speed[: len(jump) - reach]])
+    outgoing = np.concatenate([speed[1:], np.full(reach, speed[-1])])[: len(jump)]
+    mean = (incoming + outgoing) / 2
 
     # 2. A stretch repeats its value if the motion is fast on both sides, and the jump at its end
     # is that of its whole length rather than that of one row.
-    fast = (np.minimum(np.abs(before), np.abs(after)) >= SETTINGS.fast) & (before * after > 0)
+    fast = (np.minimum(np.abs(incoming), np.abs(outgoing)) >= SETTINGS.fast) & (
+        incoming * outgoing > 0
+    )
     off = np.abs(jump - length * mean)
     tolerance = SETTINGS.fast + SETTINGS.follows * np.abs(length * mean)
     follows = (off <= tolerance) & (off < np.abs(jump - mean))

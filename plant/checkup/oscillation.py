@@ -82,6 +82,7 @@ _NAME = "oscillation"
 
 def spectrum(values: Floats, period: float) -> tuple[Floats, Floats]:
     """Frequencies [Hz] and power of values (N,) or (N, n) about their mean, in a Hann window."""
+    # The window suppresses the leakage of the slow motion into fast lines.
     window = np.hanning(len(values)).reshape(-1, *[1] * (values.ndim - 1))
     power = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(values), period)
@@ -93,6 +94,7 @@ def oscillation_findings(signals: Signals, share: float = 1.0) -> Iterator[Findi
     reason = ""
     if signals.reference is None:
         reason = "no reference"
+    # Where counts do not track, the error is that of a wrong column.
     elif not (signals.long_enough and signals.tracks.all()):
         reason = "too short, or counts that do not track"
     check = functools.partial(_oscillation, share=share)
@@ -130,6 +132,7 @@ def _swings(signals, i):
 
     # 1. The frequencies above those of the reference.
     contained = np.cumsum(spectrum(reference, signals.interval)[1])
+    # The highest frequency that the reference contains.
     highest = frequency[np.searchsorted(contained, SETTINGS.contained * contained[-1])]
     fast = frequency > max(SETTINGS.faster * highest, SETTINGS.slowest)
     if fast.sum() < 10 * SETTINGS.averaged:
@@ -161,9 +164,11 @@ def _oscillation(signals, i, share):
     swings = _swings(signals, i)
     if swings is None:
         return check.unknown("the reference is as fast as the samples show")
+    # The median over segments leaves out an event in one part of the log.
     segments = np.array([_rms(part) for part in np.array_split(swings.fast, SETTINGS.segments)])
     size = np.median(segments)
     tracking = _rms(swings.slow)
+    # Wider than the quantisation, and than a share of the tracking error.
     wide = size > share * SETTINGS.counts * signals.least_count[i]
     wide &= size > share * SETTINGS.share_of_slow * tracking
     if not (swings.clear and wide):
@@ -171,6 +176,7 @@ def _oscillation(signals, i, share):
 
     # 2. ... which is not what remains of the start, unless backlash restarts it, ...
     third = SETTINGS.segments // 3
+    # RMS at the end of the log relative to that at its start.
     growth = segments[-third:].mean() / max(segments[:third].mean(), 1e-300)
     flares = _flares(signals)
     if growth < SETTINGS.decayed and flares < SETTINGS.flares:
@@ -194,6 +200,7 @@ def _oscillation(signals, i, share):
         f"The loop oscillates, {size:.3g} pulses rms beside {tracking:.3g} of tracking, and"
         f" {lasts}{cause}. Lower its gains."
     )
+    # An oscillation is named by its frequency; other findings by their size.
     return Check(_NAME, i, "Hz").look(swings.frequency, advice)
 
 
@@ -211,8 +218,10 @@ def _flares(signals):
         fast = swings.fast
         span = round(SETTINGS.periods / swings.frequency / signals.interval)
         speed = np.gradient(signals.even(signals.reference[:, i]))
+        # Rows in which the reference turns back.
         turns = np.flatnonzero(np.diff(np.sign(speed)))
         for k in np.flatnonzero(np.diff(np.sign(swings.load))):
+            # Whole spans within the log, and no reversal of the speed in them.
             if span < k < len(fast) - span and not (np.abs(turns - k) < span).any():
                 ratios.append(_rms(fast[k : k + span]) / max(_rms(fast[k - span : k]), 1e-300))
     return float(np.median(ratios)) if len(ratios) >= SETTINGS.reversals else 1.0
@@ -226,6 +235,7 @@ def _driven_to_limit(signals, i, size):
     commanded = signals.commanded[:, i]
     limit = drive.current_limit[i] * drive.motor_gain[i]
     error = (signals.reference - signals.counts)[:, i]
+    # Commanded torque per pulse of error [N m], from their RMS values.
     per_pulse = _rms(commanded) / max(_rms(error), 1e-300)
     saturates = np.mean(np.abs(commanded) > limit) > SETTINGS.limited
     # The amplitude of a sine is sqrt(2) times its RMS.

@@ -78,6 +78,7 @@ def _units(signals, i):
     broken = 100 * np.mean(counts != np.round(counts))
     if not broken:
         return check.fine(0.0)
+    # Angles have a small range, which scaled counts do not have.
     if signals.angular[i]:
         angle = "radians" if np.ptp(counts) < 4 * np.pi else "degrees"
         advice = (
@@ -114,6 +115,7 @@ def _step(signals, i):
         return check.wrong(noted, advice)
 
     # 2. Steps of the gear: whole counts of the motor were multiplied by it.
+    # Few counts fit many grids.
     levels = np.unique(np.round(signals.counts[:, i]))
     if len(levels) < SETTINGS.levels:
         return check.unknown(f"only {len(levels)} different counts")
@@ -141,6 +143,7 @@ def _step(signals, i):
 
 def grid(counts: Floats) -> float:
     """Step [pulses] of which all counts (N,) are multiples apart, if above a pulse; or 1."""
+    # Differences, since the grid may begin anywhere.
     levels = np.unique(np.round(counts - counts[0], SETTINGS.digits))
     if len(levels) < SETTINGS.levels:
         return 1.0
@@ -163,6 +166,7 @@ def comb(counts: Floats) -> tuple[float, bool]:
     steps = np.abs(np.diff(counts))
     if not steps.any():
         return 1.0, False
+    # A quantile, since single small steps may be glitches.
     smallest = np.quantile(steps[steps > 0], 0.02)
     levels = np.unique(counts)
     levels = levels[: 1 << 16] - levels[0]
@@ -189,10 +193,10 @@ def comb(counts: Floats) -> tuple[float, bool]:
             # The widest step that fits: every fraction of it fits, too.
             widest = np.abs(1 / step[peaks] - 1 / step[peaks].max()) < 16 / length
             peak = peaks[widest]
-            found = float(step[peak[np.argmax(power[peak])]])
+            period = float(step[peak[np.argmax(power[peak])]])
             # Visited counts closer than a step belong to the folded line of the pair.
-            if np.mean(np.diff(levels) < np.floor(found + 0.01)) < 0.01:
-                return found, True
+            if np.mean(np.diff(levels) < np.floor(period + 0.01)) < 0.01:
+                return period, True
     return 1.0, True
 
 
@@ -213,6 +217,7 @@ def _noise(signals, i):
     noise = min(noise, np.sqrt(np.mean(differences**2) / 70))
     if signals.rig.encoder.smooth:
         return check.fine(noise)
+    # On a coarser grid the rounding is as much larger.
     step = _step(signals, i).value or 1.0
     advice = (
         "The noise of the counts exceeds their rounding, even where the arm is slowest; look for"

@@ -63,6 +63,7 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
     encoder = signals.rig.encoder
     stated = encoder.rounding
     notes = signals.record.notes or {}
+    # Positions that were no whole pulses were rounded by the reader, not by a counter.
     scaled = any(STEP_NOTE.format(i) in notes for i in range(signals.n))
     reason = "no joint passes zero clearly"
     fix = None
@@ -114,6 +115,7 @@ def fix_seen(signals: Signals) -> float | None:
     measured = np.isin(rows, valid)
     columns = [np.interp(rows, valid, column) for column in torque.T]
     forces = np.column_stack([column / max(np.std(column), 1e-300) for column in columns])
+    # All joints have one convention, so the logarithms of their odds are added.
     log_odds = []
     for column in signals.counts.T:
         counts = np.interp(rows, valid, column)
@@ -138,6 +140,7 @@ class _Step(NamedTuple):
 
 def _log_odds(counts, forces):
     """Logarithm of the odds of `fix` from counts (M,) under forces (M, k); None if undecided."""
+    # Scaled counts have no cells.
     if (counts != np.round(counts)).any():
         return None
     steps = []
@@ -159,6 +162,7 @@ def _log_odds(counts, forces):
     comparable = share[std < SETTINGS.comparable * std[best]]
     spread = np.hypot(std[best], np.sqrt(np.mean((comparable - share[best]) ** 2)))
     distance = np.abs(share[best] - np.array([0, 1])) / spread
+    # Something else steps at zero.
     if distance.min() > SETTINGS.neither:
         return None
     return float(distance[0] ** 2 - distance[1] ** 2) / 2
@@ -171,6 +175,7 @@ def _step(counts, forces, half, degree):
         return None
     speed = np.pad(np.abs(counts[2 * half :] - counts[: -2 * half]) / (2 * half), half)
     zeros = np.flatnonzero(np.diff(counts >= 0) & (speed[1:] > SETTINGS.slow))
+    # A joint that rattles about zero counts once.
     zeros = zeros[np.diff(zeros, prepend=-half) >= half]
     if not len(zeros):
         return None
@@ -179,21 +184,23 @@ def _step(counts, forces, half, degree):
     alike = (speed >= speed[zeros].min() / SETTINGS.alike) & (speed > SETTINGS.slow)
     alike &= speed <= speed[zeros].max() * SETTINGS.alike
     away = np.abs(counts) > 2 * half * np.maximum(speed, 1)
-    others = np.flatnonzero((alike & away)[:-1] & (np.diff(counts) != 0))
-    others = others[:: max(1, len(others) // SETTINGS.crossings)]
-    if len(others) < SETTINGS.least_crossings:
+    crossings = np.flatnonzero((alike & away)[:-1] & (np.diff(counts) != 0))
+    # Spread over the log, and not more than are needed.
+    crossings = crossings[:: max(1, len(crossings) // SETTINGS.crossings)]
+    if len(crossings) < SETTINGS.least_crossings:
         return None
 
     # 3. Motion that the torque adds to the polynomial, from the other crossings.
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 2 * half), degree + 1))
     offsets = np.arange(1 - half, half + 1)
-    levels = np.maximum(counts[others], counts[others + 1])
-    windows = counts[others[:, None] + offsets] - levels[:, None]
+    levels = np.maximum(counts[crossings], counts[crossings + 1])
+    windows = counts[crossings[:, None] + offsets] - levels[:, None]
     at_zero = counts[zeros[:, None] + offsets]
-    motion = _double_sum(forces[others[:, None] + offsets])
+    motion = _double_sum(forces[crossings[:, None] + offsets])
     motion_at_zero = _double_sum(forces[zeros[:, None] + offsets])
     beside = motion.swapaxes(1, 2)
     beside = (beside - beside @ basis @ basis.T).swapaxes(1, 2).reshape(-1, forces.shape[1])
+    # The polynomial is projected out of both sides.
     target = (windows - windows @ basis @ basis.T).ravel()
     gain = np.linalg.lstsq(beside, target, rcond=None)[0]
 
@@ -225,5 +232,6 @@ def _fitted_steps(windows, basis, counts):
     """
     step = -0.5 * np.sign(counts)
     beside = step - (step @ basis) @ basis.T
+    # A step near the end of a window is nearly a polynomial, and has little weight.
     weights = np.maximum((beside**2).sum(axis=1), 1e-9)
     return (beside * windows).sum(axis=1) / weights, weights

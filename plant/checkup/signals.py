@@ -92,10 +92,12 @@ class Signals:
         self.joint_labels = (
             self.rig.joint_labels if record.law is None else record.law.joint_labels(self.rig)
         )
+        # Rows without weight would be outliers of every check.
         self._valid = record.valid > 0
         self.t = record.t[self._valid]
         self.counts = record.counts[self._valid]
         self.reference = None
+        # Records without a reference have zeros there.
         if record.reference_pulses.any():
             self.reference = record.reference_pulses[self._valid]
         drive = record.rig.drive
@@ -143,12 +145,14 @@ class Signals:
         commanded = commanded_torque(self.record)
         if commanded is None:
             return None
+        # A known torque that was injected beside the command acts on the motor, too.
         injected = 0.0 if self.record.injected is None else self.record.injected
         return self.rig.drive.motor_torque(commanded + injected)[self._valid]
 
     @functools.cached_property
     def angular(self) -> NDArray[np.bool_]:
         """Whether the counts of each joint are angles, (n,): not whole, and within two turns."""
+        # Counts are whole numbers, and a motion has many turns of the motor.
         broken = (self.counts != np.round(self.counts)).any(axis=0)
         largest = np.minimum(SETTINGS.angles, 2 * self.rig.encoder.resolution)
         return broken & (np.ptp(self.counts, axis=0) < largest) & (not self.rig.encoder.smooth)
@@ -188,8 +192,10 @@ class Signals:
         """Rows (G,) of `smooth` and `rates` that are valid: clear of gaps and ends."""
         times = self._times
         present = np.ones(len(times))
+        # Interpolated values in a gap are no measurement.
         for i in np.flatnonzero(np.diff(self.t) > SETTINGS.gap * self.interval):
             present[(times > self.t[i]) & (times < self.t[i + 1])] = 0
+        # A row is clear if its whole window is.
         share = np.convolve(present, np.ones(self.window) / self.window, mode="same")
         clear = share > 1 - 1e-9
         clear[: self.window] = False
@@ -198,6 +204,7 @@ class Signals:
 
     def smooth(self, values: Floats) -> Floats:
         """Values (M, n) at evenly spaced times, averaged over the window."""
+        # Filters need even times.
         columns = [np.interp(self._times, self.t, column) for column in values.T]
         return np.column_stack([self.smooth_even(column) for column in columns])
 
@@ -211,6 +218,7 @@ class Signals:
         """First and second derivative in time of smoothed values (G, n)."""
         rate = np.gradient(smoothed, self.interval, axis=0)
         second = np.zeros_like(smoothed)
+        # The second difference is narrower than two gradients, and has no value at the ends.
         second[1:-1] = np.diff(smoothed, 2, axis=0) / self.interval**2
         return rate, second
 
@@ -248,6 +256,7 @@ class Signals:
         # 1. Measured and predicted excess of each step, in units of the usual deviation.
         longer = (np.diff(self.t) - self.interval)[:, None]
         excess = np.diff(self.counts, axis=0) - self.local_speed * self.interval
+        # At least the noise of rounding, so that a perfect log does not divide by zero.
         noise = np.maximum(np.quantile(np.abs(excess), 0.9, axis=0), 0.3 * self.least_count)
         excess = excess / noise
         predicted = longer * self.local_speed / noise
@@ -286,6 +295,7 @@ class Signals:
         """`TorqueRegression` of each motor; None for one that hardly moves, or without torque."""
         if self.motor_torque is None or not self.long_enough:
             return [None] * self.n
+        # A motor at rest has no acceleration to regress on.
         still = np.ptp(self.counts, axis=0) < LEAST_MOTION * self.least_count
         unusable = still | self.angular
         torque = self.motor_torque
@@ -319,6 +329,7 @@ class Signals:
         """
         if len(self.t) < 90:
             return np.full(self.n, np.nan)
+        # Orthonormal polynomials up to the fourth degree over 9 samples.
         basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, 9), 5, increasing=True))
         windows = np.lib.stride_tricks.sliding_window_view(self.counts, 9, axis=0)
         coefficients = windows @ basis
@@ -336,6 +347,7 @@ class Signals:
         if not self.rig.encoder.smooth:
             return np.ones(self.n)
         steps = np.abs(np.diff(self.counts, axis=0))
+        # The smallest steps are the resolution of numbers that are not rounded.
         smallest = [
             np.quantile(column[column > 0], 0.01) if column.any() else 1.0 for column in steps.T
         ]

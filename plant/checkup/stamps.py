@@ -55,6 +55,7 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about time."""
     record = signals.record
     N = len(record)
+    # Even a short log is checked further, as far as each check allows.
     short = SETTINGS.samples > N
     advice = (
         f"{N} samples hold little; log at least {SETTINGS.samples}, and a few periods of the"
@@ -67,6 +68,7 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
         look=SETTINGS.left_out,
         wrong=50,
     )
+    # Two intervals at least, to compare them.
     if N < 3:
         names = "period", "missing samples", "crowded samples", "time jitter", "rows and stamps"
         for name in names:
@@ -79,6 +81,7 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
 
 def _period(signals):
     """Median interval against the rig's period [ms]."""
+    # The median is that of regular rows, however many are missing.
     ratio = signals.interval / signals.rig.period
     thousands = np.log10(ratio) / 3
     # Milliseconds or microseconds are a power of a thousand, but for 0.03 * 3 decades.
@@ -107,6 +110,7 @@ def _intervals(steps):
         f"{missing:.0f} rows are missing in {len(gaps)} gaps of up to {steps.max():.1f} intervals;"
         " use the time stamps, do not count rows."
     )
+    # Of the rows that a complete log would have.
     share = 100 * missing / (missing + N)
     yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=SETTINGS.missing)
     crowded = int((steps < SETTINGS.crowded).sum())
@@ -133,8 +137,10 @@ def _rows_and_stamps(signals):
     if len(signals.t) < 20 or np.isnan(signals.row_shift.rows):
         return check.unknown("intervals are too alike")
     shift, share = signals.row_shift
+    # The counts move more in a longer interval: stamps and counts belong together.
     if shift == 0 and share > SETTINGS.stamps_match:
         return check.fine(0.0)
+    # They move alike in all intervals: the stamps are late, not the counts.
     if share < SETTINGS.counts_even:
         advice = (
             "The stamps jitter, the samples do not: the counts come evenly; put t = row times"
@@ -154,6 +160,7 @@ def _rows_and_stamps(signals):
 def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
     """Yield the findings about rows that are no measurement, by cause."""
     remedy = "Fits bridge them without weight"
+    # Then the checkup ends here, and no fit accepts the log.
     if lost.any.mean() > MOST:
         remedy = (
             f"They are {lost.any.mean():.0%} of all, too many for any fit; log every sample, and"
@@ -164,6 +171,7 @@ def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
         "stuck samples": "Counts of a joint repeat although it moves, and catch up",
         "late stamps": "Stamps are late or early whose counts were taken in time",
     }
+    # More than every twentieth row is no accident.
     limit = 0.05 * len(signals.record)
     rows_by_cause = lost.packets, lost.stuck, lost.late
     for (name, cause), rows in zip(causes.items(), rows_by_cause, strict=True):

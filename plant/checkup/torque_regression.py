@@ -82,7 +82,9 @@ class TorqueRegression:
             return None
 
         # 2. Inertia, friction and gravity.
+        # Gravity of a planar arm acts on the absolute angles of its links.
         angle = np.cumsum(signals.rig.cell_centre(counts), axis=1)
+        # The sign passes the same filter as the torque.
         direction = signals.smooth_even(np.sign(speed))
         columns = np.column_stack(
             [
@@ -116,12 +118,14 @@ class TorqueRegression:
 
         # 4. Backlash: where the load torque changes sign, the motor turns alone.
         rotor = signals.rig.drive.motor_inertia[i]
+        # What remains without friction and the rotor is the torque on the gear.
         load = (
             columns @ value
             - value[n] * columns[:, n]
             - value[n + 1] * direction
             - rotor * columns[:, i]
         )
+        # A motor that runs ahead adds the acceleration of such a step.
         load_sign = signals.smooth_even(np.sign(load))
         ahead, ahead_std = fitted(signals.rates(load_sign[:, None])[1])
         scale = 2 / max(abs(value[i] - rotor), 1e-300) / encoder.to_angle(np.ones(n))[i]
@@ -147,9 +151,11 @@ def least_squares(columns: Floats, measured: Floats, memory: int) -> tuple[Float
     Residuals count as independent only every `memory` rows; a jackknife over segments of the log
     covers a model error that changes with the pose. The larger standard deviation counts.
     """
+    # Columns of one size, so that the singular limit is relative.
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0] = 1.0
     columns = columns / scale
+    # Each segment has normal equations of its own, so that leaving it out is a subtraction.
     segments = np.array_split(np.arange(len(measured)), SETTINGS.segments)
     squares = np.array([columns[rows].T @ columns[rows] for rows in segments])
     products = np.array([columns[rows].T @ measured[rows] for rows in segments])
@@ -210,6 +216,7 @@ class AveragedRegression:
                 # Without its mean the coefficient of the acceleration alone is a mean over the log.
                 pose.append(column - column[signals.clear].mean())
         products = [speed[:, a] * speed[:, b] for a in range(n) for b in range(a, n)]
+        # Absolute angles of the links, for gravity.
         absolute = np.cumsum(angle, axis=1)
         shared = [
             *acceleration.T,
@@ -225,6 +232,7 @@ class AveragedRegression:
         length = 2 * int(min(SETTINGS.average / interval, windows) / 2) + 1
         if length < signals.window:
             return None
+        # A smooth window averages the noise of twice differentiated counts.
         kernel = np.hanning(length + 2)
         clear = np.convolve(signals.clear, np.ones(length) / length, mode="same") > 1 - 1e-9
         rows = np.flatnonzero(clear)[:: max(1, length // SETTINGS.per_window)]

@@ -54,6 +54,7 @@ SETTINGS = TrackingSettings()
 
 def reference_findings(signals: Signals) -> Iterator[Finding]:
     """Yield the findings about counts and reference."""
+    # Without a reference a delay may still show in torque and motion, so its reason is another one.
     short = "" if signals.long_enough else "too short to compare speeds"
     reason = short or ("no reference" if signals.reference is None else "")
     names = "swapped joints", "gear sign"
@@ -69,12 +70,15 @@ def _gear_sign(signals, i):
     slope = signals.tracking_slope[i]
     if not np.isfinite(slope):
         return check.unknown("the reference does not move")
+    # Friction may hold the joint, and then its slope is that of noise.
     if hardly_asked(signals.record)[i]:
         return check.unknown("the reference hardly moves")
+    # The slope against another joint's reference has no meaning.
     if not _swapped(signals, i).ok:
         return check.unknown("the counts are another joint's")
     if abs(slope - 1) <= TRACKING:
         return check.fine(slope)
+    # A negative slope is a sign; any other wrong slope is a unit, a gear or a resolution.
     if slope < -TRACKING:
         hint, column = _turned_column(signals, i)
         cause = f"The counts run against the reference{hint}"
@@ -96,10 +100,12 @@ def _turned_column(signals, i):
     if regression is not None:
         inertia = regression.inertia[i]
         least = SETTINGS.driven * regression.inertia_std[i]
+        # Torque accelerates the counts forwards: both are right, and the reference is not.
         if inertia > least:
             return ", and along with the torque", signals.column("reference", i)
         if inertia < -least:
             return ", and against the torque", f"{counts}, or of the gear"
+    # Without a torque nothing separates the reference from the counts.
     return "", f"the gear, or of {counts}"
 
 
@@ -116,6 +122,7 @@ def _swapped(signals, i):
         return check.unknown("the reference does not move")
     error = np.full(signals.n, np.inf)
     angle = signals.rig.to_angle
+    # Speeds in pulses, and then as angles of the joints.
     pairs = (counts, reference), (angle(counts), angle(reference))
     for speed, references in pairs:
         off = np.sqrt(np.mean((references - speed[:, i][:, None]) ** 2, axis=0))
@@ -124,11 +131,12 @@ def _swapped(signals, i):
         error = np.fmin(error, off / np.where(size > 0, rms, np.nan))
     percent = 100 * error[i]
     nearest = int(np.argmin(error))
+    # An error above 1 is worse than no motion at all: do not compare with it.
     if nearest == i or error[nearest] >= SETTINGS.closer * min(error[i], 1.0):
         return check.fine(percent)
-    other = f"{signals.joint_labels[nearest]} ({error[nearest]:.0%} off)"
+    joint = f"{signals.joint_labels[nearest]} ({error[nearest]:.0%} off)"
     return check.wrong(
-        percent, f"The counts follow the reference of {other}: exchange the columns."
+        percent, f"The counts follow the reference of {joint}: exchange the columns."
     )
 
 
@@ -156,10 +164,12 @@ def law_fit(signals: Signals, i: int) -> LawFit | None:
     error = (np.asarray(signals.reference) - signals.counts)[:, i]
     gain = (error @ signals.commanded[:, i]) / max(error @ error, 1e-300)
     clear = signals.clear
+    # The same filter on both sides, so that it cancels.
     commanded = signals.smooth(signals.commanded[:, [i]])[clear, 0]
     logged = signals.smooth(signals.torque[:, [i]])[clear, 0]
     speed = gain * signals.motion.speed[clear, i]
     acceleration = gain * signals.motion.acceleration[clear, i]
+    # Delay d: counts(t - d) = counts - d speed + d^2/2 acceleration; the last column is an offset.
     columns = np.column_stack([commanded, speed, acceleration, np.ones(len(commanded))])
     value, std = least_squares(columns, logged, signals.window)
     slope = value[0]
@@ -178,6 +188,7 @@ def correlation(signals: Any, i: int, j: int) -> float:
     """Squared correlation of the logged torque of motor i with the commanded one of motor j."""
     logged = signals.torque[:, i]
     commanded = signals.commanded[:, j]
+    # A constant column has no correlation.
     if not (np.ptp(logged) and np.ptp(commanded)):
         return 0.0
     return float(np.corrcoef(logged, commanded)[0, 1] ** 2)
@@ -185,6 +196,7 @@ def correlation(signals: Any, i: int, j: int) -> float:
 
 def _delay(signals, i, by_law):
     """Delay of the counts [samples] by the most accurate estimate that the record allows."""
+    # A law with memory was run along the log, which shows whole samples without an error.
     if not np.isnan(by_law):
         return _judged(
             i, by_law, 0.0, "The law gives the logged torque from other rows of the counts"
@@ -218,6 +230,8 @@ def _delay_of_error(signals, i):
         return Check("delay", i).unknown("the motor hardly moves")
     delay, std = _delay_beyond_friction(signals)
     finding = _judged(i, delay[i], std[i], "The error grows with speed, beyond stated friction")
+    # Late counts and viscous friction both add torque in proportion to speed; the jerk separates
+    # them.
     if finding.ok or _jerk_shows_delay(signals):
         return finding
     advice = (
@@ -236,14 +250,17 @@ def _delay_of_reference(signals, i):
         return None
     law = signals.record.law
     leads = law is not None and _feeds_forward(law, signals.rig)
+    # The torque gives a better estimate.
     if not leads and _is_driven(signals, i):
         return None
     clear = signals.clear
     speed = signals.smooth_reference.speed[clear, i]
     error = (signals.smooth_reference.counts - signals.motion.counts)[clear, i]
     columns = np.column_stack([speed, np.ones(len(speed))])
+    # A delay d is an error d times the speed.
     value, std = least_squares(columns, error, signals.window)
     delay = value[0] / signals.interval
+    # Only a small lag is informative under such a law: then the counts are in time.
     if not leads and abs(delay) > SETTINGS.late:
         return Check("delay", i, "samples").unknown("the law itself may lag", delay)
     return _judged(i, delay, std[0] / signals.interval, "The counts lag behind the reference")
@@ -258,6 +275,7 @@ def _delay_of_motion(signals, i):
         return check.unknown("no acceleration that torque explains")
     fit = signals.regression(i)
     evidence = "Motion comes after the torque that made it"
+    # This estimate has a bias of its own, so it never says "wrong".
     look = SETTINGS.late_by_torque
     return _judged(i, fit.delay, fit.delay_std, evidence, look=look, wrong=np.inf)
 
@@ -316,8 +334,10 @@ def _judged(
 ):
     """Judge a delay [samples] with its standard deviation."""
     check = Check("delay", i, "samples")
+    # A delay that matters, or may matter, but is not significant.
     if max(std, abs(delay)) > look and abs(delay) <= SETTINGS.certain * std:
         return check.unknown(f"known to +-{std:.1f} samples only", delay)
+    # A delay in whole samples has no standard deviation.
     within = f"(+-{std:.1g}) " if std else ""
     samples = "sample" if abs(delay) == 1 else "samples"
     direction = "late" if delay > 0 else "early"

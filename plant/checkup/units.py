@@ -127,6 +127,7 @@ def _against_law(signals, i, slope):
     if not _same_unit(slope):
         advice += f"{_likely_units(signals, slope, i)}."
         return check.wrong(slope, advice)
+    # A small error of the gain counts only where noise cannot cause it.
     noise = SETTINGS.gain_error / 10
     if abs(slope - 1) > SETTINGS.gain_error and correlation(signals, i, i) > 1 - noise:
         advice += "check gain, motor gain and gear."
@@ -139,9 +140,11 @@ def _against_rotor(signals, i, inertia, friction):
 
     Friction as stated shows that the torque is right.
     """
+    # No motor has less inertia than its rotor.
     light = inertia < SETTINGS.light
     verdict = "look" if SETTINGS.heavy < inertia < SETTINGS.absurd else "wrong"
     size = f"{inertia:.2g} of" if light else f"{inertia:.3g} times"
+    # Without a significant friction, torque and counts are both open.
     if friction is None:
         angles = "motor" if light else "joint"
         guess = (
@@ -165,6 +168,7 @@ def _friction_ratio(regression, stated):
         return None
     ratio = abs(regression.coulomb) / stated
     error = SETTINGS.friction_error * regression.coulomb_std / stated
+    # Certain enough, or beyond another unit in any case.
     above = ratio - error > SETTINGS.other_unit
     below = ratio + error < 1 / SETTINGS.other_unit
     # A ratio of zero has no logarithm in `_likely_units`.
@@ -176,10 +180,12 @@ def _likely_units(signals, ratio, i):
     gain = np.log(signals.rig.drive.motor_gain[i])
     # The ratio of a torque that is the law's is that of the law, which is the larger one.
     factor = np.log(ratio) if signals.torque is not None else -np.log(ratio)
+    # A coarse resolution scales the counts, and so the torque per count.
     step, clear = comb(signals.counts[:, i])
     coarse = clear and step > 1 + SETTINGS.alike and not signals.rig.encoder.smooth
     if coarse and abs(factor + np.log(step)) < SETTINGS.alike:
         return f"the counts come in steps of {step:.4g}, so correct the resolution"
+    # Gains in A in place of N m differ by the motor gain.
     geared = abs(gain) > SETTINGS.alike and abs(factor - gain) < SETTINGS.alike
     if geared and signals.commanded is not None:
         return "the gains of the law may be in A per pulse: multiply them by motor_gain"
@@ -192,7 +198,8 @@ def _likely_units(signals, ratio, i):
     # A gear of 1000 replaces the unit of the same factor.
     reasons[gear] = "it may have crossed the gear twice"
     reasons[1 / gear] = "it may be the motor's torque, not the joint's"
+    # Distances in logarithms: half as much is as far as twice as much.
     distance = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
     limit = min(distance.values()) + np.log(SETTINGS.other_unit)
-    near = [reason for reason in distance if distance[reason] < limit]
-    return ", or ".join(sorted(near, key=distance.__getitem__))
+    likely = [reason for reason in distance if distance[reason] < limit]
+    return ", or ".join(sorted(likely, key=distance.__getitem__))

@@ -64,6 +64,7 @@ def wiring_findings(signals: Signals) -> Iterator[Finding]:
 def _copied(signals, i):
     """Whether an earlier joint has the same columns, as they are or as angles."""
     check = Check("copied columns", i)
+    # Earlier joints only, so that one of the two keeps its column.
     for j in range(i):
         remedy = f"as {signals.joint_labels[j]}: one column was mapped to both."
         if _same_counts(signals, j, i):
@@ -76,6 +77,7 @@ def _copied(signals, i):
 def _same_counts(signals, i, j):
     """Whether two joints move alike, to a pulse, although their references differ."""
     moved = signals.counts - signals.counts[0]
+    # Two joints at rest are alike for another reason.
     if not moved[:, i].any():
         return False
     pulse = np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
@@ -106,6 +108,7 @@ def _drive_sign(signals, i):
 
     # 1. The law gives the sign of the torque, if it explains the torque at all.
     fit = law_fit(signals, i)
+    # Its sign is certain, since it needs no acceleration.
     if fit is not None and fit.slope < SETTINGS.backwards and fit.explained > SETTINGS.explained:
         hint, column = _turned_column(signals, i, regression)
         cause = f"The torque has the opposite sign of the commanded one{hint}"
@@ -114,6 +117,7 @@ def _drive_sign(signals, i):
     # 2. Records that show no sign.
     if regression is None:
         return check.unknown("too little motion")
+    # Counts of the wrong sign make the commanded torque wrong, too.
     against = signals.tracking_slope[i] < 0
     if against and signals.torque is None:
         return check.unknown("the counts run against the reference")
@@ -127,6 +131,7 @@ def _drive_sign(signals, i):
     # 3. A negative inertia.
     if inertia < -SETTINGS.certain * std:
         size = np.std(signals.motor_torque, axis=0)
+        # Other joints may move a motor that has hardly any torque of its own.
         if fit is None and size[i] < SETTINGS.weak * size.max():
             advice = (
                 "Torque brakes the motion caused by other joints: its sign is wrong, or the motor"
@@ -135,6 +140,7 @@ def _drive_sign(signals, i):
             return check.look(inertia, advice)
         hint, column = _turned_column(signals, i, regression)
         if signals.reference is None:
+            # Without a reference nothing says which of the columns is wrong.
             order = ", or the order of the columns" if signals.n > 1 else ""
             torque = signals.column("torque", i)
             hint = ""
@@ -210,35 +216,39 @@ def _friction_drives(regression, stated):
     """Whether friction has the wrong sign: significantly, or with the size of the stated one."""
     size = -regression.coulomb
     std = regression.coulomb_std
+    # Significant by itself.
     if size > SETTINGS.certain * std:
         return True
+    # Less significant, but of the size of the stated friction.
     return bool(size > 2 * std and 0.5 * stated < size < 1.5 * stated)
 
 
 def _swapped(signals, i):
     """Whether the torque belongs to the motion of another joint."""
     check = Check("swapped torques", i, "of the diagonal")
-    others = [j for j in range(signals.n) if j != i]
-    if not others:
+    partners = [j for j in range(signals.n) if j != i]
+    if not partners:
         return check.unknown("one joint")
+    # A law that gives the torque is the better evidence.
     if signals.commanded is not None and signals.torque is not None:
-        return _swapped_by_law(signals, i, others)
+        return _swapped_by_law(signals, i, partners)
     if None in signals.regressions:
         return check.unknown("too little motion")
 
     # 1. An inertia matrix has D_ij D_ji < D_ii D_jj.
     fits = signals.regressions
+    # Rows: torques of the motors; columns: accelerations.
     D = np.array([fit.inertia for fit in fits])
     certain = np.abs(D) > SETTINGS.certain * np.array([fit.inertia_std for fit in fits])
     ratio = [D[i, j] * D[j, i] / max(abs(D[i, i] * D[j, j]), 1e-300) for j in range(signals.n)]
-    worst = max(others, key=lambda j: ratio[j])
+    worst = max(partners, key=lambda j: ratio[j])
     if ratio[worst] > SETTINGS.minor and certain[i, worst] and certain[worst, i]:
         return _exchange(signals, i, worst, ratio[worst], "of the diagonal")
 
     # 2. Friction of another motor; an inertia matrix that is even only with two motors exchanged.
     averaged = signals.averaged
     if averaged is not None:
-        for j in others:
+        for j in partners:
             if _crossed(averaged, i, j):
                 friction = averaged[i].cross_coulomb[j]
                 return _exchange(signals, i, j, friction, "N m of another's friction")
@@ -253,14 +263,15 @@ def _swapped(signals, i):
     if abs(regression.inertia[i]) < SETTINGS.certain * regression.inertia_std[i]:
         return check.unknown("no acceleration that torque explains")
     D = np.array([fit.inertia for fit in averaged])
-    largest = max(D[i, j] * D[j, i] / abs(D[i, i] * D[j, j]) for j in others)
+    largest = max(D[i, j] * D[j, i] / abs(D[i, i] * D[j, j]) for j in partners)
     return check.fine(largest)
 
 
-def _swapped_by_law(signals, i, others):
+def _swapped_by_law(signals, i, partners):
     """The same by the correlation [%] of logged and commanded torques."""
     alike = correlation(signals, i, i)
-    nearest = max(others, key=lambda j: correlation(signals, i, j))
+    nearest = max(partners, key=lambda j: correlation(signals, i, j))
+    # Another joint's law explains clearly more, and the joint's own does not explain the torque.
     closer = 1 - correlation(signals, i, nearest) < SETTINGS.closer * (1 - alike)
     if closer and alike < SETTINGS.explained:
         return _exchange(signals, i, nearest, 100 * alike, "% like its law's")
@@ -269,6 +280,7 @@ def _swapped_by_law(signals, i, others):
 
 def _crossed(averaged, i, j):
     """Whether each of two torques has the Coulomb friction of the other motor, not its own."""
+    # Both directions: one torque alone may lack its friction.
     for a, b in ((i, j), (j, i)):
         size = np.abs(averaged[a].cross_coulomb)
         std = averaged[a].cross_coulomb_std
@@ -286,8 +298,10 @@ def _uneven(averaged, i, j):
     """
     D = np.array([[averaged[a].inertia[b] for b in (i, j)] for a in (i, j)])
     std = np.array([[averaged[a].inertia_std[b] for b in (i, j)] for a in (i, j)])
+    # Every entry must be known, and a positive determinant needs no exchange.
     if (np.abs(D) < SETTINGS.uneven * std).any() or np.linalg.det(D) > 0:
         return 0.0
+    # Asymmetry in standard deviations, as it is and with the two rows exchanged.
     asymmetry = abs(D[0, 1] - D[1, 0]) / np.hypot(std[0, 1], std[1, 0])
     exchanged_asymmetry = abs(D[0, 0] - D[1, 1]) / np.hypot(std[0, 0], std[1, 1])
     if not (asymmetry > SETTINGS.uneven and exchanged_asymmetry < SETTINGS.even):
