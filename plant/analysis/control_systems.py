@@ -55,8 +55,9 @@ def to_control(
     sampled: bool = False,
     steps_per_sample: int = 4,
 ) -> control.NonlinearIOSystem | control.TimeResponseData:
-    """An arm, a law or a rig as a python-control system; `control.interconnect` joins them by their
-    signals' names.
+    """An arm, a law or a rig as a python-control system, for `control.interconnect`.
+
+    That function joins systems by the names of their signals.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def to_control(
         continuous, or of any time if it has no state. Rig: inputs ``q[i]`` [rad], outputs
         ``pulses[i]``. A solver of differential equations wants an encoder with ``smooth=True``.
         Record, for python-control's plots: inputs ``reference_pulses[i]``, outputs
-        ``error_pulses[i]`` and what else was logged.
+        ``error_pulses[i]`` and the other logged columns.
 
     Raises
     ------
@@ -135,15 +136,12 @@ def _arm_system(
             "arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd")
         )
     instance("rig", rig, Rig, "Pass the rig that drives the arm.")
-    if (
-        not sampled
-        and rig.drive.presliding is not None
-        and not (rig.drive.presliding.distance > 0).all()
-    ):
-        got = rig.drive.presliding.distance
-        advice = "Leave presliding out, or take sampled=True."
+    presliding = rig.drive.presliding
+    # Bristles of no length are infinitely stiff, which a solver of differential equations is not.
+    if not sampled and presliding is not None and not (presliding.distance > 0).all():
         raise ValueError(
-            f"distance of a continuous arm's presliding must be positive; got {got}. {advice}"
+            "distance of a continuous arm's presliding must be positive; got"
+            f" {presliding.distance}. Leave presliding out, or take sampled=True."
         )
     loop = ClosedLoop(
         dynamics=arm.dynamics,
@@ -187,34 +185,39 @@ def _law_system(law: Law, rig: Rig | None) -> control.NonlinearIOSystem:
     block = law.block(rig)
     n = rig.n
     q, qd, qdd, pulses = (ca.SX.sym(name, n) for name in ("q_r", "qd_r", "qdd_r", "pulses"))
-    own = ca.SX.sym("law", len(block.initial))
+    state = ca.SX.sym("law", len(block.initial))
     torque = ca.SX.sym("torque", n)
     dt = ca.SX.sym("dt")
-    asked, following = block.step(own, q, qd, qdd, rig.counts(q), pulses, torque, dt, block.values)
+    command, following = block.step(
+        state, q, qd, qdd, rig.counts(q), pulses, torque, dt, block.values
+    )
     inputs = {"q_r": q, "qd_r": qd, "qdd_r": qdd, "pulses": pulses}
     names = _labels("law", len(block.initial))
     if block.period is not None:
-        following = ca.vertcat(following, rig.drive.limited(asked))
-        asked, following = ca.substitute([asked, following], [dt], [ca.SX(block.period)])
+        # The torque applied last is a state of the discrete system.
+        following = ca.vertcat(following, rig.drive.limited(command))
+        command, following = ca.substitute([command, following], [dt], [ca.SX(block.period)])
         names += _labels("torque", n)
-        return _system(
-            "law", ca.vertcat(own, torque), inputs, following, {"asked": asked}, block.period, names
-        )
-    asked = ca.substitute(asked, dt, 0)
-    if ca.depends_on(asked, torque):
-        why = f"{type(law).__name__} does, and there is no last torque in continuous time"
+        state = ca.vertcat(state, torque)
+        return _system("law", state, inputs, following, {"asked": command}, block.period, names)
+    command = ca.substitute(command, dt, 0)
+    if ca.depends_on(command, torque):
         raise ValueError(
-            f"a law without a period must not depend on the torque applied last; {why}. Give it a"
+            "a law without a period must not depend on the torque applied last;"
+            f" {type(law).__name__} does, and there is no last torque in continuous time. Give it a"
             " period."
         )
-    following = ca.substitute(following, torque, rig.drive.limited(asked))
+    # The rate of its state is the derivative of a step by its length, at length zero.
+    following = ca.substitute(following, torque, rig.drive.limited(command))
     rate = ca.substitute(ca.jacobian(following, dt), dt, 0)
-    zeros = [np.zeros(n)] * 4
-    found = ca.Function("rate", [own, *inputs.values()], [asked, rate])(block.initial, *zeros)
-    if not all(np.isfinite(each.full()).all() for each in found):
-        rule = f"have equations that hold for dt = 0; those of {type(law).__name__} do not"
-        raise ValueError(f"a law without a period must {rule}. Give it a period.")
-    return _system("law", own, inputs, rate, {"asked": asked}, 0 if names else None, names)
+    at_start = ca.Function("rate", [state, *inputs.values()], [command, rate])
+    results = at_start(block.initial, *[np.zeros(n)] * 4)
+    if not all(np.isfinite(result.full()).all() for result in results):
+        raise ValueError(
+            "a law without a period must have equations that hold for dt = 0; those of"
+            f" {type(law).__name__} do not. Give it a period."
+        )
+    return _system("law", state, inputs, rate, {"asked": command}, 0 if names else None, names)
 
 
 def _time_response(record: Record) -> control.TimeResponseData:
@@ -245,8 +248,9 @@ def _system(
     dt: float | None,
     states: Sequence[str],
 ) -> control.NonlinearIOSystem:
-    """A NonlinearIOSystem of casadi expressions; `following` is the derivative, or the state one
-    sample later.
+    """A NonlinearIOSystem of casadi expressions.
+
+    `following` is the derivative of the state, or in discrete time the state one sample later.
     """
     import control
 
@@ -255,12 +259,12 @@ def _system(
     y = ca.Function("outputs", [state, u], ca.cse([ca.densify(ca.vertcat(*outputs.values()))]))
     f = ca.Function("following", [state, u], ca.cse([ca.densify(following)]))
     if len(states) != state.shape[0]:
-        states = [label for each in states for label in _labels(each, n)]
+        states = [label for state_name in states for label in _labels(state_name, n)]
     return control.NonlinearIOSystem(
         (lambda t, x, u, params: f(x, u).full().ravel()) if states else None,
         lambda t, x, u, params: y(x, u).full().ravel(),
-        inputs=[label for each in inputs for label in _labels(each, n)],
-        outputs=[label for each in outputs for label in _labels(each, n)],
+        inputs=[label for input_name in inputs for label in _labels(input_name, n)],
+        outputs=[label for output_name in outputs for label in _labels(output_name, n)],
         states=list(states) or None,
         dt=dt,
         name=name,

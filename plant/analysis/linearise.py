@@ -69,8 +69,9 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSp
 
 
 def modes(system: Any) -> Floats:
-    """Frequency [Hz] and damping ratio of each oscillating mode of a linear model, or its A,
-    slowest first: (k, 2).
+    """Frequencies [Hz] and damping ratios (k, 2) of the oscillating modes of a linear model.
+
+    The slowest mode comes first. The matrix A may be given in place of the model.
 
     See Also
     --------
@@ -79,10 +80,12 @@ def modes(system: Any) -> Floats:
     Examples
     --------
     >>> from plant import linearise, modes, puma560
-    >>> print(modes(linearise(puma560.arm(), puma560.rig(), puma560.p_law(), (0.0, 0.0)))[:, 0].round(1))  # [Hz]
+    >>> system = linearise(puma560.arm(), puma560.rig(), puma560.p_law(), (0.0, 0.0))
+    >>> print(modes(system)[:, 0].round(1))  # [Hz]
     [28.8 41.7]
     """
     poles = np.linalg.eigvals(getattr(system, "A", system))
+    # One pole of each conjugate pair; rounding gives real poles a tiny imaginary part.
     poles = poles[poles.imag > 1e-9 * np.abs(poles).max()]
-    found = np.column_stack([np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)])
-    return found[np.argsort(found[:, 0])]
+    values = np.column_stack([np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)])
+    return values[np.argsort(values[:, 0])]

@@ -1,10 +1,9 @@
-"""Gains for any arm: as low as a given tracking error allows, and stable by the linearised loop;
-P, PD or cascade.
-"""
+"""Gains of P, PD and cascade laws for any arm: as low as the tracking error allows, and stable."""
 
+import dataclasses
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,21 +20,45 @@ from plant.parts.fields import Floats
 from plant.simulation.cautions import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
 
-_ROUNDS = 12
-_MET = 1.1
-# largest angular frequency of a mode times sub-step [rad] that the simulator and a control card
-# resolve
-_FASTEST = 0.5
 
-_UNDAMPED = 1e-4  # ratio of a mode that only the finite step of the derivative damps
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GainSettings:
+    """Numbers of the search for gains, all chosen by hand.
 
-_DAMPING = 0.7  # ratio that the derivative gives a joint on its own
+    Parameters
+    ----------
+    simulations : int
+        Simulations of the motion, each with corrected gains, until the peaks are met.
+    tolerance : float
+        Peak error over the allowed one with which the best of these gains is accepted: the peaks of
+        a loop that hunts jump with its gains.
+    fastest : float
+        Largest angular frequency of a mode times the sub-step [rad] that the simulator and a
+        control card resolve; of a cascade, of the speed loop times the sampling period.
+    undamped : float
+        Damping ratio up to which a mode counts as undamped: so much comes from the finite step of
+        the derivative alone.
+    damping : float
+        Damping ratio that the derivative of a PD law gives a joint on its own.
+    speed_ratio : float
+        Bandwidth of a cascade's speed loop over that of its position loop.
+    integral_ratio : float
+        Bandwidth of a cascade's speed loop over the rate of its integral.
+    filter_ratio : float
+        Pole of the filter of the speed over the bandwidth of the loop that uses it.
+    """
 
-# Speed loop over position loop; speed loop over its integral; the filter's pole over the loop that
-# it is for.
-_INNER = 4.0
-_RESET = 4.0
-_FILTER = 4.0
+    simulations: int = 12
+    tolerance: float = 1.1
+    fastest: float = 0.5
+    undamped: float = 1e-4
+    damping: float = 0.7
+    speed_ratio: float = 4.0
+    integral_ratio: float = 4.0
+    filter_ratio: float = 4.0
+
+
+SETTINGS = GainSettings()
 
 
 def p_gains(
@@ -49,9 +72,9 @@ def p_gains(
 ) -> P | PD:
     """Gains of a P law, or a PD law, that tracks a reference with a given peak error.
 
-    The first guess is static: the torque of the motion, friction included, over the allowed error.
-    The loop oscillates about it, so the guess is corrected by simulating the motion until the peak
-    is met; by loops that hunt, to 10 %.
+    The initial guess is static: the torque of the motion, friction included, over the allowed
+    error. The loop oscillates about it, so the guess is corrected by simulating the motion until
+    the peak is met; by loops that hunt, to 10 %.
 
     Parameters
     ----------
@@ -87,18 +110,21 @@ def p_gains(
     >>> law.gain.round(3)
     array([0.207, 0.188])
     """
-    peaks, motion, torque = _asked(arm, rig, reference, peak)
-    # [N m/rad] of the joint
-    per_gain = rig.drive.joint_torque(np.ones(arm.n), rig.position_in_pulses(np.ones(arm.n)))
-    inertia, viscous = _inertia(arm, motion, poses), rig.drive.joint_viscous()
+    peaks, motion, torque = _demand(arm, rig, reference, peak)
+    n = arm.n
+    # Stiffness of a joint per unit of its gain [N m/rad]; its sign is the gear's.
+    per_gain = rig.drive.joint_torque(np.ones(n), rig.position_in_pulses(np.ones(n)))
+    inertia = _inertia(arm, motion, poses)
+    viscous = rig.drive.joint_viscous()
 
     def pd(gain: Floats) -> PD:
         critical = 2 * np.sqrt(np.abs(per_gain) * gain * inertia)
-        rate = np.maximum(_DAMPING * critical - viscous, 0) / np.abs(per_gain)
-        fastest = float(np.sqrt(np.abs(per_gain) * gain / inertia).max())
-        return PD(gain=gain, derivative=rate, filter=_FILTER * fastest)
+        # Viscous friction gives a part of the damping already.
+        rate = np.maximum(SETTINGS.damping * critical - viscous, 0) / np.abs(per_gain)
+        bandwidth = float(np.sqrt(np.abs(per_gain) * gain / inertia).max())
+        return PD(gain=gain, derivative=rate, filter=SETTINGS.filter_ratio * bandwidth)
 
-    def why(gain: Floats) -> str:
+    def advice(gain: Floats) -> str:
         ratio = viscous / (2 * np.sqrt(np.abs(per_gain) * gain * inertia))
         joint = arm.dynamics.chain.joint_labels[int(ratio.argmin())]
         return (
@@ -106,24 +132,25 @@ def p_gains(
             " Allow more, slow down, pass derivative=True, or use cascade_gains."
         )
 
-    first = np.maximum(torque, 1e-3 * torque.max()) / peaks
-
+    # A joint that hardly moves starts with a gain above zero, from which the search can leave.
+    guess = np.maximum(torque, 1e-3 * torque.max()) / peaks
     if derivative:
-        return _met(arm, rig, reference, peaks, pd, first, lambda _: "Allow more, or slow down.")
-    law = _met(arm, rig, reference, peaks, lambda gain: P(gain=gain), first, why)
+        return _met(arm, rig, reference, peaks, pd, guess, lambda _: "Allow more, or slow down.")
+    law = _met(arm, rig, reference, peaks, lambda gain: P(gain=gain), guess, advice)
     for q in _along(motion, poses):
-        found = modes(linearise(arm, rig, law, q))
-        if (found[:, 1] <= _UNDAMPED).any():
+        frequency, damping = modes(linearise(arm, rig, law, q)).T
+        if (damping <= SETTINGS.undamped).any():
             raise ValueError(
                 f"the P loop must be stable; at q = {np.round(q, 3).tolist()} it is not:"
-                f" {why(law.gain)}"
+                f" {advice(law.gain)}"
             )
-        if found[-1, 0] * 2 * np.pi * rig.period / 4 > _FASTEST:
+        # `simulate` has four sub-steps per sample.
+        if frequency[-1] * 2 * np.pi * rig.period / 4 > SETTINGS.fastest:
             joint = int((np.abs(per_gain) * law.gain * np.diag(np.linalg.inv(arm.D(q)))).argmax())
             label = arm.dynamics.chain.joint_labels[joint]
             raise ValueError(
                 f"the P loop must be slower than the sub-steps; that of {label} has a mode of"
-                f" {found[-1, 0]:.0f} Hz. Allow it a peak of more than {peaks[joint]:g} pulses, or"
+                f" {frequency[-1]:.0f} Hz. Allow it a peak of more than {peaks[joint]:g} pulses, or"
                 " slow the reference down."
             )
     return law
@@ -132,8 +159,7 @@ def p_gains(
 def cascade_gains(
     arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike, *, poses: int = 8
 ) -> Cascade:
-    """Gains of a cascade, P on the position and PI on the speed, that tracks a reference with a
-    given peak error.
+    """Gains of a cascade, P on position and PI on speed, that tracks with a given peak error.
 
     The speed loop is four times as fast as the position loop, its integral four times as slow as
     itself, on the largest inertia of each joint along the motion; arguments and refusals as of
@@ -150,48 +176,45 @@ def cascade_gains(
     >>> law.position.shape, law.period
     ((2,), 0.0007)
     """
-    peaks, motion, _ = _asked(arm, rig, reference, peak)
-    per_gain = np.abs(
-        rig.drive.joint_torque(np.ones(arm.n), rig.position_in_pulses(np.ones(arm.n)))
-    )
+    peaks, motion, _ = _demand(arm, rig, reference, peak)
+    n = arm.n
+    per_gain = np.abs(rig.drive.joint_torque(np.ones(n), rig.position_in_pulses(np.ones(n))))
     inertia = _inertia(arm, motion, poses)
 
     def cascade(position: Floats) -> Cascade:
-        inner = _INNER * position
-        if (beyond := float((inner * rig.period).max()) / _FASTEST) > 1:
-            joint = int(inner.argmax())
+        bandwidth = SETTINGS.speed_ratio * position
+        excess = float((bandwidth * rig.period).max()) / SETTINGS.fastest
+        if excess > 1:
+            joint = int(bandwidth.argmax())
             label = arm.dynamics.chain.joint_labels[joint]
-            least = beyond * peaks[joint]
             raise ValueError(
                 f"the speed loop must be slower than the sampling; that of {label} needs"
-                f" {inner[joint]:.0f} rad/s at a period of {rig.period:g} s. Allow a peak of"
-                f" {least:.0f} pulses, or slow the reference down."
+                f" {bandwidth[joint]:.0f} rad/s at a period of {rig.period:g} s. Allow a peak of"
+                f" {excess * peaks[joint]:.0f} pulses, or slow the reference down."
             )
-        speed = inertia * inner / per_gain
-        pole = _FILTER * float(inner.max())
+        speed = inertia * bandwidth / per_gain
         return Cascade(
             position=position,
             speed=speed,
-            integral=speed * inner / _RESET,
-            filter=pole,
+            integral=speed * bandwidth / SETTINGS.integral_ratio,
+            filter=SETTINGS.filter_ratio * float(bandwidth.max()),
             period=rig.period,
         )
 
+    # A position loop alone lags by speed over gain.
     rate = np.abs(rig.position_in_pulses(motion.qd)).max(axis=0)
-    first = np.maximum(rate, 1e-2 * rate.max()) / peaks
-    law = _met(arm, rig, reference, peaks, cascade, first, lambda _: "Allow more, or slow down.")
+    guess = np.maximum(rate, 1e-2 * rate.max()) / peaks
+    law = _met(arm, rig, reference, peaks, cascade, guess, lambda _: "Allow more, or slow down.")
     _require_stable(arm, rig, law, motion, poses)
     return law
 
 
-def _asked(
+def _demand(
     arm: Arm, rig: Rig, reference: Reference, peak: ArrayLike
 ) -> tuple[Floats, Motion, Floats]:
-    """Peaks (n,) [pulses], the motion at 400 instants, and the largest motor torques (n,) that
-    it takes [N m].
-    """
-    made = "Of a chain: d = Dynamics.from_chain(chain.with_rotors(rig.drive)), then d.arm(d.f())."
-    n = instance("arm", arm, Arm, made).n
+    """Peaks (n,) [pulses], the motion at 400 instants, and its largest motor torques (n,) [N m]."""
+    advice = "Of a chain: d = Dynamics.from_chain(chain.with_rotors(rig.drive)), then d.arm(d.f())."
+    n = instance("arm", arm, Arm, advice).n
     peaks = array(
         "peak",
         np.broadcast_to(peak, n) if np.ndim(peak) == 0 else peak,
@@ -219,14 +242,21 @@ def _asked(
 
 
 def _inertia(arm: Arm, motion: Motion, poses: int) -> Floats:
-    """Largest inertia (n,) that each motor feels along the motion, the other joints free [kg
-    m^2].
-    """
+    """Largest inertia (n,) of each joint along the motion, the other joints free [kg m^2]."""
     return np.max([1 / np.diag(np.linalg.inv(arm.D(q))) for q in _along(motion, poses)], axis=0)
 
 
 def _along(motion: Motion, poses: int) -> Floats:
     return motion.q[:: max(1, len(motion.q) // poses)]
+
+
+class _Trial(NamedTuple):
+    """A simulated law: its gain, and its peak errors (n,), `excess` of them over the allowed."""
+
+    excess: float
+    law: Law
+    peaks: Floats
+    gain: Floats
 
 
 def _met(
@@ -236,41 +266,43 @@ def _met(
     peaks: Floats,
     law_of: Callable[[Floats], Any],
     gain: Floats,
-    why: Callable[[Floats], str],
+    advice: Callable[[Floats], str],
 ) -> Any:
-    """The law whose gains, from the first ones on, track the reference with these peaks; ``why``
-    not, of its gains.
+    """The law whose gains, from an initial guess, track the reference with these peaks.
+
+    A refusal ends with the ``advice`` for its gains.
     """
-    tried: list[tuple[float, Law, Floats, Floats]] = []
-    for _ in range(_ROUNDS):
+    trials: list[_Trial] = []
+    for _ in range(SETTINGS.simulations):
         law = law_of(gain)
         with warnings.catch_warnings():
-            # said above, once
+            # `_demand` has given this warning once.
             warnings.filterwarnings("ignore", message="the bodies of the arm have no rotors")
             reached = np.abs(simulate(arm, rig, law, reference).error_pulses).max(axis=0)
-        tried.append((float((reached / peaks).max()), law, reached, gain))
+        trials.append(_Trial(float((reached / peaks).max()), law, reached, gain))
         if ((reached <= peaks) & (reached >= 0.8 * peaks - 1)).all():
-            break
+            return law
+        # The error of a stiff loop is about the torque over its gain; aim at nine tenths of the
+        # peak. Half a pulse stands for no error, and a factor of two at most keeps the loop stable.
         gain = gain * np.clip(np.maximum(reached, 0.5) / (0.9 * peaks), 0.5, 2.0)
-    else:  # the peaks of a loop that hunts jump with its gains
-        share, law, reached, gain = min(tried, key=lambda each: each[0])
-        if share > _MET:
-            joint = int(np.argmax(reached / peaks))
-            raise ValueError(
-                f"gains must meet a peak of {peaks} pulses; {_ROUNDS} attempts came to {reached} at"
-                f" best, the furthest off at {arm.dynamics.chain.joint_labels[joint]}. {why(gain)}"
-            )
-    return law
+    best = min(trials, key=lambda trial: trial.excess)
+    if best.excess > SETTINGS.tolerance:
+        joint = int(np.argmax(best.peaks / peaks))
+        raise ValueError(
+            f"gains must meet a peak of {peaks} pulses; {SETTINGS.simulations} attempts came to"
+            f" {best.peaks} at best, the furthest off at"
+            f" {arm.dynamics.chain.joint_labels[joint]}. {advice(best.gain)}"
+        )
+    return best.law
 
 
 def _require_stable(arm: Arm, rig: Rig, law: Law, motion: Motion, poses: int) -> None:
-    """Refuse a sampled law whose linearised loops grow at the pose of most or of least inertia
-    along the motion.
-    """
-    traces = [np.trace(arm.D(q)) for q in _along(motion, poses)]
+    """Refuse a sampled law whose loops grow at the pose of largest or of smallest inertia."""
+    along = _along(motion, poses)
+    traces = [np.trace(arm.D(q)) for q in along]
     for k in {int(np.argmax(traces)), int(np.argmin(traces))}:
-        q = _along(motion, poses)[k]
-        if (pole := SampledLoops(arm, rig, law, q).unstable_pole()) is not None:
+        pole = SampledLoops(arm, rig, law, along[k]).unstable_pole()
+        if pole is not None:
             hertz = abs(pole.imag) / (2 * np.pi)
-            grows = f"at q = {np.round(q, 3).tolist()} it grows at {hertz:.0f} Hz"
-            raise ValueError(f"the loop must be stable; {grows}. Allow a larger peak.")
+            growth = f"at q = {np.round(along[k], 3).tolist()} it grows at {hertz:.0f} Hz"
+            raise ValueError(f"the loop must be stable; {growth}. Allow a larger peak.")

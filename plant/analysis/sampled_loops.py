@@ -80,7 +80,7 @@ class SampledLoops:
         self._law = [slope.full() for slope in slopes(law_state, self._torque, pulses)]
 
     def matrices(self, numbers: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
-        """A (m, m), B (m, n), C (n, m) from the counts that the law reads to the positions [pulses].
+        """A (m, m), B (m, n), C (n, m), from the counts of the law to the positions [pulses].
 
         States: q, qd (with elastic gears the motors', then the links'), currents that lag, the
         law's, and the torque applied last. All loops are closed by A + B C. With other numbers of

@@ -1,5 +1,4 @@
-"""Torque demand of a motion: its peak as a share of the amplifiers' limits, and its shortest
-duration.
+"""Torque demand of a motion: peak as a share of the amplifiers' limits, and shortest duration.
 
 Along a path r(s), at speed v = ds/dt and acceleration a = dv/dt, q = r, qd = r' v and qdd = r'' v^2
 + r' a, so the torque is affine in a and v^2 but for friction. Its coefficients are D, coriolis and
@@ -20,20 +19,17 @@ from plant.mechanics.arm import Arm
 from plant.parts.arguments import instance, real
 from plant.parts.fields import ArrayOrSymbols, Floats
 
-_POINTS = 4000  # at which a motion is evaluated, at least; otherwise once per sampling period
-
-_TINY = 1e-9  # speed along the path at which only Coulomb friction acts
-
-_FASTEST = 2.0**30  # a motion that may be so many times as fast meets no limit
+# Speed along the path at which Coulomb friction acts in full, and viscous friction not at all.
+_CREEP = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
 class Demand:
-    """Torque along a path: D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v), at
-    N of its points.
+    """Torque at N points of a path, by speed v and acceleration a along it.
 
-    ``along`` (N, n): r' [rad/s]. ``inertial``, ``centrifugal``, ``holding`` (N, n): torque per a,
-    per v^2, and at rest, less that of springs [N m].
+    It is D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v). ``along`` (N, n): r'
+    [rad/s]. ``inertial``, ``centrifugal``, ``holding`` (N, n): torque per a, per v^2, and at rest,
+    less that of springs [N m].
     """
 
     rig: Rig
@@ -45,9 +41,7 @@ class Demand:
     def torque(
         self, a: ArrayOrSymbols, v: ArrayOrSymbols, friction: ArrayOrSymbols
     ) -> ArrayOrSymbols:
-        """Torque (N, n) [N m] at an acceleration and a speed along the path: numbers, arrays (N,
-        1) or casadi.
-        """
+        """Torque (N, n) [N m] at an acceleration and a speed: numbers, arrays (N, 1) or casadi."""
         return self.inertial * a + self.centrifugal * v**2 + self.holding + friction
 
     def friction(self, v: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -56,7 +50,7 @@ class Demand:
 
     def dry_friction(self) -> Floats:
         """Coulomb friction (N, n) [N m] of a very slow motion along the path."""
-        return np.asarray(self.friction(_TINY))
+        return np.asarray(self.friction(_CREEP))
 
     def share(self, v: float) -> Floats:
         """Peak torque over the limits (n,) at a constant speed along the path."""
@@ -88,7 +82,7 @@ def _coefficients(arm: Arm, rig: Rig) -> ca.Function:
 
 
 def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence[Floats], Demand]:
-    """Closely spaced times, the motion of a reference there, and its demand."""
+    """Closely spaced times, the motion of a reference at them, and its demand."""
     instance("arm", arm, Arm, "The order is arm, rig.")
     instance("rig", rig, Rig, "The order is arm, rig.")
     rig.require_fit(arm.dynamics.chain)
@@ -97,20 +91,20 @@ def sampled_demand(arm: Arm, rig: Rig, reference: Any) -> tuple[Floats, Sequence
             f"reference must have {rig.n} joints like the rig; got {reference.n}. Use a matching"
             " one."
         )
-    points = max(_POINTS, round(reference.duration / rig.period)) + 1
+    # Once per sampling period, and 4000 times at least, so that no peak is missed.
+    points = max(4000, round(reference.duration / rig.period)) + 1
     t = np.linspace(0.0, reference.duration, points)
     motion = reference(t)
     return t, motion, demand(arm, rig, motion)
 
 
 def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) -> float:
-    """Shortest duration [s] to which a motion may be uniformly scaled under this share of the
-    torque limits.
-    """
+    """Shortest duration [s] of a uniformly scaled motion under a share of the torque limits."""
     share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
     t, motion, needed = sampled_demand(arm, rig, reference)
     torque = np.abs(needed.holding + needed.dry_friction())
     limit = share * rig.drive.torque_limit()
+    # However slow, a motion needs the torque that holds the arm and overcomes dry friction.
     if (torque >= limit).any():
         i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
         raise ValueError(
@@ -123,6 +117,7 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
     def within(v: float) -> bool:
         return bool((needed.share(v) <= share).all())
 
+    # 1. Speeds, in units of the motion's own, between which the limit lies.
     low = 1.0
     while not within(low):
         low /= 2
@@ -130,13 +125,19 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
     while within(high):
         low = high
         high = 2 * high
-        if high > _FASTEST:
+        # A motion that may be a billion times as fast meets no limit.
+        if high > 2.0**30:
             raise ValueError(
                 "motion must meet a limit somewhere; this one takes no torque, however fast. Give"
                 " the drive its current_limit, and the path some length."
             )
+
+    # 2. Bisection; friction makes the torque no polynomial in the speed.
     while high - low > 1e-12 * high:
         middle = (low + high) / 2
-        low, high = (middle, high) if within(middle) else (low, middle)
+        if within(middle):
+            low = middle
+        else:
+            high = middle
     shortest: float = reference.duration / low
     return shortest

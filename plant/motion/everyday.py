@@ -25,33 +25,50 @@ from plant.parts.arguments import instance, known_options, near
 
 T = TypeVar("T")
 
-# Share of torque and speed limits that a motion takes at most, and of the way to the limit of a
-# joint's position.
-_SHARE = 0.8
-_ROOM = 0.9
 
-# Poses of which the first is taken whose holding torques are such a share of their largest, as near
-# as that.
-_POSES = 1024
-_HALF = 0.5
-_NEAR = 0.25
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EverydaySettings:
+    """Numbers of everyday motions, chosen by hand.
 
-_ASIDE = 0.4  # share of the way between two limits by which a pose may be off their middle
+    Parameters
+    ----------
+    share : float
+        Share of the torque and speed limits that a motion takes at most.
+    room : float
+        Share of the way to the limit of a joint's position that a motion takes at most.
+    poses : int
+        Poses that are tried as a start.
+    load : float
+        Holding torque at the start, as a share of the joint's largest, that a pose should have.
+    tolerance : float
+        Difference from this share that is as good as none.
+    offset : float
+        Share of the way between two limits by which a pose may be off their middle.
+    loaded : float
+        Share of the largest holding torque of any joint above which gravity loads a joint.
+    shortest : float
+        Smallest part of a motion that is tried if the drives cannot hold the arm along all of it.
+    travel : float
+        Travel of a prismatic joint [m] where others turn by 1 rad.
+    """
 
-_LOADED = 0.1  # share of the largest holding torque of any joint above which gravity loads a joint
+    share: float = 0.8
+    room: float = 0.9
+    poses: int = 1024
+    load: float = 0.5
+    tolerance: float = 0.25
+    offset: float = 0.4
+    loaded: float = 0.1
+    shortest: float = 0.1
+    travel: float = 0.2
 
-# part of a motion that is left at least where the drives cannot hold the arm along all of it
-_SHORTEST = 0.1
 
-_LEAST = 1e-9  # speed limit [rad/s] of a joint that has zero
-
-_METRES = 0.2  # travel of a prismatic joint [m] where others turn by 1 rad
+SETTINGS = EverydaySettings()
 
 
 @known_options
 def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dict[str, Reference]:
-    """What an arm does all day: motions for `certify`, `evaluate` and `tune`, which take a mapping
-    of references.
+    """Everyday motions of an arm by name, for `certify`, `evaluate` and `tune`.
 
     Each joint alone, all joints slowly, creep (1 degree/s), far and fast, ten pulses, there and
     back (one smooth oscillation), move and hold (as long at rest as it moved before). All begin and
@@ -109,24 +126,32 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
             f"limits must have {n} joints like the rig; got {limits.n}. Use those of its chain."
         )
     rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
-    unit = np.where([link.prismatic for link in chain.links], _METRES, 1.0)
-    at, turns = _pose(arm, rig, limits), np.where(np.arange(n) % 2, -1.0, 1.0)
-    room = _ROOM * np.minimum(limits.upper - at, at - limits.lower)
+    unit = np.where([link.prismatic for link in chain.links], SETTINGS.travel, 1.0)
+    pose = _pose(arm, rig, limits)
+    # Neighbouring joints turn in opposite directions.
+    turns = np.where(np.arange(n) % 2, -1.0, 1.0)
+    room = SETTINGS.room * np.minimum(limits.upper - pose, pose - limits.lower)
     degree = np.pi / 180
     pulses = rig.to_angle(10 * turns) - rig.to_angle(np.zeros(n))
 
+    # Each of these takes the part of the motion that is to be made, 0 to 1.
     def move(by: Any, duration: float) -> Callable[[float], Reference]:
         goal = np.clip(by, -room, room)
-        return lambda part: PointToPoint(start=at, goal=at + part * goal, duration=duration)
+        return lambda part: PointToPoint(start=pose, goal=pose + part * goal, duration=duration)
 
     def back(part: float) -> Reference:
-        # of (1 - cos)^2 / 4, whose acceleration begins at zero
+        # (1 - cos)^2 / 4, since its acceleration begins at zero.
         peak = part * np.clip(0.3 * unit * turns, -room, room)
-        waves = {"cosine": np.outer(peak, (-0.5, 0.125)), "sine": np.zeros((n, 2))}
-        return Harmonics(period=3.0, offset=at + 0.375 * peak, **waves)
+        return Harmonics(
+            period=3.0,
+            offset=pose + 0.375 * peak,
+            cosine=np.outer(peak, (-0.5, 0.125)),
+            sine=np.zeros((n, 2)),
+        )
 
     def hold(part: float) -> Reference:
         path = move(0.6 * unit * turns, 1.5)(part)
+        # The path lasts 1.5 s, and rests at its goal for as long.
         span = (0.0, 3.0)
         return Scaled(
             path=path, times=span, places=span, speeds=(1.0, 1.0), accelerations=(0.0, 0.0)
@@ -141,47 +166,49 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
         "there and back": back,
         "move and hold": hold,
     }
-    return {name: _possible(name, arm, rig, limits, made) for name, made in planned.items()}
+    return {name: _possible(name, arm, rig, limits, plan) for name, plan in planned.items()}
 
 
 def _pose(arm: Arm, rig: Rig, limits: Limits) -> NDArray[np.float64]:
-    """Where the motions begin (n,): in the middle of limits, or where holding torques are neither
-    none nor largest.
+    """Pose (n,) at which the motions begin.
 
-    Where the drives cannot hold the arm in the middle, anywhere inside the limits.
+    It is in the middle of the limits; of a joint without limits, where its holding torque is
+    neither zero nor the largest. If the drives cannot hold the arm there, anywhere inside the
+    limits.
     """
     span = limits.upper - limits.lower
     prismatic = np.array([link.prismatic for link in arm.dynamics.chain.links])
-    known = np.where(prismatic, np.isfinite(span), span < 2 * np.pi)
+    limited = np.where(prismatic, np.isfinite(span), span < 2 * np.pi)
     middle = np.zeros(rig.n)
-    middle[known] = (limits.lower[known] + limits.upper[known]) / 2
+    middle[limited] = (limits.lower[limited] + limits.upper[limited]) / 2
     free = np.where(prismatic, 0.0, np.pi / 2)
-    inside = np.where(known, _ASIDE * np.where(known, span, 0.0), free)
-    for spread in (np.where(known, 0.0, free), inside):
-        poses, beyond, away = _held(arm, rig, middle, spread, limits)
-        if not beyond.min():
+    inside = np.where(limited, SETTINGS.offset * np.where(limited, span, 0.0), free)
+    # 1. Joints with limits in their middle; 2. if that fails, all joints around it.
+    for spread in (np.where(limited, 0.0, free), inside):
+        poses, overloaded, distance = _tried_poses(arm, rig, middle, spread, limits)
+        if not overloaded.min():
             break
-    return poses[(away + rig.n * beyond).argmin()]
+    return poses[(distance + rig.n * overloaded).argmin()]
 
 
-def _held(arm: Arm, rig: Rig, middle: Any, spread: Any, limits: Limits) -> tuple[Any, Any, Any]:
-    """Poses (P, n) around the middle, how many joints cannot hold the arm there, and how far
-    from half their load.
-    """
-    poses = middle + np.random.default_rng(0).uniform(-1, 1, (_POSES, rig.n)).round(2) * spread
+def _tried_poses(
+    arm: Arm, rig: Rig, middle: Any, spread: Any, limits: Limits
+) -> tuple[Any, Any, Any]:
+    """Poses (P, n) around the middle, overloaded joints (P,), and distance (P,) from half load."""
+    draws = np.random.default_rng(0).uniform(-1, 1, (SETTINGS.poses, rig.n)).round(2)
+    poses = middle + draws * spread
+    # Those near zero come first: of equally good ones `argmin` takes the first.
     poses = np.clip(poses[np.square(poses).sum(axis=1).argsort()], limits.lower, limits.upper)
     needed = demand(arm, rig, (poses, np.ones_like(poses), np.zeros_like(poses)))
     holding = np.abs(needed.holding)
     dry = np.abs(needed.dry_friction())
     largest = holding.max(axis=0)
-    allowed = _SHARE * rig.drive.torque_limit()
-    loaded = largest > _LOADED * largest.max()
+    allowed = SETTINGS.share * rig.drive.torque_limit()
+    loaded = largest > SETTINGS.loaded * largest.max()
     share = holding[:, loaded] / largest[loaded]
-    return (
-        poses,
-        (holding + dry > allowed).sum(axis=1),
-        np.maximum(np.abs(share - _HALF), _NEAR).sum(axis=1),
-    )
+    overloaded = (holding + dry > allowed).sum(axis=1)
+    distance = np.maximum(np.abs(share - SETTINGS.load), SETTINGS.tolerance).sum(axis=1)
+    return poses, overloaded, distance
 
 
 def _possible(
@@ -189,19 +216,17 @@ def _possible(
     arm: Arm,
     rig: Rig,
     limits: Limits,
-    made: Callable[[float], Reference],
+    plan: Callable[[float], Reference],
     part: float = 1.0,
 ) -> Reference:
-    """A motion, or so small a part of it that the drives hold the arm along it, as slow as speed
-    and torque ask for.
-    """
-    motion = made(part)
+    """A motion, or a part of it along which the drives hold the arm, slowed to the limits."""
+    motion = plan(part)
     try:
         with naming(name):
-            factor = slowing(arm, rig, motion, limits, _SHARE)
+            factor = slowing(arm, rig, motion, limits, SETTINGS.share)
     except ValueError:
-        if part > _SHORTEST:
-            return _possible(name, arm, rig, limits, made, part / 2)
+        if part > SETTINGS.shortest:
+            return _possible(name, arm, rig, limits, plan, part / 2)
         raise
     return motion if factor == 1 else motion.slowed(factor)
 
@@ -209,10 +234,9 @@ def _possible(
 def slowing(
     arm: Arm, rig: Rig, motion: Reference, limits: Limits | None = None, share: float = 1.0
 ) -> float:
-    """Factor, 1 or more, by which a motion is to be slowed down for this share of speed limits and
-    amplifiers.
+    """Factor, 1 or more, that slows a motion down to a share of speed limits and amplifiers.
 
-    One that exceeds limits of positions, or that no factor would make possible, is refused.
+    A motion that exceeds limits of positions, or that no factor makes possible, is refused.
     """
     _, sampled, needed = sampled_demand(arm, rig, motion)
     factor = 1.0
@@ -220,18 +244,18 @@ def slowing(
         factor = shortest_duration(arm, rig, motion, share) / motion.duration
     if limits is not None:
         require_inside(Motion(*sampled), limits, arm.dynamics.chain.joint_labels)
-        factor = max(
-            factor, float((np.abs(sampled[1]) / np.maximum(share * limits.velocity, _LEAST)).max())
-        )
+        # A joint whose limit is zero is fixed; its motion must not divide by zero.
+        fastest = np.maximum(share * limits.velocity, 1e-9)
+        factor = max(factor, float((np.abs(sampled[1]) / fastest).max()))
     return factor
 
 
-def of_motion(each: Mapping[str, T], name: str) -> T:
-    """What belongs to one motion of a set; a KeyError that knows the others."""
-    if name in each:
-        return each[name]
-    others = near(name, each, f"It has {', '.join(each)}.")
-    raise KeyError(f"{name!r} is no motion of this set. {others}")
+def of_motion(values: Mapping[str, T], name: str) -> T:
+    """The value of one motion of a set, or a KeyError that names the others."""
+    if name in values:
+        return values[name]
+    hint = near(name, values, f"It has {', '.join(values)}.")
+    raise KeyError(f"{name!r} is no motion of this set. {hint}")
 
 
 @contextlib.contextmanager
@@ -244,26 +268,23 @@ def naming(name: str) -> Iterator[None]:
 
 
 def motions_of(arm: Any, rig: Rig, reference: Any, order: str) -> dict[str, Reference]:
-    """A mapping of motions, or a reference alone, whose name is empty: by name, each one that
-    the arm can make.
-    """
+    """Motions by name, all of which the arm can make; a reference alone has an empty name."""
     if not isinstance(reference, Mapping):
         return {"": instance("reference", reference, Reference, order)}
     motions = dict(reference)
-    nameless = [repr(name) for name in motions if not (isinstance(name, str) and name)] or [
-        "none"
-    ] * (not motions)
-    if nameless:
+    nameless = [repr(name) for name in motions if not (isinstance(name, str) and name)]
+    if nameless or not motions:
+        got = nameless[0] if nameless else "none"
         raise ValueError(
-            f"motions must have texts as names; got {nameless[0]:.60}. Give {{'mine': path, ...}}."
+            f"motions must have texts as names; got {got:.60}. Give {{'mine': path, ...}}."
         )
     for name, motion in motions.items():
         instance(f"motion {name!r}", motion, Reference, "Give {'mine': path, ...}.")
+        limits = instance("arm", arm, Arm, order).dynamics.chain.limits
         with naming(name):
-            factor = slowing(
-                arm, rig, motion, instance("arm", arm, Arm, order).dynamics.chain.limits
-            )
+            factor = slowing(arm, rig, motion, limits)
         if factor > 1:
+            # Rounded upwards: the advised factor must be enough.
             factor = math.ceil(1000 * factor) / 1000
             raise ValueError(
                 f"motion {name!r} must be one that speed limits and amplifiers allow; it is too"

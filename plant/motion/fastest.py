@@ -32,21 +32,40 @@ from plant.motion.table import Table
 from plant.parts.arguments import array, instance, known_options, whole
 from plant.parts.fields import Floats
 
-# Points per interval of the spline at which the torque is limited and the time integrated; and in
-# the first and the last, where b is steep: along a motion that ends without acceleration it grows
-# like 1 / s.
-_INSIDE = 4
-_AT_ENDS = 24
 
-_NODES = 4  # points of the time law per interval of the spline
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FastestSettings:
+    """Numbers of the search for a time law, chosen by hand.
 
-_REST = 1e-6  # a motion below this share of its peak speed is at rest
+    Parameters
+    ----------
+    points : int
+        Gauss points per interval of the spline, at which the torque is limited and the time
+        integrated.
+    points_at_ends : int
+        Gauss points in the two intervals at the ends, where b is steep: along a motion that ends
+        without acceleration it grows like 1 / s.
+    nodes : int
+        Points of the resulting time law per interval of the spline.
+    rest : float
+        Share of the peak speed below which a motion is at rest.
+    tolerance : float
+        Distance [rad or m] by which rounding may carry a path over a limit.
+    smallest, largest : float
+        Bounds of b, in units of that of the uniform motion; the smallest is so small that a rest on
+        the path takes no time.
+    """
 
-_AT_LIMIT = 1e-9  # distance [rad or m] by which rounding may carry a path over a limit
+    points: int = 4
+    points_at_ends: int = 24
+    nodes: int = 4
+    rest: float = 1e-6
+    tolerance: float = 1e-9
+    smallest: float = 1e-8
+    largest: float = 1e8
 
-# bounds of b, in units of that of the uniform motion: a rest on the path then takes no time
-_LEAST = 1e-8
-_MOST = 1e8
+
+SETTINGS = FastestSettings()
 
 
 @known_options
@@ -126,6 +145,8 @@ def fastest(
             "reference must be smooth; a Table has corners. Use Spline(times=..., points=...)."
         )
     whole("intervals", intervals, "The default is 120.", least=4)
+
+    # 1. The limits. Those of the efforts join the amplifiers', so that `share` is of both.
     if limits is not None:
         instance("limits", limits, Limits, "Pass chain.limits.")
         if limits.n != rig.n:
@@ -139,6 +160,7 @@ def fastest(
     fastest_motor = _bound("motor_speed", motor_speed, rig.n)
     steepest = _bound("torque_rate", torque_rate, rig.n)
 
+    # 2. Time, constraints and objective by the coefficients x of b, in units of the uniform motion.
     spline = _Spline(reference.duration, intervals)
     motion = Motion(*reference(spline.places))
     if limits is not None:
@@ -148,36 +170,47 @@ def fastest(
     x = ca.SX.sym("x", spline.count)
     b = unit * (spline.matrix(0) @ x)
     a = unit / 2 * (spline.matrix(1) @ x)
-    v = ca.sqrt(b + _LEAST * unit * 1e-3)  # whose slope is finite where the motion starts from rest
+    # The slope of the root stays finite where the motion starts from rest.
+    v = ca.sqrt(b + SETTINGS.smallest * unit * 1e-3)
     allowed = share * rig.drive.torque_limit()
     limited = _limited(needed, spline.places, a, v, allowed, steepest, fastest_motor, speed_limit)
     problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / shortest, "g": limited}
     law = spline.law(reference, unit * _solved(problem, motion, intervals))
+
+    # 3. Between the points the result may exceed a limit a little: slow it down until it does not.
     fine = np.linspace(0.0, law.duration, 10 * len(law.times))
     qd = law(fine).qd
     too_fast = max(
         np.abs(rig.drive.motor_angle(qd) / fastest_motor).max(), np.abs(qd / speed_limit).max()
     )
-    longer = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
-    return law.slowed(longer) if longer > 1 else law
+    factor = max(shortest_duration(arm, rig, law, share=share) / law.duration, too_fast)
+    return law.slowed(factor) if factor > 1 else law
 
 
 def _solved(problem: dict[str, ca.SX], motion: Motion, intervals: int) -> Floats:
-    """The best coefficients; those at an end are zero where the motion does not begin or end at
-    rest.
+    """The optimal coefficients; an end at which the motion does not rest has a zero one.
+
+    The new motion rests there.
     """
     ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
     solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
-    least, most = (np.full(problem["x"].shape[0], bound) for bound in (_LEAST, _MOST))
+    count = problem["x"].shape[0]
+    smallest = np.full(count, SETTINGS.smallest)
+    largest = np.full(count, SETTINGS.largest)
     speed = np.linalg.norm(motion.qd, axis=1)
     for end in (0, -1):
-        if speed[end] > _REST * speed.max():
-            least[end] = most[end] = 0.0
-    found = solver(x0=0.9, lbx=least, ubx=most, lbg=-1, ubg=1)
+        if speed[end] > SETTINGS.rest * speed.max():
+            smallest[end] = 0.0
+            largest[end] = 0.0
+    # The uniform motion has b = 1; a tenth below it the start is inside all constraints.
+    solution = solver(x0=0.9, lbx=smallest, ubx=largest, lbg=-1, ubg=1)
     if not solver.stats()["success"]:
-        got = f"with {intervals} intervals none was found, {solver.stats()['return_status']}"
-        raise ValueError(f"path must have a time law; {got}. Try fewer, or a smoother path.")
-    return np.asarray(found["x"].full().ravel())
+        status = solver.stats()["return_status"]
+        raise ValueError(
+            f"path must have a time law; with {intervals} intervals none was found, {status}. Try"
+            " fewer, or a smoother path."
+        )
+    return np.asarray(solution["x"].full().ravel())
 
 
 def _limited(
@@ -190,35 +223,39 @@ def _limited(
     motor_speed: Floats,
     joint_speed: Floats,
 ) -> ca.SX:
-    """Constraints within ±1, over their bounds: torque, its rate, speeds of motors and joints
-    (n, at N places).
+    """Constraints over their bounds, within ±1: torque, its rate, speeds of motors and joints.
+
+    Each (n,) at N places.
     """
     drive = needed.rig.drive
     speeds = zip(needed.along, ca.vertsplit(v), strict=True)
     friction = [drive.friction(ca.DM(along) * speed) for along, speed in speeds]
     frictionless = needed.torque(a, v, 0.0)
     torque = frictionless + drive.coupling.shaft_torque(ca.horzcat(*friction)).T
-    ends = frictionless[[0, -1], :]  # at rest, where Coulomb friction does not help to brake
+    # At rest Coulomb friction does not help to brake.
+    ends = frictionless[[0, -1], :]
+    # The torque's rate in time is its slope along the path times the speed.
     smooth = torque - needed.dry_friction()
     rate = (smooth[1:, :] - smooth[:-1, :]) * (v[1:] + v[:-1]) / (2 * np.diff(places))
-    turning = drive.motor_angle(needed.along) * v
+    motor_rate = drive.motor_angle(needed.along) * v
     pairs = (
         (torque, limit),
         (ends, limit),
         (rate, torque_rate),
-        (turning, motor_speed),
+        (motor_rate, motor_speed),
         (needed.along * v, joint_speed),
     )
-    shares = [
-        value[:, i] / bound[i] for value, bound in pairs for i in np.flatnonzero(np.isfinite(bound))
-    ]
+    shares = []
+    for value, bound in pairs:
+        # A joint without a bound gives no constraint.
+        shares += [value[:, i] / bound[i] for i in np.flatnonzero(np.isfinite(bound))]
     return ca.vertcat(*shares)
 
 
 def require_inside(motion: Motion, limits: Limits, labels: list[str]) -> None:
     """Refuse a path that exceeds the limits of a joint's position."""
     over = np.maximum(motion.q - limits.upper, limits.lower - motion.q).max(axis=0)
-    if over.max() > _AT_LIMIT:
+    if over.max() > SETTINGS.tolerance:
         joint = int(over.argmax())
         raise ValueError(
             f"path must stay within the limits; {labels[joint]} exceeds [{limits.lower[joint]:.4g},"
@@ -238,17 +275,17 @@ def _bound(name: str, value: ArrayLike | None, n: int) -> Floats:
 
 
 class _Spline:
-    """b(s) as a cubic spline on equal intervals: as matrices at Gauss points and ends, and as a
-    time law.
-    """
+    """b(s) as a cubic spline on equal intervals: matrices at Gauss points, and the time law."""
 
     def __init__(self, end: float, intervals: int) -> None:
         from scipy.interpolate import BSpline  # 0.2 s, for those who use it
 
-        self.count, self.edges = intervals + 3, np.linspace(0.0, end, intervals + 1)
+        self.count = intervals + 3
+        self.edges = np.linspace(0.0, end, intervals + 1)
         knots = np.concatenate([[0.0] * 3, self.edges, [end] * 3])
         self._of: Any = lambda coefficients: BSpline(knots, coefficients, 3)
-        orders = [_AT_ENDS] + [_INSIDE] * (intervals - 2) + [_AT_ENDS]
+        ends = [SETTINGS.points_at_ends]
+        orders = ends + [SETTINGS.points] * (intervals - 2) + ends
         rules = {order: np.polynomial.legendre.leggauss(order) for order in set(orders)}
         half = end / intervals / 2
         inside = [
@@ -265,17 +302,16 @@ class _Spline:
     def law(self, path: Reference, coefficients: Floats) -> Scaled:
         """The time law of a path with these coefficients of b."""
         b = self._of(coefficients)
-        s = np.linspace(0.0, self.edges[-1], _NODES * (len(self.edges) - 1) + 1)
-        # Within s = low + width x^2 (3 - 2 x): where b starts at zero, 1 / sqrt(b) is infinite, and
-        # this removes it.
+        s = np.linspace(0.0, self.edges[-1], SETTINGS.nodes * (len(self.edges) - 1) + 1)
+        # The time between two points is the integral of 1 / sqrt(b), which is infinite where b
+        # starts at zero. The substitution s = low + width x^2 (3 - 2 x) removes the pole.
         node, weight = np.polynomial.legendre.leggauss(12)
         x = (1 + node) / 2
         low = s[:-1, None]
         width = np.diff(s)[:, None]
-        lasting = (
-            width * 3 * x * (1 - x) * weight / np.sqrt(b(low + width * x**2 * (3 - 2 * x)))
-        ).sum(axis=1)
-        times = np.concatenate([[0.0], np.cumsum(lasting)])
+        places = low + width * x**2 * (3 - 2 * x)
+        intervals = (width * 3 * x * (1 - x) * weight / np.sqrt(b(places))).sum(axis=1)
+        times = np.concatenate([[0.0], np.cumsum(intervals)])
         speeds = np.sqrt(np.maximum(b(s), 0.0))
         return Scaled(
             path=path, times=times, places=s, speeds=speeds, accelerations=b.derivative()(s) / 2

@@ -1,6 +1,4 @@
-"""Motion of the motors with which the links behind elastic gears follow a reference; torque
-through the gears.
-"""
+"""Motion of motors for their links behind elastic gears to follow a reference."""
 
 import functools
 from typing import Any
@@ -20,13 +18,12 @@ from plant.parts.part import part, structure
 
 @part
 class LinkReference(Derived):
-    """theta_r = q_r + tau_link(q_r, qd_r, qdd_r) / k: where the motors must be for the links to be
-    at q_r.
+    """Motion of the motors with which the links follow q_r: theta_r = q_r + tau_link / k.
 
-    tau_link is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less that of springs and
-    the motors' own share, and k their stiffness; their damping is neglected, 2 (damping ratio) /
-    (resonance [rad/s]) of the deflection's rate. Speed and acceleration are its derivatives along
-    the motion, which take the jerk and the snap of q_r.
+    tau_link(q_r, qd_r, qdd_r) is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less that
+    of springs and the motors' own share, and k their stiffness; their damping is neglected, 2
+    (damping ratio) / (resonance [rad/s]) of the deflection's rate. Speed and acceleration are its
+    derivatives along the motion, which take the jerk and the snap of q_r.
 
     Where the jerk of q_r jumps (both ends of `PointToPoint` and `Spline`, the points of `Scaled`),
     the speed of the motors jumps by the links' inertia over k times as much; where its acceleration
@@ -73,20 +70,21 @@ class LinkReference(Derived):
     reference: Reference = structure(kw_only=False, default=None)
 
     def __post_init__(self) -> None:
-        found = self.arm
-        if not isinstance(found, Arm) and isinstance(getattr(found, "arm", None), Arm):
-            object.__setattr__(self, "arm", found.arm)
-            object.__setattr__(self, "rig", found.rig if self.rig is None else self.rig)
-        whole = "Pass arm, rig and reference=, or an identification and reference=."
+        # In place of the arm an identification may be passed, which has a rig, too.
+        identification = self.arm
+        if not isinstance(self.arm, Arm) and isinstance(getattr(self.arm, "arm", None), Arm):
+            object.__setattr__(self, "arm", identification.arm)
+            if self.rig is None:
+                object.__setattr__(self, "rig", identification.rig)
+        advice = "Pass arm, rig and reference=, or an identification and reference=."
         for name, kind in (("arm", Arm), ("rig", Rig), ("reference", Reference)):
-            instance(f"{name} of LinkReference", getattr(self, name), kind, whole)
+            instance(f"{name} of LinkReference", getattr(self, name), kind, advice)
         self.rig.require_fit(self.arm.dynamics.chain)
         require_elastic("LinkReference", self.rig)
         if self.reference.links is not self.reference:
-            given = type(self.reference).__name__
+            got = type(self.reference).__name__
             raise ValueError(
-                f"reference must be the motion of the links; got {given}, of motors. Give its"
-                " .links."
+                f"reference must be the motion of the links; got {got}, of motors. Give its .links."
             )
         if self.reference.n != self.rig.n:
             raise ValueError(
@@ -96,11 +94,10 @@ class LinkReference(Derived):
         self._require_smooth()
 
     def _require_smooth(self) -> None:
-        """Refuse a motion that asks more of the motors than their amplifiers give, sampled once
-        per period.
-        """
+        """Refuse a motion for which winding the gears takes more than the amplifiers give."""
         t = np.arange(0.0, self.duration, self.rig.period)
         drive = self.rig.drive
+        # The motors accelerate beyond their links, to wind the gears: that takes their inertia.
         winding = self.motion(t)[2] - self.reference.motion(t)[2]
         torque = np.abs(drive.reflected_inertia() * drive.coupling.shaft(winding))
         limit = drive.torque_limit()
@@ -122,54 +119,52 @@ class LinkReference(Derived):
     @functools.cached_property
     def _motors(self) -> ca.Function:
         """(q, qd, qdd, jerk, snap) of the links -> (theta, thetad, thetadd), all (n, 1)."""
-        along = q, qd, qdd, *_ = [
-            ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd", "jerk", "snap")
-        ]
-        rig = self.rig
+        q = ca.SX.sym("q", self.n)
+        qd = ca.SX.sym("qd", self.n)
+        qdd = ca.SX.sym("qdd", self.n)
+        jerk = ca.SX.sym("jerk", self.n)
+        snap = ca.SX.sym("snap", self.n)
         arm = self.arm
-        theta = q + wound(rig.drive, gear_torque(arm.dynamics, rig, q, qd, qdd, arm.f))
-        state = ca.vertcat(*along[:4])
-        rate = ca.vertcat(*along[1:])
+        torque = gear_torque(arm.dynamics, self.rig, q, qd, qdd, arm.f)
+        theta = q + wound(self.rig.drive, torque)
+        # Time derivatives by the chain rule: the state of the motion, and its rate.
+        state = ca.vertcat(q, qd, qdd, jerk)
+        rate = ca.vertcat(qd, qdd, jerk, snap)
         speed = ca.jtimes(theta, state, rate)
         motion = [theta, speed, ca.jtimes(speed, state, rate)]
-        return ca.Function("motors", along, ca.cse([ca.densify(each) for each in motion]))
+        outputs = ca.cse([ca.densify(value) for value in motion])
+        return ca.Function("motors", [q, qd, qdd, jerk, snap], outputs)
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         """Motion of the motors at times (N,), as joints on rigid gears would have it."""
-        links = [*self.reference.motion(t), *self.reference.higher(t)]
-        if not len(t):
-            return links[0], links[1], links[2]
-        theta, speed, acceleration = (
-            x.full().T for x in self._motors.map(len(t))(*(each.T for each in links))
-        )
+        q, qd, qdd = self.reference.motion(t)
+        jerk, snap = self.reference.higher(t)
+        if not len(t):  # casadi maps no function over no columns
+            return q, qd, qdd
+        results = self._motors.map(len(t))(q.T, qd.T, qdd.T, jerk.T, snap.T)
+        theta, speed, acceleration = (result.full().T for result in results)
         return theta, speed, acceleration
 
 
 def gear_torque(dynamics: Dynamics, rig: Rig, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX) -> ca.SX:
-    """D(q) qdd + h(q, qd) less springs and what turns the motors (n, 1) [N m], joint side; or on
-    coupled shafts.
+    """Torque through the gears (n, 1) [N m], on the joints, or on coupled shafts.
 
-    q, qd, qdd (n, 1) are the motion of the links; the rotor inertias of the rig's drive are part of
-    f (p, 1).
+    D(q) qdd + h(q, qd) less that of springs and of the rotors' acceleration. q, qd, qdd (n, 1) are
+    the motion of the links; the rotor inertias of the rig's drive are part of f (p, 1).
     """
     drive = rig.drive
-    whole = dynamics.D(q, f) @ qdd + dynamics.h(q, qd, f) - rig.spring_torque(q)
-    return drive.coupling.shaft_torque(whole) - drive.reflected_inertia() * drive.coupling.shaft(
-        qdd
-    )
+    total = dynamics.D(q, f) @ qdd + dynamics.h(q, qd, f) - rig.spring_torque(q)
+    rotors = drive.reflected_inertia() * drive.coupling.shaft(qdd)
+    return drive.coupling.shaft_torque(total) - rotors
 
 
 def wound(drive: Drive, torque: ca.SX) -> ca.SX:
-    """Motor minus link (n, 1) [rad], as joints on rigid gears would have it, under a torque
-    through the gears [N m].
-    """
+    """Motor minus link (n, 1) [rad], joint side, under a torque through the gears [N m]."""
     return drive.coupling.joint(torque / drive.elasticity.stiffness)
 
 
 def require_elastic(owner: str, rig: Rig) -> None:
-    """Refuse a rig that does not tell where motors are to be for the sake of their links: rigid
-    gears, backlash.
-    """
+    """Refuse a rig for which the motion of its motors does not follow from that of its links."""
     elasticity = rig.drive.elasticity
     if elasticity is None:
         raise ValueError(

@@ -32,8 +32,7 @@ class Motion(NamedTuple):
 
 
 class Reference(Part, abc.ABC):
-    """Base of all references: a new one is a `@part` class that gives ``n``, ``duration`` and
-    ``motion``.
+    """Base of all references: a `@part` class that gives ``n``, ``duration`` and ``motion``.
 
     The duration is simulated by default; after it periodic references go on, and the others rest at
     their last point.
@@ -61,13 +60,15 @@ class Reference(Part, abc.ABC):
 
     @abc.abstractmethod
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Position [rad], velocity [rad/s], acceleration [rad/s^2], each (N, n), joint side, at
-        times t (N,) [s].
+        """Position, velocity and acceleration at times t (N,) [s].
+
+        In rad, rad/s and rad/s^2, each (N, n), joint side.
         """
 
     def higher(self, t: Floats) -> tuple[Floats, Floats]:
-        """Jerk [rad/s^3] and snap [rad/s^4], third and fourth derivative of q, each (N, n), at
-        times t (N,) [s].
+        """Jerk [rad/s^3] and snap [rad/s^4] at times t (N,) [s], each (N, n).
+
+        They are the third and fourth derivative of q.
         """
         name = type(self).__name__
         raise ValueError(
@@ -77,9 +78,7 @@ class Reference(Part, abc.ABC):
 
     @property
     def links(self) -> Reference:
-        """Motion that the links are to make: this one, unless it is that of motors before
-        elastic gears.
-        """
+        """Motion that the links are to make; of motors before elastic gears it is another one."""
         return self
 
     @known_options
@@ -98,15 +97,12 @@ class Reference(Part, abc.ABC):
         return Scaled(path=self, stays=False, accelerations=(0.0, 0.0), **law)
 
     def later(self, time: float) -> Later:
-        """The same motion from `time` [s] on, as in a log that begins in the middle of it: q(t +
-        time).
-        """
+        """The same motion from `time` [s] on, q(t + time), as in a log that begins within it."""
         return Later(reference=self, time=time)
 
     @known_options
     def torque_share(self, arm: Arm, rig: Rig) -> Floats:
-        """Peak torque of each joint (n,), over its amplifier's limit, to follow this motion
-        exactly, friction included.
+        """Peak torque (n,) over the amplifiers' limits, to follow this motion with its friction.
 
         During one duration, of coupled motors per shaft. Above 1 no controller can follow; feedback
         torque comes on top. Arm and rig are those identified, ``found.arm`` and ``found.rig``.
@@ -119,9 +115,7 @@ class Reference(Part, abc.ABC):
         return Motion(*(np.ascontiguousarray(x, dtype=float) for x in self.motion(times)))
 
     def _keep(self, name: str, shape: tuple[int | str | None, ...], advice: str) -> Floats:
-        """Check a field and hold it as nested tuples, so that the reference can be compared and
-        written.
-        """
+        """Check a field and hold it as nested tuples, which can be compared and written."""
         value = array(name, getattr(self, name), shape, advice=advice)
         object.__setattr__(self, name, _nested(value))
         return value
@@ -165,8 +159,7 @@ class Timed(Reference):
 
 @part
 class Scaled(Timed):
-    """The path of a reference under a time law: q(t) = path.q(s(t)), where s is the path's own
-    time.
+    """The path of a reference under a time law: q(t) = path.q(s(t)), s the path's own time.
 
     Between two points of the time law s is the polynomial of degree 5 with their places, speeds and
     accelerations, so the joints' acceleration is continuous where that of the path is. `fastest`
@@ -194,9 +187,9 @@ class Scaled(Timed):
     def __post_init__(self) -> None:
         count = self._keep_times(from_zero=True)
         if self.path.links is not self.path:
-            given = type(self.path).__name__
+            kind = type(self.path).__name__
             raise ValueError(
-                f"path must be the motion of the links; got {given}, of motors. Scale its .links."
+                f"path must be the motion of the links; got {kind}, of motors. Scale its .links."
             )
         for name in ("places", "speeds", "accelerations"):
             self._keep(name, (count,), "One number per time.")
@@ -227,34 +220,34 @@ class Scaled(Timed):
         return law, *(law.derivative(k) for k in range(1, 5))
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        place, (speed, acceleration, *_) = self._places(t)
+        place, derivatives = self._places(t)
+        speed, acceleration = derivatives[:2]
         q, along, bend = self.path.motion(place)
         return q, along * speed, bend * speed**2 + along * acceleration
 
     def higher(self, t: Floats) -> tuple[Floats, Floats]:
-        """Jerk and snap at times (N,), by the chain rule; both jump at the points of the time
-        law.
-        """
+        """Jerk and snap at times (N,), by the chain rule; they jump at points of the time law."""
+        # Derivatives of s by time, and of q by s.
         place, (v, a, j, s) = self._places(t)
-        _, first, second = self.path.motion(place)
-        third, fourth = self.path.higher(place)
-        return (
-            third * v**3 + 3 * second * v * a + first * j,
-            fourth * v**4 + 6 * third * v**2 * a + second * (3 * a**2 + 4 * v * j) + first * s,
-        )
+        _, q1, q2 = self.path.motion(place)
+        q3, q4 = self.path.higher(place)
+        jerk = q3 * v**3 + 3 * q2 * v * a + q1 * j
+        snap = q4 * v**4 + 6 * q3 * v**2 * a + q2 * (3 * a**2 + 4 * v * j) + q1 * s
+        return jerk, snap
 
     def _places(self, t: Floats) -> tuple[Floats, list[Floats]]:
         """The path's own time at times (N,), and its four derivatives, each (N, 1)."""
         inside = np.clip(t, 0.0, self.duration)
-        s, speed, *higher = (derivative(inside) for derivative in self._law)
+        values = [derivative(inside) for derivative in self._law]
+        # Outside its times the law has no acceleration; it stops, or goes on at the speed there.
         beyond = t - inside
-        speed = np.where((beyond != 0) & self.stays, 0.0, speed)
-        higher = [np.where(beyond != 0, 0.0, each) for each in higher]
-        return s + speed * beyond, [each[:, None] for each in (speed, *higher)]
+        speed = np.where((beyond != 0) & self.stays, 0.0, values[1])
+        higher = [np.where(beyond != 0, 0.0, value) for value in values[2:]]
+        return values[0] + speed * beyond, [value[:, None] for value in (speed, *higher)]
 
 
 class Derived(Reference):
-    """Base of references that are made of another one: as many joints, and as long."""
+    """Base of references derived from another one, with its joints and its duration."""
 
     reference: Reference
 
@@ -264,13 +257,13 @@ class Derived(Reference):
 
     @property
     def duration(self) -> float:  # type: ignore[override]  # declared, and read only
-        """That of the other motion [s]."""
+        """Duration of the other motion [s]."""
         return self.reference.duration
 
 
 @part
 class Later(Derived):
-    """The motion of a reference that began before: q(t) = reference.q(t + time)."""
+    """The motion of a reference that began `time` [s] earlier: q(t) = reference.q(t + time)."""
 
     reference: Reference = structure(Reference)
     time: float = number(())
@@ -278,11 +271,8 @@ class Later(Derived):
     @property
     def links(self) -> Reference:
         """The links' motion, from the same instant on."""
-        return (
-            self
-            if self.reference.links is self.reference
-            else self.reference.links.later(self.time)
-        )
+        links = self.reference.links
+        return self if links is self.reference else links.later(self.time)
 
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         return self.reference.motion(t + self.time)

@@ -10,12 +10,11 @@ from plant.parts.arguments import real
 from plant.parts.fields import Floats, Nested
 from plant.parts.part import part, structure
 
-_FREE = 6  # points of a quintic spline whose ends are free
-
 
 class _Smooth(Reference):
-    """Base of references whose derivatives of any order are one formula; where one jumps, it is
-    that of one side.
+    """Base of references whose derivatives of any order have one formula.
+
+    Where a derivative jumps, the formula gives its value on one side.
     """
 
     @abc.abstractmethod
@@ -33,8 +32,9 @@ class _Smooth(Reference):
 
 @part
 class Harmonics(_Smooth):
-    """Sum of harmonics: q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t),
-    w = 2 pi / period.
+    """Sum of harmonics of a period.
+
+    q = offset + sum over j of cosine[:, j] cos(j w t) + sine[:, j] sin(j w t), w = 2 pi / period.
 
     Parameters
     ----------
@@ -82,21 +82,20 @@ class Harmonics(_Smooth):
         return self.period
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
-        """Of exp(i j w t)."""
+        """The real part of amplitudes times exp(i j w t), which a derivative multiplies by i j w."""
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
-        swings = [np.einsum("ij,tj->ti", amplitude * rate**k, waves).real for k in orders]
-        return [
-            each + np.asarray(self.offset) if k == 0 else each
-            for k, each in zip(orders, swings, strict=True)
-        ]
+        sums = [np.einsum("ij,tj->ti", amplitude * rate**k, waves).real for k in orders]
+        offset = np.asarray(self.offset)
+        return [value + offset if k == 0 else value for k, value in zip(orders, sums, strict=True)]
 
 
 @part
 class PointToPoint(_Smooth):
-    """Move from rest to rest by a polynomial of degree 5 (acceleration zero at both ends), then
-    stay.
+    """Move from rest to rest by a polynomial of degree 5, then stay.
+
+    The acceleration is zero at both ends.
 
     Parameters
     ----------
@@ -131,7 +130,8 @@ class PointToPoint(_Smooth):
         return len(self.start)
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
-        """From the third on they jump at the ends."""
+        """Derivatives of q; the third and higher ones jump at the ends."""
+        # The only polynomial of degree 5 from 0 to 1 with zero slope and curvature at both ends.
         path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
         s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
         move = np.subtract(self.goal, self.start)
@@ -179,20 +179,20 @@ class Spline(Timed, _Smooth):
             (self._keep_times(from_zero=True), "n"),
             "One row per time, one column per joint.",
         )
-        if not self.at_rest and len(self.times) < _FREE:
+        # A polynomial of degree 5 has six coefficients, and free ends give no conditions.
+        if not self.at_rest and len(self.times) < 6:
             raise ValueError(
-                f"points must be {_FREE} or more if at_rest is False; got {len(self.times)}. Give"
-                " more."
+                f"points must be 6 or more if at_rest is False; got {len(self.times)}. Give more."
             )
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
-        """From the third on they jump at the ends; between, the fifth is the first that does."""
-        rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
+        """Derivatives of q; from the third on they jump at the ends, from the fifth inside."""
         from scipy.interpolate import make_interp_spline  # 0.2 s, for those who use it
 
-        spline = make_interp_spline(
-            self.times, self.points, k=5, bc_type=(rest, rest) if self.at_rest else None
-        )
+        # Speed and acceleration are zero at rest.
+        rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
+        ends = (rest, rest) if self.at_rest else None
+        spline = make_interp_spline(self.times, self.points, k=5, bc_type=ends)
         inside = ((t >= 0) & (t <= self.duration))[:, None]
         s = np.clip(t, 0, self.duration)
         return [inside * spline(s, k) if k else spline(s) for k in orders]

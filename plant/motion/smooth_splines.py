@@ -1,6 +1,4 @@
-"""Splines through the commanded counts of a log: as smooth as their rounding allows, and made
-once per log.
-"""
+"""Splines through the commanded counts of a log, as smooth as their rounding allows."""
 
 import hashlib
 from typing import Any
@@ -9,22 +7,18 @@ import numpy as np
 
 from plant.parts.fields import Floats
 
-_QUINTIC = 5  # degree of the splines through commanded counts: accelerations are smooth
+# Degree of the splines: quintic ones have smooth accelerations.
+_DEGREE = 5
 
-# Ratio of the numbers of knots that are tested, and samples that each has at least.
-_MORE_KNOTS = 1.3
-_SAMPLES_PER_KNOT = 8
-
-# splines of some logs: a law is run many times along one log
+# Splines of the last logs, by the hash of times and columns: a law is run many times along one log.
 _FOUND = dict[bytes, list[Any]]()
-_KEPT = 16
 
 
 def smooth_splines(t: Floats, columns: Floats, rounded: bool, finer: float) -> list[Any]:
-    """Quintic splines through columns (N, n) at times t (N,) [s]; of rounded ones, through the
-    middles of their cells.
+    """Quintic splines through columns (N, n) at times t (N,) [s].
 
-    Their even knots are as few as leave no more than rounding does, a mean square of 1/12.
+    Rounded columns are fitted by least squares, with the fewest even knots at which the residual is
+    that of rounding, a mean square of 1/12; then there are `finer` times as many.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -33,61 +27,73 @@ def smooth_splines(t: Floats, columns: Floats, rounded: bool, finer: float) -> l
         key.update(np.ascontiguousarray(part).data)
     splines = _FOUND.get(key.digest())
     if splines is None:
-        if rounded and len(t) > 2 * (_QUINTIC + 1):
+        if rounded and len(t) > 2 * (_DEGREE + 1):
             splines = _fewest_knots(t, columns, finer)
         else:
-            splines = [
-                make_interp_spline(t, column, k=min(_QUINTIC, len(t) - 1)) for column in columns.T
-            ]
-        if len(_FOUND) >= _KEPT:
+            degree = min(_DEGREE, len(t) - 1)
+            splines = [make_interp_spline(t, column, k=degree) for column in columns.T]
+        # Old logs are forgotten, to bound the memory.
+        if len(_FOUND) >= 16:
             _FOUND.clear()
         _FOUND[key.digest()] = splines
     return splines
 
 
 def _fewest_knots(t: Floats, columns: Floats, finer: float) -> list[Any]:
+    """Splines with as few even intervals as the rounding of the columns allows."""
     count = len(t)
-    knots = 1
+    intervals = 1
     splines = dict[int, Any]()
+    # The mean square of rounding, and about two standard deviations of its estimate above it.
     enough = (1 + 2 / np.sqrt(count)) / 12
-    open_ones = list(range(columns.shape[1]))
-    while open_ones and (not splines or knots * _SAMPLES_PER_KNOT <= count):
-        inner = np.linspace(t[0], t[-1], int(np.ceil(finer * knots)) + 1)
+    remaining = list(range(columns.shape[1]))
+    # At least eight samples per interval: with fewer, a spline follows the rounding itself.
+    while remaining and (not splines or 8 * intervals <= count):
+        knots = np.linspace(t[0], t[-1], int(np.ceil(finer * intervals)) + 1)
         try:
-            some, left = _least_squares_splines(
-                t, columns[:, open_ones], np.pad(inner, _QUINTIC, "edge")
+            fits, squares = _least_squares_splines(
+                t, columns[:, remaining], np.pad(knots, _DEGREE, "edge")
             )
         except np.linalg.LinAlgError:  # a gap in the log is longer than the knots are apart
             break
-        splines |= dict(zip(open_ones, some, strict=True))
-        open_ones = [j for j, square in zip(open_ones, left, strict=True) if square > enough]
-        knots = int(np.ceil(_MORE_KNOTS * knots))
+        splines |= dict(zip(remaining, fits, strict=True))
+        remaining = [j for j, square in zip(remaining, squares, strict=True) if square > enough]
+        # By 30 % each time: few fits, and a number of knots close to the smallest.
+        intervals = int(np.ceil(1.3 * intervals))
     return [splines[j] for j in range(columns.shape[1])]
 
 
 def _least_squares_splines(t: Floats, columns: Floats, knots: Floats) -> tuple[list[Any], Floats]:
-    """Splines on these knots, and the mean square that each leaves: from the products of
-    neighbouring B-splines.
+    """Least-squares splines on these knots, and the mean square of each residual.
+
+    The normal equations are banded: a B-spline overlaps with its neighbours alone.
     """
     from scipy.interpolate import BSpline
     from scipy.linalg import solveh_banded
 
-    each = _QUINTIC + 1
-    size = len(knots) - _QUINTIC - 1
-    design = BSpline.design_matrix(t, knots, _QUINTIC)
-    value = design.data.reshape(-1, each)
-    place = design.indices.reshape(-1, each)
-    products = np.zeros((each, size))
-    for i in range(each):
+    # 1. At each time the values of the B-splines that are not zero, and their places.
+    order = _DEGREE + 1
+    size = len(knots) - order
+    design = BSpline.design_matrix(t, knots, _DEGREE)
+    value = design.data.reshape(-1, order)
+    place = design.indices.reshape(-1, order)
+
+    # 2. Their products, by diagonals, and those with the columns.
+    products = np.zeros((order, size))
+    for i in range(order):
         for j in range(i + 1):
             products[i - j] += np.bincount(place[:, j], value[:, i] * value[:, j], size)
     target = [
-        sum(np.bincount(place[:, i], value[:, i] * column, size) for i in range(each))
+        sum(np.bincount(place[:, i], value[:, i] * column, size) for i in range(order))
         for column in columns.T
     ]
-    found = solveh_banded(products, np.column_stack(target), lower=True)
-    left = [
-        np.mean(((value * own[place]).sum(axis=1) - column) ** 2)
-        for own, column in zip(found.T, columns.T, strict=True)
-    ]
-    return [BSpline(knots, own, _QUINTIC) for own in found.T], np.array(left)
+    solution = solveh_banded(products, np.column_stack(target), lower=True)
+
+    # 3. The residuals.
+    splines = []
+    squares = []
+    for coefficients, column in zip(solution.T, columns.T, strict=True):
+        splines.append(BSpline(knots, coefficients, _DEGREE))
+        residual = (value * coefficients[place]).sum(axis=1) - column
+        squares.append(np.mean(residual**2))
+    return splines, np.array(squares)

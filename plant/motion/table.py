@@ -13,10 +13,11 @@ from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats, Nested
 from plant.parts.part import part, structure
 
-_NUMBERED = re.compile(r"(\D*)(\d+)\D*")  # a name and its number
+# A joint's name with one number, such as q_1 [rad].
+_NUMBERED = re.compile(r"(\D*)(\d+)\D*")
 
-# Units that times and angles of a table do not have.
-_OTHER = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
+# Units that times and angles of a table must not have.
+_FOREIGN = re.compile(r"(?<![a-z])(deg|degree|degrees|°|ms|us)(?![a-z])")
 
 
 @part
@@ -56,8 +57,9 @@ class Table(Timed):
     @classmethod
     @known_options
     def from_csv(cls, path: str | Path, *, joints: Sequence[str] = ()) -> Self:
-        """Read columns t [s], q_1..q_n [rad]; lines that start with #, and a first one of names,
-        are headings.
+        """Read columns t [s], q_1..q_n [rad].
+
+        Lines that start with #, and a line of names before the numbers, are headings.
 
         Parameters
         ----------
@@ -72,9 +74,9 @@ class Table(Timed):
         """
         try:
             names, table = read_rows(
-                path, comment=lambda _, line: _require_ours(line[1:].split(","), joints)
+                path, comment=lambda _, line: _require_order(line[1:].split(","), joints)
             )
-            _require_ours(names or [], joints)
+            _require_order(names or [], joints)
             if table.shape[1] < 2:
                 raise ValueError(f"must have t and angles; got {table.shape[1]} cells. Fill it.")
         except ValueError as error:
@@ -88,26 +90,23 @@ class Table(Timed):
         slope = np.diff(points, axis=0)[row] / np.diff(times)[row][:, None]
         inside = ((t >= times[0]) & (t < times[-1]))[:, None]
         s = np.clip(t, times[0], times[-1])
-        return (
-            points[row] + slope * (s - times[row])[:, None],
-            inside * slope,
-            np.zeros((len(t), self.n)),
-        )
+        q = points[row] + slope * (s - times[row])[:, None]
+        return q, inside * slope, np.zeros((len(t), self.n))
 
 
-def _require_ours(heading: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a heading whose joints are numbered or named in another order, or whose units are
-    not s and rad.
-    """
+def _require_order(heading: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse a heading with the joints in another order, or with units other than s and rad."""
     cells = [cell.strip() for cell in heading]
     joints = [match.groups() for match in map(_NUMBERED.fullmatch, cells[1:]) if match]
-    order = [int(number) for _, number in joints]
-    alike = len({name for name, _ in joints}) == 1
-    numbered = alike and len(order) == len(cells) - 1 and order != sorted(order)
-    if numbered or (cells[1:] != list(known) and sorted(cells[1:]) == sorted(known)):
+    numbers = [int(number) for _, number in joints]
+    # Numbers tell the order only if all columns have one and the same name beside it.
+    numbered = len({name for name, _ in joints}) == 1 and len(numbers) == len(cells) - 1
+    permuted = cells[1:] != list(names) and sorted(cells[1:]) == sorted(names)
+    if permuted or (numbered and numbers != sorted(numbers)):
         raise ValueError(
             f"must have the joints in order; its columns are {', '.join(cells)}. Reorder them."
         )
-    other = [cell for cell in cells if _OTHER.search(cell.lower())]
-    if len(cells) > 1 and other:
-        raise ValueError(f"must be in s and rad; its heading has {other[0]!r}. Convert it.")
+    foreign = [cell for cell in cells if _FOREIGN.search(cell.lower())]
+    # A comment of one cell is no heading.
+    if len(cells) > 1 and foreign:
+        raise ValueError(f"must be in s and rad; its heading has {foreign[0]!r}. Convert it.")

@@ -97,11 +97,13 @@ def visibility(
     ('mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz')
     """
     regressor = _along(dynamics, reference, start, duration)
-    if load is None:
-        return _identifiable(regressor, dynamics.names, 1e-6 if tolerance is None else tolerance)
-    return _identifiable(
-        regressor @ dynamics.load_matrix(load), LOAD, 1e-3 if tolerance is None else tolerance
-    )
+    names: Sequence[str] = dynamics.names
+    if load is not None:
+        regressor = regressor @ dynamics.load_matrix(load)
+        names = LOAD
+    if tolerance is None:
+        tolerance = 1e-6 if load is None else 1e-3
+    return _identifiable(regressor, names, tolerance)
 
 
 def _along(
@@ -115,33 +117,40 @@ def _along(
         "The order is dynamics, reference; Dynamics.from_chain(chain) makes one.",
     )
     instance("reference", reference, Reference, "The order is dynamics, reference.")
-    whole = reference.duration
+    end = reference.duration
     start = real("start", start, "Give seconds.")
-    duration = (
-        whole - start
-        if duration is None
-        else real("duration", duration, "Give seconds.", positive=True)
-    )
-    if not (0 <= start < whole and start + duration <= whole * (1 + 1e-9)):
+    if duration is None:
+        duration = end - start
+    else:
+        duration = real("duration", duration, "Give seconds.", positive=True)
+    if not (0 <= start < end and start + duration <= end * (1 + 1e-9)):
         raise ValueError(
-            f"the segment must be in the reference, 0 to {whole:g} s; got {start:g} to"
+            f"the segment must be in the reference, 0 to {end:g} s; got {start:g} to"
             f" {start + duration:g} s. Change start or duration."
         )
+    # 500 instants, several times the parameters of any arm.
     motion = reference(np.linspace(start, start + duration, 500))
     return np.vstack([dynamics.Y(*state).full() for state in zip(*motion, strict=True)])
 
 
 def _identifiable(regressor: Floats, parameters: Sequence[str], tolerance: float) -> Visibility:
+    """Combinations of parameters that a regressor with a column for each identifies."""
     lengths = np.linalg.norm(regressor, axis=0)
-    kept, matrix = independent_columns(regressor, range(len(parameters)), tolerance)
-    sums = [f"({name})" if " " in name else name for name in parameters]
-    names = []
-    for row, own in zip(matrix, kept, strict=True):
-        others = [k for k in np.flatnonzero(np.abs(row) > tolerance) if k != own]
-        terms = [f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.4g} {sums[k]}" for k in others]
-        names.append(" ".join([parameters[own], *terms]))
-    scaled = regressor[:, kept] / lengths[kept]
-    unexcited = np.flatnonzero(lengths <= tolerance * lengths.max())
+    independent, matrix = independent_columns(regressor, range(len(parameters)), tolerance)
+    # Within a sum, a parameter that is a sum itself stands in brackets.
+    summands = [f"({name})" if " " in name else name for name in parameters]
+    combinations = []
+    for row, column in zip(matrix, independent, strict=True):
+        terms = [parameters[column]]
+        for k in np.flatnonzero(np.abs(row) > tolerance):
+            if k != column:
+                terms.append(f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.4g} {summands[k]}")
+        combinations.append(" ".join(terms))
+    invisible = np.flatnonzero(lengths <= tolerance * lengths.max())
+    # Columns of one length: the units of the parameters must not count.
+    scaled = regressor[:, independent] / lengths[independent]
     return Visibility(
-        tuple(names), tuple(parameters[int(k)] for k in unexcited), float(np.linalg.cond(scaled))
+        tuple(combinations),
+        tuple(parameters[int(k)] for k in invisible),
+        float(np.linalg.cond(scaled)),
     )

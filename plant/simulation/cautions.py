@@ -1,6 +1,4 @@
-"""Warnings before a simulation: an arm without rotors, currents whose lag is unstable, gears too
-stiff for a step.
-"""
+"""Warnings before a simulation: missing rotors, an unstable current lag, gears too stiff."""
 
 import dataclasses
 import math
@@ -15,39 +13,34 @@ from plant.parts.fields import Floats
 from plant.parts.messages import joint_label, warn
 from plant.simulation.jacobians import jacobians
 
-_MANY = 100  # steps per sample above which none are advised
-
 
 def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int) -> None:
-    """Warn of gears whose vibration at a pose, motor against link, is wrong by more than 1 % in
-    its frequency.
-    """
+    """Warn of gears whose vibration, motor against link, has its frequency wrong by over 1 %."""
     drive = rig.drive
     if drive.elasticity is None:
         return
     motors = drive.reflected_inertia()
     links = np.diag(drive.coupling.shaft_inertia(arm.D(pose))) - motors
     h = rig.period / steps_per_sample
+    # Squared angular frequencies; a link without inertia does not vibrate against its motor.
     squared = drive.elasticity.stiffness / reduced(motors, np.where(links > 0, links, np.inf))
     joint = int(np.argmax(squared))
     if h * h * squared[joint] <= FOLLOWED:
         return
-    hz, most = (math.sqrt(each) / (2 * math.pi) for each in (squared[joint], FOLLOWED / (h * h)))
-    steps = math.ceil(steps_per_sample * hz / most)
-    more = f"Take steps_per_sample={steps}, or leave" if steps <= _MANY else "Leave"
+    hz = math.sqrt(squared[joint]) / (2 * math.pi)
+    resolved_hz = math.sqrt(FOLLOWED / (h * h)) / (2 * math.pi)
+    steps = math.ceil(steps_per_sample * hz / resolved_hz)
+    # More than a hundred steps per sample make a simulation too slow to be advised.
+    advice = f"Take steps_per_sample={steps}, or leave" if steps <= 100 else "Leave"
     warn(
         f"the gear of {arm.dynamics.chain.joint_labels[joint]} vibrates at {hz:.4g} Hz, motor"
-        f" against link; sub-steps of {1e3 * h:.3g} ms follow {most:.4g} Hz to 1 %. {more}"
+        f" against link; sub-steps of {1e3 * h:.3g} ms follow {resolved_hz:.4g} Hz to 1 %. {advice}"
         " elasticity out: such a gear is as good as rigid."
     )
 
 
-_COUNTS = 0.1  # share of a joint's inertia above which its rotor matters
-
-
 def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
-    """Warn of an arm whose bodies say that there are no rotors, under a drive that has them, at
-    pose q (n,).
+    """Warn of an arm whose bodies have no rotors, under a drive that has them, at pose q (n,).
 
     The inertia matrix holds the rotors (f1 and f7 of the paper hold Jm k^2); a drive does not add
     them. Without them an arm is lighter than its motors, and its loop faster than any real one.
@@ -60,7 +53,8 @@ def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
     if not np.allclose(arm.f, stated, rtol=1e-9, atol=1e-12 * np.abs(stated).max(initial=0.0)):
         return  # identified, or with rotors that the bodies do not show
     share = rotors / np.maximum(np.diag(arm.D(q)), 1e-300)
-    if share.max() > _COUNTS:
+    # A rotor below a tenth of its joint's inertia hardly changes the loop.
+    if share.max() > 0.1:
         joint = int(share.argmax())
         label = joint_label([link.name for link in chain.links], joint)
         warn(
@@ -70,17 +64,13 @@ def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
         )
 
 
-_ZERO = 1e-6  # growth of a pole, relative to its size, that may be rounding
-
-
 def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: Floats) -> None:
-    """Warn of a fast law whose loop, linearised at a pose, is unstable with the currents' lag
-    and stable without it.
-    """
+    """Warn of a fast law whose loop, linearised at a pose, the currents' lag makes unstable."""
     if rig.drive.current_lag is None or law.has_memory(rig.n):
         return
     growing = _growing(arm, rig, law, pose)
     prompt = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=None))
+    # A loop that is unstable without lag, too, has another cause.
     if growing is None or _growing(arm, prompt, law, pose) is not None:
         return
     lag = rig.drive.current_lag.time
@@ -94,10 +84,11 @@ def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: Floats) -> None:
 
 
 def _growing(arm: Arm, rig: Rig, law: Law, pose: Floats) -> complex | None:
-    """The pole [1/s] that grows fastest; None where none does, or where the law holds no pose."""
+    """The pole [1/s] that grows fastest; None if none grows, or if the law holds no pose."""
     try:
         poles = np.linalg.eigvals(jacobians(arm, rig, law, pose)[0])
     except np.linalg.LinAlgError:  # a torque that does not depend on the counts
         return None
     fastest = complex(poles[np.argmax(poles.real)])
-    return fastest if fastest.real > _ZERO * abs(poles).max() else None
+    # A growth below a millionth of the largest pole may be rounding.
+    return fastest if fastest.real > 1e-6 * abs(poles).max() else None

@@ -8,19 +8,35 @@ from numpy.typing import NDArray
 
 from plant.parts.fields import Floats
 
-_EVEN = 0.01  # jitter [periods] up to which time stamps count as even
 
-_OTHER = 0.1  # largest relative difference of a log's median interval from its rig's period
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ClockSettings:
+    """Tolerances of time stamps, in periods of the rig, chosen by hand.
 
-_LONGEST = 1.5  # periods above which a gap is bridged by samples without measurement
+    Parameters
+    ----------
+    even : float
+        Jitter up to which time stamps count as even.
+    period : float
+        Largest relative difference of a log's median interval from its rig's period.
+    longest : float
+        Interval above which a gap is bridged by samples without measurement.
+    """
+
+    even: float = 0.01
+    period: float = 0.1
+    longest: float = 1.5
+
+
+SETTINGS = ClockSettings()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Clock:
     """Samples of a loop at times t (M,) from 0 [s], and the sub-steps between them.
 
-    `lengths` (M,) are from each sample to the next [s], `rows` (N,) those of the samples that are
-    in the log (the others bridge a gap), `even` is the period where all intervals have it.
+    `lengths` (M,) are from each sample to the next [s], `rows` (N,) the places of the samples that
+    are in the log (the others bridge a gap), `even` is the period if all intervals have it.
     """
 
     t: NDArray[Any]
@@ -30,91 +46,81 @@ class Clock:
 
     @classmethod
     def regular(cls, samples: int, period: float) -> Self:
-        """So many samples at k period."""
+        """Samples at k period [s]."""
         return cls(
             np.arange(samples) * period, np.full(samples, period), np.arange(samples), period
         )
 
     @classmethod
     def of(cls, record: Any) -> Self:
-        """The clock of a record: its time stamps, or k period where they are that.
+        """The clock of a record: its time stamps, or k period if they are even.
 
         A gap of more than 1.5 periods is divided by samples without measurement, so that no
         sub-step is longer than the rig's period allows.
         """
         t = record.t - record.t[0]
         period = record.rig.period
-        late = t - np.arange(len(t)) * period
-        if np.abs(late).max() <= _EVEN * period:
+        lateness = t - np.arange(len(t)) * period
+        uneven = np.abs(lateness) > SETTINGS.even * period
+        if not uneven.any():
             return cls.regular(len(t), period)
         lengths = np.append(np.diff(t), period)
-        usual = float(np.median(lengths))
-        if abs(usual - period) > _OTHER * period:
-            wrong = int(np.argmax(np.abs(late) > _EVEN * period))
+        median = float(np.median(lengths))
+        if abs(median - period) > SETTINGS.period * period:
+            wrong = int(np.argmax(uneven))
             raise ValueError(
                 f"t must advance by the rig's period {period:.6g} s, or nearly; sample {wrong} is"
-                f" {late[wrong]:+.3g} s off, and the usual interval is {usual:.6g} s. Correct the"
-                " period, or the unit of t."
+                f" {lateness[wrong]:+.3g} s off, and the usual interval is {median:.6g} s. Correct"
+                " the period, or the unit of t."
             )
-        parts = np.ceil(lengths / (_LONGEST * period) - 1e-9).astype(int)
-        first = np.cumsum(parts) - parts
-        within = np.arange(parts.sum()) - np.repeat(first, parts)
-        shorter = lengths / parts
-        return cls(
-            np.repeat(t, parts) + within * np.repeat(shorter, parts),
-            np.repeat(shorter, parts),
-            first,
-            None,
-        )
+        # Each interval is divided into equal parts, most into one; the log's samples begin them.
+        parts = np.ceil(lengths / (SETTINGS.longest * period) - 1e-9).astype(int)
+        rows = np.cumsum(parts) - parts
+        within = np.arange(parts.sum()) - np.repeat(rows, parts)
+        shorter = np.repeat(lengths / parts, parts)
+        return cls(np.repeat(t, parts) + within * shorter, shorter, rows, None)
 
     def __len__(self) -> int:
         return len(self.t)
 
     def place(self, t: NDArray[Any]) -> Floats:
-        """Index (K,) of times in the log, with the fraction between two samples; whole ones are
-        exact.
-        """
+        """Index (K,) of times in the log, with the fraction between two samples."""
         if self.even is not None:
             place = np.asarray(t) / self.even
+            # The time of a sample gives its whole index, also where the quotient is rounded.
             return np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
         return np.interp(t, self.t[self.rows], np.arange(len(self.rows)))
 
     def apart(self, rows: NDArray[np.int_]) -> Floats | float:
-        """Intervals from samples of the log to the next, (K, 1) [s]; one number where they are
-        even.
-        """
+        """Intervals (K, 1) [s] from samples of the log to the next; one number if they are even."""
         if self.even is not None:
             return self.even
         return np.append(np.diff(self.t[self.rows]), self.lengths[-1])[rows][:, None]
 
     def bridged(self, values: Floats) -> Floats:
-        """Values (N, m) of the log's samples for all samples (M, m), on straight lines across
-        gaps.
-        """
+        """Values (N, m) of the log for all samples (M, m), on straight lines across gaps."""
         return np.column_stack(
             [np.interp(np.arange(len(self)), self.rows, column) for column in values.T]
         )
 
     def between(self, values: Floats, t: NDArray[Any]) -> Floats:
-        """Values (N, m) of the log's samples at times t (K,) [s], (K, m), on straight lines."""
+        """Values (N, m) of the log at times t (K,) [s], (K, m), on straight lines."""
         place = self.place(t)
         rows = np.arange(len(self.rows))
         return np.column_stack([np.interp(place, rows, column) for column in values.T])
 
     def measured(self, values: Floats) -> Floats:
-        """Values (N, m) of the log's samples for all samples (M, m), zero between."""
+        """Values (N, m) of the log for all samples (M, m), zero in the samples between."""
         filled = np.zeros((len(self), values.shape[1]))
         filled[self.rows] = values
         return filled
 
     def starts(self, steps: int, places: NDArray[np.int_], every: int = 1) -> NDArray[Any]:
-        """Start (K,) [s] of some sub-steps (K,), whole multiples of `every`, with so many
-        sub-steps per sample.
-        """
+        """Start (K,) [s] of some sub-steps (K,), multiples of `every`; a sample has `steps`."""
         if self.even is not None:
             return places // every * (self.even / steps * every)
-        owner = places // steps
-        return self.t[owner] + self.lengths[owner] / steps * (places % steps)
+        sample = places // steps
+        return self.t[sample] + self.lengths[sample] / steps * (places % steps)
 
     def step_lengths(self, steps: int, places: NDArray[np.int_]) -> NDArray[Any]:
         """Length (K,) [s] of some sub-steps (K,)."""

@@ -44,7 +44,7 @@ class ClosedLoop(Layout):
 
     @cached_property
     def law_step(self) -> ca.Function | None:
-        """One step of a law with a period, whose torque is held until the next; None without one."""
+        """One step of a law with a period, whose torque is held until the next; or None."""
         if not self.steps_per_law:
             return None
         state = self._state
@@ -114,7 +114,7 @@ class ClosedLoop(Layout):
 
     @cached_property
     def substep(self) -> ca.Function:
-        """One midpoint step of length h; its log is the motors' true error [pulses] at its middle."""
+        """One midpoint step of length h; its log is the motors' true error [pulses] there."""
         state = self._state
         rig = self._symbolic_rig
         drive = rig.drive
@@ -174,8 +174,8 @@ class ClosedLoop(Layout):
     def _with_law(self, position: ca.SX, dt: ca.SX) -> tuple[Any, ca.SX]:
         """The state after a step of the law at a position of the encoders (n, 1) [rad].
 
-        Its torque is within the amplifier's limit, which hides a NaN; hence the second result, which
-        says whether the command is finite.
+        Its torque is within the amplifier's limit, which hides a NaN; hence the second result,
+        which says whether the command is finite.
         """
         state = self._state
         time = self._time
@@ -203,7 +203,7 @@ class ClosedLoop(Layout):
     def _function(
         self, name: str, following: Any, log: ca.SX | None = None, data: ca.SX | None = None
     ) -> ca.Function:
-        """The Function of the vectors that gives the following state, and the log if there is one."""
+        """The Function of the vectors that gives the following state, and a log."""
         outputs = [ca.densify(self.state_fields.write(self.n, **following._asdict()))]
         output_names = ["following"]
         if log is not None:

@@ -1,9 +1,8 @@
-"""Calls on an executor of any kind, a bounded number at a time: results as they come, killed
-workers outlived.
+"""Calls on an executor of any kind, a bounded number at a time, which survive killed workers.
 
 An executor keeps the contract of `concurrent.futures.Executor`; a Dask client gives one. A factory
-makes another after a worker was killed: the calls that were open then run one at a time, until it
-is known which of them kills.
+makes another after a worker was killed: the open calls then run one at a time, which shows the one
+that kills.
 """
 
 import functools
@@ -21,7 +20,8 @@ from plant.version import __version__
 
 T = TypeVar("T")
 
-_UNKNOWN = 256  # calls given at once to an executor that does not say how many workers it has
+# Calls given at once to an executor that does not say how many workers it has.
+_UNKNOWN = 256
 
 _ADVICE = "Give a concurrent.futures.Executor, a Dask Client, or a function that makes one."
 _KILLS = "its worker was killed, or ran out of memory"
@@ -29,7 +29,7 @@ _KILLS = "its worker was killed, or ran out of memory"
 
 @dataclass(frozen=True, repr=False)  # Dask would write out all arguments for a name
 class _Work:
-    """What is sent to a worker; `number` makes calls differ that are alike."""
+    """A call as it is sent to a worker; `number` distinguishes equal calls."""
 
     function: Callable[..., Any]
     args: Sequence[Any]
@@ -50,22 +50,22 @@ class OtherVersionError(ValueError):
 
 
 class Executor:
-    """What a user gave as `executor=`: submits, and is made anew by its factory.
+    """The user's `executor=`, or one that his factory makes, and makes again when a worker dies.
 
     In a ``with`` statement it serves several maps, and ends with it.
     """
 
-    def __init__(self, given: Any) -> None:
-        self._factory: Any
+    def __init__(self, executor: Any) -> None:
         self._held = False
-        self._own = given is None or (
-            callable(given) and (isinstance(given, type) or not hasattr(given, "submit"))
-        )
-        self._factory = functools.partial(ThreadPoolExecutor, cores()) if given is None else given
-        if not self._own and not hasattr(given, "submit"):
-            raise ValueError(
-                f"executor must take calls; got a value of type {type(given).__name__}. {_ADVICE}"
-            )
+        if executor is None:
+            executor = functools.partial(ThreadPoolExecutor, cores())
+        # A class has `submit`, too, but it makes executors.
+        submits = hasattr(executor, "submit")
+        self._has_factory = callable(executor) and (isinstance(executor, type) or not submits)
+        if not self._has_factory and not submits:
+            kind = type(executor).__name__
+            raise ValueError(f"executor must take calls; got a value of type {kind}. {_ADVICE}")
+        self._given: Any = executor
         self._renew()
 
     def __enter__(self) -> Self:
@@ -77,18 +77,20 @@ class Executor:
         self.close()
 
     def _renew(self) -> None:
-        executor = self._factory() if self._own else self._factory
+        executor = self._given() if self._has_factory else self._given
         if not hasattr(executor, "submit"):
             raise ValueError(
                 f"executor must make an executor; it made a {type(executor).__name__}. {_ADVICE}"
             )
+        # A Dask client is no executor, but gives one.
         self._client = executor if hasattr(executor, "get_executor") else None
         self._pool = executor if self._client is None else executor.get_executor(pure=False)
+        # Two calls per worker, so that the next is there when one ends.
         self.window = 2 * (getattr(self._pool, "_max_workers", None) or _UNKNOWN // 2)
 
     def outlive(self, names: Sequence[str]) -> None:
-        """Another executor in place of one whose worker was killed while these calls were open."""
-        if not self._own:
+        """Replace the executor, a worker of which was killed while these calls were open."""
+        if not self._has_factory:
             raise ValueError(
                 f"executor must be one whose workers live; one was killed while {several(names, 5)}"
                 " ran. Give a function that makes executors, such as lambda:"
@@ -101,38 +103,38 @@ class Executor:
         self._renew()
 
     def submit(self, work: _Work) -> Future[Any]:
-        """A call begun; of a closed executor a refusal."""
+        """Begin a call; refuse one on a closed executor."""
         try:
             return self._pool.submit(work)
         except BrokenExecutor:
             raise
         except Exception as error:
-            said = str(error).lower()
-            client = getattr(self._pool, "_client", None)
-            if (
-                "shutdown" in said
-                or "closed" in said
-                or getattr(client, "status", "running") != "running"
-            ):
+            # Executors have no common error for being closed, only the word.
+            text = str(error).lower()
+            status = getattr(getattr(self._pool, "_client", None), "status", "running")
+            if "shutdown" in text or "closed" in text or status != "running":
                 raise ValueError(
-                    f"executor must be open; it is closed ({_said(error)}). Give one that runs."
+                    f"executor must be open; it is closed ({_line(error)}). Give one that runs."
                 ) from None
+            # Any other error, as of arguments that cannot be sent, belongs to this call alone.
             failed: Future[Any] = Future()
             failed.set_exception(error)
             return failed
 
     def close(self, wait: bool = True) -> None:
-        """Give up an executor that was made here; the user's own stays open."""
-        if self._held:
+        """Close an executor that the factory made; the user's stays open."""
+        if self._held or not self._has_factory:
             return
-        if self._own and self._client is not None:
+        if self._client is not None:
             self._client.close()
-        elif self._own:
+        else:
             self._pool.shutdown(wait=wait)
 
 
 @dataclass(eq=False)
 class _Call:
+    """A call, its `tries` so far, and whether it must run `alone` since it may kill its worker."""
+
     key: Any
     number: int
     parts: tuple[Callable[..., Any], Sequence[Any], Mapping[str, Any]]
@@ -151,17 +153,17 @@ def finished(
     Calls are taken as there is room for them. One that raises, or kills its worker, is tried again
     `retries` times.
     """
-    source, done = enumerate(calls), SimpleQueue[Future[Any]]()
-    waiting, suspects, running = deque[_Call](), deque[_Call](), dict[Future[Any], _Call]()
+    source = enumerate(calls)
+    ended = SimpleQueue[Future[Any]]()
+    waiting = deque[_Call]()  # to be tried again
+    suspects = deque[_Call]()  # open when a worker was killed
+    running = dict[Future[Any], _Call]()
     broken = False
 
     def following() -> _Call | None:
         """The next call for which there is room; while suspects are tried there is room for one."""
-        if (
-            broken
-            or len(running) >= executor.window
-            or any(call.alone for call in running.values())
-        ):
+        full = len(running) >= executor.window
+        if broken or full or any(call.alone for call in running.values()):
             return None
         if suspects:
             return None if running else suspects.popleft()
@@ -173,6 +175,7 @@ def finished(
 
     try:
         while True:
+            # 1. Begin calls while there is room.
             while (call := following()) is not None:
                 try:
                     future = executor.submit(_Work(*call.parts, (call.number, call.tries)))
@@ -181,25 +184,30 @@ def finished(
                     broken = True
                     break
                 running[future] = call
-                future.add_done_callback(done.put)
+                future.add_done_callback(ended.put)
             if not running and not broken:
                 return
+
+            # 2. Take the next call that ends.
             if running:
-                future = done.get()
+                future = ended.get()
                 call, error = running.pop(future), _error_of(future)
                 _require_same_library(error)
                 broken |= isinstance(error, BrokenExecutor)
                 if error is None:
                     yield call.key, future.result(), None
-                elif _killed(error) and not call.alone:  # this call, or one beside it
+                elif _killed(error) and not call.alone:
+                    # This call killed the worker, or one beside it.
                     call.alone = True
                     suspects.append(call)
-                # Dask has tried it again
                 elif call.tries < retries and type(error).__name__ != "KilledWorker":
+                    # Dask itself has tried again the call of a KilledWorker.
                     call.tries += 1
                     (suspects if call.alone else waiting).append(call)
                 else:
                     yield call.key, None, error
+
+            # 3. A broken executor is replaced once all its calls have ended.
             if broken and not running:
                 executor.outlive([str(call.key) for call in suspects])
                 broken = False
@@ -213,9 +221,9 @@ def mapped(function: Callable[[Any], T], items: Sequence[Any], executor: Any) ->
     """[function(item) for item in items] on the user's executor; the first failure is raised."""
     results: list[Any] = [None] * len(items)
     calls: Any = ((i, (function, (item,), {})) for i, item in enumerate(items))
-    for i, result, error in finished(
-        calls, executor if isinstance(executor, Executor) else Executor(executor)
-    ):
+    if not isinstance(executor, Executor):
+        executor = Executor(executor)
+    for i, result, error in finished(calls, executor):
         if isinstance(error, ValueError):
             raise error
         if error is not None:
@@ -227,22 +235,23 @@ def mapped(function: Callable[[Any], T], items: Sequence[Any], executor: Any) ->
 
 
 def reason(error: BaseException) -> str:
-    """One line that says why a call failed."""
+    """The reason for which a call failed, in one line."""
+    line = _line(error)
     if _killed(error):
-        return f"{_KILLS} ({_said(error)})"
+        return f"{_KILLS} ({line})"
     if "pickle" in f"{type(error).__name__} {error}".lower() or "serialize" in str(error).lower():
         return (
-            f"it cannot be sent to another process: {_said(error)}. Give functions and arguments of"
+            f"it cannot be sent to another process: {line}. Give functions and arguments of"
             " modules."
         )
-    return _said(error)
+    return line
 
 
 def _killed(error: BaseException) -> bool:
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 
-def _said(error: BaseException) -> str:
+def _line(error: BaseException) -> str:
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text:.300}" if text else type(error).__name__
 
@@ -255,7 +264,7 @@ def _error_of(future: Future[Any]) -> BaseException | None:
 
 
 def _require_same_library(error: BaseException | None) -> None:
-    """Stop where workers have no such library: every call would fail there."""
+    """Stop if workers lack the library or have another version: every call would fail there."""
     if isinstance(error, OtherVersionError):
         raise error
     if isinstance(error, ModuleNotFoundError) and error.name in ("plant", "identification", "ctc"):

@@ -22,18 +22,36 @@ from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
 
-# Samples of a path that is found from its counts, and the share of them that may have another
-# count.
-_FEW = 50
-_MOST = 100_000
-_MISSED = 0.05
+# Samples of a path that are evaluated at once: a motion takes much memory meanwhile.
+_AT_ONCE = 1 << 16
 
-_AT_ONCE = 1 << 16  # samples of a path that are found at once
 
-# Samples from which the initial speed is estimated; and how far off a parabola rounding leaves them
-# [pulses].
-_FIRST = 10
-_ON_A_PARABOLA = 1.5
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PathSettings:
+    """Numbers by which a motion is rebuilt from commanded counts, chosen by hand.
+
+    Parameters
+    ----------
+    shortest : int
+        A log of up to twice as many samples is too short to be rebuilt.
+    longest : int
+        Samples of the longest log that is rebuilt.
+    missed : float
+        Share of the samples that may have another count than the log, which rounding explains.
+    start : int
+        Samples from which the initial speed is estimated.
+    deviation : float
+        Largest deviation of these samples' counts from a parabola [pulses] that rounding explains.
+    """
+
+    shortest: int = 50
+    longest: int = 100_000
+    missed: float = 0.05
+    start: int = 10
+    deviation: float = 1.5
+
+
+SETTINGS = PathSettings()
 
 
 class Path:
@@ -53,11 +71,11 @@ class Path:
         return motion, self.rig.counts(motion.q)
 
     def setpoint(self, t: Floats) -> Motion:
-        """What a law is given at times t (N,)."""
+        """The motion that a law follows, at times t (N,)."""
         return self.reference(t)
 
     def require_fit(self, law: Law) -> None:
-        """Refuse a law that serves another motion alone; most serve any, and have no such rule."""
+        """Refuse a law that is made for another motion; most laws serve any."""
         getattr(law, "require_reference", lambda _: None)(self.reference)
 
     def start(self) -> tuple[Floats, Floats]:
@@ -78,6 +96,7 @@ class Logged:
 
     def __call__(self, t: Floats) -> tuple[Motion, Floats]:
         place = self.clock.place(t)
+        # Before the log and after it the counts stay as they are at its ends.
         row = np.clip(np.floor(place).astype(int), 0, len(self.pulses) - 1)
         following = np.minimum(row + 1, len(self.pulses) - 1)
         step = self.pulses[following] - self.pulses[row]
@@ -87,32 +106,27 @@ class Logged:
         return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
 
     def smoothed(self, t: Floats, finer: float = 1.0) -> Motion:
-        """The smoothest motion that the rounding of the counts allows; through all of them where
-        they have fractions.
+        """The smoothest motion within the rounding of the counts; through counts with fractions.
 
-        A `finer` one has so many times as many knots: where the two differ, rounding hides the
-        motion.
+        With `finer` times as many knots: where the two motions differ, rounding hides the true one.
         """
         sampled = self.clock.t[self.clock.rows]
         if finer not in self._splines:
             encoder = self.rig.encoder
-            centres = (
-                encoder.position_in_pulses(encoder.cell_centre(self.pulses))
-                if self.whole
-                else self.pulses
-            )
+            centres = self.pulses
+            if self.whole:
+                centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses))
             self._splines[finer] = smooth_splines(sampled, centres, self.whole, finer)
         within = np.clip(t, 0, sampled[-1])
         splines = self._splines[finer]
-        return Motion(
-            *(
-                self.rig.to_angle(np.column_stack([each(within, nu) for each in splines]))
-                for nu in range(3)
-            )
-        )
+
+        def derivative(order: int) -> Floats:
+            return self.rig.to_angle(np.column_stack([spline(within, order) for spline in splines]))
+
+        return Motion(derivative(0), derivative(1), derivative(2))
 
     def setpoint(self, t: Floats) -> Motion:
-        """What a law is given at times t (N,)."""
+        """The motion that a law follows, at times t (N,)."""
         return self.smoothed(t)
 
     def start(self) -> tuple[Floats, Floats]:
@@ -121,8 +135,7 @@ class Logged:
 
 
 def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False) -> Path | Logged:
-    """Commanded path of a record: its reference where it has one, its logged counts otherwise; both
-    must agree.
+    """Commanded path of a record: its reference, which must agree with its counts, or the counts.
 
     Smooth: not rounded to pulses; counts then stand for the middle of their quantisation cell. A
     reference whose logged counts have fractions is not rounded either.
@@ -134,79 +147,69 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
         centres = rig.encoder.position_in_pulses(rig.encoder.cell_centre(counts))
         return Logged(centres, smooth_rig(rig), clock) if smooth else Logged(counts, rig, clock)
     path = Path(record.reference, record.rig)
-    own = counts_along(path, clock.t[clock.rows])
-    off = np.abs(own - record.reference_pulses).max(axis=1)
+    counts = counts_along(path, clock.t[clock.rows])
+    off = np.abs(counts - record.reference_pulses).max(axis=1)
     off[record.valid == 0] = 0
+    # Rounding explains one pulse; rows of another time, as of lost messages, are found elsewhere.
     wrong = np.flatnonzero(off > 1)
     if len(wrong) and not off_reference(record)[wrong].all():
         raise ValueError(
             f"reference_pulses must be the reference's own, from t = 0; sample {wrong[0]} is"
-            f" {off[wrong[0]]:.0f} pulses off. {_scaled(record, own)}Correct the reference, or"
-            " leave it out to replay the logged counts."
+            f" {off[wrong[0]]:.0f} pulses off. {_scale_hint(record, counts)}Correct the reference,"
+            " or leave it out to replay the logged counts."
         )
     whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
     return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
 
 
-def _scaled(record: Record, own: Floats) -> str:
-    """What to look at where logged counts are a joint's own (N, n) times a number: "" where they
-    are not.
-    """
-    moved, logged = (each - each.mean(axis=0) for each in (own, record.reference_pulses))
+def _scale_hint(record: Record, counts: Floats) -> str:
+    """A hint if logged counts are those of the reference (N, n) times a number, otherwise ""."""
+    moved = counts - counts.mean(axis=0)
+    logged = record.reference_pulses - record.reference_pulses.mean(axis=0)
     power = (moved * moved).sum(axis=0)
     ratio = np.where(power > 0, (moved * logged).sum(axis=0) / np.maximum(power, 1.0), 1.0)
     joint = int(np.argmax(np.abs(ratio - 1)))
-    # both are rounded, and their means
-    told = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()
-    if not told or abs(ratio[joint] - 1) < 1e-3:
+    # Both counts are rounded, and so are their means.
+    proportional = (np.abs(logged - ratio * moved) <= 1.5 + np.abs(ratio)).all()
+    if not proportional or abs(ratio[joint] - 1) < 1e-3:
         return ""
-    where = record.rig.joint_labels[joint]
     return (
-        f"At {where} they are {ratio[joint]:.4g} times the reference's: check gear, pulses per turn"
-        " and sign. "
+        f"At {record.rig.joint_labels[joint]} they are {ratio[joint]:.4g} times the reference's:"
+        " check gear, pulses per turn and sign. "
     )
 
 
 def counts_along(path: Path | Logged, t: Floats) -> Floats:
-    """Counts (N, n) of a path at times t (N,), block by block: the motion of a long log takes
-    much memory.
-    """
+    """Counts (N, n) of a path at times t (N,), evaluated block by block."""
     return np.concatenate([path(part)[1] for part in np.array_split(t, -(-len(t) // _AT_ONCE))])
 
 
 def is_rounded(record: Record) -> bool:
-    """Whether the path of a record is known as whole counts at its samples, of which its law may
-    have known more.
-    """
-    asked = record.reference_pulses
-    if (
-        record.reference is not None
-        or record.law is None
-        or record.law.replays
-        or record.rig.encoder.smooth
-    ):
+    """Whether a record has its path only as whole counts, of which its law may have known more."""
+    counts = record.reference_pulses
+    law = record.law
+    if record.reference is not None or law is None or law.replays or record.rig.encoder.smooth:
         return False
-    return bool(np.ptp(asked) > 0 and (asked == np.trunc(asked)).all())
+    return bool(np.ptp(counts) > 0 and (counts == np.trunc(counts)).all())
 
 
 def with_path(record: Record) -> Record:
-    """A record whose law acts between samples, too, with the smooth motion through its commanded
-    counts as reference.
+    """A record of a law without a period, with the smooth motion through its counts as reference.
 
     Straight lines through counts lag by half a pulse between samples, which looks like late
-    torques. The record itself, where its path is known, or is not smooth: its counts are to be
-    those of the motion but for one sample in twenty.
+    torques. The record itself is returned if its path is known, or is not smooth: its counts are to
+    be those of the motion but for one sample in twenty.
     """
     law: Any = record.law
     if not is_rounded(record) or law.period is not None or law.initial_state(record.n).size:
         return record
-    if not 2 * _FEW < len(record) <= _MOST:
+    if not 2 * SETTINGS.shortest < len(record) <= SETTINGS.longest:
         return record
     clock = Clock.of(record)
     times = clock.t[clock.rows]
     q = Logged(record.reference_pulses, record.rig, clock).smoothed(times).q
     off = np.abs(record.rig.counts(q) - record.reference_pulses)
-    if off.max() > 1 or (off > 0).mean() > _MISSED or times[0] != 0:
+    if off.max() > 1 or (off > 0).mean() > SETTINGS.missed or times[0] != 0:
         return record
     return dataclasses.replace(record, reference=Spline(times=times, points=q, at_rest=False))
 
@@ -223,32 +226,34 @@ def start_of(record: Record, path: Path | Logged) -> Any:
         return record.initial
     q, qd = path.start()
     counted = record.rig.cell_centre(record.reference_pulses[0] - record.error_pulses[0])
+    # The encoders of coupled joints count shafts, so that each is chosen there.
     coupling = record.rig.drive.coupling
-    q = coupling.joint(
-        np.where(np.abs(record.error_pulses[0]) >= 1, *map(coupling.shaft, (counted, q)))
-    )
-    return q, qd if record.reference is not None else _first_speed(record)
+    apart = np.abs(record.error_pulses[0]) >= 1
+    q = coupling.joint(np.where(apart, coupling.shaft(counted), coupling.shaft(q)))
+    return q, qd if record.reference is not None else _initial_speed(record)
 
 
-def _first_speed(record: Record) -> Floats:
-    """Initial speed (n,) [rad/s] of a parabola through the first counts.
+def _initial_speed(record: Record) -> Floats:
+    """Initial speed (n,) [rad/s] of a parabola through the counts of the start.
 
     Zero where they hardly move, or where a controller was switched on: there they are on no
     parabola.
     """
-    t = record.t[:_FIRST] - record.t[0]
-    counts = record.counts[:_FIRST]
-    if len(t) < _FIRST or (np.ptp(counts, axis=0) <= 1).all():
+    polynomial = np.polynomial.polynomial
+    t = record.t[: SETTINGS.start] - record.t[0]
+    counts = record.counts[: SETTINGS.start]
+    if len(t) < SETTINGS.start or (np.ptp(counts, axis=0) <= 1).all():
         return np.zeros(record.n)
     scale = t[-1]
-    fitted = np.polynomial.polynomial.polyfit(t / scale, counts, 2)
-    off = np.abs(np.polynomial.polynomial.polyval(t / scale, fitted).T - counts).max(axis=0)
-    switched_on = (off > _ON_A_PARABOLA) & (record.law is None or not record.law.replays)
-    return record.rig.to_angle(np.where(switched_on, 0.0, fitted[1]) / scale)
+    coefficients = polynomial.polyfit(t / scale, counts, 2)
+    off = np.abs(polynomial.polyval(t / scale, coefficients).T - counts).max(axis=0)
+    # A record that repeats its log has no controller that was switched on.
+    switched_on = (off > SETTINGS.deviation) & (record.law is None or not record.law.replays)
+    return record.rig.to_angle(np.where(switched_on, 0.0, coefficients[1]) / scale)
 
 
 def write_replay(record: Record, path: str | os.PathLike[str]) -> None:
-    """Write the inputs of a controller in an experiment, as ``main.c`` replays them.
+    """Write the inputs of a controller in an experiment as a CSV file, for ``main.c`` to replay.
 
     Parameters
     ----------
@@ -270,7 +275,8 @@ def write_replay(record: Record, path: str | os.PathLike[str]) -> None:
     --------
     >>> from pathlib import Path
     >>> from plant import puma560, simulate, write_replay
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.2)
+    >>> arm, rig, law = puma560.arm(), puma560.rig(), puma560.p_law()
+    >>> record = simulate(arm, rig, law, puma560.reference(), duration=0.2)
     >>> write_replay(record, "record.csv")
     >>> Path("record.csv").read_text()[:17]
     'pulses_1,pulses_2'

@@ -1,5 +1,4 @@
-"""A law run along a log: the torque that it commanded follows from reference and counts, and from
-its memory before.
+"""A law run along a log: its torque follows from reference, counts and its previous memory.
 
 A law steps at its own period; one without a period is stepped four times per sample.
 """
@@ -31,20 +30,18 @@ class LawRun(Frozen):
     states: Floats
 
     def around(self, t: Floats, width: float) -> Floats:
-        """Mean (N, n) [N m] of the torque given over a time `width` [s] around each of the times
-        t (N,) [s].
-        """
-        ends = np.append(
-            self.t, self.t[-1] + width + (self.t[-1] - self.t[-2] if len(self.t) > 1 else width)
-        )
-        done = np.vstack(
-            [np.zeros(self.given.shape[1]), np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)]
-        )
+        """Mean torque (N, n) [N m] over a time `width` [s] around each of the times t (N,) [s]."""
+        # The last torque is held for one more step, and beyond the end of every window.
+        last = self.t[-1] - self.t[-2] if len(self.t) > 1 else width
+        ends = np.append(self.t, self.t[-1] + width + last)
+        # A mean is the difference of the torque's integral over the window's length.
+        impulse = np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)
+        integral = np.vstack([np.zeros(self.given.shape[1]), impulse])
         low = np.maximum(t - width / 2, 0.0)
         high = t + width / 2
         means = [
-            (np.interp(high, ends, own) - np.interp(low, ends, own)) / (high - low)
-            for own in done.T
+            (np.interp(high, ends, joint) - np.interp(low, ends, joint)) / (high - low)
+            for joint in integral.T
         ]
         return np.column_stack(means)
 
@@ -59,7 +56,7 @@ def run_law(record: Record, finer: float = 1.0) -> LawRun:
 
 
 def run_from(record: Record, states: Iterable[Any], finer: float = 1.0) -> Iterator[LawRun]:
-    """The same runs from each of some states (s,) of the law."""
+    """Runs as of `run_law`, one from each of some states (s,) of the law."""
     law = record.law
     rig = record.rig
     if not isinstance(law, AlongLog):
@@ -69,11 +66,9 @@ def run_from(record: Record, states: Iterable[Any], finer: float = 1.0) -> Itera
     clock = Clock.of(record)
     path = path_of(record, clock, smooth=not law.rounds)
     period = law.period or rig.period / FAST
-    t = np.asarray(
-        period * np.arange(int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1),
-        dtype=np.float64,
-    )
+    steps = int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1
+    t = np.asarray(period * np.arange(steps), dtype=np.float64)
     motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t)
     columns = *motion, path(t)[1], clock.between(law.replayed(record), t)
-    for given, memory in law.steps(rig, columns, period, states):
-        yield LawRun(t=t, given=given, states=memory)
+    for torque, memory in law.steps(rig, columns, period, states):
+        yield LawRun(t=t, given=torque, states=memory)

@@ -1,8 +1,8 @@
 """The vectors of a closed loop by name: its state, its inputs in time, its numbers, its log.
 
-A `Layout` declares each vector once as `Fields`; the equations of `plant.simulation.closed_loop`
-read records of symbols, such as ``state.q`` and ``time.q_r``, and write the following state by name.
-A field that a loop does not need has no numbers, so that the records of all loops are alike.
+A `Layout` declares each vector once as `Fields`. The equations of `plant.simulation.closed_loop`
+read records of symbols, such as ``state.q`` and ``time.q_r``, and write the following state by
+name. A field that a loop does not need has no numbers, so that the records of all loops are alike.
 """
 
 import dataclasses
@@ -54,7 +54,7 @@ class Correction(Part):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Layout:
-    """The vectors of a closed loop; `plant.simulation.closed_loop.ClosedLoop` has its parameters."""
+    """The vectors of a `plant.simulation.closed_loop.ClosedLoop`, which has the parameters."""
 
     dynamics: Dynamics
     rig: Rig
@@ -156,9 +156,9 @@ class Layout:
         """Fields of the inputs that are known beforehand, for each step.
 
         ``q_r``, ``qd_r``, ``qdd_r`` [rad, s] and commanded counts ``pulses_r``; the column that the
-        law replays, ``logged``; the ``injected`` torque [N m]. With a transport the ``place`` of the
-        sub-step after the law's, and which loops ``lost`` their counts; with jitter the ``draw`` of
-        the law's instant. ``h``: length of the coming sub-step [s].
+        law replays, ``logged``; the ``injected`` torque [N m]. With a transport the ``place`` of
+        the sub-step after the law's, and the loops that ``lost`` their counts; with jitter the
+        ``draw`` of the law's instant. ``h``: length of the coming sub-step [s].
         """
         passing = _single_if(self.rig.transport is not None)
         return Fields(

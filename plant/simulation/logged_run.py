@@ -1,6 +1,4 @@
-"""One run of a closed loop with its log, by the compiled kernel or by casadi, the reference;
-refused if it diverges.
-"""
+"""One run of a closed loop with its log, by the compiled kernel or by casadi, the reference."""
 
 import functools
 import math
@@ -18,46 +16,53 @@ from plant.simulation.time_tables import time_tables
 
 
 def by_casadi(
-    loop: ClosedLoop, tables: tuple[Floats, ...], state: Floats, numbers: Floats
+    loop: ClosedLoop, tables: tuple[Floats, ...], state: Any, numbers: Floats
 ) -> tuple[Floats, int, Floats, Floats]:
-    """Final state, steps done, log and true errors: `mapaccum` over whole periods of law and
-    log, then the rest.
-    """
+    """Final state, steps done, log and true errors, by casadi's functions."""
     per_sample = loop.steps_per_sample
     per_law = loop.steps_per_law
     steps = len(tables[-1])
+
+    # 1. By `mapaccum` as many chunks as there are, each of whole periods of the law and the log.
     chunk = math.lcm(per_sample, per_law or per_sample)
-    chunks, left = divmod(steps, chunk)
-    done = (
-        chunks * (chunk // per_law if per_law else 0),
-        chunks * chunk // per_sample,
-        chunks * chunk,
-    )
-    parts: list[Any] = []
+    chunks, remaining = divmod(steps, chunk)
+    law_rows = chunks * chunk // per_law if per_law else 0
+    rows = law_rows, chunks * chunk // per_sample, chunks * chunk
+    logs = []
+    errors = []
     if chunks:
         columns = [
-            np.ascontiguousarray(table[:count].T) for table, count in zip(tables, done, strict=True)
+            np.ascontiguousarray(table[:count].T) for table, count in zip(tables, rows, strict=True)
         ]
         repeated = _repeated(Structure(loop), chunk, chunks)
-        parts.append(repeated(state, *columns, np.repeat(numbers[:, None], chunks, axis=1)))
-        state = parts[0][0][:, -1]
-    if left:
-        rest = [table[count:].T for table, count in zip(tables, done, strict=True)]
-        parts.append(_stepped(loop, state, rest, numbers, left))
-    log, error = (np.vstack([part[i].full().T for part in parts]) for i in (1, 2))
-    bad = np.flatnonzero(~np.isfinite(error).all(axis=1))
-    return parts[-1][0].full()[:, -1], int(bad[0]) if len(bad) else steps, log, error
+        states, log, error = repeated(state, *columns, np.repeat(numbers[:, None], chunks, axis=1))
+        state = states[:, -1]
+        logs.append(log.full().T)
+        errors.append(error.full().T)
+
+    # 2. Step by step the sub-steps that remain.
+    if remaining:
+        columns = [table[count:].T for table, count in zip(tables, rows, strict=True)]
+        state, log, error = _stepped(loop, state, columns, numbers, remaining)
+        logs.append(log.full().T)
+        errors.append(error.full().T)
+    true_error = np.vstack(errors)
+    diverged = np.flatnonzero(~np.isfinite(true_error).all(axis=1))
+    done = int(diverged[0]) if len(diverged) else steps
+    return state.full()[:, -1], done, np.vstack(logs), true_error
 
 
 def _stepped(
     loop: ClosedLoop, state: Any, times: Sequence[Any], numbers: Any, steps: int
 ) -> tuple[Any, Any, Any]:
-    """State, log and true errors after sub-steps from where a sample and the law's period begin;
-    symbols or numbers.
+    """State, log and true errors after some sub-steps; symbols or numbers.
 
-    The columns of `times` are the rows of the tables for law, samples and sub-steps.
+    A sample and a period of the law begin with them. The columns of `times` are the rows of the
+    tables for law, samples and sub-steps.
     """
-    (law_time, sample_time, step_time), logs, errors = times, [], []
+    law_time, sample_time, step_time = times
+    logs = []
+    errors = []
     for i in range(steps):
         if loop.law_step is not None and i % loop.steps_per_law == 0:
             state = loop.law_step(state, law_time[:, i // loop.steps_per_law], numbers)
@@ -73,11 +78,12 @@ def _stepped(
 
 @functools.lru_cache(maxsize=8)
 def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
-    """(states, law rows, sample rows, step rows, numbers) -> (states, log, true error) over
-    `count` chunks.
+    """The Function of a loop over `count` chunks of sub-steps.
+
+    (states, law rows, sample rows, step rows, numbers) -> (states, log, true error).
     """
     loop = key.loop
-    per_law = key.loop.steps_per_law
+    per_law = loop.steps_per_law
     rows = {
         "law": chunk // per_law if per_law else 0,
         "sample": chunk // loop.steps_per_sample,
@@ -95,9 +101,9 @@ def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
 def logged_run(
     loop: ClosedLoop, arm: Arm, driven: tuple[Any, ...], start: Any, backend: str
 ) -> tuple[Floats, Floats]:
-    """Log and true errors of a run from a start, or a refusal where it diverges.
+    """Log and true errors of a run from a start, or a refusal if it diverges.
 
-    It is driven by a path, a clock, what is replayed and what is injected, as for `time_tables`.
+    It is driven by a path, a clock, a replayed column and an injected torque, as for `time_tables`.
     """
     numbers = loop.number_values(arm.f)
     state = loop.initial_state(start[0], start[1], numbers)
@@ -119,16 +125,16 @@ def _by_kernel(
     log = np.full((samples, loop.n_log), np.nan)
     true_error = np.full((steps, loop.n), np.nan)
     kernel = loop_kernel(loop, uneven=clock.even is None)
-    nothing = np.empty((samples, 0))
+    no_data = np.empty((samples, 0))
     tables = kernel.along(
-        loop, path, clock, nothing, logged=True, replayed=replayed, injected=injected
+        loop, path, clock, no_data, logged=True, replayed=replayed, injected=injected
     )
     final, _ = kernel.run(tables, state[:, None], np.empty((0, 1)), numbers, (log, true_error))
     return final[:, 0], log, true_error
 
 
 class DivergenceError(ValueError):
-    """A closed loop that did not stay bounded; the message says when, and which joint first."""
+    """A closed loop that did not stay bounded; the message has the time and the joint."""
 
 
 def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) -> NoReturn:
@@ -138,10 +144,11 @@ def refuse_divergence(loop: ClosedLoop, arm: Arm, log: Floats, final: Floats) ->
     motion = np.array([state.q, state.qd])
     values = np.abs(np.where(np.isfinite(motion), motion, np.inf))
     label = arm.dynamics.chain.joint_labels[int(np.argmax(values.max(axis=0)))]
+    # The last sample that is finite, and not yet far beyond any position of an arm.
     finite = np.flatnonzero(np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) < 1e3))
     time = (finite[-1] if len(finite) else 0) * loop.rig.period
-    start = q[0] if len(finite) else state.q
-    arm.require_positive(start)
+    # An arm whose D is not positive definite diverges in any loop, and has its own message.
+    arm.require_positive(q[0] if len(finite) else state.q)
     raise DivergenceError(
         f"the closed loop must stay bounded; it diverges after t = {time:.4f} s, {label} first. "
         "Lower the gains, shorten the law's period, or check that f belongs to this arm."

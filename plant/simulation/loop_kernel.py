@@ -16,15 +16,17 @@ from plant.simulation.time_tables import in_blocks, samples_of_law, time_tables
 
 K = TypeVar("K", bound="_Compiled")
 
-# individuals side by side in the loop of a population, chosen by tests/benchmarks/speed.py
+# Individuals side by side in the loop of a population; tests/benchmarks/speed.py chose it.
 LANES = 40
 
+# Individuals side by side where each is logged.
+LOGGED = 8
 
-LOGGED = 8  # the same where each is logged
-
-
-# samples of a logged run of many at once: their errors stay in the processor's cache
+# Samples of a logged run that are run at once: their errors stay in the processor's cache.
 _AT_ONCE = 1 << 14
+
+_COLUMNS = dict[str, list[int]]
+"""Columns that a kernel reads of its tables: of law, sample and step, and of the data."""
 
 
 class _Compiled:
@@ -34,8 +36,8 @@ class _Compiled:
     `uneven` steps have several lengths.
     """
 
-    usual = LANES
-    many = "population"
+    default_width = LANES
+    program_name = "population"
 
     def __init__(
         self,
@@ -45,15 +47,16 @@ class _Compiled:
         *,
         uneven: bool = False,
     ) -> None:
-        self.loop, self.lanes, self._uneven = loop, tuple(lanes), uneven
-        self.width = self.usual if width is None else width
+        self.loop = loop
+        self.lanes = tuple(lanes)
+        self._uneven = uneven
+        self.width = self.default_width if width is None else width
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        self._programs = dict[str, tuple[Kernel, dict[str, list[int]]]]()
+        self._programs = dict[str, tuple[Kernel, _COLUMNS]]()
 
-    def program(self, name: str) -> tuple[Kernel, dict[str, list[int]]]:
-        """``single`` or that of many, and the columns that it reads of its tables; made when it
-        is first asked for.
-        """
+    def program(self, name: str) -> tuple[Kernel, _COLUMNS]:
+        """The kernel ``single`` or `program_name`, and the columns that it reads."""
+        # Made on demand: most loops run one of the two.
         if name not in self._programs:
             width = 1 if name == "single" else self.width
             source, columns = loop_source(
@@ -62,13 +65,15 @@ class _Compiled:
             self._programs[name] = Kernel(source, [name]), columns
         return self._programs[name]
 
+    def _columns(self, logged: bool) -> _COLUMNS:
+        return self.program("single" if logged else self.program_name)[1]
+
     def prepared(self, tables: Sequence[Floats], *, logged: bool = False) -> tuple[Any, ...]:
-        """The columns of the tables (law_time, sample_time, step_time, data) that a run reads; and
-        h.
+        """Columns that a run reads of the tables (law, sample, step, data), and the step length h.
 
         `logged` is for a run of one individual with its log.
         """
-        return self._prepared(tables, self.program("single" if logged else self.many)[1])
+        return self._prepared(tables, self._columns(logged))
 
     def along(
         self,
@@ -81,16 +86,14 @@ class _Compiled:
         replayed: Floats | None = None,
         injected: Floats | None = None,
     ) -> tuple[Any, ...]:
-        """What a run of a loop along a path reads, as from `prepared`; columns that it does not
-        read are never made.
+        """Tables of a run of a loop along a path, as from `prepared`, without unread columns.
 
         The loop has this structure, and may have other numbers. Path, clock, replayed and injected
         are as for `time_tables`, `data` is (M, m).
         """
-        narrow, places = _narrow(self.program("single" if logged else self.many)[1])
-        return self._prepared(
-            (*time_tables(loop, path, clock, replayed, injected, narrow), data), places
-        )
+        narrow, places = _narrow(self._columns(logged))
+        tables = time_tables(loop, path, clock, replayed, injected, narrow)
+        return self._prepared((*tables, data), places)
 
     def blocks(
         self,
@@ -102,13 +105,14 @@ class _Compiled:
         *,
         samples: int,
     ) -> Iterator[tuple[Any, ...]]:
-        """The same without data, in blocks of about so many samples one after another."""
-        narrow, places = _narrow(self.program(self.many)[1])
+        """Tables as from `along`, without data, in successive blocks of about `samples`."""
+        narrow, places = _narrow(self._columns(logged=False))
         for tables in in_blocks(loop, path, clock, replayed, injected, narrow, samples=samples):
             yield self._prepared((*tables, np.empty((len(tables[1]), 0))), places)
 
-    def _prepared(self, tables: Sequence[Floats], columns: dict[str, list[int]]) -> tuple[Any, ...]:
+    def _prepared(self, tables: Sequence[Floats], columns: _COLUMNS) -> tuple[Any, ...]:
         """The columns of the tables, and the length of a step."""
+        # Behind the columns of each table in time stands the length of the sub-step.
         lengths = np.concatenate([table[:, -1] for table in tables[:3]])
         if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
             raise ValueError(
@@ -116,8 +120,8 @@ class _Compiled:
                 " uneven."
             )
         used = [
-            np.ascontiguousarray(table[:, some])
-            for table, some in zip(tables, columns.values(), strict=True)
+            np.ascontiguousarray(table[:, places])
+            for table, places in zip(tables, columns.values(), strict=True)
         ]
         return *used, lengths[0] if len(lengths) else 0.0
 
@@ -133,94 +137,90 @@ class LoopKernel(_Compiled):
         uniform: Floats,
         logs: tuple[Floats, Floats] | None = None,
     ) -> tuple[Floats, int]:
-        """Final states (s, W), and the number of sub-steps done: fewer than wanted if every
-        individual has diverged.
+        """Final states (s, W), and the number of sub-steps done, fewer if all have diverged.
 
-        Tables are from `prepared`, initial states (s, W), own numbers `lanes` (L, W), all others
-        `uniform` (U,). With `logs`, sample_log and step_log to be filled, there is one individual,
-        otherwise `width`.
+        Tables are from `prepared`, initial states (s, W), numbers of each individual `lanes`
+        (L, W), all others `uniform` (U,). With `logs`, sample_log and step_log to be filled, there
+        is one individual, otherwise `width`.
         """
-        name, logged = ("population", [np.empty((0, 0))] * 2) if logs is None else ("single", logs)
-        numbers = np.append(uniform, tables[-1])
+        name = "single"
+        if logs is None:
+            name = self.program_name
+            logs = np.empty((0, 0)), np.empty((0, 0))
+        *columns, h = tables
         final = np.empty_like(initial)
-        steps = self.program(name)[0].call(
-            name, initial, lanes, numbers, *tables[:-1], *logged, final
-        )
+        kernel, _ = self.program(name)
+        steps = kernel.call(name, initial, lanes, np.append(uniform, h), *columns, *logs, final)
         return final, steps
 
 
 class LoggedKernel(_Compiled):
     """A closed loop compiled for `width` individuals, with the tracking errors of each."""
 
-    usual = LOGGED
-    many = "logged"
+    default_width = LOGGED
+    program_name = "logged"
 
     def with_data(self, tables: tuple[Any, ...], data: Floats) -> tuple[Any, ...]:
         """The same tables with other data (M, m)."""
-        return (
-            *tables[:3],
-            np.ascontiguousarray(data[:, self.program("logged")[1]["data"]]),
-            tables[4],
-        )
+        law, sample, step, _, h = tables
+        columns = self._columns(logged=False)["data"]
+        return law, sample, step, np.ascontiguousarray(data[:, columns]), h
 
-    def with_held(self, tables: tuple[Any, ...], name: str, held: Floats) -> tuple[Any, ...]:
-        """The same tables with another "injected" torque, or what else is "logged" and held, (M,
-        n) at all samples.
+    def with_held(self, tables: tuple[Any, ...], name: str, values: Floats) -> tuple[Any, ...]:
+        """The same tables with other values (M, n) of a field that is held between samples.
+
+        The field is the "injected" torque, or the "logged" column if it is a torque or a current.
         """
-        first = self.loop.time_fields.at(self.loop.n)[name].start
-        changed = list(tables)
-        for i, which, times in ((1, "sample", 1), (2, "step", self.loop.steps_per_sample)):
-            joints = np.array(self.program("logged")[1][which], int) - first
-            own = (joints >= 0) & (joints < self.loop.n)
-            changed[i] = tables[i].copy()
-            changed[i][:, own] = np.repeat(held[:, joints[own]], times, axis=0)
-        return tuple(changed)
+        law, sample, step, data, h = tables
+        begin = self.loop.time_fields.at(self.loop.n)[name].start
+
+        def changed(table: Floats, block: str, repeats: int) -> Floats:
+            joints = np.array(self._columns(logged=False)[block], int) - begin
+            field = (joints >= 0) & (joints < self.loop.n)
+            table = table.copy()
+            table[:, field] = np.repeat(values[:, joints[field]], repeats, axis=0)
+            return table
+
+        sample = changed(sample, "sample", 1)
+        return law, sample, changed(step, "step", self.loop.steps_per_sample), data, h
 
     def parts(
         self, tables: tuple[Any, ...], samples: int
     ) -> Iterator[tuple[slice, tuple[Any, ...]]]:
-        """The tables of so many samples in parts that are run one after another: their samples,
-        and their tables.
-        """
+        """Samples and tables of the parts of a long run, which are run one after another."""
+        law, sample, step, data, h = tables
         steps = self.loop.steps_per_sample
         every = self.loop.steps_per_law
+        # Each part begins with a step of the law.
         size = _AT_ONCE * samples_of_law(self.loop)
         for begin in range(0, samples, size):
             end = min(begin + size, samples)
+            part = slice(begin, end)
             of_law = slice(begin * steps // every, -(-end * steps // every)) if every else slice(0)
-            rows = of_law, slice(begin, end), slice(begin * steps, end * steps), slice(begin, end)
-            yield (
-                rows[1],
-                (*(table[some] for table, some in zip(tables, rows, strict=False)), tables[-1]),
-            )
+            of_step = slice(begin * steps, end * steps)
+            yield part, (law[of_law], sample[part], step[of_step], data[part], h)
 
     def run(
         self, tables: tuple[Any, ...], samples: int, initial: Floats, lanes: Floats, uniform: Floats
     ) -> tuple[Floats, Floats]:
-        """Final states (s, W), and errors (N, n, W) [pulses] at so many samples; NaN after all have
-        diverged.
+        """Final states (s, W), and errors (N, n, W) [pulses], NaN after all have diverged.
 
-        What it is given is as of `LoopKernel`.
+        N is `samples`; the other arguments are as of `LoopKernel.run`.
         """
-        n = self.loop.n
+        *columns, h = tables
         final = np.empty_like(initial)
-        errors = np.empty((samples, n, self.width))
-        numbers = np.append(uniform, tables[-1])
-        rows = errors.reshape(-1, self.width)
+        errors = np.empty((samples, self.loop.n, self.width))
         kernel, _ = self.program("logged")
-        steps = kernel.call(
-            "logged", initial, lanes, numbers, *tables[:-1], rows, np.empty((0, 0)), final
-        )
+        logs = errors.reshape(-1, self.width), np.empty((0, 0))
+        steps = kernel.call("logged", initial, lanes, np.append(uniform, h), *columns, *logs, final)
         errors[-(-steps // self.loop.steps_per_sample) :] = np.nan
         return final, errors
 
 
-def _narrow(columns: dict[str, list[int]]) -> tuple[list[list[int]], dict[str, list[int]]]:
-    """Columns of the time tables that are read, and where they are when there are no others;
-    those of the data.
-    """
-    narrow = [columns[which] for which in ("law", "sample", "step")]
-    places = {which: list(range(len(columns[which]))) for which in ("law", "sample", "step")}
+def _narrow(columns: _COLUMNS) -> tuple[list[list[int]], _COLUMNS]:
+    """Columns of the time tables that a kernel reads, and their places in tables of them alone."""
+    narrow = [columns[block] for block in ("law", "sample", "step")]
+    places = {block: list(range(len(columns[block]))) for block in ("law", "sample", "step")}
     return narrow, {**places, "data": columns["data"]}
 
 
@@ -255,7 +255,5 @@ def loop_kernel(loop: ClosedLoop, lanes: Iterable[int] = (), *, uneven: bool = F
 
 
 def logged_kernel(loop: ClosedLoop, lanes: Iterable[int], *, uneven: bool = False) -> LoggedKernel:
-    """Compiled kernel of a closed loop that logs the tracking errors of individuals side by
-    side.
-    """
+    """Compiled kernel of a closed loop that logs the errors of individuals side by side."""
     return _cached(LoggedKernel, Structure(loop), tuple(lanes), uneven)

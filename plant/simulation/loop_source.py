@@ -1,9 +1,9 @@
-"""Source text of a closed loop's kernels, for one individual with its log or W individuals side by
-side.
+"""Source text of a closed loop's kernels, for one individual or for W individuals side by side.
 
 Quantity r of individual j is ``work[r * W + j]``, with W a constant of the file; time is the outer
 loop, the individuals are the innermost, and the body has no branch, so that LLVM vectorises it. The
-loops are Python for numba; what they repeat are intrinsics (`plant.compiler.intrinsics`).
+loops are Python for numba; the functions that they call are intrinsics
+(`plant.compiler.intrinsics`).
 """
 
 import dataclasses
@@ -18,19 +18,17 @@ from plant.compiler.intrinsics import head, intrinsic
 from plant.compiler.translate import Names, cut, translate
 from plant.simulation.closed_loop import ClosedLoop
 
-# individuals in one vector: the longest register that there is, or two or four shorter ones
+# Individuals in one vector: the longest register that there is, or two or four shorter ones.
 VECTOR = 8
 
-
-# Instructions in one loop over them; and in one for a single individual, where there is nothing to
-# overlap.
+# Instructions in one loop over the individuals, short enough for the processor to overlap several
+# of them; a single individual has nothing to overlap.
 PIECE = 40
 LONG_PIECE = 1000
 
-
-# Instructions from which on a step has by itself so many that do not wait for each other, as of
-# three joints and more, that loops over short pieces only cost memory; and those in one loop then,
-# for the compiler's sake.
+# From this number of instructions on, as of three joints and more, a step has enough that do not
+# wait for each other, and short pieces only cost memory. Pieces then have LONGEST instructions at
+# most, to spare the compiler.
 ENOUGH = 500
 LONGEST = 2000
 
@@ -45,112 +43,119 @@ def loop_source(
 ) -> tuple[str, dict[str, list[int]]]:
     """Text of one loop, and the columns (law, sample, step, data) that it reads of its tables.
 
-    ``single`` logs all that there is of its individual, ``logged`` the tracking errors of each,
+    ``single`` logs all quantities of its individual, ``logged`` the tracking errors of each,
     ``population`` nothing. `lanes` and `uniform` are positions in ``loop.number_names``. The length
     of a sub-step is the last of the uniform numbers; with uneven time it is in the tables.
     """
+    # 1. Rows of `work`: the state, the numbers that differ, then those that the emitter takes.
     states = len(loop.state_names)
-    rows = itertools.count(len(loop.state_names) + len(lanes))
-    kept = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
-    wanted = dict.fromkeys(_BLOCKS, None if name == "single" else states)
+    rows = itertools.count(states + len(lanes))
+    places = {f"s{i}": i for i in range(states)} | {f"l{i}": states + i for i in range(len(lanes))}
+
+    # 2. Of each function the outputs that the loop uses: the state, then a part of the log.
+    outputs = dict.fromkeys(_BLOCKS, None if name == "single" else states)
     if name == "logged":
-        wanted["sample"] = states + loop.log_fields.at(loop.n)["error"].stop
-    programs = _programs(loop, lanes, uniform, uneven, rows.__next__, wanted)
-    emitter = _Emitter(name, width, PIECE if width > 1 else LONG_PIECE, states, kept, rows.__next__)
+        outputs["sample"] = states + loop.log_fields.at(loop.n)["error"].stop
+    programs = _programs(loop, lanes, uniform, uneven, rows.__next__, outputs)
+
+    # 3. What is evaluated once, once per step, and once per step and individual.
+    size = PIECE if width > 1 else LONG_PIECE
+    emitter = _Emitter(name, width, size, states, places, rows.__next__)
     text, numbers = emitter.once(programs.values())
     blocks = dict.fromkeys(_BLOCKS, "pass")
     columns: dict[str, list[int]] = {"law": [], "sample": [], "step": [], "data": []}
-    for which, program in programs.items():
-        of_step, times = emitter.of_step(which, program, numbers, columns)
-        of_each, blocks[which] = emitter.of_each(which, program, numbers, times)
-        text += of_step + of_each
+    for block, program in programs.items():
+        of_step, times = emitter.of_step(block, program, numbers, columns)
+        of_individual, blocks[block] = emitter.of_individual(block, program, numbers, times)
+        text += of_step + of_individual
     settings: dict[str, Any] = {
         "states": states,
         "lanes": len(lanes),
         "per_law": loop.steps_per_law or 1,
+        "per_sample": loop.steps_per_sample,
+        "rows": next(rows),
+        "W": width,
+        "name": name,
+        "arguments": _ARGUMENTS,
     }
-    settings |= {"per_sample": loop.steps_per_sample, "rows": next(rows), "W": width, "name": name}
     return head() + text + _LOOP.format(**settings, **blocks), columns
 
 
 @dataclasses.dataclass(frozen=True)
 class _Emitter:
-    """Text of the functions that one loop calls; rows of `work` are `kept` for states and lanes,
-    others are `fresh`.
+    """Text of the functions that one loop calls.
+
+    `places` are the rows of `work` of states and lanes; `fresh` gives a new row.
     """
 
     name: str
     width: int
     size: int
     states: int
-    kept: dict[str, int]
+    places: dict[str, int]
     fresh: Callable[[], int]
 
     def once(self, programs: Collection[Any]) -> tuple[str, list[str]]:
-        """What is evaluated once, and once per individual; and the numbers that are the same for
-        all.
+        """Functions of values that do not change in time, and names of those that all share.
+
+        The first is evaluated once, the second once per individual.
         """
-        given = {number: kind for program in programs for number, kind in program.used.items()}
-        numbers = [number for number, kind in given.items() if kind == UNIFORM]
-        once = [
-            "u = e.view(kinds[0], u, 1, e.index(0, 0))",
-            *(f"{number} = u[{number[1:]}]" for number in numbers),
-        ]
-        of_lane = [
-            f"{number} = work[{self.kept[number]}]"
-            for number, kind in given.items()
+        used = {number: kind for program in programs for number, kind in program.used.items()}
+        numbers = [number for number, kind in used.items() if kind == UNIFORM]
+        uniform = ["u = e.view(kinds[0], u, 1, e.index(0, 0))"]
+        uniform += [f"{number} = u[{number[1:]}]" for number in numbers]
+        lane = [
+            f"{number} = work[{self.places[number]}]"
+            for number, kind in used.items()
             if kind == LANE
         ]
         for program in programs:
-            once += map(str, program.lines[UNIFORM])
-            numbers += _made(program.lines[UNIFORM])
-            of_lane += map(str, program.lines[LANE])
-            of_lane += [f"work[{row}] = {number}" for number, row in program.crossing.items()]
-        of_lane = [
+            uniform += map(str, program.lines[UNIFORM])
+            numbers += _assigned(program.lines[UNIFORM])
+            lane += map(str, program.lines[LANE])
+            lane += [f"work[{row}] = {number}" for number, row in program.crossing.items()]
+        # Unpacked last, since the programs have added to the numbers.
+        lane = [
             f"work = e.view(kinds[0], work, {self.width}, j)",
             _unpacked(numbers, "uniform"),
-            *of_lane,
+            *lane,
         ]
-        text = intrinsic(f"{self.name}_uniforms", ["u"], once, numbers)
-        return text + intrinsic(f"{self.name}_once", ["work", "j", "uniform"], of_lane), numbers
+        text = intrinsic(f"{self.name}_uniforms", ["u"], uniform, numbers)
+        return text + intrinsic(f"{self.name}_once", ["work", "j", "uniform"], lane), numbers
 
     def of_step(
-        self, which: str, program: Any, numbers: list[str], columns: dict[str, list[int]]
+        self, block: str, program: Any, numbers: list[str], columns: dict[str, list[int]]
     ) -> tuple[str, list[str]]:
-        """What is evaluated once per step, and the names of what that gives; what it reads joins
-        the `columns`.
+        """The function of a step that all individuals share, and the names of its results.
+
+        The inputs that it reads are added to the `columns` of the tables.
         """
-        read = [number for number, kind in program.used.items() if kind == TIME]
-        of_table = {letter: [number for number in read if number[0] == letter] for letter in "td"}
-        for letter, table in (("t", which), ("d", "data")):
+        inputs = [number for number, kind in program.used.items() if kind == TIME]
+        of_table = {letter: [number for number in inputs if number[0] == letter] for letter in "td"}
+        for letter, table in (("t", block), ("d", "data")):
             columns[table] += [int(number[1:]) for number in of_table[letter]]
         lines = [
-            f"t = e.view(kinds[0], t, 1, e.index(i, {len(columns[which])}))",
+            f"t = e.view(kinds[0], t, 1, e.index(i, {len(columns[block])}))",
             f"d = e.view(kinds[1], d, 1, e.index(i, {len(columns['data'])}))",
             _unpacked(numbers, "uniform"),
-            *(
-                f"{number} = {letter}[{i}]"
-                for letter, some in of_table.items()
-                for i, number in enumerate(some)
-            ),
-            *map(str, program.lines[TIME]),
         ]
-        times = read + _made(program.lines[TIME])
-        return (
-            intrinsic(f"{self.name}_{which}_times", ["t", "d", "i", "uniform"], lines, times),
-            times,
-        )
+        for letter, names in of_table.items():
+            lines += [f"{number} = {letter}[{i}]" for i, number in enumerate(names)]
+        lines += map(str, program.lines[TIME])
+        times = inputs + _assigned(program.lines[TIME])
+        function = f"{self.name}_{block}_times"
+        return intrinsic(function, ["t", "d", "i", "uniform"], lines, times), times
 
-    def of_each(
-        self, which: str, program: Any, numbers: list[str], times: list[str]
+    def of_individual(
+        self, block: str, program: Any, numbers: list[str], times: list[str]
     ) -> tuple[str, str]:
-        """What is evaluated once per step and individual, and the lines of the loop that call
-        it.
-        """
-        name = f"{self.name}_{which}"
+        """Functions of a step of each individual, and the lines of the loop that call them."""
+        name = f"{self.name}_{block}"
         width = self.width
         vector = math.gcd(self.width, VECTOR)
-        table, index, log = _BLOCKS[which]
+        table, index, log = _BLOCKS[block]
+
+        # 1. The results: states that change, to their rows of `work`, and the log.
         results = program.results[: self.states]
         logged = program.results[self.states :]
         stores: dict[int | str, str] = {
@@ -163,33 +168,34 @@ class _Emitter:
             _unpacked(times, "times"),
         ]
         parameters = ["work", "j", "uniform", "times"]
-        arguments = f"numbers, {which}_times"
+        arguments = f"numbers, {block}_times"
         if logged:
-            single = self.name == "single"  # else row by row, and beside each other in it
-            start += [
-                f"log = e.view(kinds[4], log, {width},"
-                f" {f'e.index(i, {len(logged)})' if single else 'i'})"
-            ]
+            # A single log has its rows one after the other; those of several individuals stand side
+            # by side in each row.
+            if self.name == "single":
+                row = f"e.index(i, {len(logged)})"
+                arguments += f", {log}, {index}"
+            else:
+                row = "i"
+                arguments += f", {log}, {index} * {len(logged) * width} + {{j}}"
+            start.append(f"log = e.view(kinds[4], log, {width}, {row})")
             parameters += ["log", "i"]
-            arguments += (
-                f", {log}, {index}"
-                if single
-                else f", {log}, {index} * {len(logged) * width} + {{j}}"
-            )
-        many = width > 1 and sum(line.weight for line in program.lines[STATE]) >= ENOUGH
-        longest = LONGEST if many else self.size
+
+        # 2. One function per piece, called for all individuals before the next piece.
+        instructions = sum(line.weight for line in program.lines[STATE])
+        longest = LONGEST if width > 1 and instructions >= ENOUGH else self.size
         pieces = cut(
-            program.lines[STATE], stores, self.kept | program.crossing, self.fresh, longest
+            program.lines[STATE], stores, self.places | program.crossing, self.fresh, longest
         )
         text = ""
-        block = [f"{which}_times = {name}_times_{{h}}({table}, data, {index}, numbers)"]
+        calls = [f"{block}_times = {name}_times_{{h}}({table}, data, {index}, numbers)"]
         for k, piece in enumerate(pieces):
-            j = f"j_{which}_{k}"  # a name assigned once compiles faster
+            j = f"j_{block}_{k}"  # a name assigned once compiles faster
             lines = start + [re.sub(r"{(\d+)}", r"work[\1]", line) for line in piece]
             text += intrinsic(f"{name}_{k}", parameters, lines, width=vector)
-            called = f"    {name}_{k}_{{h}}(work, {j}, {arguments.replace('{j}', j)})"
-            block += [f"for {j} in range(0, {width}, {vector}):", called]
-        return text, "\n            ".join(block)
+            calls.append(f"for {j} in range(0, {width}, {vector}):")
+            calls.append(f"    {name}_{k}_{{h}}(work, {j}, {arguments.replace('{j}', j)})")
+        return text, "\n            ".join(calls)
 
 
 def _programs(
@@ -198,14 +204,15 @@ def _programs(
     uniform: Sequence[int],
     uneven: bool,
     fresh: Callable[[], int],
-    wanted: Mapping[str, int | None],
+    outputs: Mapping[str, int | None],
 ) -> dict[str, Any]:
-    """The translated law (if it has a period), log and sub-step; of each only what so many first
-    outputs need.
+    """The translated law (if it has a period), log and sub-step.
+
+    Of each only the instructions that its leading `outputs` need.
     """
     names = Names()
-    where = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
-    where |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
+    numbers = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
+    numbers |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}
     times = [(f"t{i}", TIME) for i in range(len(loop.time_names))]
     if not uneven:
         # The length of a sub-step is behind the uniform numbers.
@@ -213,20 +220,20 @@ def _programs(
     inputs = [
         [(f"s{i}", STATE) for i in range(len(loop.state_names))],
         times,
-        [where[i] for i in range(len(where))],
+        [numbers[i] for i in range(len(numbers))],
         [(f"d{i}", TIME) for i in range(loop.n_data)],
     ]
     functions = {"law": loop.law_step, "sample": loop.sample, "step": loop.substep}
     return {
-        which: translate(
+        block: translate(
             function,
             inputs[: function.n_in()],
             names,
             fresh,
-            relaxed=which == "step",
-            wanted=wanted[which],
+            relaxed=block == "step",
+            wanted=outputs[block],
         )
-        for which, function in functions.items()
+        for block, function in functions.items()
         if function is not None
     }
 
@@ -235,22 +242,26 @@ def _unpacked(names: Sequence[str], values: str) -> str:
     return f"{', '.join(names or ['_'])}, = e.unpack({values})"
 
 
-def _made(lines: Sequence[Any]) -> list[str]:
+def _assigned(lines: Sequence[Any]) -> list[str]:
     return [name for line in lines for name in line.names]
 
 
-# Of each block of the loop: its table, the row of it, and its log.
+# Each block of the loop: its table, the row of the table, and its log.
 _BLOCKS = {
     "law": ("law_time", "i // PER_LAW", None),
     "sample": ("sample_time", "i // PER_SAMPLE", "sample_log"),
     "step": ("step_time", "i", "step_log"),
 }
 
+_ARGUMENTS = (
+    "initial, lanes, uniform, law_time, sample_time, step_time, data, sample_log, step_log, final"
+)
 
+# The last state is ``ok``: a loop ends early once it is 0 in all individuals.
 _LOOP = """
 
 @compiled
-def {name}_{{h}}(initial, lanes, uniform, law_time, sample_time, step_time, data, sample_log, step_log, final):
+def {name}_{{h}}({arguments}):
     widest_{{h}}()
     W, PER_LAW, PER_SAMPLE = {W}, {per_law}, {per_sample}
     space = np.empty({rows} * W + 8)

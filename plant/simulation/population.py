@@ -1,6 +1,6 @@
 """Closed loops that differ in numbers, simulated side by side.
 
-Of a run a few numbers are kept, worked out in the kernel at every sample.
+A run has no log: the kernel updates a few numbers at every sample (`tally`).
 """
 
 import dataclasses
@@ -96,7 +96,7 @@ def tally(rig: Rig) -> ca.Function:
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Runs(Frozen):
-    """Results of P runs of n joints, whose `samples` count.
+    """Results of P runs of n joints, of which `samples` count.
 
     (P, n): largest encoder error, magnitude, and the same before the encoder rounds, seen from its
     own zero, at the samples [pulses]; largest motor current [A]; chatter, the mean change of the
@@ -116,31 +116,33 @@ class Runs(Frozen):
     samples: int
 
     def __repr__(self) -> str:
-        left = int((self.outside > 0).sum())
-        return f"Runs({len(self.outside)} of {self.samples} samples, {left} violations)"
+        violations = int((self.outside > 0).sum())
+        return f"Runs({len(self.outside)} of {self.samples} samples, {violations} violations)"
 
     @classmethod
     def joined(cls, several: "Sequence[Runs]") -> "Runs":
-        """Runs of the same plants on several references as one of each, the references one after
-        the other.
-        """
-        of = {
-            each.name: np.array([getattr(runs, each.name) for runs in several])
-            for each in dataclasses.fields(cls)
+        """Runs of the same plants on several references, as if one reference followed the other."""
+        columns = {
+            field.name: np.array([getattr(runs, field.name) for runs in several])
+            for field in dataclasses.fields(cls)
         }
-        largest = {name: of[name].max(axis=0) for name in ("peak", "unrounded", "current")}
-        sums = {name: of[name].sum(axis=0) for name in ("outside", "before", "lost")}
-        samples = int(of["samples"].sum())
-        chatter = np.average(of["chatter"], axis=0, weights=of["samples"] / samples)
+        largest = {name: columns[name].max(axis=0) for name in ("peak", "unrounded", "current")}
+        sums = {name: columns[name].sum(axis=0) for name in ("outside", "before", "lost")}
+        samples = int(columns["samples"].sum())
         return cls(
-            **largest, **sums, chatter=chatter, first=np.fmin.reduce(of["first"]), samples=samples
+            **largest,
+            **sums,
+            chatter=np.average(columns["chatter"], axis=0, weights=columns["samples"] / samples),
+            first=np.fmin.reduce(columns["first"]),
+            samples=samples,
         )
 
 
 _Block = tuple[NDArray[np.float64], NDArray[np.int64]]
-_SENT = 8  # blocks that an executor is given at once
+"""Final states (W, s) of the loops that run side by side, and their lost counts (W,)."""
 
-# populations that a worker has built, by a name that is new for each; at most four
+# Populations that a worker process has built, by a name that is new for each. A population is sent
+# as its arguments, and built once for all blocks that the worker gets.
 _BUILT: dict[str, Any] = {}
 
 
@@ -170,41 +172,42 @@ class Population:
         initial: NDArray[np.float64] | None = None,
         lost: Callable[..., NDArray[np.bool_]] | None = None,
     ) -> None:
-        options = {
-            "within": within,
-            "steps_per_sample": steps_per_sample,
-            "duration": duration,
-            "after": after,
-        }
-        self._made: dict[str, Any] = options | {
+        self._arguments: dict[str, Any] = {
             "arm": arm,
             "rig": rig,
             "law": law,
             "reference": reference,
             "names": tuple(names),
+            "within": within,
+            "steps_per_sample": steps_per_sample,
+            "duration": duration,
+            "after": after,
             "initial": initial,
             "lost": lost,
         }
-        nominal = dataclasses.replace(
-            rig, encoder=dataclasses.replace(rig.encoder, phase=None), transport=None
-        )
+        # The score reads the counts of an encoder without phase, and of every sample.
+        encoder = dataclasses.replace(rig.encoder, phase=None)
         loop = ClosedLoop(
             dynamics=arm.dynamics,
             rig=rig,
             law=law,
             steps_per_sample=steps_per_sample,
-            score=tally(nominal),
+            score=tally(dataclasses.replace(rig, encoder=encoder, transport=None)),
         )
         clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
         path = Path(reference, rig)
-        self.loop, self._names, self._values, self._lost = loop, tuple(names), values, lost
+        self.loop = loop
+        self._names = tuple(names)
+        self._values = values
+        self._lost = lost
         counts = clock.t >= after - 1e-9 * rig.period
-        self.samples, self._changes = int(counts.sum()), int(counts[1:].sum())
+        self.samples = int(counts.sum())
+        self._changes = int(counts[1:].sum())
         self._times = time_tables(loop, path, clock)
-        self.law_steps, self._steps = len(self._times[0]), len(self._times[2])
-        self._lanes = [
-            loop.number_names.index(name) for name in (*names, *(["transport.bit"] if lost else []))
-        ]
+        self.law_steps = len(self._times[0])
+        self._steps = len(self._times[2])
+        varied = [*names, "transport.bit"] if lost else names
+        self._lanes = [loop.number_names.index(name) for name in varied]
         self._kernel = loop_kernel(loop, self._lanes)
         data = {
             "limit": np.full(len(clock), float(within)),
@@ -214,10 +217,8 @@ class Population:
         }
         columns = np.column_stack([data[name] for name in DATA.fields])
         self._tables = self._kernel.prepared((*self._times, columns))
-        self._numbers, self._start = (
-            loop.number_values(arm.f),
-            path.start() if initial is None else initial,
-        )
+        self._numbers = loop.number_values(arm.f)
+        self._start = path.start() if initial is None else initial
 
     def run(
         self,
@@ -227,28 +228,27 @@ class Population:
         progress: bool = False,
         executor: Any = None,
     ) -> Runs:
-        """Run them all; blocks of them are stages of a checkpoint, and what a progress bar counts.
+        """Run all loops, block by block; a block is a stage of the checkpoint.
 
-        On an executor they have neither, and `threads` does not count.
+        On an executor there are neither checkpoint nor progress bar, and `threads` has no effect.
         """
-        kept = Checkpoint(checkpoint, "")
+        if executor is not None:
+            # Eight blocks per call, so that sending them costs little beside running them.
+            size = 8 * LANES
+            parts = [
+                (i // LANES, self._values[i : i + size]) for i in range(0, len(self._values), size)
+            ]
+            work = functools.partial(_blocks, secrets.token_hex(8), self._arguments)
+            results = mapped(work, parts, executor)
+            return self._runs([block for blocks in results for block in blocks])
+        stored = Checkpoint(checkpoint, "")
 
         def block(i: int) -> _Block:
-            made = kept.stage(
-                f"loops from {i * LANES}", lambda: self._block(i, self._values[i * LANES :][:LANES])
-            )
-            bar.update(len(made[1]))
-            return made
+            values = self._values[i * LANES :][:LANES]
+            result = stored.stage(f"loops from {i * LANES}", lambda: self._block(i, values))
+            bar.update(len(result[1]))
+            return result
 
-        if executor is not None:
-            sent = _SENT * LANES
-            parts = [
-                (i // LANES, self._values[i : i + sent]) for i in range(0, len(self._values), sent)
-            ]
-            made = mapped(
-                functools.partial(_blocks, secrets.token_hex(8), self._made), parts, executor
-            )
-            return self._runs([each for some in made for each in some])
         with progress_bar(len(self._values), "closed loops", "loop", progress) as bar:
             return self._runs(shared_out(block, range(-(-len(self._values) // LANES)), threads))
 
@@ -278,42 +278,45 @@ class Population:
         )
 
     def _block(self, block: int, values: NDArray[np.float64]) -> _Block:
-        """Final states (W, s) of at most `LANES` loops, and their lost counts; empty lanes
-        repeat the last.
-        """
+        """Results of at most `LANES` loops; empty lanes repeat the last."""
         count = len(values)
         tables = self._tables
         missing = np.zeros(LANES, int)
         lanes = np.vstack([values, np.repeat(values[-1:], LANES - count, axis=0)]).T
         if self._lost:
+            # All loops read one table: a step's losses are the bits of one number, of which each
+            # loop takes its own by `transport.bit`.
             lost = self._lost(block, LANES, self.law_steps)
             bits = 2.0 ** np.arange(LANES)
             lanes = np.vstack([lanes, 1 / bits])
             missing = lost.sum(axis=0)
             law_time = self._times[0].copy()
             law_time[:, self.loop.time_names.index("lost")] = lost @ bits
-            nothing = (self._times[1][:0], self._times[2][:0], np.empty((0, self.loop.n_data)))
-            tables = (self._kernel.prepared((law_time, *nothing))[0], *tables[1:])
+            empty = self._times[1][:0], self._times[2][:0], np.empty((0, self.loop.n_data))
+            tables = (self._kernel.prepared((law_time, *empty))[0], *tables[1:])
         numbers = np.repeat(self._numbers[:, None], LANES, axis=1)
         numbers[self._lanes] = lanes
-        state = np.ascontiguousarray(
-            self.loop.initial_state(self._start[0], self._start[1], numbers)
-        )
+        q, qd = self._start
+        state = np.ascontiguousarray(self.loop.initial_state(q, qd, numbers))
         uniform = self._numbers[list(self._kernel.uniform)]
         final, steps = self._kernel.run(tables, state, np.ascontiguousarray(lanes), uniform)
-        if steps < self._steps:  # all have diverged
-            final[-1] = 0.0
+        # The kernel ends early once all loops have diverged.
+        if steps < self._steps:
+            self.loop.read_state(final).ok[:] = 0.0
         return final[:, :count].T, missing[:count]
 
 
-def _blocks(name: str, made: dict[str, Any], part: tuple[int, NDArray[np.float64]]) -> list[_Block]:
-    """What a worker does: some blocks of a population, from the first on."""
-    first, values = part
+def _blocks(
+    name: str, arguments: dict[str, Any], part: tuple[int, NDArray[np.float64]]
+) -> list[_Block]:
+    """Some blocks of a population in a worker process: the number of the first, and all values."""
+    begin, values = part
+    # A worker keeps the last four populations.
     while name not in _BUILT and len(_BUILT) >= 4:
         _BUILT.pop(next(iter(_BUILT)), None)
-    population: Population = _BUILT.get(name) or Population(values=values, **made)
+    population: Population = _BUILT.get(name) or Population(values=values, **arguments)
     _BUILT[name] = population
     return [
-        population._block(first + i // LANES, values[i : i + LANES])
+        population._block(begin + i // LANES, values[i : i + LANES])
         for i in range(0, len(values), LANES)
     ]

@@ -32,7 +32,8 @@ from plant.simulation.logged_run import logged_run
 # the samples.
 Injected: TypeAlias = Callable[[NDArray[Any]], ArrayLike] | ArrayLike
 
-# Columns that hold the whole torque of the motors: of a law that repeats one, nothing is added.
+# Columns with the motors' total torque: a law that repeats one of them repeats an injected torque,
+# too.
 _OF_MOTORS = "torque", "current"
 
 
@@ -95,7 +96,8 @@ def simulate(
     Examples
     --------
     >>> from plant import puma560, simulate
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> arm, rig, law = puma560.arm(), puma560.rig(), puma560.p_law()
+    >>> record = simulate(arm, rig, law, puma560.reference(), duration=0.5)
     >>> record.error_pulses.shape
     (715, 2)
     """
@@ -107,8 +109,9 @@ def simulate(
 
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """A record, and the true error (N steps_per_sample, n) [pulses], unrounded, at the middle of
-    every sub-step.
+    """A record, and the true error at the middle of every sub-step.
+
+    The error (N steps_per_sample, n) [pulses] is not rounded.
     """
 
     record: Record
@@ -127,7 +130,7 @@ def run(
     sweeps: int = 3,
     injected: Injected | None = None,
 ) -> Trace:
-    """`simulate`, with the sub-steps kept."""
+    """`simulate`, with the errors of the sub-steps."""
     kinds = {
         "arm": (arm, Arm),
         "rig": (rig, Rig),
@@ -142,31 +145,33 @@ def run(
             f"the law must be a controller; {type(law).__name__} repeats a log. Use replay(arm,"
             " record)."
         )
-    steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
     loop = closed_loop(
-        dynamics=arm.dynamics, rig=rig, law=law, injected=injected is not None, **steps
+        dynamics=arm.dynamics,
+        rig=rig,
+        law=law,
+        injected=injected is not None,
+        steps_per_sample=steps_per_sample,
+        sweeps=sweeps,
     )
-    duration = reference.duration if duration is None else duration
+    if duration is None:
+        duration = reference.duration
     duration = real(
         "duration", duration, "Leave it out for one period of the reference.", positive=True
     )
     samples = math.ceil(min(duration / rig.period, 1e18) - 1e-9)
-    # bytes of tables and log, at the peak
-    each = 8.0 * (steps_per_sample * (8 * rig.n + 4) + 16 * rig.n)
+    # Bytes of tables and log at the peak.
+    bytes_per_sample = 8.0 * (steps_per_sample * (8 * rig.n + 4) + 16 * rig.n)
     require_room(
         f"a simulation of {samples:,} samples",
         samples,
-        each,
+        bytes_per_sample,
         "Simulate {most} samples or fewer at once.",
     )
     clock = Clock.regular(samples, rig.period)
     path = Path(reference, rig)
-    given = (
-        None
-        if initial is None
-        else array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
-    )
-    start = path.start() if given is None else given
+    start: Any = path.start()
+    if initial is not None:
+        initial = start = array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
     motion = reference.links(clock.t)
     for line in unlikely_statements(
         rig, motion.q, motion.qd, [link.prismatic for link in arm.dynamics.chain.links]
@@ -184,7 +189,7 @@ def run(
         rig=rig,
         law=law,
         reference=reference,
-        initial=given,
+        initial=initial,
         injected=added,
         **columns,
     )
@@ -219,7 +224,7 @@ def replay(
     Returns
     -------
     Record
-        With the samples, the reference and the weights of the given one.
+        With the samples, the reference and the weights of the original.
 
     Raises
     ------
@@ -233,7 +238,8 @@ def replay(
     Examples
     --------
     >>> from plant import puma560, replay, simulate
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.3)
+    >>> arm, rig, law = puma560.arm(), puma560.rig(), puma560.p_law()
+    >>> record = simulate(arm, rig, law, puma560.reference(), duration=0.3)
     >>> other = replay(puma560.literature_arm(1.5), record)
     >>> print((other.error_pulses != record.error_pulses).any())
     True
@@ -241,21 +247,26 @@ def replay(
     choice("backend", backend, ("numba", "casadi"))
     instance("arm", arm, Arm, "The order is arm, record.")
     instance("record", record, Record, "The order is arm, record.")
-    rig = record.rig if rig is None else rig
-    law = cast(
-        Law,
-        instance(
-            "law", record.law if law is None else law, Law, "Pass law= here or with the record."
-        ),
-    )
+    if rig is None:
+        rig = record.rig
+    if law is None:
+        law = record.law
+    law = cast(Law, instance("law", law, Law, "Pass law= here or with the record."))
     record = dataclasses.replace(record, rig=rig, law=law)
     added = injected_beside(record)
-    steps: dict[str, Any] = {"steps_per_sample": steps_per_sample, "sweeps": sweeps}
-    loop = closed_loop(dynamics=arm.dynamics, rig=rig, law=law, injected=added is not None, **steps)
+    loop = closed_loop(
+        dynamics=arm.dynamics,
+        rig=rig,
+        law=law,
+        injected=added is not None,
+        steps_per_sample=steps_per_sample,
+        sweeps=sweeps,
+    )
     clock = Clock.of(record)
     path = path_of(record, clock)
     driven = path, clock, law.replayed(record), added
     log, _ = logged_run(loop, arm, driven, start_of(record, path), backend)
+    # The log has more samples than the record, where these bridge a gap.
     samples = loop.log_fields.read(log[clock.rows].T, loop.n)
     return dataclasses.replace(record, **_columns(rig, samples))
 
@@ -279,22 +290,23 @@ def _columns(rig: Rig, log: Any) -> dict[str, Any]:
     }
 
 
-def injected_at(given: Injected | None, t: NDArray[Any], n: int) -> Floats | None:
+def injected_at(injected: Injected | None, t: NDArray[Any], n: int) -> Floats | None:
     """Injected torque (N, n) [N m] at the samples t (N,), or None."""
-    if given is None:
+    if injected is None:
         return None
-    values = given(t) if callable(given) else given
-    what = "injected(t)" if callable(given) else "injected"
-    return array(
-        what,
-        values,
-        (len(t), n),
-        advice="Give one row per sample, one joint torque per column [N m].",
-    )
+    name = "injected"
+    if callable(injected):
+        injected = injected(t)
+        name = "injected(t)"
+    advice = "Give one row per sample, one joint torque per column [N m]."
+    return array(name, injected, (len(t), n), advice=advice)
 
 
 def injected_beside(record: Any) -> Floats | None:
-    """Torque (N, n) [N m] that acts beside what a record's law commands; None where it repeats
-    the motors' own.
+    """Torque (N, n) [N m] that acts beside the command of a record's law, or None.
+
+    A law that repeats the motors' own torque has none beside it.
     """
-    return None if record.law is not None and record.law.replays in _OF_MOTORS else record.injected
+    if record.law is not None and record.law.replays in _OF_MOTORS:
+        return None
+    return record.injected

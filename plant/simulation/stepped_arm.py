@@ -64,7 +64,7 @@ class SteppedArm:
     >>> for _ in range(100):
     ...     counts = robot.step((0, 0))
     ...
-    >>> print(counts)                                      # of the motors, after 70 ms without torque
+    >>> print(counts)  # of the motors, after 70 ms without torque
     [487. 100.]
     """
 

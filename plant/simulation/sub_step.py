@@ -27,16 +27,16 @@ from plant.mechanics.symmetric_inverse import Inverse, inverse
 class FrictionStep:
     """Friction of all motors in one sub-step of length h [s].
 
-    ``impulse`` is that of dry friction in the step before [N m s], ``bristle`` the deflection of
-    the bristles where the drive has presliding, ``drifted`` how much of its way the drift of
-    friction has done; ``smooth`` is differentiable.
+    ``impulse`` of dry friction in the previous step [N m s], deflection ``bristle`` of the bristles
+    if the drive has presliding, progress ``drifted`` (0 to 1) of the drift of friction if it has
+    one; ``smooth`` is differentiable.
     """
 
     drive: Drive
     h: ca.SX
     impulse: ca.SX
-    bristle: ca.SX | None = None
-    drifted: ca.SX | None = None
+    bristle: ca.SX
+    drifted: ca.SX
     sweeps: int
     smooth: bool
 
@@ -48,7 +48,7 @@ class FrictionStep:
     def __call__(
         self, inverse: Inverse, stopping: ca.SX, speed: ca.SX, load: ca.SX | None = None
     ) -> tuple[ca.SX, dict[str, ca.SX]]:
-        """Impulse of dry friction (n, 1) [N m s], and the states that follow, by name.
+        """Impulse of dry friction (n, 1) [N m s], and the following states by name.
 
         ``inverse``, ``stopping`` as of `friction_impulse`; the speed at the start of the step
         [rad/s]; ``load``: the torque that the gears transmit [N m], where friction depends on it.
@@ -67,6 +67,7 @@ class FrictionStep:
         if self.smooth:
             impulse, following = smooth_bristle_impulse(inverse, stopping, bristles, bound, h)
         else:
+            # The step takes the bristles as they are at its middle.
             half = bristles.bent(speed, h / 2)
             impulse, following = bristle_impulse(
                 inverse, stopping, self.impulse, half, bound, h, self.sweeps
@@ -79,10 +80,10 @@ class FrictionStep:
 
 
 class Following(NamedTuple):
-    """What follows a step: `speed` (n, 1) [rad/s] of the joints, with elastic gears of the motors
-    as rigid joints.
+    """Results of a sub-step.
 
-    Beside it the `impulse` (n, 1) of dry friction [N m s], a number that is `positive` where D is,
+    `speed` (n, 1) [rad/s] of the joints, with elastic gears of the motors as joints on rigid ones;
+    `impulse` (n, 1) of dry friction [N m s]; a number that is `positive` if D is positive definite;
     and by name the `states` (n, 1) that the drive adds: ``link_speed``, ``bristle``.
     """
 
@@ -102,32 +103,38 @@ def rigid(
     h: ca.SX,
     friction: FrictionStep,
 ) -> Following:
-    """The step, of length h [s], of an arm on rigid gears.
+    """A step of length h [s] of an arm on rigid gears.
 
-    q (n, 1) [rad] at its middle, qd (n, 1) [rad/s] at its start, and the torque (n, 1) that acts on
-    the joints [N m].
+    Position `middle` (n, 1) [rad] at its middle, qd (n, 1) [rad/s] at its start, and the torque
+    (n, 1) that acts on the joints [N m].
     """
     drive = rig.drive
-    coupling = rig.drive.coupling
+    coupling = drive.coupling
     viscous = friction.viscous
     speed = coupling.shaft(qd)
+    # Viscous friction acts at the mean of both speeds: half of it joins the inertia, so that a step
+    # of any length is stable.
     mobility = inverse(coupling.shaft_inertia(dynamics.D(middle, f)) + ca.diag(h / 2 * viscous))
-    pushing = coupling.shaft_torque(
+    torque_at_rest = coupling.shaft_torque(
         torque - (dynamics.gravity(middle, f) - rig.spring_torque(middle))
     )
-    pushing = pushing - viscous * speed - drive.joint_offset()
+    torque_at_rest = torque_at_rest - viscous * speed - drive.joint_offset()
 
-    def left(at: ca.SX) -> ca.SX:
-        return pushing - coupling.shaft_torque(dynamics.coriolis(middle, coupling.joint(at), f))
+    def net_torque(shaft_speed: ca.SX) -> ca.SX:
+        joint_speed = coupling.joint(shaft_speed)
+        return torque_at_rest - coupling.shaft_torque(dynamics.coriolis(middle, joint_speed, f))
 
-    # torque on each, as if it were alone
-    own = mobility.own(left(speed + h / 2 * mobility.solve(left(speed))))
+    # The Coriolis torque at the speed of the middle, which one pass predicts. Then the torque on
+    # each shaft as if it moved alone.
+    predicted = speed + h / 2 * mobility.solve(net_torque(speed))
+    alone = mobility.own(net_torque(predicted))
     load = None
     if drive.load_friction is not None:
-        gained = mobility.diagonal * (h * own + mobility.own(friction.impulse))
-        load = _transmitted(drive, friction, torque, speed, gained)
-    impulse, states = friction(mobility, -(mobility.alone * speed + h * own), speed, load)
-    following = coupling.joint(speed + mobility.diagonal * (h * own + mobility.own(impulse)))
+        # The load that the gears transmit, with the impulse of the previous step.
+        change = mobility.diagonal * (h * alone + mobility.own(friction.impulse))
+        load = _transmitted(drive, friction, torque, speed, change)
+    impulse, states = friction(mobility, -(mobility.alone * speed + h * alone), speed, load)
+    following = coupling.joint(speed + mobility.diagonal * (h * alone + mobility.own(impulse)))
     return Following(following, impulse, functools.reduce(ca.fmin, mobility.minors), states)
 
 
@@ -141,59 +148,66 @@ def elastic(
     h: ca.SX,
     friction: FrictionStep,
 ) -> Following:
-    """The step of motors and of links behind their gears; torque, h and friction as of `rigid`.
+    """A step of motors and of links behind their gears; torque, h and friction as of `rigid`.
 
-    Motors and links are `joined` by what a spring adds to the inertia of both. `motor` and `link`
-    are positions at the middle of the step and speeds at its start, (n, 1) each; motors as joints
-    on rigid gears would have them.
+    Motors and links are `joined` by the spring, which adds to the inertia of both. `motor` and
+    `link` are positions at the middle of the step and speeds at its start, (n, 1) each; motors as
+    joints on rigid gears would have them.
     """
     drive = rig.drive
     viscous = friction.viscous
-    coupling, rotors = drive.coupling, drive.reflected_inertia()
-    speed = coupling.shaft(motor[1])
-    v = coupling.shaft(link[1])
-    inertia = coupling.shaft_inertia(dynamics.D(link[0], f)) - ca.diag(rotors)
-    held = spring(
-        drive.elasticity, coupling.shaft(motor[0] - link[0]), speed - v, h, rotors, ca.diag(inertia)
-    )
-    both = joined(rotors + h / 2 * viscous, inertia, held.added)
-    pushing = h * (
-        coupling.shaft_torque(torque) - viscous * speed - drive.joint_offset() - held.torque
-    )
-    weight = coupling.shaft_torque(dynamics.gravity(link[0], f) - rig.spring_torque(link[0]))
+    coupling = drive.coupling
+    rotors = drive.reflected_inertia()
+    motor_position, motor_speed = motor
+    link_position, link_speed = link
+    speed = coupling.shaft(motor_speed)
+    v = coupling.shaft(link_speed)
 
-    def change(at: ca.SX) -> ca.SX:
-        resisting = coupling.shaft_torque(dynamics.coriolis(link[0], coupling.joint(at), f))
-        return both.links.solve(h * (held.torque - weight - resisting) + both.passed * pushing)
+    # 1. The spring between both. D contains the rotors, which are the motors' part.
+    inertia = coupling.shaft_inertia(dynamics.D(link_position, f)) - ca.diag(rotors)
+    deflection = coupling.shaft(motor_position - link_position)
+    gear = spring(drive.elasticity, deflection, speed - v, h, rotors, ca.diag(inertia))
+    both = joined(rotors + h / 2 * viscous, inertia, gear.added)
+    motor_impulse = h * (
+        coupling.shaft_torque(torque) - viscous * speed - drive.joint_offset() - gear.torque
+    )
+    weight = coupling.shaft_torque(
+        dynamics.gravity(link_position, f) - rig.spring_torque(link_position)
+    )
 
-    gained = change(v + change(v) / 2)
-    free = both.motors(speed, pushing, gained)
+    def change(shaft_speed: ca.SX) -> ca.SX:
+        """Change of the links' speed, with the Coriolis torque at a speed of their shafts."""
+        joint_speed = coupling.joint(shaft_speed)
+        coriolis = coupling.shaft_torque(dynamics.coriolis(link_position, joint_speed, f))
+        return both.links.solve(h * (gear.torque - weight - coriolis) + both.passed * motor_impulse)
+
+    # 2. Speeds without dry friction, and the impulse by which it changes them.
+    link_change = change(v + change(v) / 2)
+    free = both.motors(speed, motor_impulse, link_change)
     mobility = both.mobility()
     load = None
     if drive.load_friction is not None:
-        load = _transmitted(
-            drive, friction, torque, speed, free + mobility.solve(friction.impulse) - speed
-        )
+        motor_change = free + mobility.solve(friction.impulse) - speed
+        load = _transmitted(drive, friction, torque, speed, motor_change)
     impulse, states = friction(mobility, -mobility.alone * free, speed, load)
     motors = coupling.joint(free + mobility.solve(impulse))
-    links = coupling.joint(v + gained + both.links.solve(both.passed * impulse))
+    links = coupling.joint(v + link_change + both.links.solve(both.passed * impulse))
     positive = functools.reduce(ca.fmin, [*both.links.minors, *ca.vertsplit(ca.diag(inertia))])
     return Following(motors, impulse, positive, {"link_speed": links, **states})
 
 
 def _transmitted(
-    drive: Drive, friction: FrictionStep, torque: ca.SX, speed: ca.SX, gained: ca.SX
+    drive: Drive, friction: FrictionStep, torque: ca.SX, speed: ca.SX, change: ca.SX
 ) -> ca.SX:
-    """Torque that the gears pass on [N m]: what their motors leave, with the dry friction of the
-    step before.
+    """Torque that the gears transmit [N m]: the motors', less friction and the rotors' inertia.
 
-    `speed` and `gained` (n, 1) are of the shafts, at the start of the step, and what it would add
-    [rad/s].
+    Dry friction is that of the previous step. `speed` (n, 1) of the shafts at the start of the
+    step, and its `change` in the step [rad/s].
     """
     h = friction.h
-    taken = (
-        friction.viscous * (speed + gained / 2)
+    motor_share = (
+        friction.viscous * (speed + change / 2)
         + drive.joint_offset()
-        + drive.reflected_inertia() * gained / h
+        + drive.reflected_inertia() * change / h
     )
-    return drive.coupling.shaft_torque(torque) + friction.impulse / h - taken
+    return drive.coupling.shaft_torque(torque) + friction.impulse / h - motor_share

@@ -16,7 +16,9 @@ from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import Logged, Path
 
-_ROWS = 1 << 17  # that are made at once: what a path needs meanwhile is several times a table
+# Sub-steps whose rows are made at once. While it evaluates a path, a table takes several times its
+# own memory, so that a long one is made in parts.
+_ROWS = 1 << 17
 
 
 def time_tables(
@@ -29,35 +31,41 @@ def time_tables(
 ) -> tuple[Floats, ...]:
     """Rows of `loop.time_names` for every step of the law, the log and the plant.
 
-    The law replays what was `logged` (N, n); the `injected` torque (N, n) acts beside it [N m], if
-    the loop has one. Each table gets its `columns`, by default all, with the length of a step
+    The law replays the `logged` column (N, n); the `injected` torque (N, n) acts beside it [N m],
+    if the loop has one. Each table gets its `columns`, by default all, with the length of a step
     behind them.
     """
-    steps, tables, done = loop.steps_per_sample, list[Floats](), [0, 0, 0]
-    of_law = -(-len(clock) * steps // loop.steps_per_law) if loop.steps_per_law else 0
-    for block in in_blocks(
-        loop, path, clock, logged, injected, columns, samples=max(1, _ROWS // steps)
-    ):
+    steps = loop.steps_per_sample
+    counts = _law_steps(loop, clock), len(clock), len(clock) * steps
+    samples = max(1, _ROWS // steps)
+    tables: list[Floats] = []
+    filled = [0, 0, 0]
+    for block in in_blocks(loop, path, clock, logged, injected, columns, samples=samples):
+        # One block is all, as for most logs: no copy is made.
         if len(block[1]) == len(clock):
             return block
         if not tables:
-            counts = of_law, len(clock), len(clock) * steps
             tables = [
                 np.empty((count, part.shape[1])) for count, part in zip(counts, block, strict=True)
             ]
         for i, part in enumerate(block):
-            tables[i][done[i] : done[i] + len(part)] = part
-            done[i] += len(part)
+            tables[i][filled[i] : filled[i] + len(part)] = part
+            filled[i] += len(part)
     return tuple(tables)
 
 
+def _law_steps(loop: ClosedLoop, clock: Clock) -> int:
+    """Steps of the law that begin within a clock; 0 for a law without a period."""
+    if not loop.steps_per_law:
+        return 0
+    return -(-len(clock) * loop.steps_per_sample // loop.steps_per_law)
+
+
 def samples_of_law(loop: ClosedLoop) -> int:
-    """Samples after which a step of the law begins together with one."""
-    return (
-        loop.steps_per_law // math.gcd(loop.steps_per_law, loop.steps_per_sample)
-        if loop.steps_per_law
-        else 1
-    )
+    """Samples after which a step of the law and a sample begin together again."""
+    if not loop.steps_per_law:
+        return 1
+    return loop.steps_per_law // math.gcd(loop.steps_per_law, loop.steps_per_sample)
 
 
 def in_blocks(
@@ -70,27 +78,28 @@ def in_blocks(
     *,
     samples: int,
 ) -> Iterator[tuple[Floats, ...]]:
-    """The tables of about so many samples after another; each block begins with a step of the
-    law.
-    """
+    """The tables in blocks of about `samples`, each of which begins with a step of the law."""
     steps = loop.steps_per_sample
     every = loop.steps_per_law
     transport = loop.rig.transport
     jitter = loop.rig.jitter
     if isinstance(path, Path):
         path.require_fit(loop.law)
-    reading = loop.law.replays == "counts"
-    held = None if logged is None or reading else clock.bridged(logged)
+    # Counts change between samples, on straight lines; a torque or a current is held.
+    held = None if logged is None or loop.law.replays == "counts" else clock.bridged(logged)
     beside = None if injected is None else clock.bridged(injected)
-    of_law = -(-len(clock) * steps // every) if every else 0
+    of_law = _law_steps(loop, clock)
     words = transport.words(of_law) if transport is not None else np.empty(0)
     draws = jitter.draws(of_law) if jitter is not None else np.empty(0)
 
-    def rows_at(i: int, t: Floats, places: NDArray[np.int_]) -> Floats:
+    def rows_at(table: int, t: Floats, places: NDArray[np.int_]) -> Floats:
+        """Rows of one of the three tables, at times t (K,) in these sub-steps (K,)."""
         motion, pulses = path(t)
-        if loop.follows_motion and (i == 0 or not every):
+        # The motion itself is dearer than the counts' own; only the law's table needs it, or all
+        # where the law is evaluated in every sub-step.
+        if loop.follows_motion and (table == 0 or not every):
             motion = path.setpoint(t)
-        owner = places // steps  # the sample that each sub-step belongs to
+        sample = places // steps
         inputs = {
             "q_r": motion.q,
             "qd_r": motion.qd,
@@ -99,9 +108,9 @@ def in_blocks(
             "h": clock.step_lengths(steps, places),
         }
         if logged is not None:
-            inputs["logged"] = clock.between(logged, t) if held is None else held[owner]
+            inputs["logged"] = clock.between(logged, t) if held is None else held[sample]
         if beside is not None:
-            inputs["injected"] = beside[owner]
+            inputs["injected"] = beside[sample]
         if transport is not None:
             inputs["place"] = places % every
             inputs["lost"] = words[places // every]
@@ -109,21 +118,17 @@ def in_blocks(
             inputs["draw"] = draws[places // every]
         # Inputs that this loop does not have are no columns.
         rows = np.column_stack([inputs[name] for name in loop.time_fields.fields if name in inputs])
-        return rows if columns is None else rows[:, [*columns[i], -1]]
+        return rows if columns is None else rows[:, [*columns[table], -1]]
 
-    whole = samples_of_law(loop)
-    samples = max(1, samples // whole) * whole
+    unit = samples_of_law(loop)
+    samples = max(1, samples // unit) * unit
     for begin in range(0, len(clock), samples):
-        some = np.arange(begin, min(begin + samples, len(clock)))
-        places = np.arange(some[0] * steps, (some[-1] + 1) * steps)
-        of_steps = places[places % every == 0] if every else places[:0]
-        times = (
-            clock.starts(steps, of_steps, every or 1),
-            clock.t[some],
-            clock.middles(steps, places),
+        block = np.arange(begin, min(begin + samples, len(clock)))
+        places = np.arange(block[0] * steps, (block[-1] + 1) * steps)
+        at_law = places[places % every == 0] if every else places[:0]
+        tables = (
+            rows_at(0, clock.starts(steps, at_law, every or 1), at_law),
+            rows_at(1, clock.t[block], block * steps),
+            rows_at(2, clock.middles(steps, places), places),
         )
-        those = of_steps, some * steps, places
-        yield tuple(
-            np.ascontiguousarray(rows_at(i, t, at))
-            for i, (t, at) in enumerate(zip(times, those, strict=True))
-        )
+        yield tuple(np.ascontiguousarray(table) for table in tables)
