@@ -20,8 +20,8 @@ from plant.parts.part import part, structure
 class LinkReference(Derived):
     """Motion of the motors with which the links follow q_r: theta_r = q_r + tau_link / k.
 
-    tau_link(q_r, qd_r, qdd_r) is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less that
-    of springs and the motors' own share, and k their stiffness; their damping is neglected, 2
+    tau_link(q_r, qd_r, qdd_r) is the torque through the gears, D(q_r) qdd_r + h(q_r, qd_r) less
+    that of springs and the motors' own share, and k their stiffness; their damping is neglected, 2
     (damping ratio) / (resonance [rad/s]) of the deflection's rate. Speed and acceleration are its
     derivatives along the motion, which take the jerk and the snap of q_r.
 

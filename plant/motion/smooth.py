@@ -82,7 +82,7 @@ class Harmonics(_Smooth):
         return self.period
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
-        """The real part of amplitudes times exp(i j w t), which a derivative multiplies by i j w."""
+        """Real parts of amplitudes times exp(i j w t); each derivative multiplies by i j w."""
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
