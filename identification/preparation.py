@@ -1,7 +1,6 @@
-"""What a method is given: informative records, searched and held out, their unknowns, and no bad
-input.
-"""
+"""Preparation of a search: records, searched and held out, unknowns, and checks of the input."""
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -31,19 +30,58 @@ from plant.parts.messages import warn
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
 
-_LEAST_SAMPLES = 200  # fewer hold no oscillation of a position loop that stands out from its noise
 
-_SATURATED = 0.5  # share of the samples at the amplifier's limit above which a log is refused
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LogSettings:
+    """Limits below which a log is refused; chosen by hand.
 
-_PERIODS = 4  # of the slow mode that a log has to hold
+    Parameters
+    ----------
+    samples : int
+        Samples at least: fewer hold no oscillation of a position loop that stands out from noise.
+    saturated : float
+        Share of the samples at the amplifier's limit above which the torque is not that of the law.
+    periods : float
+        Periods of the slow mode of the loop that a log must hold.
+    """
+
+    samples: int = 200
+    saturated: float = 0.5
+    periods: float = 4
+
+
+SETTINGS = LogSettings()
 
 
 def require_informative(record: Record, labels: Sequence[str], *, prior: bool = False) -> None:
-    """Refuse a log that is too short for the loop's mode, or in which a motor hardly moves or
-    mostly saturates.
+    """Refuse a log that is too short, or in which a motor hardly moves or mostly saturates.
 
     With a prior, some motors may stand still.
     """
+    # From the plainest reason to the subtlest, as the first one is the message.
+    _require_motion(record, labels, prior)
+    if len(record) < SETTINGS.samples:
+        raise ValueError(
+            f"a log must have at least {SETTINGS.samples} samples; got {len(record)}. Log longer."
+        )
+    _require_unsaturated(record, labels)
+    seconds = len(record) * record.rig.period
+    # The loop's own oscillation shows the inertias: the log must hold some periods of it.
+    mode = mode_in(record)
+    if not mode > 0:
+        raise ValueError(
+            f"a log must show the oscillation of its loop; sampled every {record.rig.period:g} s it"
+            " does not. State rig.period in seconds, or log faster."
+        )
+    if seconds < SETTINGS.periods / mode:
+        raise ValueError(
+            f"a log must last {SETTINGS.periods} periods of its oscillation; {seconds:.3g} s hold "
+            f"{seconds * mode:.1f} periods of {mode:.1f} Hz. Log longer."
+        )
+
+
+def _require_motion(record: Record, labels: Sequence[str], prior: bool) -> None:
+    # A prior can stand in for some motors, but not for all.
     moved = np.ptp(record.counts, axis=0)
     if (moved < LEAST_MOTION).any() and not (prior and moved.max() >= LEAST_MOTION):
         motor = int(np.argmin(moved))
@@ -53,49 +91,36 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
             " a motion of all joints (design_motion), leave out that record, or give prior=, such"
             " as 0.3, for what it does not excite."
         )
-    if len(record) < _LEAST_SAMPLES:
-        raise ValueError(
-            f"a log must have at least {_LEAST_SAMPLES} samples; got {len(record)}. Log longer."
-        )
+
+
+def _require_unsaturated(record: Record, labels: Sequence[str]) -> None:
     drive = record.rig.drive
+    current = np.abs(drive.current(torque_of(record)))
+    share = (current >= drive.current_limit * (1 - 1e-9)).mean(axis=0)  # within rounding
+    # The torque of a replay is known at the limit as well.
     replays = record.law is not None and record.law.replays
-    share = (np.abs(drive.current(torque_of(record))) >= drive.current_limit * (1 - 1e-9)).mean(
-        axis=0
-    )
-    # of a replay the torque is known, also at the limit
-    if (share > _SATURATED).any() and not replays:
-        motor = int(np.argmax(share))
-        why = "".join(
-            f": its loop oscillates at {hz:.3g} Hz" for hz in own_oscillations(record)[:1]
-        )
-        advice = "Slow the reference down or lower the gains."
-        wrong = ""
-        if record.reference is None and not record.reference_pulses.any():
-            why = ": no reference came with it, so its law is taken to hold 0"
-            advice = "Map reference_position, or give reference=."
-        elif wrong := naming.misread(record, limited=True):
-            wrong = f"{wrong[1:]} As it is, "
+    if replays or not (share > SETTINGS.saturated).any():
+        return
+    motor = int(np.argmax(share))
+    # The advice depends on the likely cause: no reference, columns that were misread, or a loop
+    # that oscillates between the limits.
+    reason = ""
+    advice = "Slow the reference down or lower the gains."
+    correction = ""
+    if record.reference is None and not record.reference_pulses.any():
+        reason = ": no reference came with it, so its law is taken to hold 0"
+        advice = "Map reference_position, or give reference=."
+    else:
+        if oscillations := own_oscillations(record):
+            reason = f": its loop oscillates at {oscillations[0]:.3g} Hz"
+        if misreading := naming.misread(record, limited=True):
+            correction = f"{misreading[1:]} As it is, "
             advice = "Correct that first."
-        raise ValueError(
-            f"{wrong}a log must be below the amplifier's limit; the motor of {labels[motor]}"
-            f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
-            f"of the samples{why}. {advice}"
-        )
-    seconds = len(record) * record.rig.period
-    mode = mode_in(record)
-    if not mode > 0:
-        raise ValueError(
-            f"a log must show the oscillation of its loop; sampled every {record.rig.period:g} s it"
-            " does not. State rig.period in seconds, or log faster."
-        )
-    if seconds < _PERIODS / mode:
-        raise ValueError(
-            f"a log must last {_PERIODS} periods of its oscillation; {seconds:.3g} s hold "
-            f"{seconds * mode:.1f} periods of {mode:.1f} Hz. Log longer."
-        )
-
-
-_FIXED = 0.2e9  # bytes beside the samples: kernels, and what compiles them
+    raise ValueError(
+        f"{correction}a log must be below the amplifier's limit; the motor of {labels[motor]}"
+        f"{column_of(record, 'torque', motor)} is at it for {share[motor]:.0%} "
+        f"of the samples{reason}. {advice}"
+    )
 
 
 def prepare(
@@ -112,27 +137,36 @@ def prepare(
     tolerances: Tolerances | None = None,
     prior: Any = None,
 ) -> Problem:
-    """The problem that a method is given; bad input is refused here, before any search."""
+    """Prepare the problem of a method; bad input is refused here, before any search."""
     choice("method", method, tuple(METHODS))
     instance("zeros", zeros, bool, "Give True or False.")
-    of_all, unknown = as_records(dynamics, records, unknown)
-    naming.of_each(lambda record: record.rig.require_fit(dynamics.chain), of_all)
-    unknown = tuple(dict.fromkeys([*unknown, *_left_open(of_all, dynamics.chain.joint_labels)]))
-    searched, kept = _set_aside(dynamics, of_all, held_out, method)
-    known = _known(dynamics, searched, prior)
-    _require_room(dynamics, (*searched, *kept), unknown, method)
+
+    # 1. Records and unknowns.
+    all_records, unknown = as_records(dynamics, records, unknown)
+    naming.of_each(lambda record: record.rig.require_fit(dynamics.chain), all_records)
+    # Names once each, those of the user first.
+    open_friction = _left_open(all_records, dynamics.chain.joint_labels)
+    unknown = tuple(dict.fromkeys([*unknown, *open_friction]))
+    searched, validation = _set_aside(dynamics, all_records, held_out, method)
+    of_f = _prior(dynamics, searched, prior)
+    _require_room(dynamics, (*searched, *validation), unknown, method)
+
+    # 2. The objective, and logs under laws with memory as replays of their torque.
     objective = Objective(dynamics, searched, unknown, **options)
+    # A law with unknown gains cannot be run along the log beforehand.
     of_law = any(name.startswith("law.") for name in objective.unknown)
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
     labels = dynamics.chain.joint_labels
     naming.of_each(
-        lambda record: require_informative(record, labels, prior=known is not None), followed
+        lambda record: require_informative(record, labels, prior=of_f is not None), followed
     )
+    # Settings count for the methods with a genetic search, and are checked for all.
     chosen = GeneticSettings.paper() if settings is None else settings
     settings = instance("settings", chosen, GeneticSettings, "Leave it out for those of the paper.")
-    with naming.held_out(kept, len(searched), among=held_out is None):
-        aside = Objective(dynamics, kept, unknown, **options) if kept else None
-    _require_different(searched, kept)
+    # An error in a record held out names that record.
+    with naming.held_out(validation, len(searched), among=held_out is None):
+        aside = Objective(dynamics, validation, unknown, **options) if validation else None
+    _require_different(searched, validation)
     problem = Problem(
         dynamics=dynamics,
         records=followed,
@@ -147,17 +181,19 @@ def prepare(
         zeros=zeros,
         options=options,
         tolerances=tolerances or Tolerances(),
-        prior=known,
+        prior=of_f,
     )
+
+    # 3. Combinations that no method can identify.
     if zeros and not all(problem.replays):
         raise ValueError(
             "zeros can be found only of logs that replay their torque; got a controller. Leave it"
             " out."
         )
-    found = [name for name in problem.unknown if name.startswith("drive.elasticity")]
-    if found and method == "equation_error":
+    gears = [name for name in problem.unknown if name.startswith("drive.elasticity")]
+    if gears and method == "equation_error":
         raise ValueError(
-            f"{found[0]} can be found by prediction error, the default; got method={method!r}."
+            f"{gears[0]} can be found by prediction error, the default; got method={method!r}."
             " Use it."
         )
     if zeros and method not in ("seeded", "prediction_error", "output_error"):
@@ -165,30 +201,27 @@ def prepare(
             f"zeros must be found by prediction or output error; got method={method!r}. Use the"
             " default."
         )
-    if said := unexcited(dynamics, followed):
+    # Not an error: a prior, or unknowns of the rig alone, may need no more.
+    if joints := unexcited(dynamics, followed):
         warn(
-            f"identify: the log does not excite all: {', '.join(said)}."
-            f" {advice(dynamics, followed, known)}"
+            f"identify: the log does not excite all: {', '.join(joints)}."
+            f" {advice(dynamics, followed, of_f)}"
         )
     return problem
 
 
-def _known(dynamics: Dynamics, records: Sequence[Record], given: Any) -> Prior | None:
-    """The prior that was given; by default that of the model's own bodies, if a joint hardly
-    moves in any record.
-    """
-    if given is None:
+def _prior(dynamics: Dynamics, records: Sequence[Record], prior: Any) -> Prior | None:
+    """The prior of a user; by default the model's own bodies, if a joint moves in no log."""
+    if prior is None:
         return Prior.of_model(dynamics, records[0].rig) if still(records).size else None
-    return given if isinstance(given, Prior) else Prior.of(dynamics, records[0].rig, given)
+    return prior if isinstance(prior, Prior) else Prior.of(dynamics, records[0].rig, prior)
 
 
 def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
-    """Friction that the rig leaves open, of joints that move; of others it stays zero, which is
-    said.
-    """
+    """Friction that the rig leaves open, of joints that move; warns of zero friction elsewhere."""
     drive = records[0].rig.drive
     idle = still(records)
-    if drive.left_open and idle.size < drive.n:
+    if drive.left_open and idle.size < drive.n:  # if no joint moves, the log is refused
         for i in idle.tolist():
             warn(f"identify: friction of {labels[i]} is taken as zero: the joint hardly moves.")
     return [
@@ -196,39 +229,40 @@ def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
     ]
 
 
-def _require_different(searched: Sequence[Record], kept: Sequence[Record]) -> None:
+def _require_different(searched: Sequence[Record], validation: Sequence[Record]) -> None:
     """Refuse a log that comes twice: its rounding would count as that of two."""
-    every = (*searched, *kept)
-    for i, record in enumerate(every):
-        for k, before in enumerate(every[:i]):
-            if np.array_equal(record.t, before.t) and np.array_equal(record.counts, before.counts):
-                aside = k < len(searched) <= i
-                told = (
-                    "a validation log must not be among those searched"
-                    if aside
-                    else "each log must come once"
-                )
-                first, second = (naming.record_label(every, place) for place in (k, i))
-                raise ValueError(f"{told}; {second} is {first} again. Leave one out.")
+    records = (*searched, *validation)
+    for i, record in enumerate(records):
+        for k, earlier in enumerate(records[:i]):
+            if np.array_equal(record.t, earlier.t) and np.array_equal(
+                record.counts, earlier.counts
+            ):
+                rule = "each log must come once"
+                if k < len(searched) <= i:
+                    rule = "a validation log must not be among those searched"
+                label = naming.record_label(records, k)
+                copy = naming.record_label(records, i)
+                raise ValueError(f"{rule}; {copy} is {label} again. Leave one out.")
 
 
 def _require_room(
     dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str
 ) -> None:
-    """Refuse logs that memory does not hold.
-
-    What a sample takes at the peak was measured for two and for six joints: tables and two copies
-    of the regressor, or, of methods that follow the counts, some three of all sensitivities.
-    """
+    """Refuse logs that memory does not hold."""
+    n = dynamics.n
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
-    follows = method not in ("paper", "equation_error")
-    each = 8.0 * (
-        60 + dynamics.n * (3.5 * (numbers + 2 * dynamics.n) if follows else 2.0 * numbers)
-    )
     samples = sum(len(record) for record in records)
-    what = f"{samples:,} samples of {dynamics.n} joints with {numbers} unknowns"
-    fewer = "Give {most} samples or fewer (record.cut), or fewer unknowns."
-    require_room(what, samples, each, fewer, fixed=_FIXED)
+    # Peak of a sample, measured for two and for six joints: tables and two copies of the regressor,
+    # or, with methods that follow the counts, about three of all sensitivities.
+    follows = method not in ("paper", "equation_error")
+    sensitivities = 3.5 * (numbers + 2 * n) if follows else 2.0 * numbers
+    require_room(
+        f"{samples:,} samples of {n} joints with {numbers} unknowns",
+        samples,
+        8.0 * (60 + n * sensitivities),
+        "Give {most} samples or fewer (record.cut), or fewer unknowns.",
+        fixed=0.2e9,  # bytes of the kernels, and of the compiler, beside the samples
+    )
 
 
 def with_gears(
@@ -239,20 +273,18 @@ def with_gears(
     method: str,
     ranges: ArrayLike | None,
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
-    """Records that are searched and held out, on elastic gears, and the unknowns with those of
-    the gears.
-    """
+    """Records on elastic gears, searched and held out, and the unknowns with those of the gears."""
     if ranges is not None:
         raise ValueError(
             "ranges need every unknown by name; got elasticity=True. Name stiffness and damping"
             " instead."
         )
-    given, unknown = as_records(dynamics, records, unknown)
-    searched, kept = (
-        tuple(map(on_gears, some)) for some in _set_aside(dynamics, given, held_out, method)
-    )
+    records, unknown = as_records(dynamics, records, unknown)
+    searched, validation = _set_aside(dynamics, records, held_out, method)
+    # Unknowns of the user keep their places; those of the gears follow.
     gears = [f"{field}[{i}]" for field in (STIFFNESS, DAMPING) for i in range(dynamics.n)]
-    return searched, kept, (*unknown, *(name for name in gears if name not in unknown))
+    unknown = (*unknown, *(name for name in gears if name not in unknown))
+    return tuple(map(on_gears, searched)), tuple(map(on_gears, validation)), unknown
 
 
 def _set_aside(
@@ -261,28 +293,27 @@ def _set_aside(
     held_out: Record | Sequence[Record] | None,
     method: str,
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Records that are searched, and records that are held out; lost rows of all are bridged,
-    without weight.
-    """
+    """Records that are searched, and that are held out; lost rows are bridged, without weight."""
+    # Straight lines bridge lost rows, which have no weight then.
     searched = tuple(naming.of_each(bridged, records))
     if method != "paper":  # which follows the straight lines between counts
         searched = tuple(map(with_path, searched))
     if held_out is None:
-        return (
-            (searched[:-1], searched[-1:])
-            if len(searched) > 1 and method != "paper"
-            else (searched, ())
-        )
+        # One record is needed for the search.
+        if len(searched) > 1 and method != "paper":
+            return searched[:-1], searched[-1:]
+        return searched, ()
     if isinstance(held_out, (tuple, list)) and not held_out:
         return searched, ()
-    return searched, tuple(
-        map(with_path, naming.of_each(bridged, as_records(dynamics, held_out, None)[0]))
-    )
+    validation = as_records(dynamics, held_out, None)[0]
+    return searched, tuple(map(with_path, naming.of_each(bridged, validation)))
 
 
 def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> Floats:
+    """Ranges (k, 2) of the unknowns; an error where an end is on the wrong side."""
     pairs = array("ranges", ranges, (len(unknown), 2), advice="Give (low, high) for each unknown.")
     for name, (low, high) in zip(unknown, pairs, strict=True):
+        # Equal ends are allowed: they state a value.
         if low > high:
             raise ValueError(
                 f"ranges must be (low, high); that of {name} is ({low:g}, {high:g}). Swap its ends."
@@ -294,7 +325,7 @@ def _nominal(objective: Objective) -> Floats:
     """The unknowns (k,) as rig and law of the first record have them; NaN for f."""
     rig = objective.records[0].rig
     law = objective.records[0].law
-    known = dict(zip(rig.number_names(), rig.number_values(), strict=True))
+    stated = dict(zip(rig.number_names(), rig.number_values(), strict=True))
     if law is not None:
-        known |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
-    return np.array([known.get(name, np.nan) for name in objective.unknown])
+        stated |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
+    return np.array([stated.get(name, np.nan) for name in objective.unknown])

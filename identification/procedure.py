@@ -1,8 +1,7 @@
-"""From records to an arm: the identification procedure of the paper."""
+"""`identify`: from records to an arm by the identification procedure of the paper."""
 
 import contextlib
 import dataclasses
-import functools
 import itertools
 import time
 from collections.abc import Iterable, Sequence
@@ -58,9 +57,9 @@ def identify(
 
     Steps 1-6 of 3.2: the robot has followed a trajectory under P control (1) and its errors are in
     the record (2); a population is drawn from the ranges (3), evaluated by objective (4), and
-    evolved (5); the best ever seen is the result (6). That is ``method="paper"``. By default the
-    ranges are drawn around a fit of the torque equation to the counts, and the best is the start of
-    a prediction-error fit.
+    evolved (5); the best individual of all generations is the result (6). That is
+    ``method="paper"``. By default the ranges are drawn around a fit of the torque equation to the
+    counts, and the best individual is the start of a prediction-error fit.
 
     Parameters
     ----------
@@ -68,8 +67,8 @@ def identify(
         The equations with f open.
     records : Record or sequence of Record
         From `plant.simulate` or one of `Record`'s readers. Of a log under a law without memory only
-        pulses are read; of other laws the logged torques or currents, or, where there are none,
-        what the law gives from reference and counts. `LoggedTorque` and `LoggedCurrent` repeat
+        pulses are read; of other laws the logged torques or currents, or, where there are none, the
+        torques of the law along reference and counts. `LoggedTorque` and `LoggedCurrent` repeat
         theirs. Values are fitted to all samples; of a record of more than 50,000 the genetic
         algorithm and the tests of the rig take 20 parts of 2,500, spread over it.
     seed : int
@@ -81,29 +80,46 @@ def identify(
           (4), in ranges
         - "equation_error": least squares on the torque equation in a pass band
         - "output_error": simulated against counted positions, by Gauss-Newton
-        - "prediction_error": predicted against counted positions, by Gauss-Newton progress : bool
-    Show a progress bar, where standard error is a terminal. ranges : (k, 2) array_like, optional
-    Where to search each unknown; "paper" takes ``dynamics.ranges`` by default, the others need
-    none. unknown : sequence of str or {"friction", "gains"}, optional Names of what to find: all of
-    f by default; numbers of rig or law may be added (``drive.viscous[0]``). Words stand for many:
-    "f", "friction", "gains" (of the law); one of the last two alone is beside f. settings :
-    GeneticSettings, optional By default `GeneticSettings.paper()`. steps_per_sample : int Sub-steps
-    of the model between two samples. sweeps : int Of its friction law in each. threads : int,
-    optional By default one per core. held_out : Record or sequence of Record, optional Records that
-    are not searched, only repeated with what was found; by default the last of several, except by
-    the paper's method. Give () to search them all. zeros : bool In logs that replay their torque:
-    the counters were set to zero where the arm happened to hang, so where the joints are then is
-    found as well, for each record (``found.fit.zeros``). Held-out records are taken as they are.
-    elasticity : bool Find stiffness and damping of all gears too, whatever the rigs say of them:
-    ``found.fit.resonance``. tolerances : Tolerances, optional Within which the rigs are right;
-    intervals count them. ``Tolerances.none()`` takes rigs for exact. prior : float, or tuple of
-    bodies or f and a float, optional What is known of f before the log, for what the log does not
-    excite: the relative standard deviation of the chain's own bodies, as 0.3; or ``(bodies, 0.3)``
-    of others, one `Body` per link; or ``(f, 0.3)``. The result says which combinations of f come
-    from it (``found.fit.prior``). By default the chain's own bodies, to 0.3, and only where a joint
-    hardly moves, or no arm follows from the log alone; that is a warning. checkpoint : str or Path,
-    optional File in which finished stages are kept: killed and called again with it, the work goes
-    on, to the same bits. One of other inputs, versions or another processor is refused.
+        - "prediction_error": predicted against counted positions, by Gauss-Newton
+    progress : bool
+        Show a progress bar, where standard error is a terminal.
+    ranges : (k, 2) array_like, optional
+        Where to search each unknown; "paper" takes ``dynamics.ranges`` by default, the others need
+        none.
+    unknown : sequence of str or {"friction", "gains"}, optional
+        Names of the unknowns: all of f by default; numbers of rig or law may be added
+        (``drive.viscous[0]``). Words stand for several: "f", "friction", "gains" (of the law); one
+        of the last two alone is beside f.
+    settings : GeneticSettings, optional
+        By default `GeneticSettings.paper()`.
+    steps_per_sample : int
+        Sub-steps of the model between two samples.
+    sweeps : int
+        Sweeps of its friction law in each sub-step.
+    threads : int, optional
+        By default one per core.
+    held_out : Record or sequence of Record, optional
+        Records that are not searched, only repeated with the result; by default the last of
+        several, except by the paper's method. Give () to search them all.
+    zeros : bool
+        In logs that replay their torque: the counters were set to zero where the arm happened to
+        hang, so the positions of the joints then are unknown as well, for each record
+        (``found.fit.zeros``). Held-out records are taken as they are.
+    elasticity : bool
+        Find stiffness and damping of all gears too, whatever the rigs state:
+        ``found.fit.resonance``.
+    tolerances : Tolerances, optional
+        Within which the rigs are right; intervals count them. ``Tolerances.none()`` takes rigs for
+        exact.
+    prior : float, or tuple of bodies or f and a float, optional
+        Knowledge of f before the log, for the part of f that the log does not excite: the relative
+        standard deviation of the chain's own bodies, as 0.3; or ``(bodies, 0.3)`` of other bodies,
+        one `Body` per link; or ``(f, 0.3)``. The result lists the combinations of f that come from
+        it (``found.fit.prior``). By default the chain's own bodies, to 0.3, and only where a joint
+        hardly moves, or no arm follows from the log alone; that is a warning.
+    checkpoint : str or Path, optional
+        File in which finished stages are stored: killed and called again with it, the work goes on,
+        to the same bits. A file of other inputs, versions or another processor is refused.
 
     Returns
     -------
@@ -117,11 +133,12 @@ def identify(
     Warns
     -----
     IdentificationWarning
-        What was found is unreliable: its ``.warnings``.
+        The result is unreliable: its ``.warnings``.
 
     See Also
     --------
-    identification.Identification, identification.Tolerances, identification.fit_torque, identification.spread
+    identification.Identification, identification.Tolerances, identification.fit_torque,
+    identification.spread
 
     Examples
     --------
@@ -137,6 +154,7 @@ def identify(
     """
     started = time.perf_counter()
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
+    # Elastic gears change the records and the unknowns, so they come before all checks.
     if instance("elasticity", elasticity, bool, "Give True or False."):
         records, held_out, unknown = with_gears(
             dynamics, records, held_out, unknown, method, ranges
@@ -158,58 +176,66 @@ def identify(
         tolerances,
         prior,
     )
-    with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as kept:
-        found = _found(dataclasses.replace(problem, checkpoint=kept), progress, started)
-    warn_of_doubts(found, "identify")
-    return found
+    # The stored stages are bound to the inputs: a change of any refuses the file.
+    with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
+        problem = dataclasses.replace(problem, checkpoint=stored)
+        result = _identified(problem, progress, started)
+    # Once, at the end: `_identified` calls itself for the fallback.
+    warn_of_doubts(result, "identify")
+    return result
 
 
-def _found(problem: Problem, progress: bool, started: float) -> Identification:
-    """What the log tells; where that is no arm, what it tells beside the model's own bodies."""
-    outcome = functools.partial(search, problem, progress)
+def _identified(problem: Problem, progress: bool, started: float) -> Identification:
+    """Identify from the log alone; if no arm follows from it, beside the model's own bodies."""
     try:
-        found = _assess(problem, problem.checkpoint.stage("search", outcome), started)
+        outcome = problem.checkpoint.stage("search", lambda: search(problem, progress))
+        result = _assess(problem, outcome, started)
     except ValueError as error:
-        other = _beside_model(problem, progress, started)
-        if (
-            other is None
-            or getattr(error, "name", problem.dynamics.names[0]) not in problem.dynamics.names
-        ):
-            if wrong := next(filter(None, map(misread, problem.records)), ""):
-                raise ValueError(f"{wrong[1:]} Correct that first; as it is, {error}") from error
-            raise
-        return other
-    other = None if found.fit.fallback_reason is None else _beside_model(problem, progress, started)
-    return found if other is None else other
+        fallback = _beside_model(problem, progress, started)
+        # A prior helps with f only: an error that names a number of rig or law stays.
+        names = problem.dynamics.names
+        if fallback is not None and getattr(error, "name", names[0]) in names:
+            return fallback
+        # Columns that were misread explain any error.
+        misreading = next(filter(None, map(misread, problem.records)), "")
+        if misreading:
+            raise ValueError(f"{misreading[1:]} Correct that first; as it is, {error}") from error
+        raise
+    # A fallback is the result of a rougher method: the model's own bodies may do better.
+    if result.fit.fallback_reason is None:
+        return result
+    fallback = _beside_model(problem, progress, started)
+    return result if fallback is None else fallback
 
 
 def _beside_model(problem: Problem, progress: bool, started: float) -> Identification | None:
-    """What the log tells beside the model's own bodies, if these are known and that leaves no
-    doubt.
-    """
+    """Identify with the model's own bodies as a prior; None without them, or if doubts remain."""
     dynamics = problem.dynamics
     records = problem.records
-    known = problem.prior
-    own = Prior.of_model(dynamics, records[0].rig) if known is None else None
-    if own is not None and from_prior(dynamics, records, own):
-        part = problem.checkpoint.part("prior")
-        with contextlib.suppress(ValueError):
-            found = _found(
-                dataclasses.replace(problem, prior=own, checkpoint=part), progress, started
-            )
-            if not doubts(found):
-                warn(
-                    f"identify: no arm follows from the log alone. {advice(dynamics, records, own)}"
-                )
-                return found
+    if problem.prior is not None:
+        return None
+    # The bodies of a model file are known roughly; a chain may have none.
+    prior = Prior.of_model(dynamics, records[0].rig)
+    if prior is None or not from_prior(dynamics, records, prior):
+        return None
+    # Its stages are kept apart from those without the prior.
+    part = problem.checkpoint.part("prior")
+    with contextlib.suppress(ValueError):
+        problem = dataclasses.replace(problem, prior=prior, checkpoint=part)
+        result = _identified(problem, progress, started)
+        # A result with doubts would hide the reason why the log alone gives none.
+        if not doubts(result):
+            text = advice(dynamics, records, prior)
+            warn(f"identify: no arm follows from the log alone. {text}")
+            return result
     return None
 
 
 def search(problem: Problem, progress: bool) -> Outcome:
-    """What the method finds; a progress bar counts generations."""
+    """Outcome of the method of a problem; a progress bar counts generations."""
     total = problem.settings.generations
     with progress_bar(total, "identify", "generation", progress) as bar:
-
+        # The method calls it after every generation.
         def show(best: float) -> None:
             bar.set_postfix_str(f"best {best:.0f} pulses^2")
             bar.update()
@@ -219,32 +245,28 @@ def search(problem: Problem, progress: bool) -> Outcome:
 
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records."""
+    # 1. Objective (4) of the values.
+    # Methods do not store the prior; the result reports what comes from it.
     fit = dataclasses.replace(outcome.fit, prior=problem.prior)
-    genetic = outcome.genetic
     objective = repeating(problem, placed(problem, fit), fit.resumptions)
     cost = float(objective(fit.values[None])[0])
-    if genetic is not None and not np.isfinite(cost):
-        dynamics = problem.dynamics
-        record = problem.records[0]
-        signs = restated(dynamics, record)
-        others = of_statements(record.rig, problem.records, dynamics.chain)
-        told = "".join(
-            f" The log says: {line}" for line in itertools.islice(itertools.chain(signs, others), 1)
-        )
+    if outcome.genetic is not None and not np.isfinite(cost):
         raise ValueError(
             f"some candidate must reproduce the experiment; all {outcome.evaluations} diverged or"
             " had no sound inertia. Widen or correct the ranges, and check gains, gears and signs"
-            f" of rig and law, and axes, lengths and gravity of the chain.{told}"
+            f" of rig and law, and axes, lengths and gravity of the chain.{_likely_cause(problem)}"
         )
+
+    # 2. Diagnostics, which can replace the fit by the mean of several, and widen its covariance.
     diagnostics = problem.checkpoint.stage(
         "diagnostics", lambda: Diagnostics.of(problem, fit, objective, cost, outcome)
     )
-    fit = diagnostics.detection.whole(fit)
+    fit = diagnostics.detection.widened(fit)
     arm, rig, law = problem.parts(fit.values)
+    # Backlash gives like a soft gear: the stiffness is reported as a bound then.
     if fit.resonance is not None and diagnostics.detection.played:
-        fit = dataclasses.replace(
-            fit, resonance=fit.resonance.beside_backlash(diagnostics.detection.played)
-        )
+        resonance = fit.resonance.beside_backlash(diagnostics.detection.played)
+        fit = dataclasses.replace(fit, resonance=resonance)
     return Identification(
         arm=arm,
         rig=rig,
@@ -256,3 +278,13 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         search=Search.of(problem, outcome, diagnostics.objective, time.perf_counter() - started),
         diagnostics=diagnostics,
     )
+
+
+def _likely_cause(problem: Problem) -> str:
+    """The leading contradiction between log and statements, as an end of an error; or none."""
+    record = problem.records[0]
+    signs = restated(problem.dynamics, record)
+    statements = of_statements(record.rig, problem.records, problem.dynamics.chain)
+    # One cause is enough in an error; the generator makes no more.
+    cause = next(itertools.chain(signs, statements), None)
+    return "" if cause is None else f" The log says: {cause}"

@@ -47,23 +47,24 @@ class Spread(Shown, Frozen):
         )
 
     def _shown(self) -> Iterator[Piece]:
-        first, last = (
-            np.median([getattr(r, k) for r in self.runs])
-            for k in ("initial_objective", "objective")
-        )
+        # The median, as a single run may have a bad start.
+        initial = np.median([run.initial_objective for run in self.runs])
+        final = np.median([run.objective for run in self.runs])
         yield Verdict(
-            f"objective, median of {len(self.runs)} runs: {first:.0f} -> {last:.0f} pulses^2"
+            f"objective, median of {len(self.runs)} runs: {initial:.0f} -> {final:.0f} pulses^2"
         )
         dynamics = self.runs[0].arm.dynamics
-        f = self.f
-        rows = []
-        for i, (name, *numbers) in enumerate(
-            zip(dynamics.short_names, f.mean(axis=0), f.min(axis=0), f.max(axis=0), strict=True)
-        ):
-            paper = [] if self.published is None else [f"{self.published[i]:.0%}"]
-            rows.append((name, *(f"{x:.3f}" for x in numbers), f"{self.alteration[i]:.0%}", *paper))
-        paper = [] if self.published is None else ["paper"]
-        yield Table(("", "mean", "min", "max", "alteration", *paper), rows)
+        # One row per parameter; the paper's alteration beside it.
+        columns = {
+            "": dynamics.short_names,
+            "mean": [f"{value:.3f}" for value in self.f.mean(axis=0)],
+            "min": [f"{value:.3f}" for value in self.f.min(axis=0)],
+            "max": [f"{value:.3f}" for value in self.f.max(axis=0)],
+            "alteration": [f"{value:.0%}" for value in self.alteration],
+        }
+        if self.published is not None:
+            columns["paper"] = [f"{value:.0%}" for value in self.published]
+        yield Table(tuple(columns), list(zip(*columns.values(), strict=True)))
         yield Aside("What the parameters mean", dynamics.legend.splitlines())
 
 
@@ -78,7 +79,7 @@ def spread(
     executor: Any = None,
     **options: Any,
 ) -> Spread:
-    """Identify the same records with several seeds and say how much each f varies.
+    """Identify the same records with several seeds, for the variation of each f.
 
     Parameters
     ----------
@@ -88,14 +89,14 @@ def spread(
     published : (p,) array_like, optional
         Alterations to print beside the result, such as `plant.robots.puma560.PUBLISHED_ALTERATION`.
     method : str
-        The paper's by default: it is its series that varies; the default of `identify` varies far
-        less.
+        The paper's by default, because its series varies; that of the default of `identify` varies
+        far less.
     checkpoint : str or Path, optional
-        File in which finished stages of the runs are kept, as of `identify`; more seeds go on from
-        those that it has.
+        File in which finished stages of the runs are stored, as of `identify`; a call with more
+        seeds continues from it.
     executor : optional
-        Where the runs are made, side by side: a `concurrent.futures.Executor`, a Dask ``Client``,
-        or a function that makes one. It takes no checkpoint.
+        Runs the identifications in parallel: a `concurrent.futures.Executor`, a Dask ``Client``, or
+        a function that makes one. It takes no checkpoint.
     **options
         Of `identify`.
 
@@ -107,7 +108,7 @@ def spread(
     Raises
     ------
     ValueError
-        Fewer than two seeds, or what `identify` refuses.
+        Fewer than two seeds, or input that `identify` refuses.
 
     See Also
     --------
@@ -121,6 +122,7 @@ def spread(
     >>> print(len(spread(puma560.dynamics(), record, seeds=range(2), progress=False).runs))
     2
     """
+    # A single seed is refused with a message, not with a TypeError.
     seeds = tuple(seeds) if isinstance(seeds, Iterable) else (seeds,)
     if len(seeds) < 2:
         raise ValueError(
@@ -130,12 +132,15 @@ def spread(
         published = array(
             "published", published, (dynamics.p,), advice="Give one alteration per f."
         )
+    # Processes cannot share a file of stages.
     if executor is not None and checkpoint is not None:
         raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
+    # The seed alone differs between runs.
     run = functools.partial(_run, dynamics, records, {"method": method, **options})
+    # Stages are stored in this process alone.
     if executor is None:
-        with Checkpoint(checkpoint, "spread") as kept:
-            runs = tuple(run(seed, checkpoint=kept.part(f"seed {seed}")) for seed in seeds)
+        with Checkpoint(checkpoint, "spread") as stored:
+            runs = tuple(run(seed, checkpoint=stored.part(f"seed {seed}")) for seed in seeds)
     else:
         runs = tuple(mapped(run, seeds, executor))
     f = np.array([run.f for run in runs])
@@ -145,6 +150,7 @@ def spread(
 
 
 def _run(
-    dynamics: Dynamics, records: Any, options: dict[str, Any], seed: int, **kept: Any
+    dynamics: Dynamics, records: Any, options: dict[str, Any], seed: int, **checkpoint: Any
 ) -> Identification:
-    return identify(dynamics, records, seed=seed, **options, **kept)
+    # A function of this module, so that processes of an executor can import it.
+    return identify(dynamics, records, seed=seed, **options, **checkpoint)

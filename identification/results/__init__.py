@@ -1,8 +1,10 @@
-"""What was found: the identification, its warnings and figures, what contradicts it, bodies, loads,
-oscillation.
+"""Results of an identification: values, warnings, contradictions, figures, bodies, model files.
 
-Read `identification`, `diagnostics`, `trust` (warnings), `plots`; for what contradicts the model
-`alternatives` (tests), `stepwise` (one after another), `detection` (the result); `physical` and
-`oscillation` stand alone. `model_files` writes inertials back (`realised`: bodies that have f;
-`nearest_bodies`: the search).
+Read `identification` (the result), `diagnostics` (how well it repeats the records), `summary` (its
+text), `trust` (warnings) and `plots`. Contradictions: `alternatives` and `along_log` (score tests),
+`corrections` (delays and lengths), `stepwise` (selection), `detection` (the result), `model_error`
+(bias of the values), `each_record` (records that disagree), `restated` (signs and rotors).
+Assumptions: `assumed` (sensitivities), `seen` (range of the logs, priors). `physical`, `gears`,
+`oscillation` and `urscript` stand alone. `model_files` writes inertials back (`realised`: bodies
+that have f; `nearest_bodies`: the search).
 """

@@ -1,7 +1,7 @@
-"""Torques along a log that its model may lack: cogging of the motors, the rate of a law's error.
+"""Torques along a log that its model may lack: cogging of the motors, derivative action of a law.
 
-Each is known along the log but for its size, with which the innovations change in proportion. Of
-wide backlash only where it acts is known.
+Each is known along the log except for its size, and the innovations change in proportion to that.
+Of wide backlash only the instants at which it acts are known.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,126 +22,132 @@ from plant.parts.fields import Floats
 
 CYCLES = 24  # of a motor's cogging per turn, at most
 
-_CROSSING = 0.02  # within which the teeth of a gear cross wide backlash, and meet [s]
+# Time [s] within which the teeth of a gear cross wide backlash and meet again; chosen by hand.
+_CROSSING = 0.02
 
-_SMALL = 0.01  # share of the log's torque (rms) by whose effect that of a torque is taken
+# Share of the log's torque (rms) at which the effect of a torque is taken: so small that it acts
+# linearly; chosen by hand.
+_SMALL = 0.01
 
 
 def torques_along(at: Optimum) -> dict[str, list[Floats]]:
-    """Torques (N, n) [N m] of each record, by the names of numbers that are zero in the model, per
-    unit of them.
+    """Torques (N, n) [N m] of each record per unit of numbers that are zero in the model, by name.
 
-    ``cogging.6cos[i]`` [N m of the motor], of the number of cycles that shows most; ``lead[i]`` [s]
-    of the torque of a law without memory.
+    ``cogging.6cos[i]`` [N m of the motor], with the number of cycles per turn that shows most;
+    ``lead[i]`` [s] of the torque of a law without memory.
     """
-    model = at.model
     records = at.model.records
-    found = dict[str, list[Floats]]()
     arm = _arm(at)
-    left = [at.before[rows].reshape(-1, arm.dynamics.n) for rows in model.rows()]
-    asked = [commanded_torque(record) for record in records]
-    rates = [
-        0 * r.counts if torque is None else smoothed(r, torque).qd
-        for r, torque in zip(records, asked, strict=True)
-    ]
-    for i, own in enumerate(np.eye(arm.dynamics.n)):
+    n = arm.dynamics.n
+    residuals = [at.before[rows].reshape(-1, n) for rows in at.model.rows()]
+    # A derivative in the law adds the rate of its torque. Without a commanded torque there is none.
+    rates = []
+    for record in records:
+        commanded = commanded_torque(record)
+        rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
+    torques = dict[str, list[Floats]]()
+    for i, joint in enumerate(np.eye(n)):
         angles = [record.rig.encoder.to_angle(record.counts)[:, i] for record in records]
-        cycles = _cycles(angles, [rest[:, i] for rest in left])
+        units = [record.rig.drive.joint_torque(joint) for record in records]
+        cycles = _cycles(angles, [residual[:, i] for residual in residuals])
+        # A cosine and a sine together have any phase.
         for name, wave in (("cos", np.cos), ("sin", np.sin)):
-            pairs = zip(
-                angles, (record.rig.drive.joint_torque(own) for record in records), strict=True
-            )
-            found[f"cogging.{cycles}{name}[{i}]"] = [
-                np.outer(wave(cycles * angle), unit) for angle, unit in pairs
+            torques[f"cogging.{cycles}{name}[{i}]"] = [
+                np.outer(wave(cycles * angle), unit)
+                for angle, unit in zip(angles, units, strict=True)
             ]
-        found[f"lead[{i}]"] = [rate * own for rate in rates]
+        torques[f"lead[{i}]"] = [rate * joint for rate in rates]
     return {
-        name: [_held(torque) for torque in own]
-        for name, own in found.items()
-        if any(map(np.any, own))
+        name: [_mean_while_held(torque) for torque in of_records]
+        for name, of_records in torques.items()
+        if any(map(np.any, of_records))  # otherwise it cannot act
     }
 
 
 def _arm(at: Optimum) -> Arm:
-    """The arm of the values found."""
+    """The arm of the fitted values."""
     dynamics = at.model.dynamics
     return dynamics.arm([at.values[at.model.unknown.index(name)] for name in dynamics.names])
 
 
 def efforts(parts: Sequence[Record]) -> Floats:
-    """Torque [N m] and speed [rad/s] of each motor (2, n), rms over parts of a record; a little
-    where there is none.
-    """
+    """Torque [N m] and speed [rad/s] of each motor (2, n), rms over the parts of a record."""
     rig = parts[0].rig
     torque = np.array([rig.drive.motor_torque(row) for part in parts for row in torque_of(part)])
-    speed = (
-        rig.encoder.to_angle(np.concatenate([np.diff(part.counts, axis=0) for part in parts]))
-        / rig.period
-    )
+    counted = np.concatenate([np.diff(part.counts, axis=0) for part in parts])
+    speed = rig.encoder.to_angle(counted) / rig.period
     rms = np.array([np.sqrt((torque**2).mean(axis=0)), np.sqrt((speed**2).mean(axis=0))])
+    # They are divided by: a joint at rest has a hundredth of the largest, so that none is zero.
     return np.maximum(rms, 1e-9 + 0.01 * rms.max(axis=1, keepdims=True))
 
 
-def _held(torque: Floats) -> Floats:
-    """Mean (N, n) from each sample to the next, in which it is held."""
+def _mean_while_held(torque: Floats) -> Floats:
+    """Mean (N, n) of a torque from each sample to the next, in which the model holds it."""
     return (torque + np.vstack([torque[1:], torque[-1:]])) / 2
 
 
 def at_reversals(at: Optimum) -> Iterator[tuple[int, Floats, Floats]]:
-    """Of each joint, its place and what is left (M,) where its load changes sign, and elsewhere;
-    not where it turns.
+    """Residuals (M,) of each joint while its load changes sign, and elsewhere: (joint, M, M).
+
+    Where the joint itself turns back, friction changes sign as well: these samples are in neither.
     """
     arm = _arm(at)
-    near: list[list[Floats]] = [[] for _ in range(2 * arm.dynamics.n)]
+    n = arm.dynamics.n
+    crossing: list[list[Floats]] = [[] for _ in range(n)]
+    elsewhere: list[list[Floats]] = [[] for _ in range(n)]
     for record, rows in zip(at.model.records, at.model.rows(), strict=True):
         motion = smoothed(record, record.rig.cell_centre(record.counts))
+        # The teeth carry the torque of the links, without that which turns the rotor.
         load = _torque(arm, motion) - record.rig.drive.reflected_inertia() * motion.qdd
-        left = at.before[rows].reshape(load.shape)
+        residual = at.before[rows].reshape(load.shape)
         samples = max(4, round(_CROSSING / record.rig.period))
-        for i in range(arm.dynamics.n):
-            loaded, turned = (_after_flips(x[:, i], samples) for x in (load, motion.qd))
-            near[2 * i].append(left[loaded & ~turned, i])
-            near[2 * i + 1].append(left[~loaded & ~turned, i])
-    for i in range(arm.dynamics.n):
-        yield i, np.concatenate(near[2 * i]), np.concatenate(near[2 * i + 1])
+        for i in range(n):
+            loaded = _after_flips(load[:, i], samples)
+            turned = _after_flips(motion.qd[:, i], samples)
+            crossing[i].append(residual[loaded & ~turned, i])
+            elsewhere[i].append(residual[~loaded & ~turned, i])
+    for i in range(n):
+        yield i, np.concatenate(crossing[i]), np.concatenate(elsewhere[i])
 
 
 def _after_flips(x: Floats, samples: int) -> NDArray[np.bool_]:
-    """Samples (N,) from a little before to so many after those at which a signal changes sign."""
+    """Samples (N,) from a little before to so many after a change of the sign of a signal."""
     flips = np.flatnonzero(np.diff(np.sign(x)) != 0)
-    near = np.zeros(len(x) + 1)
-    np.add.at(near, np.maximum(flips - samples // 4, 0), 1)
-    np.add.at(near, np.minimum(flips + samples, len(x)), -1)
-    return np.cumsum(near)[:-1] > 0
+    # Count the intervals that have begun and not ended; each begins a quarter of its length early.
+    begun = np.zeros(len(x) + 1)
+    np.add.at(begun, np.maximum(flips - samples // 4, 0), 1)
+    np.add.at(begun, np.minimum(flips + samples, len(x)), -1)
+    return np.cumsum(begun)[:-1] > 0
 
 
 def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[str, Floats]:
-    """Change of the innovations (M,) with each of these numbers."""
+    """Effect (M,) on the innovations of each of these torques, per unit of its number."""
     size = np.sqrt(np.mean(torque_of(at.model.records[0]) ** 2))
 
-    def effect(own: Sequence[Floats]) -> Floats:
-        step = _SMALL * size / np.sqrt(np.mean(np.concatenate(own) ** 2))
-        moved = at.model.pushed([step * torque for torque in own]).innovations(at.values)
+    def effect(of_records: Sequence[Floats]) -> Floats:
+        step = _SMALL * size / np.sqrt(np.mean(np.concatenate(of_records) ** 2))
+        moved = at.model.pushed([step * torque for torque in of_records]).innovations(at.values)
         return np.asarray((moved - at.innovations) / step)
 
-    return dict(
-        zip(torques, shared_out(effect, list(torques.values()), at.model.threads), strict=True)
-    )
+    effects = shared_out(effect, list(torques.values()), at.model.threads)
+    return dict(zip(torques, effects, strict=True))
 
 
-def _cycles(motors: Sequence[Floats], left: Sequence[Floats]) -> int:
-    """Cycles per turn of a motor at which what is left (N,) along its angles (N,) has most
-    power, turn by turn.
+def _cycles(angles: Sequence[Floats], residuals: Sequence[Floats]) -> int:
+    """Cycles per turn of a motor at which the residuals (N,) along its angles (N,) have most power.
+
+    The powers of single turns are added.
     """
     power = np.zeros(CYCLES)
-    for angle, rest in zip(motors, left, strict=True):
+    for angle, residual in zip(angles, residuals, strict=True):
         _, turn, length = np.unique(
             np.floor(angle / (2 * np.pi)), return_inverse=True, return_counts=True
         )
+        waves = np.exp(-1j * np.outer(angle, np.arange(1, CYCLES + 1)))
         sums = np.zeros((len(length), CYCLES), complex)
-        np.add.at(
-            sums, turn, rest[:, None] * np.exp(-1j * np.outer(angle, np.arange(1, CYCLES + 1)))
-        )
+        np.add.at(sums, turn, residual[:, None] * waves)
+        # The square of a sum grows with the square of its samples: per sample, a slow turn would
+        # count more than several quick ones.
         power += (np.abs(sums) ** 2 / length[:, None]).sum(axis=0)
     return int(power.argmax()) + 1
 
@@ -153,4 +159,4 @@ def _torque(arm: Arm, motion: Motion) -> Floats:
         arm.dynamics.chain, arm.dynamics.lumping, q, qd, qdd, ca.SX(arm.f)
     )
     torque = ca.Function("torque", [q, qd, qdd], [ca.densify(moving + at_rest)])
-    return np.asarray(torque.map(len(motion.q))(*(each.T for each in motion)).full().T)
+    return np.asarray(torque.map(len(motion.q))(*(signal.T for signal in motion)).full().T)

@@ -1,10 +1,9 @@
-"""What of that which a rig leaves out explains the innovations of a fit: score tests where the fit
-is best without it.
+"""Score tests for effects that the rig does not model, at the optimum of the model without them.
 
-The change of the innovations with a number that is zero in the model, less what the fitted unknowns
-can do as well, is a direction in which the innovations of a right model lie by chance alone. The
-sum of squares that goes with it, in units of their variance (inflated by their autocorrelation), is
-a chi-square. What does not act linearly is tried (`identification.replay.optimum`).
+The effect of a number that is zero in the model, projected off the effects of the fitted unknowns,
+is a direction in which the innovations of a right model lie by chance alone. The sum of squares
+along it, in units of their variance (inflated by their autocorrelation), is a chi-square. Effects
+that are not linear are tried at several sizes (`identification.replay.optimum`).
 
 Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in econometrics, Handbook
 of Econometrics II, 1984, ch. 13.
@@ -25,34 +24,62 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.followed_path import is_rounded
 
-_BY_CHANCE = 1e-5  # probability with which a right model reaches a threshold
 
-_HERTZ = 200.0  # resonance by whose effect that of compliance is taken, where gears are rigid [Hz]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ScoreTestSettings:
+    """Sizes and thresholds of the score tests.
 
-# The same of a lag [s], of a delay [samples], of friction and offset, as a share of a motor's
-# torque (rms), and of gears, motor gains and gains of the law, relative.
-_LAG = 1e-5
-_DELAY = 0.05
-_FRICTION = 0.01
-_SHARE = 1e-4
+    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` (what comes
+    first, by robot) and ``healthy.py`` (right logs that are accused).
 
-# samples by which a torque leads, at least, where its law has the rate of the error; less is timing
-_LEAD = 0.5
+    Parameters
+    ----------
+    by_chance : float
+        Probability with which a right model exceeds the threshold of one test.
+    resonance : float
+        Resonance [Hz] whose effect stands for that of compliance, where gears are rigid.
+    lag : float
+        Lag of the currents [s] whose effect is taken.
+    delay : float
+        Delay of the counts [samples] whose effect is taken.
+    torque : float
+        Friction and offset whose effects are taken, as a share of the motor's torque (rms).
+    share : float
+        Relative change of gears, motor gains and gains of the law whose effect is taken.
+    lead : float
+        Samples by which a torque leads, at least, where its law has the rate of the error; a
+        smaller lead is an error of timing.
+    reversal_samples : int
+        Samples at which a load changes sign that the test of reversals needs.
+    reversal_ratio : float
+        Ratio of the mean squared innovations there to those elsewhere above which the model fails.
+    unexplained : float
+        Share of an effect that must remain beside those of the unknowns, so that the two can be
+        told apart.
+    """
 
-# samples in which a load changes sign, at least, and by how much innovations² are larger there
-_FEW = 30
-_FAILS = 3.0
-# what can be more or less than stated
+    by_chance: float = 1e-5
+    resonance: float = 200.0
+    lag: float = 1e-5
+    delay: float = 0.05
+    torque: float = 0.01
+    share: float = 1e-4
+    lead: float = 0.5
+    reversal_samples: int = 30
+    reversal_ratio: float = 3.0
+    unexplained: float = 1e-3
+
+
+SETTINGS = ScoreTestSettings()
+
+# Alternatives whose number may have either sign; of the others only a positive one makes sense.
 _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")
-
-# an effect of which less than this share is its own cannot be told from those of the unknowns
-_OWN = 1e-3
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sign(Shown, Frozen):
-    """What a log says of one thing that its rig may leave out.
+    """Test of one effect that the rig may leave out, at the optimum of the model without it.
 
     Attributes
     ----------
@@ -61,10 +88,9 @@ class Sign(Shown, Frozen):
         "cogging", "length" of a link, "lead" of a law's torque, "reversals" of the load, or
         "disagreement": of the records with each other.
     chi_square : float
-        By how much it would lower the sum of squared innovations, in units of their (inflated)
-        variance.
+        Decrease of the sum of squared innovations with it, in units of their (inflated) variance.
     freedom : int
-        Chi-square, on average, of a log that has nothing of it.
+        Mean chi-square of a log without this effect.
     threshold : float
         Chi-square above which it is significant.
     explained : float
@@ -72,7 +98,7 @@ class Sign(Shown, Frozen):
     values : dict
         Estimates, in the units of `Extended`.
     visible : dict
-        The least of each that this log would show, in the same units.
+        Smallest value of each that this log would show, in the same units.
     rivals : tuple of str
         Alternatives that explain nearly as much.
     """
@@ -102,70 +128,75 @@ class Sign(Shown, Frozen):
 
 
 def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
-    """All alternatives (of `effects_of`), where the sum of squares is least; no lag or delay of
-    a rounded path.
-    """
+    """All tests (of `effects_of`) at an optimum; none of lag or delay along a rounded path."""
     if any(map(is_rounded, at.model.records)):  # straight lines through counts lag by half a pulse
         effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
-    changes = {name: row for name, row in effects.items() if np.isfinite(row).all()}
-    found: list[Sign] = []
+    finite = {name: row for name, row in effects.items() if np.isfinite(row).all()}
+    results: list[Sign] = []
     for name in ("compliance", "lag", "friction", "offset", "gear", "delay", "cogging", "lead"):
-        own = {each: row for each, row in changes.items() if family(each) == name}
-        found += linear(at, name, own)
+        members = {number: row for number, row in finite.items() if family(number) == name}
+        results += linear(at, name, members)
+    # Compliance and backlash are not linear: the trials decide, where the model has springs.
     if "compliance[0]" in at.model.extra:
-        found = [
-            _best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in found
+        results = [
+            _best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in results
         ]
-        found.append(_of_backlash(backlash(at)))
-    return [*found, *_reversals(at), *_disagreement(at)]
+        results.append(_of_backlash(backlash(at)))
+    return [*results, *_reversals(at), *_disagreement(at)]
 
 
 def effects_of(at: Optimum, efforts: Floats) -> dict[str, Floats]:
-    """Change of the innovations (M,) with each of what a rig leaves out and with ``delay``, by
-    name; where it is small.
+    """Effect (M,) on the innovations of each number that a rig leaves out and of a delay, per unit.
 
-    Compliance and backlash do not act linearly: of compliance the change is that from rigid to
+    Compliance and backlash do not act linearly: of compliance the effect is that from rigid to
     stiff, none of backlash.
     """
     model = at.model
-    steps = _steps(at.model, efforts)
+    # One trial run per number, beside the optimum.
+    steps = _steps(model, efforts)
     moves = np.zeros((len(steps), len(at.values)))
     for row, (name, size) in zip(moves, steps.items(), strict=True):
         row[model.place(name)] = size
+    # All at once, so that threads share the runs; the rows are fresh and are changed in place.
     changes = dict(zip(steps, model.all_innovations(at.values + moves), strict=True))
     for name, moved in changes.items():
         moved -= at.innovations
         moved /= steps[name]
-    return {
-        **changes,
-        "delay": (at.innovations - model.late(_DELAY).innovations(at.values)) / _DELAY,
-    }
+    return {**changes, "delay": _effect_of_delay(at)}
+
+
+def _effect_of_delay(at: Optimum) -> Floats:
+    """Effect (M,) of a delay of the counts [samples], by counts that are read later."""
+    later = at.model.late(SETTINGS.delay).innovations(at.values)
+    return np.asarray((at.innovations - later) / SETTINGS.delay)
 
 
 def delay_sign(at: Optimum) -> Sign | None:
-    """The sign of counts that are read late; None where that cannot be told from the unknowns."""
-    later = at.model.late(_DELAY).innovations(at.values)
-    change = (at.innovations - later) / _DELAY
-    return next(linear(at, "delay", {"delay": change}), None) if np.isfinite(change).all() else None
+    """The test of late counts; None where the unknowns take a delay over."""
+    effect = _effect_of_delay(at)
+    return next(linear(at, "delay", {"delay": effect}), None) if np.isfinite(effect).all() else None
 
 
 def _steps(model: Extended, efforts: Floats) -> dict[str, float]:
-    """By how much each of what acts linearly is changed."""
+    """Size of each number whose effect is taken, small enough that it acts linearly."""
     torque, speed = efforts
+    n = len(torque)
     sizes = {
-        "compliance": np.full(len(torque), _HERTZ**-2),
-        "lag": np.array([_LAG]),
-        "viscous": _FRICTION * torque / speed,
-        "coulomb": _FRICTION * torque,
-        "offset": _FRICTION * torque,
-        "gear": np.full(len(torque), _SHARE),
-        "motor_gain": np.full(len(torque), _SHARE),
+        "compliance": np.full(n, SETTINGS.resonance**-2),
+        "lag": np.array([SETTINGS.lag]),
+        "viscous": SETTINGS.torque * torque / speed,
+        "coulomb": SETTINGS.torque * torque,
+        "offset": SETTINGS.torque * torque,
+        "gear": np.full(n, SETTINGS.share),
+        "motor_gain": np.full(n, SETTINGS.share),
     }
     steps = {}
     for name in model.extra:
+        # A name such as ``coulomb[1]``; a lag has no joint.
         kind, _, joint = name.rstrip("]").partition("[")
+        # Gains of the law, such as ``law.gain[0]``, change by a share of themselves.
         if kind.startswith("law."):
-            steps[name] = _SHARE
+            steps[name] = SETTINGS.share
         elif kind in sizes:
             steps[name] = float(sizes[kind][int(joint or 0)])
     return steps
@@ -178,67 +209,77 @@ def family(name: str) -> str:
 
 
 def _threshold(freedom: int, choices: float = 1.0) -> float:
-    """Chi-square that a right model exceeds by chance; of the best of so many choices."""
+    """Chi-square that a right model exceeds by chance, as the best of so many choices."""
     from scipy.special import chdtri
 
-    return float(chdtri(freedom, _BY_CHANCE / choices))
+    return float(chdtri(freedom, SETTINGS.by_chance / choices))
 
 
 def linear(
     at: Optimum, name: str, changes: dict[str, Floats], choices: float = 1.0
 ) -> Iterator[Sign]:
-    """The sign of what acts linearly, the best of so many choices; of compliance, lag and lead,
-    only what is positive.
+    """The score test of numbers that act linearly, as the best of so many choices.
 
-    None of what is too small.
+    Of compliance, lag and lead only positive values count. Yields nothing if the effects can be
+    told from those of the unknowns too little.
     """
-    own = {each: at.left(change) for each, change in changes.items()}
-    own = {
-        each: row
-        for each, row in own.items()
-        if (row**2).sum() > _OWN**2 * (changes[each] ** 2).sum()
+    # The part of each effect that the unknowns cannot take over.
+    rows = {number: at.left(change) for number, change in changes.items()}
+    rows = {
+        number: row
+        for number, row in rows.items()
+        if (row**2).sum() > SETTINGS.unexplained**2 * (changes[number] ** 2).sum()
     }
-    if not own:
+    # Nothing of them can be told from the unknowns.
+    if not rows:
         return
-    before = at.before
-    freedom = len(own)
-    choices = CYCLES ** (freedom / 2) if name == "cogging" else choices
-    least = _threshold(freedom, choices) * at.unit(before)
-    lowest = _LEAD * at.model.records[0].rig.period if name == "lead" else 0.0
+    residual = at.before
+    freedom = len(rows)
+    if name == "cogging":  # a cosine and a sine each, of the best number of cycles per turn
+        choices = CYCLES ** (freedom / 2)
+    # The sum of squares that is significant, and the number that would explain it alone.
+    limit = _threshold(freedom, choices) * at.unit(residual)
+    lowest = SETTINGS.lead * at.model.records[0].rig.period if name == "lead" else 0.0
     visible = {
-        each: max(lowest, float(np.sqrt(least / (row**2).sum()))) for each, row in own.items()
+        number: max(lowest, float(np.sqrt(limit / (row**2).sum()))) for number, row in rows.items()
     }
-    after = before
+    remaining = residual
     size = np.empty(0)
-    while own:
-        rows = np.array(list(own.values()))
-        size = -along(directions(rows), rows, before)
-        after = before + np.einsum("i,im->m", size, rows)
+    # Numbers that come out below the lowest sensible value are left out, and the rest fitted again.
+    while rows:
+        matrix = np.array(list(rows.values()))
+        size = -along(directions(matrix), matrix, residual)
+        remaining = residual + np.einsum("i,im->m", size, matrix)
+        # All values make sense: done.
         if name in _SIGNED or not (size < lowest).any():
             break
-        own = {each: row for (each, row), x in zip(own.items(), size, strict=True) if x > lowest}
-        after = before
-    yield _sign(
-        at, name, freedom, after, dict(zip(own, size.tolist(), strict=False)), visible, choices
-    )
+        rows = {
+            number: row
+            for (number, row), value in zip(rows.items(), size, strict=True)
+            if value > lowest
+        }
+        remaining = residual
+    # No number is left if none came out positive: then nothing is explained.
+    values = dict(zip(rows, size.tolist(), strict=False))
+    yield _sign(at, name, freedom, remaining, values, visible, choices)
 
 
 def _sign(
     at: Optimum,
     name: str,
     freedom: int,
-    after: Floats,
+    remaining: Floats,
     values: dict[str, float],
     visible: dict[str, float],
     choices: float = 1.0,
 ) -> Sign:
-    """Of an alternative that leaves so much (M,) of the innovations."""
+    """The test of an alternative beside which so much (M,) of the innovations remains."""
     return Sign(
         name=name,
-        chi_square=at.chi_square(after),
+        chi_square=at.chi_square(remaining),
         freedom=freedom,
         threshold=_threshold(freedom, choices),
-        explained=float((at.before**2).sum() - (after**2).sum()),
+        explained=float((at.before**2).sum() - (remaining**2).sum()),
         values=values,
         visible=visible,
     )
@@ -255,21 +296,20 @@ def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
 
 
 def _of_backlash(trials: Sequence[Trial]) -> Sign:
-    """The trial that lowers the sum of squares most; the narrowest of each joint whose effect is
-    detectable.
-    """
+    """The best trial of backlash; visible is the narrowest detectable width of each joint."""
+    freedom = 2  # the width of one gear, and its compliance
+    threshold = _threshold(freedom)
     visible = dict[str, float]()
-    threshold = _threshold(2)
     for trial in trials:
         for name, value in trial.values.items():
             if name.startswith("backlash") and trial.effect > threshold:
-                visible.setdefault(name, value)
+                visible.setdefault(name, value)  # trials come from narrow to wide
     none = Trial(values={}, chi_square=-np.inf, explained=0.0, effect=0.0)
     best = max(trials, key=lambda trial: trial.chi_square, default=none)
     return Sign(
         name="backlash",
         chi_square=best.chi_square,
-        freedom=2,
+        freedom=freedom,
         threshold=threshold,
         explained=best.explained,
         values=best.values,
@@ -278,45 +318,51 @@ def _of_backlash(trials: Sequence[Trial]) -> Sign:
 
 
 def _reversals(at: Optimum) -> Iterator[Sign]:
-    """Of the joint where it shows most: whether the model fails where the load changes sign, as
-    in wide backlash.
-    """
-    some = [each for each in at_reversals(at) if min(map(len, each[1:])) > _FEW and each[2].any()]
-    there = [((near**2).mean() / (elsewhere**2).mean(), i, near) for i, near, elsewhere in some]
-    for ratio, i, near in sorted(there, key=lambda each: -each[0])[:1]:
-        yield Sign(
-            name="reversals",
-            chi_square=ratio * len(near),
-            freedom=len(near),
-            threshold=_FAILS * len(near),
-            explained=(near**2).sum() * (1 - 1 / ratio),
-            values={f"reversals[{i}]": ratio},
-            visible={},
-        )
+    """Whether the model fails where loads change sign, as with wide backlash; the worst joint."""
+    # Mean squares, as the samples near a reversal are few.
+    ratios = [
+        ((crossing**2).mean() / (elsewhere**2).mean(), i, crossing)
+        for i, crossing, elsewhere in at_reversals(at)
+        if min(len(crossing), len(elsewhere)) > SETTINGS.reversal_samples and elsewhere.any()
+    ]
+    if not ratios:
+        return
+    ratio, i, crossing = max(ratios, key=lambda item: item[0])
+    yield Sign(
+        name="reversals",
+        # As if the innovations were independent, with the variance of those elsewhere.
+        chi_square=ratio * len(crossing),
+        freedom=len(crossing),
+        threshold=SETTINGS.reversal_ratio * len(crossing),
+        explained=(crossing**2).sum() * (1 - 1 / ratio),
+        values={f"reversals[{i}]": ratio},
+        visible={},
+    )
 
 
 def _disagreement(at: Optimum) -> Iterator[Sign]:
     """Whether each record alone would have other values of the unknowns."""
     records = at.model.runs()
+    # A single record agrees with itself.
     if len(records) < 2:
         return
-    apart: list[Floats] = []
+    # Values of their own for every record but one, beside the common values, span them all.
+    rows: list[Floats] = []
     for record in records[1:]:
         alone = np.zeros((at.unknown, len(at.innovations)))
         alone[:, record] = at.rates[: at.unknown, record]
-        apart += [at.left(row) for row in alone]
-    before = at.before
-    rows = np.array(apart)
-    made = directions(rows)
-    after = before - np.einsum("i,im->m", along(made, rows, before), rows)
-    yield _sign(at, "disagreement", len(made), after, {}, {})
+        rows += [at.left(row) for row in alone]
+    matrix = np.array(rows)
+    basis = directions(matrix)
+    remaining = at.before - np.einsum("i,im->m", along(basis, matrix, at.before), matrix)
+    yield _sign(at, "disagreement", len(basis), remaining, {}, {})
 
 
 def sampled(sign: Sign, period: float) -> Sign:
-    """A sign whose resonances are none that samples every `period` [s] could show."""
+    """A sign whose detectable resonances are below half of the sampling rate (`period` [s])."""
     if sign.name != "compliance":
         return sign
-    least = (2 * period) ** 2
+    smallest = (2 * period) ** 2  # compliance of a resonance at the Nyquist frequency [1/Hz^2]
     return dataclasses.replace(
-        sign, visible={name: max(value, least) for name, value in sign.visible.items()}
+        sign, visible={name: max(value, smallest) for name, value in sign.visible.items()}
     )

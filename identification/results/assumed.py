@@ -1,8 +1,8 @@
-"""What one log cannot reveal: by how much each number that was assumed would move what was found.
+"""Sensitivity of identified values to assumed numbers, which no log can reveal.
 
-Gears, motor gains and gains of a law without memory change the innovations; the unknowns that would
-take that over to first order are what they move. Lengths of the links change the torque along the
-motion; least squares takes that over.
+Gears, motor gains and gains of a law without memory change the innovations; to first order, the
+unknowns move by what takes that change over. Lengths of the links change the torque along the
+motion, and least squares gives the move of the unknowns.
 """
 
 import dataclasses
@@ -23,89 +23,94 @@ from plant.parts.shown import Piece, Shown
 from plant.parts.sums import products
 from plant.parts.tables import Table
 
-_ROWS = 400  # samples of the motion, at most
+# Samples of the motion at which torques are compared, at most: neighbours repeat each other, and
+# the regressor of a sample is slow. Chosen by hand.
+_ROWS = 400
 
 SHARE = 0.01  # change of a length, relative
 
 
 def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[str, Floats]:
-    """Change (k,) of the unknowns if one length of a link is 1 % larger, by its name, such as
-    ``links[1].a``.
+    """Change (k,) of the unknowns if a length of a link is 1 % larger, by name (``links[1].a``).
 
-    `arm`: as found. `unknown`: names of f, and numbers of rig and law; of these, friction takes
-    part.
+    `arm`: as identified. `unknown`: names of f, and numbers of rig and law; of these, friction is
+    fitted beside f, and the others do not move.
     """
     dynamics = arm.dynamics
     rig = record.rig
     names = linear(dynamics, rig, unknown)
     p = dynamics.p
-    motion = Motion(
-        *(
-            each[:: -(-len(record) // _ROWS)]
-            for each in smoothed(record, rig.cell_centre(record.counts))
-        )
-    )
+    stride = -(-len(record) // _ROWS)  # rounded up
+    smooth = smoothed(record, rig.cell_centre(record.counts))
+    motion = Motion(*(signal[::stride] for signal in smooth))
+    # The torque of the arm as identified, with the stated lengths.
     columns, _ = regressor_along(dynamics, rig, names, motion)
     torque = columns[:, :, :p] @ arm.f
+    # Each joint counts in units of its own torque (rms).
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    scale = 1 / np.maximum(size, 1e-9 * np.abs(torque).max())
     moves = {}
-    scale = 1 / np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-9 * np.abs(torque).max())
-    for name, other in longer(dynamics).items():
-        columns[:, :, :p] = regressor_along(other, rig, names, motion)[0][:, :, :p]
+    for name, longer_arm in longer(dynamics).items():
+        columns[:, :, :p] = regressor_along(longer_arm, rig, names, motion)[0][:, :, :p]
+        # The unknowns take over the difference that a longer link makes.
         rows = columns * scale[:, None]
         missing = (torque - columns[:, :, :p] @ arm.f) * scale
         change = np.linalg.lstsq(rows.reshape(-1, len(names)), missing.ravel(), rcond=None)[0]
-        moves[name] = np.array(
-            [change[names.index(each)] if each in names else 0.0 for each in unknown]
-        )
+        by_name = dict(zip(names, change, strict=True))
+        moves[name] = np.array([by_name.get(number, 0.0) for number in unknown])
     return moves
 
 
 def smoothed(record: Record, values: Floats) -> Motion:
-    """Values (N, n) along a record within twice the band of its path, with first and second
-    derivatives.
+    """Values (N, n) along a record, low-pass filtered, with first and second derivatives.
+
+    The band is twice that of the record's path.
     """
     band = min(2 * path_in(record), BAND_MOST / record.rig.period)
     return derivatives(values, record.rig.period, CUTOFF * band)
 
 
 class _Longer(Dynamics):
-    """Of a chain with other lengths. Its f stand for the same standard parameters, and span its
-    torques as well.
+    """Dynamics of a chain with other lengths, and the lumping of the stated lengths.
+
+    Its f stand for the same standard parameters, and span its torques as well.
     """
 
     def _prove(self) -> None:
-        """The lumping is that of the lengths as they were."""
+        """Skip the proof that the lumping spans the torques: it holds for the stated lengths."""
 
 
 def longer(dynamics: Dynamics, share: float = SHARE) -> dict[str, Dynamics]:
-    """The arm with one length more each, by a share of it."""
-    found = dict[str, Dynamics]()
-    by = 1 + share
+    """The arm with one length larger by a share of it, for each length that is not zero."""
+    arms = dict[str, Dynamics]()
+    factor = 1 + share
     replace = dataclasses.replace
     chain = dynamics.chain
+    # Each link has two lengths of Denavit and Hartenberg, or a fixed placement.
     for i, link in enumerate(chain.links):
-        place = replace(link.before, position=tuple(by * x for x in link.before.position))
-        ways = (
-            replace(link, a=by * link.a),
-            replace(link, d=by * link.d),
-            replace(link, before=place),
-        )
-        for length, other in zip(("a", "d", "before"), ways, strict=True):
-            if other != link:
-                links = (*chain.links[:i], other, *chain.links[i + 1 :])
-                found[f"links[{i}].{length}"] = _Longer(
+        position = tuple(factor * x for x in link.before.position)
+        changed_links = {
+            "a": replace(link, a=factor * link.a),
+            "d": replace(link, d=factor * link.d),
+            "before": replace(link, before=replace(link.before, position=position)),
+        }
+        for length, changed in changed_links.items():
+            if changed != link:
+                links = (*chain.links[:i], changed, *chain.links[i + 1 :])
+                arms[f"links[{i}].{length}"] = _Longer(
                     chain=replace(chain, links=links), lumping=dynamics.lumping
                 )
-    return found
+    return arms
 
 
-# move of a value by 1 % of an assumed number, in its standard deviations, that is not mentioned
+# Move of a value by 1 % of an assumed number, in its standard deviations, below which it is not
+# printed, because it is small beside the interval; chosen by hand.
 _LITTLE = 0.05
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Assumed(Shown, Frozen):
-    """By how much what was found depends on what was assumed; printed, a line per assumed number.
+    """Sensitivity of identified values to assumed numbers; printed, a line per assumed number.
 
     Attributes
     ----------
@@ -113,9 +118,9 @@ class Assumed(Shown, Frozen):
         Assumed numbers (a): ``drive.gear[0]``, ``drive.motor_gain[0]``, ``law.gain[0]``,
         ``links[1].a`` and so on.
     unknown : tuple of str
-        What was found (k).
+        Identified values (k).
     moves : (a, k) numpy.ndarray
-        Change of each value if the assumed number is 1 % larger, and all is found anew.
+        Change of each value if the assumed number is 1 % larger, and all is identified again.
     std : (k,) numpy.ndarray
         Standard deviations of the values.
     """
@@ -126,17 +131,17 @@ class Assumed(Shown, Frozen):
     std: Floats
 
     def covariance(self, percent: ArrayLike = 1.0) -> Floats:
-        """Covariance (k, k) of the values by assumed numbers that are right within standard
-        deviations of percent.
+        """Covariance (k, k) of the values by assumed numbers with these standard deviations [%].
 
         `percent`: one for all, or one of each of `names`.
         """
         sizes = np.array(
             [
-                real("percent", each, "Give a standard deviation.")
-                for each in np.ravel(percent).tolist()
+                real("percent", size, "Give a standard deviation.")
+                for size in np.ravel(percent).tolist()
             ]
         )
+        # 0: exact, so a negative size is an error.
         if sizes.shape not in ((1,), (len(self.names),)) or (sizes < 0).any():
             raise ValueError(
                 f"percent must be one number of at least 0, or {len(self.names)} of them; got"
@@ -148,39 +153,34 @@ class Assumed(Shown, Frozen):
         return f"{len(self.names)} assumed numbers, {len(self.unknown)} values"
 
     def _shown(self) -> Iterator[Piece]:
-        told_from = f"from {_LITTLE:g} standard deviations on"
-        yield f"1 % more of an assumed number moves what is found by ({told_from}):"
+        limit = f"from {_LITTLE:g} standard deviations on"
+        yield f"1 % more of an assumed number moves what is found by ({limit}):"
         rows = []
-        for name, row in zip(self.names, self.moves, strict=True):
-            told = [
-                f"{each}\xa0{move:+.2g}"
-                for each, move, std in zip(self.unknown, row, self.std, strict=True)
+        for name, moves in zip(self.names, self.moves, strict=True):
+            # The hard space keeps a name and its move on one line.
+            texts = [
+                f"{value}\xa0{move:+.2g}"
+                for value, move, std in zip(self.unknown, moves, self.std, strict=True)
                 if abs(move) > _LITTLE * std
             ]
-            rows.append(
-                (
-                    name,
-                    ", ".join(told)
-                    or f"each value by less than {_LITTLE:g} of its standard deviation",
-                )
-            )
+            small = f"each value by less than {_LITTLE:g} of its standard deviation"
+            rows.append((name, ", ".join(texts) or small))
         yield Table((), rows, words=(1,))
 
 
 def moved(rates: Floats, effects: Mapping[str, Floats], names: Sequence[str]) -> dict[str, Floats]:
-    """Change (v,) of the unknowns, in their steps, with each of these numbers, relative; none of
-    what does not act.
+    """Change (v,) of the unknowns, in their steps, with each of these numbers, relative.
 
     `rates` (v, M): change of the innovations with a step of each unknown. `effects`: change of the
-    innovations (at least M,) with each number. `names`: of those to answer for.
+    innovations (at least M,) with each number. `names`: numbers to take; those without effect are
+    left out.
     """
-    whole = products(rates.T)
+    information = products(rates.T)
     count = rates.shape[1]
-    own = {
-        name: effects[name][:count]
-        for name in names
-        if np.isfinite(effects[name]).all() and effects[name].any()
-    }
-    return {
-        name: -np.linalg.solve(whole, (rates * effect).sum(axis=1)) for name, effect in own.items()
-    }
+    moves = {}
+    for name in names:
+        effect = effects[name]
+        if np.isfinite(effect).all() and effect.any():
+            slope = (rates * effect[:count]).sum(axis=1)
+            moves[name] = -np.linalg.solve(information, slope)
+    return moves

@@ -1,8 +1,8 @@
-"""The loop of another model: of counts that are not late, of a chain that has another length.
+"""Models with corrected counts or chain: counts that are in time, a link of another length.
 
-Nearly all that a length changes f takes over, and what is left is less than the error of a torque
-along a smoothed motion. Each length is a loop of its own, so that they are tried where something
-else contradicts the model.
+A change of a length is taken over by f almost completely, and the rest is less than the error of a
+torque along a smoothed motion. So each length needs a loop of its own, and lengths are tried only
+where another effect contradicts the model.
 """
 
 import dataclasses
@@ -16,99 +16,121 @@ from identification.results.assumed import SHARE, longer
 from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 
-# by which a length may differ: less is rounding, from more nothing is estimated
-_LEAST = 0.05
-_MOST = 0.5
-# By how much less must be missing per length that is put in, at least; what may be missing; lengths
-# put in.
-_STEEP = 0.5
-_NEAR = 0.01
-_TRIALS = 3
-# Delay [samples] beyond which counts are not late, but something else; and how often it is
-# estimated anew.
-_LATE = 1.0
-_SHIFTS = 2
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CorrectionSettings:
+    """Limits and iterations of the corrections.
+
+    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` and
+    ``silent_mistakes.py`` (wrong lengths).
+
+    Parameters
+    ----------
+    shortest, longest : float
+        Relative errors of a length between which it is tried: a smaller one is rounding, and a
+        larger one is beyond a linear estimate.
+    steepness : float
+        Decrease of the missing length per length that is put in, at least.
+    missing : float
+        Relative error of a length below which the iteration ends.
+    trials : int
+        Lengths that are put in, at most.
+    delay : float
+        Delay [samples] above which counts are not late, but something else is wrong.
+    shifts : int
+        Estimates of a delay, each beside the previous one.
+    """
+
+    shortest: float = 0.05
+    longest: float = 0.5
+    steepness: float = 0.5
+    missing: float = 0.01
+    trials: int = 3
+    delay: float = 1.0
+    shifts: int = 2
+
+
+SETTINGS = CorrectionSettings()
 
 
 def tested(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
-    """All signs (of `effects_of`), where the sum of squares is least; a length's where another
-    is half significant.
-    """
-    found = signs(at, effects)
-    return (
-        [*found, *_lengths(at)]
-        if any(2 * sign.chi_square > sign.threshold for sign in found)
-        else found
-    )
+    """All signs (of `effects_of`) at an optimum; a length's where another is half significant."""
+    results = signs(at, effects)
+    if any(2 * sign.chi_square > sign.threshold for sign in results):
+        return [*results, *_lengths(at)]
+    return results
 
 
 def _lengths(at: Optimum) -> Iterator[Sign]:
     """The sign of the one length that explains most."""
-    # of the base, none acts
+    # Lengths of the first link place the base: they do not act.
     names = [name for name in longer(at.model.dynamics) if not name.startswith("links[0]")]
-    effects = dict(
-        zip(names, shared_out(lambda name: _effect(at, name), names, at.model.threads), strict=True)
-    )
-    effects = {name: effect for name, effect in effects.items() if np.isfinite(effect).all()}
-    every = [
+    # Each needs its own model, so they run on all cores.
+    rows = shared_out(lambda name: _effect(at, name), names, at.model.threads)
+    effects = {name: row for name, row in zip(names, rows, strict=True) if np.isfinite(row).all()}
+    plausible = [
         sign
-        for name, effect in effects.items()
-        for sign in linear(at, "length", {name: effect}, len(effects))
+        for name, row in effects.items()
+        for sign in linear(at, "length", {name: row}, len(effects))
+        if SETTINGS.shortest <= abs(*sign.values.values()) <= SETTINGS.longest
     ]
-    some = [sign for sign in every if _LEAST <= abs(*sign.values.values()) <= _MOST]
-    yield from sorted(some, key=lambda sign: -sign.chi_square)[:1]
+    # Lengths are nearly one thing for the log: at most one is reported.
+    yield from sorted(plausible, key=lambda sign: -sign.chi_square)[:1]
 
 
 def _effect(at: Optimum, name: str) -> Floats:
-    """Change of the innovations (M,) with a length, relative."""
-    other = at.model.of(longer(at.model.dynamics)[name]).innovations(at.values)
-    return np.asarray((other - at.innovations) / SHARE)
+    """Effect (M,) on the innovations of a length, relative."""
+    # By a difference, as the model has no length as a number.
+    longer_model = at.model.of(longer(at.model.dynamics)[name])
+    return np.asarray((longer_model.innovations(at.values) - at.innovations) / SHARE)
 
 
 def with_length(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[Sign, Optimum]:
     """The model of a chain with that length, fitted.
 
-    `step`, `bounds`: as for `fitted`. A length does not act linearly: what is missing of it beside
-    each is estimated, and the next is where a straight line through the last two has its zero.
+    `step`, `bounds`: as for `fitted`. A length does not act linearly, so the secant method finds
+    where nothing of it is missing: the missing part is estimated beside each trial.
     """
     ((name, share),) = sign.values.items()
-    before = 0.0
+    previous = 0.0
     missing = share
-    tried = [(sign, at)]
-    while len(tried) <= _TRIALS and abs(missing) > _NEAR:
+    trials: list[tuple[Sign, Optimum]] = []
+    optimum = at
+    while len(trials) < SETTINGS.trials and abs(missing) > SETTINGS.missing:
+        # A chain with the present estimate of the length.
         model = at.model.of(longer(at.model.dynamics, share)[name])
-        tried.append(
-            (
-                dataclasses.replace(sign, values={name: share}),
-                fitted(model, tried[-1][1].values, step, bounds),
-            )
+        optimum = fitted(model, optimum.values, step, bounds)
+        trials.append((dataclasses.replace(sign, values={name: share}), optimum))
+        still_missing = sum(
+            estimate.values[name]
+            for estimate in linear(optimum, "length", {name: _effect(optimum, name)})
         )
-        at_it = tried[-1][1]
-        more = sum(
-            each.values[name] for each in linear(at_it, "length", {name: _effect(at_it, name)})
-        )
-        slope = min((more - missing) / (share - before), -_STEEP)
-        before = share
-        missing = more
-        share = share - more / slope
-    return min(tried[1:], key=lambda each: each[1].squares)
+        # A flat secant would step far away: its slope is limited.
+        slope = min((still_missing - missing) / (share - previous), -SETTINGS.steepness)
+        previous = share
+        missing = still_missing
+        share = share - still_missing / slope
+    # The secant can step away from the best one.
+    return min(trials, key=lambda trial: trial[1].squares)
 
 
 def without_delay(
     at: Optimum, sign: Sign, step: Floats, bounds: Floats
 ) -> tuple[Sign, Optimum] | None:
-    """The model of counts that are not late, fitted; None where it does not follow them. `step`,
-    `bounds`: `fitted`.
+    """The model of counts that are in time, fitted; None where it does not follow them.
+
+    `step`, `bounds`: as for `fitted`.
     """
     delay = 0.0
-    found = at
-    for _ in range(_SHIFTS):
+    optimum = at
+    # Each estimate is beside the counts that are corrected so far.
+    for _ in range(SETTINGS.shifts):
         delay += sign.values["delay"]
-        if abs(delay) > _LATE:
+        if abs(delay) > SETTINGS.delay:
             return None
         try:
-            found = fitted(at.model.late(-delay), found.values, step, bounds, at)
-        except ValueError:
+            optimum = fitted(at.model.late(-delay), optimum.values, step, bounds, at)
+        except ValueError:  # the model diverges beside these counts
             return None
-        sign = delay_sign(found) or sign
-    return dataclasses.replace(sign, values={"delay": delay}), found
+        sign = delay_sign(optimum) or sign
+    return dataclasses.replace(sign, values={"delay": delay}), optimum

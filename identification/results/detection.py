@@ -1,13 +1,12 @@
-"""What a log says against the rig that it came with: compliance, backlash, lag, other friction,
-late counts.
+"""Effects that contradict the rig of a log: compliance, backlash, lag, friction, late counts.
 
-Every identification tests whether one of them explains the innovations of all its records, those
-held out too, where the model follows them best. What explains most is fitted, the rest tested again
-beside it, until none is significant.
+Every identification tests whether one of these effects explains the innovations of all its records,
+those held out as well, at the optimum of the model. `stepwise` selects them one after another.
 """
 
 import dataclasses
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,33 +19,67 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 
-_STIFF = 300.0  # resonance above which a gear is not mentioned [Hz]
-# What turns the numbers of `Extended` into those of a text, their units, and their name there.
-_LIMITS = {
-    "backlash": (180 / np.pi, "degrees", "backlash"),
-    "lag": (1e3, "ms", "lag"),
-    "delay": (1.0, "samples", "delay"),
-    "gear": (100.0, "%", "another gear"),
-    "offset": (1.0, "N m of the motor", "an offset of the torque"),
-    "cogging": (1.0, "N m of the motor", "cogging"),
-    "length": (100.0, "%", "another length"),
-    "lead": (1e3, "ms", "a derivative in the law"),
-    "friction": (100.0, "%", "other friction"),
-}
-# limits from which on a joint shows nothing; in other units, of the least one
-_BLIND = {"%": 100.0}
-_FAR = 1e4
 
-# Factor and text of the numbers of a joint.
-_EACH = {
-    "gear": (100.0, "{:+.2g} % at {}"),
-    "offset": (1.0, "{:.3g} N m at {}"),
-    "lead": (1e3, "{:.2g} ms at {}"),
-    "length": (100.0, "{:+.2g} % before {}"),
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DetectionSettings:
+    """Limits of what a text mentions. All values were chosen by hand; no verdict depends on them.
+
+    Parameters
+    ----------
+    stiff : float
+        Resonance [Hz] above which a gear is not mentioned.
+    blind_percent : float
+        Detectable size [%] above which a joint counts as one that shows nothing.
+    blind_factor : float
+        The same in other units, as a multiple of the smallest detectable size of any joint.
+    smallest : float
+        Detectable size below which no number is printed, in the unit of the text.
+    scaled : float
+        Relative deviation of the friction of all joints from which on a common factor is mentioned,
+        and within which the ratios of the joints have to agree.
+    """
+
+    stiff: float = 300.0
+    blind_percent: float = 100.0
+    blind_factor: float = 1e4
+    smallest: float = 1e-3
+    scaled: float = 0.08
+
+
+SETTINGS = DetectionSettings()
+
+
+class _Quantity(NamedTuple):
+    """Factor from the unit of `Extended` to that of a text, that unit, and the effect's name."""
+
+    factor: float
+    unit: str
+    name: str
+
+
+_QUANTITIES = {
+    "backlash": _Quantity(180 / np.pi, "degrees", "backlash"),
+    "lag": _Quantity(1e3, "ms", "lag"),
+    "delay": _Quantity(1.0, "samples", "delay"),
+    "gear": _Quantity(100.0, "%", "another gear"),
+    "offset": _Quantity(1.0, "N m of the motor", "an offset of the torque"),
+    "cogging": _Quantity(1.0, "N m of the motor", "cogging"),
+    "length": _Quantity(100.0, "%", "another length"),
+    "lead": _Quantity(1e3, "ms", "a derivative in the law"),
+    "friction": _Quantity(100.0, "%", "other friction"),
 }
 
-# What contradicts the model, and what to do.
-_SAID = {
+# Texts of one number (in the unit above) and its joint, where a cause has one of each joint.
+_BY_JOINT = {
+    "gear": "{:+.2g} % at {}",
+    "offset": "{:.3g} N m at {}",
+    "lead": "{:.2g} ms at {}",
+    "length": "{:+.2g} % before {}",
+}
+
+# Each cause, its evidence and what to do; `Detection.warnings` fills the fields by name. A cause
+# "biases f" where the unknowns take a part of its effect over.
+_MESSAGES = {
     "compliance": (
         "the joints are elastic: locked-rotor resonance near {each} ({chance}), which biases f."
         " Give the drive an Elasticity, and identify its stiffness too."
@@ -85,10 +118,12 @@ _SAID = {
         "the stated law lacks the rate of its error: torques lead by {each} ({chance}), which"
         " biases f. Check the law; a PD has such a lead, its derivative per gain."
     ),
+    # Not fitted: of wide backlash only the instants are known at which it acts.
     "reversals": (
         "the model fails where the load of {each} changes sign: squared innovations are {ratio:.2g}"
         " times those elsewhere. Its gear has backlash, wider than the model of it tells."
     ),
+    # Not fitted: no single model has the difference of the records.
     "disagreement": (
         "the records contradict each other: each alone has other values (chi-square"
         " {chi_square:.0f} of {freedom} degrees of freedom, by chance below {threshold:.0f}). The"
@@ -100,41 +135,38 @@ _SAID = {
 _MEAN = (
     "Values are the mean of each record's own{0.left_out}: found.fit.between tells how these differ"
 )
-UNFITTED = ("reversals", "disagreement")  # what is told, but is no number of a model
-
-# by which friction is off in all its numbers, and by which they may differ: then torques are scaled
-_SCALED = 0.08
-_LEAST = 1e-3  # of these units, below which nobody asks
+UNFITTED = ("reversals", "disagreement")  # causes that are no number of a model
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Detection(Shown, Frozen):
-    """What a log says against its rig; printed, a line.
+    """Effects that the rig does not model, as a log shows them; printed, a line.
 
     Attributes
     ----------
     signs : tuple of Sign
-        Of all alternatives, beside the model as it is.
+        Tests of all alternatives, at the optimum of the model as stated.
     named : tuple of Sign
-        What contradicts the model, the first first; each beside those before it, with fitted
-        values.
+        Causes that contradict the model, with fitted values, in the order of their selection; each
+        was tested beside the previous ones.
     stated : dict
         Friction that the rig states, motor side [N m s/rad, N m], by the names of a sign's values.
     joints : tuple of str
-        What to call each joint.
+        Name of each joint.
     reason : str or None
         Why nothing could be tested.
     doubt : (k, k) numpy.ndarray or None
-        What is added to the covariance of the unknowns for what the model may lack; see
+        Covariance of the unknowns by what the model may lack, to be added to that of noise; see
         `model_error`.
     grouped : (k,) numpy.ndarray or None
-        Their least standard deviations, from how they differ between segments, and records; see
-        `least_squares`.
+        Lower limits of their standard deviations, from their scatter between segments, and
+        records; see `least_squares`.
     between : BetweenRuns or None
-        How they differ between two records or more.
+        Scatter of the unknowns between two records or more.
     mean : Fit or None
-        The mean of what each record alone says, where they contradict each other, known to noise.
+        Mean of the fits of each record alone, where the records contradict each other; its
+        covariance is that of noise.
     assumed : dict
         Their change (k,) if a gear, a motor's gain, or a gain of the law is 1 % larger, by its
         name.
@@ -155,10 +187,9 @@ class Detection(Shown, Frozen):
     assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
     friction: dict[str, float] = dataclasses.field(default_factory=dict)
 
-    def whole(self, fit: Fit) -> Fit:
-        """A fit, or the mean, whose covariance counts what the rig may lack; the same one where
-        that adds nothing.
-        """
+    def widened(self, fit: Fit) -> Fit:
+        """A fit, or the mean, whose covariance includes effects that the rig may lack."""
+        # The mean replaces the common fit, which is that of no machine.
         fit = fit if self.mean is None else self.mean
         if (
             fit.covariance is None
@@ -167,45 +198,47 @@ class Detection(Shown, Frozen):
             or self.grouped is None
         ):
             return fit
-        covariance = at_least(fit.covariance + self.doubt, self.grouped)
-        noise = fit.covariance
         return dataclasses.replace(
-            fit, covariance=covariance, noise_covariance=noise, between=self.between
+            fit,
+            covariance=at_least(fit.covariance + self.doubt, self.grouped),
+            noise_covariance=fit.covariance,
+            between=self.between,
         )
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what contradicts the model, each once."""
+        """Names of the causes that contradict the model, each once."""
         return tuple(dict.fromkeys(sign.name for sign in self.named))
 
     @property
     def resonances(self) -> dict[str, float]:
-        """Locked-rotor resonance [Hz] of each gear that was found to give, by joint."""
+        """Locked-rotor resonance [Hz] of each gear that is elastic, by joint."""
         return {
             self._joint(name): value**-0.5
             for name, value in self._values("compliance")
-            if value > _STIFF**-2
+            if value > SETTINGS.stiff**-2
         }
 
     @property
     def played(self) -> tuple[str, ...]:
-        """Joints in whose gears backlash was found."""
-        played = [
-            name
+        """Joints whose gears have backlash."""
+        joints = [
+            self._joint(name)
             for name, value in self._values("backlash")
-            if name.startswith("backlash") and value
+            if name.startswith("backlash") and value  # the same sign has the compliance of the gear
         ]
-        return tuple(dict.fromkeys(map(self._joint, played)))
+        return tuple(dict.fromkeys(joints))
 
     def _values(self, kind: str) -> list[tuple[str, float]]:
-        """What was found of one alternative, by name."""
+        """Fitted values of one cause, by name."""
         return [item for sign in self.named if sign.name == kind for item in sign.values.items()]
 
     def _short(self) -> str:
         if self.reason is not None:
             return "not tested"
-        tested = f"{len(self.signs)} tests, none significant"
-        return f"significant: {', '.join(self.names)}" if self.named else tested
+        if self.named:
+            return f"significant: {', '.join(self.names)}"
+        return f"{len(self.signs)} tests, none significant"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(str(self), None if self.reason is not None else not self.named)
@@ -214,35 +247,43 @@ class Detection(Shown, Frozen):
     def __str__(self) -> str:
         if self.reason is not None:
             return f"compliance, backlash, lag, friction: not tested: {self.reason}"
-        found = {sign.name: sign for sign in self.signs}
-        others = [sign for sign in self.signs if sign.name not in (*self.names, *UNFITTED)]
-        # by what is named: so what was significant beside it is not
-        explained = set(self.names) - {*UNFITTED}
-        unclear = [sign.name for sign in others if sign.significant and not explained]
-        clean = [self._visible(sign) for sign in others if sign.name not in unclear]
-        parts = [f"no sign of {'; '.join(clean)}"] if clean else []
+        by_name = {sign.name: sign for sign in self.signs}
+        rest = [sign for sign in self.signs if sign.name not in (*self.names, *UNFITTED)]
+        # A fitted cause explains what was significant beside it, so nothing else is unclear then.
+        fitted = set(self.names) - {*UNFITTED}
+        unclear = [sign.name for sign in rest if sign.significant and not fitted]
+        clean = [self._visible(sign) for sign in rest if sign.name not in unclear]
+        parts = []
+        if self.named:
+            parts.append(f"significant: {', '.join(self.names)}")
+        if clean:
+            parts.append(f"no sign of {'; '.join(clean)}")
         if unclear:
-            some = ", ".join(unclear)
             parts.append(
-                f"significant, but explaining next to nothing: {some} (are lengths and rig right?)"
+                f"significant, but explaining next to nothing: {', '.join(unclear)} (are lengths"
+                " and rig right?)"
             )
-        if "disagreement" in found:
-            sign = found["disagreement"]
+        # Only several records can disagree.
+        if "disagreement" in by_name:
+            sign = by_name["disagreement"]
             verb = "contradict each other" if sign.significant else "agree"
             parts.append(f"the records {verb} (chi-square {sign.chi_square:.0f} of {sign.freedom})")
-        if "compliance" not in found and "compliance" not in self.names:
-            untested = "compliance and backlash not tested (no inertia beside the motors')"
+        if "compliance" not in by_name and "compliance" not in self.names:
+            # Backlash is tested where the model has springs: then the unknowns absorb compliance.
             parts.append(
-                "compliance cannot be told from the unknowns" if "backlash" in found else untested
+                "compliance cannot be told from the unknowns"
+                if "backlash" in by_name
+                else "compliance and backlash not tested (no inertia beside the motors')"
             )
-        return ". ".join([f"significant: {', '.join(self.names)}"] * bool(self.names) + parts)
+        return ". ".join(parts)
 
     def warnings(self) -> Iterator[str]:
-        """A line for each that contradicts the model; of backlash for each joint."""
+        """A line for each cause; of backlash for each joint."""
         for sign in self.named:
+            # Lag and delay have one number, which has their name; the rest has one per joint.
             value = sign.values.get(sign.name, 0.0)
-            about = {
-                "each": self._each(sign),
+            fields = {
+                "each": self._by_joint(sign),
                 "chance": f"chi-square {sign.chi_square:.0f}, by chance below {sign.threshold:.0f}",
                 "late": f"{abs(value):.2g} samples {'late' if value > 0 else 'early'}",
                 "value": value,
@@ -254,35 +295,36 @@ class Detection(Shown, Frozen):
                     else _MEAN.format(self.between)
                 ),
                 "ratio": next(iter(sign.values.values()), 0.0),
-            } | {name: getattr(sign, name) for name in ("chi_square", "freedom", "threshold")}
-            played = [name for name in sign.values if name.startswith("backlash")] or [""]
-            for name in played:
-                joint = (
-                    {"joint": self._joint(name), "degrees": np.rad2deg(sign.values[name])}
-                    if name
-                    else {}
-                )
-                rivals = (
-                    f" Another cause explains nearly as much: {', '.join(sign.rivals)}."
-                    if sign.rivals
-                    else ""
-                )
-                yield _SAID[sign.name].format(**about, **joint) + rivals
+                "chi_square": sign.chi_square,
+                "freedom": sign.freedom,
+                "threshold": sign.threshold,
+            }
+            rivals = ""
+            if sign.rivals:
+                rivals = f" Another cause explains nearly as much: {', '.join(sign.rivals)}."
+            message = _MESSAGES[sign.name]
+            # Each gear with backlash has a line of its own.
+            gears = [name for name in sign.values if name.startswith("backlash")]
+            for name in gears:
+                joint = {"joint": self._joint(name), "degrees": np.rad2deg(sign.values[name])}
+                yield message.format(**fields, **joint) + rivals
+            if not gears:
+                yield message.format(**fields) + rivals
 
     def _scaled(self, sign: Sign) -> str:
-        """What else than friction, where all of it is off by one factor: torques are, by a wrong
-        gain.
-        """
+        """A remark where one factor fits all friction, as if a wrong gain scaled all torques."""
+        # Ratio of fitted to stated friction, where some is stated.
         ratios = [
             1 + value / self.stated[name]
             for name, value in sign.values.items()
             if self.stated.get(name)
         ]
+        # Two ratios may agree by chance.
         factor = float(np.median(ratios)) if len(ratios) > 2 else 1.0
         if (
             not factor > 0
-            or abs(factor - 1) < _SCALED
-            or np.abs(np.array(ratios) / factor - 1).max() > _SCALED
+            or abs(factor - 1) < SETTINGS.scaled
+            or np.abs(np.array(ratios) / factor - 1).max() > SETTINGS.scaled
         ):
             return ""
         return (
@@ -291,60 +333,79 @@ class Detection(Shown, Frozen):
         )
 
     def _visible(self, sign: Sign) -> str:
-        """An alternative, and the least of it that would have been seen."""
-        limits = list(sign.visible.items())
-        kind = sign.name
-        if kind == "compliance":
-            return f"compliance (detectable below {_span([value**-0.5 for _, value in limits])} Hz)"
-        if kind == "friction":
-            limits = [
-                (name, value / self.stated[name]) for name, value in limits if self.stated.get(name)
-            ]
-        scale, unit, said = _LIMITS[kind]
-        most = _BLIND.get(unit, _FAR * scale * min((value for _, value in limits), default=0.0))
-        told = {name: scale * value for name, value in limits if scale * value <= most}
-        if not told:
-            return f"{said} (none is detectable)"
-        seen = _span([*told.values()]) if max(told.values()) > _LEAST else f"less than {_LEAST:g}"
-        blind = dict.fromkeys(self._joint(name) for name, _ in limits if name not in told)
-        but = f", not at {', '.join(blind)}" if blind else ""
-        return f"{said} (detectable from {seen} {unit}{but})"
+        """An alternative, and the smallest size of it that the log would show."""
+        limits = dict(sign.visible)
+        if sign.name == "compliance":
+            span = _span([value**-0.5 for value in limits.values()])
+            return f"compliance (detectable below {span} Hz)"
+        if sign.name == "friction":  # as a share of the friction that the rig states
+            limits = {
+                name: value / self.stated[name]
+                for name, value in limits.items()
+                if self.stated.get(name)
+            }
+        factor, unit, title = _QUANTITIES[sign.name]
+        # A joint that would show an effect only when it is huge is listed apart.
+        if unit == "%":
+            largest = SETTINGS.blind_percent
+        else:
+            largest = SETTINGS.blind_factor * factor * min(limits.values(), default=0.0)
+        sizes = {
+            name: factor * value for name, value in limits.items() if factor * value <= largest
+        }
+        if not sizes:
+            return f"{title} (none is detectable)"
+        if max(sizes.values()) > SETTINGS.smallest:
+            span = _span([*sizes.values()])
+        else:
+            span = f"less than {SETTINGS.smallest:g}"
+        # The order of the joints, each once.
+        blind = dict.fromkeys(self._joint(name) for name in limits if name not in sizes)
+        exception = f", not at {', '.join(blind)}" if blind else ""
+        return f"{title} (detectable from {span} {unit}{exception})"
 
     def _joint(self, name: str) -> str:
+        """Joint of a number such as ``gear[1]``."""
         return self.joints[int(name.partition("[")[2].partition("]")[0])]
 
-    def _each(self, sign: Sign) -> str:
-        """What a sign found, joint by joint."""
+    def _by_joint(self, sign: Sign) -> str:
+        """Fitted values of a sign, joint by joint."""
         if sign.name == "friction":
-            return "; ".join(self._level(name, value) for name, value in sign.values.items())
+            return "; ".join(self._friction(name, value) for name, value in sign.values.items())
         if sign.name == "compliance":
-            return (
-                ", ".join(f"{hz:.0f} Hz at {joint}" for joint, hz in self.resonances.items())
-                or "some resonance"
-            )
+            # Stiff gears are part of the fit, but not of the text.
+            gears = [f"{hz:.0f} Hz at {joint}" for joint, hz in self.resonances.items()]
+            return ", ".join(gears) or "some resonance"
         if sign.name == "reversals":
             return self._joint(next(iter(sign.values)))
-        if sign.name in _EACH:
-            scale, form = _EACH[sign.name]
+        if sign.name in _BY_JOINT:
+            factor = _QUANTITIES[sign.name].factor
             return ", ".join(
-                form.format(scale * value, self._joint(name)) for name, value in sign.values.items()
+                _BY_JOINT[sign.name].format(factor * value, self._joint(name))
+                for name, value in sign.values.items()
             )
         if sign.name == "cogging":
-            pairs = [name for name in sign.values if "cos" in name]
-            sizes = {
-                name: np.hypot(sign.values[name], sign.values[name.replace("cos", "sin")])
-                for name in pairs
-            }
-            shown = [name for name in pairs if sizes[name] > sign.visible[name]] or pairs
-            form = "{:.2g} N m, {} times per turn, at {}"
-            return ", ".join(
-                form.format(sizes[name], name[8 : name.index("cos")], self._joint(name))
-                for name in shown
-            )
+            return self._cogging(sign)
         return ""
 
-    def _level(self, name: str, value: float) -> str:
-        """Friction of a joint, found and stated."""
+    def _cogging(self, sign: Sign) -> str:
+        """Amplitudes of cogging, from the pairs ``cogging.6cos[i]`` and ``cogging.6sin[i]``."""
+        # One cosine and one sine per motor: their root sum of squares is the amplitude.
+        cosines = [name for name in sign.values if "cos" in name]
+        sizes = {
+            name: np.hypot(sign.values[name], sign.values[name.replace("cos", "sin")])
+            for name in cosines
+        }
+        # A motor below the detectable amplitude is noise, unless all are.
+        shown = [name for name in cosines if sizes[name] > sign.visible[name]] or cosines
+        texts = []
+        for name in shown:
+            cycles = name.removeprefix("cogging.").partition("cos")[0]
+            texts.append(f"{sizes[name]:.2g} N m, {cycles} times per turn, at {self._joint(name)}")
+        return ", ".join(texts)
+
+    def _friction(self, name: str, value: float) -> str:
+        """Friction of a joint, fitted and stated."""
         kind = name.partition("[")[0]
         stated = self.stated.get(name, 0.0)
         unit = {"viscous": "N m s/rad", "coulomb": "N m"}[kind]
@@ -352,8 +413,10 @@ class Detection(Shown, Frozen):
 
 
 def _span(values: list[float]) -> str:
-    """The least and the largest, as a text."""
+    """Smallest and largest value, as a text."""
+    # Two digits, but no exponent for hundreds.
     low, high = (
         f"{value:.2g}" if value < 100 else f"{value:.0f}" for value in (min(values), max(values))
     )
+    # Values that print alike are one.
     return low if low == high else f"{low} to {high}"

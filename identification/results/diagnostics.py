@@ -1,6 +1,4 @@
-"""How well what was found repeats the records: differences, delay of the counts, least squares
-in bands.
-"""
+"""Diagnostics of a fit: differences from a simulation, delay of the counts, bands of torques."""
 
 from __future__ import annotations
 
@@ -27,47 +25,49 @@ from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 
-_WIDER = 2.0  # difference over that of two runs which what the rig may lack explains at most
+# Difference over that of two runs of the model which effects that the rig may lack can explain, at
+# most: without this bound, tolerances would hide any difference. Chosen by hand.
+_WIDER = 2.0
 
 
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Diagnostics(Shown, Frozen):
-    """How well what was found repeats the records.
+    """How well the identified values repeat the records.
 
     Attributes
     ----------
     objective : float
         Objective (4) in the records that were searched [pulses^2].
     difference, held_out_difference : float, float or None
-        Root mean square, per sample and joint, between the errors measured and simulated with what
-        was found [pulses]: in the records, and in those held out. Two roundings alone give 0.58.
+        Root mean square, per sample and joint, between the errors measured and simulated with the
+        identified values [pulses]: in the records, and in those held out. Two roundings alone give
+        0.58.
     bands : dict
-        Of logged torques: pass band [Hz] -> mean ratio of least squares in that band to f as found,
-        each weighted by its precision.
+        Of logged torques: pass band [Hz] -> mean ratio of least squares in that band to the
+        identified f, each weighted by its precision.
     delay, delay_std : float
-        By how many samples the counts are read late, against a simulation with what was found, and
-        its standard deviation; NaN and inf where that is not known.
+        Delay of the counts [samples] against a simulation with the identified values, and its
+        standard deviation; NaN and inf where that is not known.
     detection : Detection
-        Whether compliance, backlash, lag, other friction or late counts explain what the model does
-        not.
+        Whether compliance, backlash, lag, other friction or late counts explain the innovations.
     law_apart : tuple
-        Of each record that was searched: how far the logged torque of each joint (n,) is from what
-        the stated law gives along the log, from the best state, as a share of it (rms); None where
-        that cannot be told.
+        Of each record that was searched: distance of the logged torque of each joint (n,) from that
+        of the stated law along the log, from the best state, as a share of it (rms); None where
+        the log does not show it.
     expected, limit : float
         Root mean square difference [pulses] between runs of the model, with values as likely as
-        those found, that begin elsewhere within a count: a loop that hunts by a count never does so
-        twice alike. Its geometric mean; and what a healthy log exceeds with a probability of 0.001,
-        at most twice the root mean square of the measured errors. NaN where the difference asks for
-        no explanation.
+        the identified ones, that begin elsewhere within a count: a loop that hunts by a count never
+        does so twice alike. Its geometric mean; and the limit that a healthy log exceeds with a
+        probability of 0.001, at most twice the root mean square of the measured errors. NaN where
+        the difference asks for no explanation.
     closest : float
         That difference with the values of "prediction_error", if they explain a log that those of
         another method do not: the log is healthy then. NaN otherwise.
     hunts : tuple of int
         Records whose loop oscillates, as that of the model does by friction and counts alone, at
-        about that frequency. What else the log contradicts is told by `difference` and `detection`,
-        as of any other.
+        about that frequency. `difference` and `detection` report further contradictions, as of any
+        other log.
     held_out_limit : float
         The limit of the records held out.
     """
@@ -90,11 +90,13 @@ class Diagnostics(Shown, Frozen):
         return f"differ by {self.difference:.2f} pulses (rms), {self.detection._short()}"
 
     def _shown(self) -> Iterator[Piece]:
-        known = np.isfinite(self.difference)
-        by = f"{self.difference:.2f} pulses (rms)" if known else "an unknown amount"
-        aside = self.held_out_difference
-        kept = "" if aside is None else f", in the validation record(s) by {aside:.2f}"
-        yield f"simulated and measured errors differ by {by}{kept}"
+        size = "an unknown amount"
+        if np.isfinite(self.difference):
+            size = f"{self.difference:.2f} pulses (rms)"
+        validation = ""
+        if self.held_out_difference is not None:
+            validation = f", in the validation record(s) by {self.held_out_difference:.2f}"
+        yield f"simulated and measured errors differ by {size}{validation}"
         if self.hunts:
             yield (
                 "the loop hunts by counts, as the model's does: two runs of it differ by"
@@ -106,111 +108,136 @@ class Diagnostics(Shown, Frozen):
     def of(
         cls, problem: Problem, fit: Fit, objective: Objective, cost: float, outcome: Outcome
     ) -> Diagnostics:
-        """Of a fit to a problem; its objective is that of the records with their zeros in place,
-        its value the cost.
+        """Diagnose a fit to a problem.
+
+        `objective`: that of the records with their zeros in place. `cost`: its value.
         """
+        held_out = None if problem.held_out is None else repeating(problem, problem.held_out)
+
+        # 1. The delay of the counts. Values without a covariance may be far off and say nothing of
+        # it; a replayed torque has no loop.
         delay = np.nan
         delay_std = np.inf
-        kept = None if problem.held_out is None else repeating(problem, problem.held_out)
-        # values that may be far off say nothing of timing
         if fit.covariance is not None and not any(problem.replays):
             delay, delay_std = delay_of(
                 problem.dynamics, objective.records, fit.unknown, fit.values, **problem.options
             )
+
+        # 2. Effects that the rig does not model, and the mean of records that disagree; unless the
+        # common fit repeats the record held out better.
+        # A significant delay is tried as a cause, whatever its score test.
         late = delay if is_late(delay, delay_std) else 0.0
         common = detect(problem, fit, outcome, late)
         detection = of_each(problem, common)
         if (
             detection.mean is not None
-            and kept is not None
-            and _costs(fit, [kept]) < _costs(detection.mean, [kept])
+            and held_out is not None
+            and _cost(fit, held_out) < _cost(detection.mean, held_out)
         ):
-            detection = common  # whose values tell better what is held out
+            detection = common
         if detection.mean is not None:
             fit = detection.mean
             objective = repeating(problem, placed(problem, fit), fit.resumptions)
-            (cost,) = _costs(fit, [objective])
-        every = (objective,) if kept is None else (objective, kept)
+            cost = _cost(fit, objective)
+
+        # 3. The difference from a simulation, against that of two runs of the model.
+        # The records held out are judged like those searched.
+        objectives = [objective]
+        costs = [cost]
+        if held_out is not None:
+            objectives.append(held_out)
+            costs.append(_cost(fit, held_out))
+        runs = _runs(problem, fit, objectives, costs)
+        doubted = _doubted(runs, objectives) and not any(problem.replays)
+        if doubted and problem.method not in ROUGH:
+            # Effects that the rig lacks may bias the values: let the runs differ by them too.
+            widened = detection.widened(fit)
+            if widened is not fit:
+                runs_with_bias = _runs(problem, widened, objectives, costs)
+                runs = [_wider(*pair) for pair in zip(runs, runs_with_bias, strict=True)]
+                doubted = _doubted(runs, objectives)
+
+        # 4. A rough method is at fault itself if prediction_error explains the log.
+        searched = runs[0]
         closest = np.nan
-        costs = [cost, *_costs(fit, every[1:])]
-        told, *aside = runs = _runs(problem, fit, every, costs)
-        doubted = any(map(doubtful, runs, (each.records for each in every))) and not any(
-            problem.replays
-        )
-        if doubted and problem.method not in ROUGH and (whole := detection.whole(fit)) is not fit:
-            told, *aside = runs = [*map(_wider, runs, _runs(problem, whole, every, costs))]
-            doubted = any(map(doubtful, runs, (each.records for each in every)))
         if doubted and problem.method in ROUGH:
-            told, closest = _by_prediction(problem, every, told)
+            searched, closest = _by_prediction(problem, objectives, searched)
         return cls(
             objective=cost,
-            held_out_difference=aside[0].difference if aside else None,
-            held_out_limit=aside[0].limit if aside else np.nan,
+            held_out_difference=None if held_out is None else runs[1].difference,
+            held_out_limit=np.nan if held_out is None else runs[1].limit,
             bands=_bands(problem, fit.values),
             delay=delay,
             delay_std=delay_std,
             detection=detection,
             law_apart=tuple(torque_apart(record) for record in problem.objective.records),
             closest=closest,
-            **told._asdict(),
+            **searched._asdict(),
         )
 
 
-def _costs(fit: Fit, every: Sequence[Objective]) -> list[float]:
-    return [float(each(fit.values[None])[0]) for each in every]
+def _cost(fit: Fit, objective: Objective) -> float:
+    """Objective (4) of the values of a fit [pulses^2]."""
+    return float(objective(fit.values[None])[0])
 
 
 def _runs(
-    problem: Problem, fit: Fit, every: Sequence[Objective], costs: Sequence[float]
+    problem: Problem, fit: Fit, objectives: Sequence[Objective], costs: Sequence[float]
 ) -> list[Predicted]:
-    """What runs with the values of a fit show, for the records of each objective, of these
-    values.
-    """
-    pairs = zip(every, costs, strict=True)
-    return [predicted(problem, fit, each.records, cost) for each, cost in pairs]
+    """Runs of the model with values like those of a fit, for the records of each objective."""
+    return [
+        predicted(problem, fit, objective.records, cost)
+        for objective, cost in zip(objectives, costs, strict=True)
+    ]
 
 
-def _wider(own: Predicted, whole: Predicted) -> Predicted:
-    """What runs differ by, with a limit for what the rig may lack; at most twice what they
-    differ by without.
-    """
-    return (
-        own._replace(limit=np.fmin(whole.limit, _WIDER * own.expected)) if own.expected > 0 else own
+def _doubted(runs: Sequence[Predicted], objectives: Sequence[Objective]) -> bool:
+    """Whether the records of any objective differ from the model more than its runs do."""
+    return any(
+        doubtful(run, objective.records) for run, objective in zip(runs, objectives, strict=True)
     )
 
 
+def _wider(run: Predicted, run_with_bias: Predicted) -> Predicted:
+    """Runs with the limit of those that include the bias; at most twice their difference."""
+    if not run.expected > 0:  # NaN: nothing asks for an explanation
+        return run
+    return run._replace(limit=np.fmin(run_with_bias.limit, _WIDER * run.expected))
+
+
 def _by_prediction(
-    problem: Problem, every: Sequence[Objective], own: Predicted
+    problem: Problem, objectives: Sequence[Objective], run: Predicted
 ) -> tuple[Predicted, float]:
-    """The hunting of the prediction error's fit, and its difference, if that explains all
-    records; else what was.
+    """The run of a rough method, with the hunting and the difference of the prediction error's fit.
+
+    Unchanged, with a difference of NaN, if that fit does not explain all records.
     """
     try:
+        # Without the checkpoint, whose stages belong to the method of the problem.
         fit = prediction_error(dataclasses.replace(problem, checkpoint=Checkpoint(None, ""))).fit
-        others = _runs(problem, fit, every, _costs(fit, every))
+        costs = [_cost(fit, objective) for objective in objectives]
+        runs = _runs(problem, fit, objectives, costs)
     except ValueError:  # no arm follows the log
-        return own, np.nan
-    if fit.fallback_reason is not None or any(
-        map(doubtful, others, (each.records for each in every))
-    ):
-        return own, np.nan
-    return own._replace(hunts=others[0].hunts), others[0].difference
+        return run, np.nan
+    if fit.fallback_reason is not None or _doubted(runs, objectives):
+        return run, np.nan
+    # The difference of these values shows that the log is healthy.
+    return run._replace(hunts=runs[0].hunts), runs[0].difference
 
 
 def _bands(problem: Problem, values: Floats) -> dict[float, float]:
-    """Least squares on logged torques in bands of their own, in what was found: band [Hz] ->
-    mean ratio.
-    """
+    """Mean ratio of least squares on logged torques to the identified f, by pass band [Hz]."""
+    # Only a replay has a torque of its own.
     if not all(problem.replays):
         return {}
-    found = dict(zip(problem.unknown, values, strict=True))
+    identified = dict(zip(problem.unknown, values, strict=True))
+    fits = over_bands(problem.dynamics, problem.records, problem.unknown, problem.known)
     ratios = {}
-    for band, fit in over_bands(
-        problem.dynamics, problem.records, problem.unknown, problem.known
-    ).items():
-        names = [name for name in problem.dynamics.names if name in fit.names and found[name]]
-        ours = np.array([found[name] for name in names])
-        least = np.array([fit[name] for name in names])
+    for band, fit in fits.items():
+        # A value of zero has no ratio.
+        names = [name for name in problem.dynamics.names if name in fit.names and identified[name]]
+        f = np.array([identified[name] for name in names])
+        least_squares = np.array([fit[name] for name in names])
         std = fit.std[[fit.names.index(name) for name in names]]
-        ratios[band] = float(np.average(least / ours, weights=(ours / std) ** 2))
+        ratios[band] = float(np.average(least_squares / f, weights=(f / std) ** 2))
     return ratios

@@ -1,16 +1,16 @@
-"""Records that contradict each other: each identified alone, and the mean of what they say.
+"""Records that contradict each other: identification of each alone, and the mean of the fits.
 
-Their common fit is that of no machine: what differs between them moves its values by more than its
-covariance says, the more so where observer gains rise to follow what no model explains. The mean
-weighs each value of a record by what it is known to, and by the variance between records
-(`random_effects`). What a rig states wrongly is wrong in all of them. Where a record is held out,
-and the common fit repeats it better, that is what counts.
+The common fit of such records is that of no machine: the difference between them moves its values
+by more than its covariance, the more so where observer gains rise to follow what no model explains.
+The mean weighs each value of a record by its variance and the variance between records
+(`random_effects`). A wrong statement of a rig is wrong in all of them. Where a record is held out
+and the common fit repeats it better, the common fit counts.
 """
 
 import contextlib
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,130 +27,147 @@ from identification.search.problem import Problem
 from plant.parts.fields import Floats
 
 
-class _Own(NamedTuple):
-    """A record's own fit, and what is said of it; covariances (k, k): of noise, with that of
-    segments, of doubt.
+class _Alone(NamedTuple):
+    """Fit of one record, and its tests, with covariances (k, k).
+
+    `noise`: of noise. `within`: the same, at least by the scatter between segments. `doubt`: by
+    effects that the rig may lack.
     """
 
     fit: Fit
-    said: Detection
+    detection: Detection
     noise: Floats
     within: Floats
     doubt: Floats
 
 
 def of_each(problem: Problem, detection: Detection) -> Detection:
-    """What is said of records that contradict each other, with the mean of their own fits.
+    """A detection with the mean of the fits of each record, if the records contradict each other.
 
-    One that alone does not tell all is left out of it. By a rough method, or where fewer than two,
-    or half, alone tell all, it is said of the common fit, and nothing of how they differ: what is
-    linear about that fit hides it.
+    A record that alone does not determine all unknowns is left out of the mean. There is no mean
+    with a rough method, or if fewer than two records, or half of them, determine all. The scatter
+    between the records is dropped then: linear about the common fit, it is too small.
     """
-    if (
-        "disagreement" not in detection.names
-        or detection.grouped is None
-        or len(problem.records) < 2
-    ):
+    count = len(problem.records)
+    if "disagreement" not in detection.names or detection.grouped is None or count < 2:
         return detection
-    alone = dict[int, _Own]()
-    for k in range(len(problem.records) if problem.method not in ROUGH else 0):
-        with contextlib.suppress(ValueError):
-            alone[k] = _alone(problem, k)
-    least = (
-        len(problem.records)
-        if problem.zeros or problem.memories
-        else max(2, len(problem.records) / 2)
-    )
-    if len(alone) >= least:
+    alone = dict[int, _Alone]()
+    # Deviations of rough methods do not cover their own errors: they could not weigh records.
+    if problem.method not in ROUGH:
+        for k in range(count):
+            with contextlib.suppress(ValueError):
+                alone[k] = _alone(problem, k)
+    # Zeros and memories belong to single records: none may be missing.
+    required = count if problem.zeros or problem.memories else max(2, count / 2)
+    if len(alone) >= required:
         return _mean(problem, detection, alone)
     return dataclasses.replace(detection, between=None)
 
 
-def _alone(problem: Problem, k: int) -> _Own:
-    """What a record alone says; of a prior it has its share."""
-    own = Objective(
-        problem.dynamics, problem.objective.records[k], problem.unknown, **problem.options
-    )
+def _alone(problem: Problem, k: int) -> _Alone:
+    """Fit and tests of one record."""
     prior = problem.prior
-    count = len(problem.records)
+    if prior is not None:
+        # Every record has its share of the prior, so that their mean counts it once.
+        covariance = len(problem.records) * prior.covariance
+        prior = dataclasses.replace(prior, covariance=covariance)
     alone = dataclasses.replace(
         problem,
         records=(problem.records[k],),
-        objective=own,
-        held_out=None,
-        prior=(
-            None
-            if prior is None
-            else dataclasses.replace(prior, covariance=count * prior.covariance)
+        objective=Objective(
+            problem.dynamics, problem.objective.records[k], problem.unknown, **problem.options
         ),
+        held_out=None,
+        prior=prior,
         checkpoint=problem.checkpoint.part(f"record {k}"),
     )
+    # Whatever the method of the problem: the common fit ended with it as well.
     outcome = prediction_error(alone)
     fit = outcome.fit
-    said = detect(alone, outcome.fit, outcome)
+    detection = detect(alone, fit, outcome)
     noise = fit.covariance
-    doubt = said.doubt
-    grouped = said.grouped
+    doubt = detection.doubt
+    grouped = detection.grouped
+    # A record that alone does not determine all unknowns.
     if fit.fallback_reason is not None or noise is None or doubt is None or grouped is None:
-        raise ValueError(fit.fallback_reason or said.reason)
-    return _Own(fit, said, noise, at_least(noise, grouped), doubt)
+        raise ValueError(fit.fallback_reason or detection.reason)
+    return _Alone(fit, detection, noise, at_least(noise, grouped), doubt)
 
 
-def _mean(problem: Problem, detection: Detection, alone: dict[int, _Own]) -> Detection:
-    fits, said, noise, within, doubts = map(list, zip(*alone.values(), strict=True))
-    each = np.array([fit.values for fit in fits])
+def _mean(problem: Problem, detection: Detection, alone: dict[int, _Alone]) -> Detection:
+    """The detection with the mean of several fits, its covariances, and their scatter."""
+    fits = [record.fit for record in alone.values()]
+    detections = [record.detection for record in alone.values()]
+    noise = [record.noise for record in alone.values()]
+    within = [record.within for record in alone.values()]
+
+    # 1. Variance between records beyond that within them. Values that were not varied have none.
+    values = np.array([fit.values for fit in fits])
     std = np.sqrt([np.diag(covariance) for covariance in within])
     varied = (std > 0).all(axis=0)
     std = np.where(varied, std, np.nan)
-    apart = differing(
-        problem.unknown, each.mean(axis=0), each, std, _alike(np.mean(within, axis=0))
+    between = differing(
+        problem.unknown, values.mean(axis=0), values, std, _factor(np.mean(within, axis=0))
     )
-    weight = np.where(varied, 1 / (std**2 + apart.deviation**2), 1.0)
+
+    # 2. Weights by both variances, and the mean.
+    # Values that were not varied are the same in all records.
+    weight = np.where(varied, 1 / (std**2 + between.deviation**2), 1.0)
     weight /= weight.sum(axis=0)
-    added = (weight**2).sum(axis=0) * (apart.deviation * wider(apart.freedom)) ** 2
-    own = np.diag(_weighted(weight, within))
-    doubt = _weighted(np.sqrt(weight), doubts)
-    values = (weight * each).sum(axis=0)
+    mean = (weight * values).sum(axis=0)
+
+    # 3. Covariance of the mean. A bias is the same in all records and does not average out: its
+    # covariances are averaged, by the roots of the weights on both sides.
+    scatter = (weight**2).sum(axis=0) * (between.deviation * wider(between.freedom)) ** 2
+    inner = np.diag(_weighted(weight, within))
+    doubt = _weighted(np.sqrt(weight), [record.doubt for record in alone.values()])
+
+    # 4. As a fit, with what belongs to single records one below the other.
     rms = np.array([fit.rms_innovation for fit in fits], float)
-    goes_on = any(fit.resumptions for fit in fits)
-    mean = Fit(
+    zeros = [fit.zeros for fit in fits if fit.zeros is not None]
+    resumptions: tuple[Any, ...] = ()
+    if any(fit.resumptions for fit in fits):
+        resumptions = tuple(resumption for fit in fits for resumption in fit.resumptions or (None,))
+    mean_fit = Fit(
         unknown=problem.unknown,
-        values=values,
-        candidates=values[None],
+        values=mean,
+        candidates=mean[None],
         covariance=_weighted(weight, noise),
         rms_innovation=None if np.isnan(rms).any() else float(np.sqrt((rms**2).mean())),
         prior=problem.prior,
-        zeros=None if fits[0].zeros is None else np.vstack([fit.zeros for fit in fits]),
-        resumptions=(
-            tuple(place for fit in fits for place in fit.resumptions or (None,)) if goes_on else ()
-        ),
+        zeros=np.vstack(zeros) if zeros else None,
+        resumptions=resumptions,
     )
+    # Moves by assumed numbers are linear: they are averaged like the values.
     assumed = {
-        name: (weight * [one.assumed[name] for one in said]).sum(axis=0)
+        name: (weight * [record.assumed[name] for record in detections]).sum(axis=0)
         for name in detection.assumed
-        if all(name in one.assumed for one in said)
+        if all(name in record.assumed for record in detections)
     }
-    # NaN of those that are left out
-    every = np.full((2, len(problem.records), len(values)), np.nan)
-    every[:, list(alone)] = each, std
+    # Records that were left out have NaN.
+    all_values, all_std = np.full((2, len(problem.records), len(mean)), np.nan)
+    all_values[list(alone)] = values
+    all_std[list(alone)] = std
+    bias = np.diag(doubt)
     return dataclasses.replace(
         detection,
-        mean=mean,
+        mean=mean_fit,
         doubt=doubt,
-        grouped=np.sqrt(own + added + np.diag(doubt)),
+        grouped=np.sqrt(inner + scatter + bias),
         assumed=assumed,
-        between=BetweenRuns.of(every[0], every[1], apart, own, added, np.diag(doubt)),
+        between=BetweenRuns.of(all_values, all_std, between, inner, scatter, bias),
     )
 
 
 def _weighted(weight: Floats, covariance: Sequence[Floats]) -> Floats:
-    """Covariance (k, k) of the sum of what has weights (R, k) and covariances (R, k, k)."""
+    """Covariance (k, k) of a sum with weights (R, k) of terms with covariances (R, k, k)."""
     return np.asarray(np.einsum("ri,rij,rj->ij", weight, covariance, weight))
 
 
-def _alike(covariance: Floats) -> Floats:
+def _factor(covariance: Floats) -> Floats:
     """Rows whose products are the correlations of a covariance (k, k)."""
     std = np.sqrt(np.diag(covariance))
     std = np.where(std > 0, std, 1.0)
     sizes, axes = np.linalg.eigh(covariance / np.outer(std, std))
+    # Rounding can make the smallest eigenvalues negative.
     return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))

@@ -1,6 +1,4 @@
-"""`find_gears`: stiffness and damping of gears with an encoder on either side, f known,
-uncertain or unknown.
-"""
+"""`find_gears`: stiffness and damping of gears that have an encoder on either side."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,7 +22,9 @@ from plant.parts.messages import warn
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_POOR = 0.2  # share of the logged torques that an arm and its friction may leave
+# Share of the logged torques that an arm and its friction may leave before stiffness is doubted,
+# because it is off by about as much. Chosen by hand.
+_POOR = 0.2
 
 _ORDER = "Pass an arm, an identification or dynamics first, then records."
 
@@ -36,16 +36,16 @@ class Gears(Shown, Frozen):
     Attributes
     ----------
     joints : tuple of str
-        What to call each joint.
+        Name of each joint.
     stiffness, low, high : (n,) numpy.ndarray
         [N m/rad], as of `Elasticity`. Without an upper end, low is a bound: the gear is stiffer.
     damping, damping_low, damping_high : (n,) numpy.ndarray
         [N m s/rad]; NaN where stiffness has a bound alone.
     runs : tuple of Gears
-        What each record alone says; the uncertainty of f, which all share, is in each.
+        Result of each record alone; the uncertainty of f, which they share, is in each.
     between : BetweenRuns or None
-        How two records or more agree, and what their differences add; values are compliance and
-        damping / stiffness^2.
+        Agreement of two records or more, and what their differences add to the intervals; its
+        values are compliance and damping / stiffness^2.
     stated : Elasticity or None
         Of the first record's rig.
     """
@@ -65,17 +65,21 @@ class Gears(Shown, Frozen):
     def of(
         cls, wound: Wound, joints: tuple[str, ...], stated: Elasticity | None, **options: Any
     ) -> Self:
-        """Of compliances and their intervals."""
+        """Gears with these compliances [rad/(N m)] and their intervals."""
+        # Values, then half-widths of intervals: each compliance, and damping / stiffness^2.
         (c, slope), (half, slope_half) = wound
         with np.errstate(divide="ignore", invalid="ignore"):
-            told = np.where(c > half, c, np.nan)
-            damping = slope / told**2
-            wide = np.hypot(slope_half / told**2, 2 * damping * half / told)
-            ends = [
+            # A compliance that may be zero gives a lower bound of the stiffness, and no damping.
+            certain = np.where(c > half, c, np.nan)
+            # The deflection follows the torque by 1 / stiffness, its rate by damping / stiffness^2.
+            damping = slope / certain**2
+            # To first order, from the half-widths of both numbers.
+            wide = np.hypot(slope_half / certain**2, 2 * damping * half / certain)
+            # A compliance that is not positive is infinite stiffness: no upper end.
+            stiffness, low, high = (
                 np.where(x > 0, 1 / x, np.where(np.isnan(x), x, np.inf))
                 for x in (c, c + half, c - half)
-            ]
-        stiffness, low, high = ends
+            )
         return cls(
             joints=joints,
             stiffness=stiffness,
@@ -90,35 +94,40 @@ class Gears(Shown, Frozen):
 
     @property
     def elasticity(self) -> Elasticity:
-        """All gears: those found, and the rig's for the others; damping at least 0."""
-        known = np.isfinite(self.stiffness) & np.isfinite(self.damping)
-        if self.stated is None and not known.all():
-            label = self.joints[int(np.argmin(known))]
+        """All gears, with the stated ones where they are not identified; damping at least 0."""
+        identified = np.isfinite(self.stiffness) & np.isfinite(self.damping)
+        # A gear without an estimate needs a stated one.
+        if self.stated is None and not identified.all():
+            label = self.joints[int(np.argmin(identified))]
             raise ValueError(
                 f"every gear must be known; that of {label} is not. State it in the Elasticity of"
                 " the rig."
             )
-        beside = self.stated or Elasticity(
-            stiffness=self.stiffness, damping=np.maximum(self.damping, 0)
+        # Noise can make the damping of a gear negative.
+        damping = np.maximum(self.damping, 0)
+        stated = self.stated or Elasticity(stiffness=self.stiffness, damping=damping)
+        return dataclasses.replace(
+            stated,
+            stiffness=np.where(identified, self.stiffness, stated.stiffness),
+            damping=np.where(identified, damping, stated.damping),
         )
-        stiffness = np.where(known, self.stiffness, beside.stiffness)
-        damping = np.where(known, np.maximum(self.damping, 0), beside.damping)
-        return dataclasses.replace(beside, stiffness=stiffness, damping=damping)
 
     def _short(self) -> str:
         return f"stiffness of {np.isfinite(self.low).sum()} of {len(self.joints)} gears"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(f"{self._short()}, with 95 % intervals")
+        # Joints without a second encoder have NaN, and no row.
         rows = []
         seen = np.flatnonzero(~np.isnan(self.low)).tolist()
         for i in seen:
-            damping = (
-                f"{self.damping[i]:.3g}",
-                f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]",
-            )
-            damping = ("", "") if np.isinf(self.high[i]) else damping
-            rows.append((self.joints[i], f"{self.stiffness[i]:.4g}", self._interval(i), *damping))
+            damping = ""
+            interval = ""
+            if not np.isinf(self.high[i]):  # otherwise stiffness has a bound alone
+                damping = f"{self.damping[i]:.3g}"
+                interval = f"[{self.damping_low[i]:.3g}, {self.damping_high[i]:.3g}]"
+            stiffness = f"{self.stiffness[i]:.4g}"
+            rows.append((self.joints[i], stiffness, self._interval(i), damping, interval))
         yield Table(
             ("", "[N m/rad]", "interval", "damping [N m s/rad]", "interval"), rows, words=(2, 4)
         )
@@ -131,6 +140,7 @@ class Gears(Shown, Frozen):
             yield Table(("", *(f"run {k}" for k in range(len(self.runs)))), alone)
 
     def _interval(self, i: int) -> str:
+        """Interval of the stiffness of a joint, or its bound."""
         low = self.low[i]
         high = self.high[i]
         return f"stiffer than {low:.4g}" if np.isinf(high) else f"[{low:.4g}, {high:.4g}]"
@@ -145,8 +155,7 @@ def find_gears(
     unknown: Iterable[str] | None = None,
     band: float | None = None,
 ) -> Gears:
-    """Find stiffness and damping of the gears that have an encoder on either side: all, or those of
-    some joints.
+    """Find stiffness and damping of the gears that have an encoder on either side.
 
     Their deflection is compared with the torque of their links, which follows from f and the motion
     of the links; no motor torque is read, unless f is unknown. Links without an encoder are taken
@@ -160,9 +169,9 @@ def find_gears(
     records : Record or sequence of Record
         With `link_counts`, of the same joints each; NaN in the columns of others.
     prior : float, or tuple of bodies or f and a float, optional
-        What a data sheet says of f, as for `identify`: the relative standard deviation of the
-        chain's own bodies (of each number of f, if an `Arm` is given), such as 0.05; or ``(bodies,
-        0.05)``, or ``(f, 0.05)``.
+        Data sheet of f, as for `identify`: the relative standard deviation of the chain's own
+        bodies (of each number of f, if an `Arm` is given), such as 0.05; or ``(bodies, 0.05)``, or
+        ``(f, 0.05)``.
     unknown : sequence of str, optional
         Where f is unknown: all its names, and friction to find beside it; by default f.
     band : float, optional
@@ -196,62 +205,71 @@ def find_gears(
     >>> print(abs(found.stiffness[0] / gears.stiffness[0] - 1) < 0.1, found.stiffness[1])
     True nan
     """
-    exact, uncertain = (arm.arm, arm) if isinstance(arm, Identification) else (arm, None)
+    # 1. The arm, or its dynamics alone.
+    # An identification has a covariance of f, an arm has none.
+    uncertain = arm if isinstance(arm, Identification) else None
+    exact = arm.arm if isinstance(arm, Identification) else arm
+    alone = isinstance(exact, Dynamics)
     dynamics = (
         exact if isinstance(exact, Dynamics) else instance("arm", exact, Arm, _ORDER).dynamics
     )
     seen = _seen(dynamics, records, band)
     rig = seen[0].record.rig
     labels = tuple(dynamics.chain.joint_labels)
-    if unknown is not None and (prior is not None or not isinstance(exact, Dynamics)):
+    # Friction is found beside f only, as the torque of the links does not show it.
+    if unknown is not None and (prior is not None or not alone):
         raise ValueError(
             "unknown must be left out where f is known; got both. Give dynamics alone to find f"
             " too."
         )
+
+    # 2. f and its covariance: from a prior, from the torques of the motors, or from the arm.
     if prior is not None:
         if uncertain is not None:
             raise ValueError(
                 "prior must be left out beside an identification, which has its own. Pass"
                 " found.arm, or no prior."
             )
-        known = Prior.of(
-            dynamics,
-            rig,
-            (exact, prior) if isinstance(exact, Arm) and np.ndim(prior) == 0 else prior,
-        )
-        f = known.mean
-        covariance = known.covariance
+        if isinstance(exact, Arm) and np.ndim(prior) == 0:
+            # A single number is the relative deviation of each number of this f.
+            prior = (exact, prior)
+        of_f = Prior.of(dynamics, rig, prior)
+        f = of_f.mean
+        covariance = of_f.covariance
     elif isinstance(exact, Dynamics):
-        f, covariance = _from_torques(
-            dynamics, seen, band, tuple(dynamics.names if unknown is None else unknown)
-        )
+        names = tuple(dynamics.names if unknown is None else unknown)
+        f, covariance = _from_torques(dynamics, seen, band, names)
     else:
         f = exact.f
         covariance = covariance_of_f(uncertain, exact)
+    # Only logs with torques can contradict f.
     _require_torques(dynamics, seen, f)
-    whole, runs, fit = fit_wound(dynamics, seen, f, covariance)
-    against = np.flatnonzero(whole.values[0] + whole.half[0] < 0)
+
+    # 3. Deflections against torques.
+    common, runs, fit = fit_wound(dynamics, seen, f, covariance)
+    # Negative beyond its interval: no noise.
+    against = np.flatnonzero(common.values[0] + common.half[0] < 0)
     if len(against):
         raise ValueError(
             f"a gear must give way to its torque; that of {labels[against[0]]} turns against it."
             " Check signs of its two encoders, their order, and gravity."
         )
     stated = rig.drive.elasticity
-    each = tuple(Gears.of(run, labels, stated) for run in runs)
-    return Gears.of(whole, labels, stated, runs=each, between=fit.between)
+    gears = tuple(Gears.of(run, labels, stated) for run in runs)
+    return Gears.of(common, labels, stated, runs=gears, between=fit.between)
 
 
 def _seen(
     dynamics: Dynamics, records: Record | Sequence[Record], band: float | None
 ) -> list[Deflections]:
-    """What sensors on both sides show, of records that have them at the same joints."""
-    every = (records,) if isinstance(records, Record) else tuple(records)
-    if not every:
+    """Deflections of the gears in records that have encoders on both sides of the same joints."""
+    records = (records,) if isinstance(records, Record) else tuple(records)
+    if not records:
         raise ValueError("records must hold one at least; got none. Pass those with link_counts.")
     if band is not None:
         real("band", band, "Give Hz.", positive=True)
     seen = list[Deflections]()
-    for k, (record, about) in enumerate(each_named(every)):
+    for k, (record, about) in enumerate(each_named(records)):
         with about:
             instance("a record", record, Record, "Pass those with link_counts.").rig.require_fit(
                 dynamics.chain
@@ -261,35 +279,41 @@ def _seen(
                     "the record must hold link_counts; it has none. Map link_position, or simulate"
                     ' with Encoder(side="both").'
                 )
+            # Filters need samples in even steps.
             even = evened(bridged(record))
             seen.append(Deflections.of(even, path_in(even) if band is None else band))
-            if (other := np.flatnonzero(seen[k].seen != seen[0].seen)).size:
-                label = dynamics.chain.joint_labels[other[0]]
-                first = record_label(every, 0)
+            # The fit has one compliance per gear, from all records.
+            different = np.flatnonzero(seen[k].seen != seen[0].seen)
+            if different.size:
+                label = dynamics.chain.joint_labels[different[0]]
                 raise ValueError(
-                    f"link_counts must be of the joints that {first} has; {label} differs. Take"
-                    " them apart."
+                    f"link_counts must be of the joints that {record_label(records, 0)} has;"
+                    f" {label} differs. Take them apart."
                 )
     return seen
 
 
 def _require_torques(dynamics: Dynamics, seen: Sequence[Deflections], f: Floats) -> None:
-    """Warn of an f that does not give the torques that were logged; friction is found beside it."""
+    """Warn if f does not give the logged torques; friction is fitted beside it."""
     logged = [
-        each for each in seen if each.record.torque is not None or each.record.current is not None
+        deflections
+        for deflections in seen
+        if deflections.record.torque is not None or deflections.record.current is not None
     ]
     if not logged:
         return
+    # Motors need their friction too, which the torque of the links does not have.
     friction = [f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(dynamics.n)]
-    known = Known(dict(zip(dynamics.names, f.tolist(), strict=True)))
+    names = (*dynamics.names, *friction)
+    stated = Known(dict(zip(dynamics.names, f.tolist(), strict=True)))
     try:
-        systems = [each.balance(dynamics, (*dynamics.names, *friction)) for each in logged]
-        off = fit_systems(dynamics, (*dynamics.names, *friction), known, systems).relative_error
+        systems = [deflections.balance(dynamics, names) for deflections in logged]
+        error = fit_systems(dynamics, names, stated, systems).relative_error
     except ValueError:  # too few equations
         return
-    if off > _POOR:
+    if error > _POOR:
         warn(
-            f"find_gears: f and friction leave {off:.0%} of the logged torques, and stiffness is"
+            f"find_gears: f and friction leave {error:.0%} of the logged torques, and stiffness is"
             " off by as much. Pass the arm of these logs, or dynamics alone, which finds it."
         )
 
@@ -297,14 +321,13 @@ def _require_torques(dynamics: Dynamics, seen: Sequence[Deflections], f: Floats)
 def _from_torques(
     dynamics: Dynamics, seen: Sequence[Deflections], band: float | None, names: tuple[str, ...]
 ) -> tuple[Floats, Floats]:
-    """f, and its covariance (p, p), from the torques of the motors along the motion of links and
-    motors.
-    """
+    """Identified f and its covariance (p, p), from torques along the motion of both sides."""
+    records = [deflections.record for deflections in seen]
+    # The equation of motion has a pass band of its own, not that of the deflections.
     if band is None:
-        seen = [Deflections.of(each.record, pass_band(each.record)) for each in seen]
-    seconds = np.array([len(each.record) * each.record.rig.period for each in seen])
-    fit = fit_systems(
-        dynamics, names, Known(), [each.balance(dynamics, names) for each in seen], seconds
-    )
-    own = [fit.names.index(name) for name in dynamics.names]
-    return fit.f, fit.covariance[np.ix_(own, own)]
+        seen = [Deflections.of(record, pass_band(record)) for record in records]
+    seconds = np.array([len(record) * record.rig.period for record in records])
+    systems = [deflections.balance(dynamics, names) for deflections in seen]
+    fit = fit_systems(dynamics, names, Known(), systems, seconds)
+    places = [fit.names.index(name) for name in dynamics.names]
+    return fit.f, fit.covariance[np.ix_(places, places)]

@@ -1,6 +1,4 @@
-"""The result of an identification: arm, rig and law with what was found, and how well it is
-known.
-"""
+"""Result of an identification: arm, rig and law with the identified values, and their accuracy."""
 
 import dataclasses
 import warnings
@@ -29,24 +27,24 @@ from plant.parts.shown import Piece, Shown, as_text
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Identification(Shown, Saved, Frozen):
-    """What was found, and how.
+    """Result of `identify`.
 
     Attributes
     ----------
     arm : Arm
         The arm with the best f; D-hat and h-hat of a computed-torque controller.
     rig, law : Rig, Law
-        Those of the (first) record, with whatever else was unknown filled in.
+        Those of the (first) record, with the values of their unknown numbers.
     records, held_out : tuple of Record
-        Those that were searched, and those that were held out.
+        Records that were searched, and records that were held out.
     versions : dict
-        Of the library, numpy, casadi and Python that found it.
+        Of the library, numpy, casadi and Python.
     fit : Fit
-        The values of the unknowns, and how well they are known.
+        Values of the unknowns, and their accuracy.
     search : Search
-        How they were searched.
+        Method, settings and course of the search.
     diagnostics : Diagnostics
-        How well they repeat the records.
+        How well the values repeat the records.
 
     See Also
     --------
@@ -70,21 +68,23 @@ class Identification(Shown, Saved, Frozen):
     law: Law
     records: tuple[Record, ...]
     held_out: tuple[Record, ...]
+    # Two results are equal if their numbers are, whatever the software.
     versions: Mapping[str, str] = dataclasses.field(compare=False)
     fit: Fit
     search: Search
     diagnostics: Diagnostics
 
     def provenance(self) -> dict[str, Any]:
-        """Logs by their fingerprints, method, seed and warnings, and the versions that found it."""
+        """Logs by their fingerprints, method, seed and warnings, and versions of the software."""
         logs = {
             name: [fingerprint(log) for log in getattr(self, name)]
             for name in ("records", "held_out")
         }
+        # Enough to repeat the identification: the logs are named by their content.
         search = {"method": self.search.method, "seed": self.search.seed, "warnings": self.warnings}
         return {"versions": dict(self.versions)} | logs | search
 
-    # -- the everyday attributes of the groups ----------------------------------------------------
+    # -- everyday attributes of the groups `fit`, `search` and `diagnostics` ----------------------
     @property
     def f(self) -> Floats:
         """Parameters (p,) of the arm."""
@@ -127,7 +127,7 @@ class Identification(Shown, Saved, Frozen):
 
     @property
     def seconds(self) -> float:
-        """Of the whole identification."""
+        """Duration of the identification [s]."""
         return self.search.seconds
 
     @property
@@ -135,19 +135,17 @@ class Identification(Shown, Saved, Frozen):
         """Why the search ended."""
         return self.search.message
 
-    # -- what can be made of it -------------------------------------------------------------------
+    # -- derived results --------------------------------------------------------------------------
     @property
     def short_names(self) -> tuple[str, ...]:
-        """Names (k) of the unknowns for tables and figures; ``arm.dynamics.legend`` says what
-        they mean.
-        """
+        """Names (k) of the unknowns for tables; ``arm.dynamics.legend`` has their meaning."""
         return short_names(self.arm.dynamics, self.fit.unknown)
 
     def bound(self) -> Floats:
-        """Cramer-Rao bound (k,): the least standard deviation of any method on the first record,
-        from rounding alone.
+        """Cramer-Rao bound (k,): lowest standard deviation of any method, from rounding alone.
 
-        From simulated sensitivities (`pulse_budget`); of what was kept fixed, zero.
+        Of the first record, from simulated sensitivities (`pulse_budget`); zero of values that were
+        not varied.
 
         Raises
         ------
@@ -155,6 +153,7 @@ class Identification(Shown, Saved, Frozen):
             A record without reference.
         """
         record = self.records[0]
+        # The bound follows from a simulation along the reference.
         if record.reference is None:
             raise ValueError(
                 "the record must have a reference for a bound; it has none. Pass reference= with"
@@ -162,7 +161,7 @@ class Identification(Shown, Saved, Frozen):
             )
         seconds = len(record) * record.rig.period
         with warnings.catch_warnings():
-            # gears that are stiffer than sub-steps follow are found as good as rigid
+            # Gears that are too stiff for the sub-steps give a warning: they are nearly rigid.
             warnings.simplefilter("ignore")
             budget = pulse_budget(
                 self.arm,
@@ -172,19 +171,21 @@ class Identification(Shown, Saved, Frozen):
                 unknown=self.fit.unknown,
                 duration=seconds,
             )
+        # A value that was not varied has no error by noise.
         return np.where(self.fit.std > 0, budget.bound, 0.0)
 
     def assumed(self) -> Assumed:
-        """What one log cannot reveal: by how much 1 % of each assumed number moves each value.
+        """Change of each value by 1 % of each assumed number, which one log cannot reveal.
 
-        Gears, motor gains and gains of the law by the innovations; lengths of the links by the
-        torque along the motion.
+        Gears, motor gains and gains of the law act through the innovations; lengths of the links
+        through the torque along the motion.
 
         Raises
         ------
         ValueError
-            Nothing is known of it, with the reason.
+            An identification without covariance, with the reason.
         """
+        # They were taken at the optimum of the fit, so they need one.
         moves = dict(self.diagnostics.detection.assumed)
         if not moves or self.covariance is None:
             reason = (
@@ -206,14 +207,14 @@ class Identification(Shown, Saved, Frozen):
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should know before trusting the values, one line each."""
+        """Reasons to doubt the values, one line each, causes before their effects."""
         return warnings_of(self)
 
     def summary(self, *, full: bool = False) -> str:
-        """What `print` shows: of many unknowns one screen.
+        """The text that `print` shows; of many unknowns, one screen.
 
         Full: each value with its standard deviation, the bound, its 95 % interval and its largest
-        correlation; by how much each assumed number moves it; what the names of parameters mean.
+        correlation; its change by each assumed number; the meaning of the names of parameters.
         """
         return as_text(said_of(self, full))
 
@@ -226,21 +227,25 @@ class Identification(Shown, Saved, Frozen):
 
     def _short(self) -> str:
         count = len(doubts(self))
-        fallback = self.fit.fallback_reason
-        doubtful = f", {count} warning{'s' * (count > 1)}" if count else ""
-        went = (
-            f"{self.search.method}, {self.objective:.0f} pulses^2, {self.evaluations} evaluations"
+        # One line, for lists of results.
+        text = (
+            f"{len(self.fit.values)} values, {self.search.method}, {self.objective:.0f} pulses^2,"
+            f" {self.evaluations} evaluations"
         )
-        return f"{len(self.fit.values)} values, {went}{', a fallback' * bool(fallback)}{doubtful}"
+        if self.fit.fallback_reason:
+            text += ", a fallback"
+        if count:
+            text += f", {count} warning{'s' * (count > 1)}"
+        return text
 
 
-def covariance_of_f(found: Identification | None, arm: Arm) -> Floats:
-    """Of f, in the order of the arm's; zero of an exact arm, which is not found."""
-    if found is None:
+def covariance_of_f(identification: Identification | None, arm: Arm) -> Floats:
+    """Covariance (p, p) of f, in the order of the arm's; zero of an exact arm."""
+    if identification is None:
         return np.zeros((len(arm.f),) * 2)
-    if found.covariance is None:
+    if identification.covariance is None:
         raise ValueError(
             "an identification needs a covariance here; this has none:"
-            f" {found.fit.fallback_reason}. Pass found.arm to take the arm as exact."
+            f" {identification.fit.fallback_reason}. Pass found.arm to take the arm as exact."
         )
-    return found.fit.covariance_of(arm.dynamics.names)
+    return identification.fit.covariance_of(arm.dynamics.names)

@@ -1,10 +1,9 @@
-"""The covariance of what was found, with what the model may lack: noise, and the bias by all that
-the rig states.
+"""Covariance of identified values: noise, and the bias by numbers that the rig states wrongly.
 
 Numbers that are taken as stated (gears, friction, offsets, timing) are right within tolerances
-only. They are unknowns, too, whose prior standard deviations are these; the log says more of some.
-What the unknowns would change by, if they were fitted together, is a bias: its square is added to
-the covariance that they would have then.
+only. They are unknowns, too, whose prior standard deviations are these tolerances; the log
+determines some of them better. The change of the unknowns if all were fitted together is a bias:
+its square is added to the covariance that they would have then.
 
 Source: S. F. Schmidt, Application of state-space methods to navigation problems, Advances in
 Control Systems 3, 1966 (consider covariance); G. J. Bierman, Factorization methods for discrete
@@ -30,28 +29,30 @@ from identification.search.problem import Tolerances
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-_ASSUMED = ("gear", "motor_gain", "law.")  # numbers whose changes by 1 % are told
+# Numbers whose changes by 1 % a result reports.
+_ASSUMED = ("gear", "motor_gain", "law.")
 
-_AT_ONCE = 1 << 15  # rows of the innovations that are taken at once
+# Rows of the innovations that are multiplied at once, which bounds the memory of a copy of them.
+_AT_ONCE = 1 << 15
 
-# tolerance of each kind of number, where it has another name
+# Tolerance of each kind of number, where it has another name.
 _BY_KIND = {"viscous": "friction", "coulomb": "friction"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Doubt:
-    """Where the innovations are least, and what is known of the model there.
+    """The optimum of a model, and the effects of numbers that may be wrong.
 
-    `at`, `first`: with what was named, and before. `step` (m,): of the values; zero for one that is
-    not varied. `keep`: which of the unknowns its first values are. `unknown`: number of the
-    unknowns. `searched`: number of the innovations of the records that were searched, the first.
-    `effects`: change of the innovations (M,) with each of what the rig leaves out, or may have
-    wrong. `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms). `share`: of the
-    samples that were fitted, how many these are: those that stand for a long log.
+    `at`, `initial`: the optimum with the reported causes, and without. `step` (m,): of its values;
+    zero of one that is not varied. `keep`: place among the unknowns of each of the leading values.
+    `unknown`: number of the unknowns. `searched`: number of innovations of the records that were
+    searched, which come first. `effects`: change of the innovations (M,) with each number that the
+    rig leaves out, or may have wrong. `efforts` (2, n): torque [N m] and speed [rad/s] of each
+    motor (rms). `share`: share of the samples of a long log that these parts of it are.
     """
 
     at: Optimum
-    first: Optimum
+    initial: Optimum
     step: Floats
     keep: Sequence[int]
     unknown: int
@@ -61,134 +62,147 @@ class Doubt:
     share: float = 1.0
 
     def assumed(self) -> dict[str, Floats]:
-        """Change (k,) of the unknowns if a gear, a motor's gain or a gain of the law is 1 %
-        larger, by its name.
-        """
+        """Change (k,) of the unknowns if a gear, motor gain or gain of the law is 1 % larger."""
         names = [name for name in self.effects if name.startswith(_ASSUMED)]
-        changes = moved(self.at.rates[:, : self.searched], self.effects, names).items()
-        called = {name: name if name.startswith("law.") else f"drive.{name}" for name in names}
-        return {called[name]: 0.01 * self._of_unknowns(change) for name, change in changes}
+        # Of the records that were searched, as the fit.
+        changes = moved(self.at.rates[:, : self.searched], self.effects, names)
+        return {
+            name if name.startswith("law.") else f"drive.{name}": 0.01 * self._of_unknowns(change)
+            for name, change in changes.items()
+        }
 
     @property
     def _unit(self) -> float:
         """Variance of the innovations; less where each stands for many."""
         return self.at.unit(self.at.innovations) * self.share
 
+    @property
+    def _residual(self) -> Floats:
+        """Innovations of the records that were searched."""
+        return self.at.innovations[: self.searched]
+
     def _of_unknowns(self, steps: Floats) -> Floats:
-        """What is known of the varied numbers, in their steps, of all unknowns (k,); 0 of those
-        that are not varied.
-        """
+        """Changes of the varied values, in their steps, as changes of all unknowns (k,)."""
         varied = np.flatnonzero(self.step)
-        whole = np.zeros(self.unknown)
-        some = varied < len(self.keep)
-        whole[np.array(self.keep)[varied[some]]] = (steps * self.step[varied])[some]
-        return whole
+        is_unknown = varied < len(self.keep)  # observer gains and reported causes come after
+        places = np.array(self.keep)[varied[is_unknown]]
+        result = np.zeros(self.unknown)
+        result[places] = (steps * self.step[varied])[is_unknown]
+        return result
 
     def added(self, tolerances: Tolerances, rounding: Floats | None) -> Floats:
-        """What is added to the covariance (k, k) of the unknowns, by tolerances and by what was
-        named.
+        """Covariance (k, k) by tolerances and reported causes, to be added to that of noise.
 
-        Of what was named nothing is known beforehand; what the unknowns change by, if it is fitted,
-        is a bias.
+        The size of a reported cause is unknown before the log; the change of the unknowns when it
+        is fitted is a bias.
         """
         at = self.at
-        known = len(self.keep)
+        count = len(self.keep)
         varied = np.flatnonzero(self.step)
-        residual = at.innovations[: self.searched] - (
-            0.0 if rounding is None else rounding[: self.searched]
-        )
+        # Known rounding is no error of the model: it is taken out.
+        residual = self._residual - (0.0 if rounding is None else rounding[: self.searched])
+
+        # 1. A reported cause is an effect without a prior, no longer one of the unknowns.
         effects = dict(self.effects)
-        named = dict[str, float]()
-        for i, name in ((i, at.model.unknown[place]) for i, place in enumerate(varied)):
+        unlimited = dict[str, float]()
+        fitted = []
+        for i, value in enumerate(varied):
+            name = at.model.unknown[value]
             if name in at.model.extra:
-                effects[name], named[name] = at.rates[i] / self.step[varied[i]], np.inf
-        own = [i for i, place in enumerate(varied) if at.model.unknown[place] not in at.model.extra]
-        prior = {**priors(tolerances, list(effects), self.efforts), **named}
-        change, more, _ = consider(at.rates[own], residual, prior, effects, self._unit)
-        bias = at.values[:known] - self.first.values[:known]
-        total = np.zeros((known, known))
-        some = np.array([i for i, j in enumerate(own) if varied[j] < known], dtype=int)
-        places = varied[own][some]
-        bias[places] += change[some] * self.step[places]
-        total[np.ix_(places, places)] = more[np.ix_(some, some)] * np.outer(
-            self.step[places], self.step[places]
-        )
-        whole = np.zeros((self.unknown, self.unknown))
-        whole[np.ix_(self.keep, self.keep)] = total + np.outer(bias, bias)
-        return whole
+                effects[name] = at.rates[i] / self.step[value]
+                unlimited[name] = np.inf
+            else:
+                fitted.append(i)
+        prior = {**priors(tolerances, list(effects), self.efforts), **unlimited}
+        change, covariance, _ = consider(at.rates[fitted], residual, prior, effects, self._unit)
+
+        # 2. From steps of the varied values to the unknowns among them.
+        rows = np.array([i for i, j in enumerate(fitted) if varied[j] < count], dtype=int)
+        places = varied[fitted][rows]
+        steps = self.step[places]
+        bias = at.values[:count] - self.initial.values[:count]
+        bias[places] += change[rows] * steps
+        total = np.zeros((count, count))
+        total[np.ix_(places, places)] = covariance[np.ix_(rows, rows)] * np.outer(steps, steps)
+        result = np.zeros((self.unknown, self.unknown))
+        result[np.ix_(self.keep, self.keep)] = total + np.outer(bias, bias)
+        return result
 
     def friction(self, tolerances: Tolerances) -> dict[str, float]:
-        """Standard deviations of friction that is not unknown, if it is fitted with all else, by
-        its name.
-        """
-        own = self.at.rates
-        residual = self.at.innovations[: self.searched]
+        """Standard deviations of friction that is not unknown, if it were fitted with all else."""
         names = [name for name in self.effects if name.partition("[")[0] in _BY_KIND]
+        # Friction itself without a prior, as if it were unknown.
         prior = priors(tolerances, list(self.effects), self.efforts) | dict.fromkeys(names, np.inf)
-        std = consider(own, residual, prior, self.effects, self._unit)[2]
+        _, _, std = consider(self.at.rates, self._residual, prior, self.effects, self._unit)
         return {name: std[name] for name in names if std.get(name, 0.0) > 0}
 
     def grouped(
         self, names: Sequence[str], noise: Floats, doubt: Floats
     ) -> tuple[Floats, BetweenRuns | None]:
-        """Standard deviations (k,) of the unknowns of these names, from how they differ between
-        segments, and records.
+        """Standard deviations (k,) of the unknowns from their scatter between segments and records.
 
-        `noise`, `doubt` (k, k): covariance by noise, and what is added to it whatever is logged. Of
-        two records or more they count all that, and how these differ is told. What else is fitted,
-        of all records, is taken out of rates.
+        `noise`, `doubt` (k, k): covariance by noise, and the covariance that is added to it for any
+        log. With two records or more the result includes both, and the scatter between records is
+        returned as well. Values that are no unknowns (observer gains, reported causes) are the same
+        in all records: they are projected out of the rates.
         """
         at = self.at
-        rates = self.at.rates[:, : self.searched]
-        residual = self.at.innovations[: self.searched]
+        rates = at.rates[:, : self.searched]
+        residual = self._residual
         lengths = [rows.stop - rows.start for rows in at.model.runs() if rows.stop <= self.searched]
-        logs = len(lengths)
-        before = at.model.prior.count
-        segments = in_groups(lengths, before, SEGMENTS * logs)
-        if logs == 1:
+        prior_rows = at.model.prior.count
+        # The scatter between segments shows errors that are correlated in time.
+        segments = in_groups(lengths, prior_rows, SEGMENTS * len(lengths))
+        if len(lengths) == 1:
             return self._of_unknowns(group_std(rates.T, residual, segments)), None
+
+        # 1. One more step of Gauss-Newton, so that values and residual are those of an optimum.
         varied = np.flatnonzero(self.step)
-        own = varied < len(self.keep)
-        made = directions(rates)
-        places = np.array(self.keep)[varied[own]]
-        size = self.step[varied[own], None]
-        others = directions(rates[~own])
-        move = along(made, rates, residual)
-        bare = (
-            np.array([rate - along(others, rates[~own], rate) @ rates[~own] for rate in rates[own]])
-            / size
-        )
-        found, covariance = between_runs(
+        is_unknown = varied < len(self.keep)
+        places = np.array(self.keep)[varied[is_unknown]]
+        size = self.step[varied[is_unknown], None]
+        move = along(directions(rates), rates, residual)
+        values = at.values[varied[is_unknown]] - move[is_unknown] * size[:, 0]
+
+        # 2. Sensitivities per unit of the unknowns, beside the common values.
+        common = rates[~is_unknown]
+        basis = directions(common)
+        projected = [rate - along(basis, common, rate) @ common for rate in rates[is_unknown]]
+        sensitivities = np.array(projected) / size
+
+        # 3. The scatter between records, and within them.
+        scatter, covariance = between_runs(
             [names[i] for i in places],
-            at.values[varied[own]] - move[own] * size[:, 0],
+            values,
             noise[np.ix_(places, places)],
-            -bare.T,
+            -sensitivities.T,
             residual - move @ rates,
-            in_groups(lengths, before, 1),
+            in_groups(lengths, prior_rows, 1),
             segments,
             np.diag(doubt)[places],
         )
-        whole = np.zeros(self.unknown)
-        whole[places] = np.sqrt(np.diag(covariance) + np.diag(doubt)[places])
-        return whole, found.among(places, self.unknown)
+        result = np.zeros(self.unknown)
+        result[places] = np.sqrt(np.diag(covariance) + np.diag(doubt)[places])
+        return result, scatter.among(places, self.unknown)
 
 
 def priors(tolerances: Tolerances, names: Iterable[str], efforts: Floats) -> dict[str, float]:
-    """Standard deviation of each of these numbers of `Extended` before the log; none of what has no
-    tolerance.
+    """Standard deviation of each of these numbers of `Extended` before the log, by name.
 
-    `efforts` (2, n): torque [N m] and speed [rad/s] of each motor (rms).
+    Numbers without a tolerance are left out. `efforts` (2, n): torque [N m] and speed [rad/s] of
+    each motor (rms).
     """
     torque, speed = efforts
+    # Tolerances of friction and offsets are shares of the torque of the motor.
     scales = {"offset": torque, "coulomb": torque, "viscous": torque / speed}
-    found = {}
+    result = {}
     for name in names:
         kind, _, joint = name.rstrip("]").partition("[")
         share = getattr(tolerances, _BY_KIND.get(kind, kind), 0.0)
         size = share * (scales[kind][int(joint)] if kind in scales else 1.0)
         if size > 0:
-            found[name] = float(size)
-    return found
+            result[name] = float(size)
+    return result
 
 
 def consider(
@@ -198,45 +212,58 @@ def consider(
     effects: Mapping[str, Floats],
     unit: float,
 ) -> tuple[Floats, Floats, dict[str, float]]:
-    """What comes of fitting what is in `prior` too.
+    """Fit the unknowns together with the numbers of a prior.
 
-    Returns the change (v,) of the unknowns, what is added to their covariance (v, v), and the
-    standard deviations of what is in `prior`.
+    Parameters
+    ----------
+    rates : (v, M) numpy.ndarray
+        Change of the innovations with each unknown.
+    residual : (M',) numpy.ndarray
+        Innovations of the first M' rows, those that were fitted.
+    prior : mapping of str to float
+        Standard deviations, by name; inf of a number without one.
+    effects : mapping of str to (M,) numpy.ndarray
+        Change of the innovations with each number.
+    unit : float
+        Variance of the innovations.
 
-    `rates` (v, M): change of the innovations with each unknown. `residual` (M',): innovations of
-    the first M' rows, those that were fitted. `prior`: standard deviations, by name; inf of what
-    has none. `effects`: change of the innovations (M,) with each. `unit`: variance of the
-    innovations.
+    Returns
+    -------
+    change : (v,) numpy.ndarray
+        Of the unknowns.
+    covariance : (v, v) numpy.ndarray
+        Its increase.
+    std : dict
+        Standard deviations of the numbers of the prior.
     """
-    own = rates[:, : len(residual)].T
+    columns = rates[:, : len(residual)].T
     count = len(rates)
+    # An effect that diverges cannot be fitted.
     names = [name for name in prior if np.isfinite(effects[name]).all()]
     sizes = np.array([prior[name] for name in names])
+    # In units of its prior, the information of a prior is 1; a number without one counts as it is.
     scale = np.where(np.isfinite(sizes), sizes, 1.0)
     information = np.zeros((count + len(names),) * 2)
     slope = np.zeros(count + len(names))
     for start in range(0, len(residual), _AT_ONCE):
-        some = slice(start, min(start + _AT_ONCE, len(residual)))
-        rows = np.column_stack(
-            [own[some], *(effects[name][some] * by for name, by in zip(names, scale, strict=True))]
-        )
+        block = slice(start, min(start + _AT_ONCE, len(residual)))
+        scaled = [effects[name][block] * size for name, size in zip(names, scale, strict=True)]
+        rows = np.column_stack([columns[block], *scaled])
         information += products(rows) / unit
-        slope += (rows * residual[some, None]).sum(axis=0) / unit
+        slope += (rows * residual[block, None]).sum(axis=0) / unit
     places = np.arange(count, len(information))
     information[places, places] += np.isfinite(sizes)
+    # With all numbers, and with the unknowns alone: the differences are those of the prior.
     inverse = _inverse(information)
     alone = _inverse(information[:count, :count])
-    std = dict(
-        zip(
-            names,
-            (scale * np.sqrt(np.maximum(np.diag(inverse)[count:], 0.0))).tolist(),
-            strict=True,
-        )
-    )
-    return alone @ slope[:count] - inverse[:count] @ slope, inverse[:count, :count] - alone, std
+    variance = np.maximum(np.diag(inverse)[count:], 0.0)  # rounding can make it negative
+    std = dict(zip(names, (scale * np.sqrt(variance)).tolist(), strict=True))
+    change = alone @ slope[:count] - inverse[:count] @ slope
+    return change, inverse[:count, :count] - alone, std
 
 
 def _inverse(matrix: Floats) -> Floats:
+    """Pseudo-inverse of a matrix that is scaled to a diagonal of ones."""
     scale = np.sqrt(np.diag(matrix))
     scale = np.where(scale > 0, scale, 1.0)
     return np.asarray(

@@ -1,7 +1,7 @@
 """Identified inertials written back into the model file that an arm came from: `write_model`."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from identification.results.realised import Realised, bodies_of, matching_joints
 from plant import Arm, Body, Drive
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.mjcf_file import read_mjcf
-from plant.mechanics.model_tree import ModelFile
+from plant.mechanics.model_tree import ModelFile, ModelJoint
 from plant.mechanics.urdf_file import is_xacro, read_urdf
 from plant.mechanics.xml_file import Element, parsed, spliced
 from plant.models.edits import (
@@ -33,12 +33,14 @@ _READERS = {"robot": read_urdf, "mujoco": read_mjcf}  # root of a model file -> 
 
 _MJCF = (".xml", ".mjcf")  # suffixes of a target that is MJCF, whatever its source is
 
-_SAME = 1e-13  # relative change of a body below which its bytes stay
+# Relative change of a body below which its bytes in the file stay: rounding of the solution, not a
+# change.
+_SAME = 1e-13
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenModel(Shown, Frozen):
-    """What was written.
+    """A model file that was written, and the arm that it describes.
 
     Attributes
     ----------
@@ -50,7 +52,7 @@ class WrittenModel(Shown, Frozen):
     arm : Arm
         The arm with the f that bodies and rotors have.
     difference : (p,) numpy.ndarray
-        That f minus the one that was asked for; zero unless ``nearest=True`` was needed.
+        That f minus the requested one; zero unless ``nearest=True`` was needed.
     """
 
     path: Path
@@ -82,12 +84,11 @@ def write_model(
     motors: bool = True,
     overwrite: bool = False,
 ) -> WrittenModel:
-    """Write a URDF or MJCF file with the inertials of an arm; every byte that is not one of these
-    numbers stays.
+    """Write a URDF or MJCF file with the inertials of an arm; all other bytes stay.
 
     The bodies have f, and are otherwise nearest to the prior in the log-det divergence of their
-    pseudo-inertias: what f does not determine is the prior's. Bodies on fixed joints change with
-    the link that carries them, each in proportion to what it is. Rotor inertias are MJCF's
+    pseudo-inertias: the prior determines what f does not. Bodies on fixed joints change with the
+    link that carries them, in proportion to their own inertials. Rotor inertias are MJCF's
     ``armature``. URDF has no place for them: its torque is the arm's without ``rotors * qdd``.
 
     Parameters
@@ -103,8 +104,8 @@ def write_model(
         source's own.
     nearest : bool
         Write the nearest f that bodies can have where they cannot have this one, with a warning
-        that says by how much it differs; in standard deviations where they are known, otherwise
-        relative.
+        that gives the difference. The nearest is meant in standard deviations where they are known,
+        otherwise relative.
     friction : bool
         Of an Identification, write its viscous and Coulomb friction, joint side: <dynamics> of
         URDF, ``damping`` and ``frictionloss`` of MJCF.
@@ -114,7 +115,7 @@ def write_model(
         ``dcmotor`` needs a resistance, which a drive, whose amplifiers control currents, does not
         have.
     overwrite : bool
-        Replace a target that is there.
+        Replace an existing target.
 
     Returns
     -------
@@ -123,8 +124,8 @@ def write_model(
     Raises
     ------
     ValueError
-        A source that does not describe the arm, f that no bodies have, a target that is there; an
-        inertial in a file that is included; coupled motors, for which MJCF has no armature.
+        A source that does not describe the arm, f that no bodies have, an existing target; an
+        inertial in an included file; coupled motors, for which MJCF has no armature.
 
     See Also
     --------
@@ -141,76 +142,85 @@ def write_model(
     >>> list(written.bodies)
     ['upper_arm', 'forearm', 'wrist_1', 'wrist_2', 'wrist_3']
     """
+    # The target is checked first, as the solution can take long.
     path = require_new(target, overwrite)
     model, root = _read(source)
+    # A macro has no place for numbers.
     if is_xacro(root):
         raise ValueError(f"source must be a URDF file; {source} is xacro. Expand it first.")
-    arm, drive = _given(found_or_arm)
+    arm, drive = _arm_of(found_or_arm)
     joints = matching_joints(arm, model)
-    got = bodies_of(
+    result = bodies_of(
         found_or_arm,
         arm,
         model,
         _prior_bodies(prior),
         nearest,
-        np.array([j.armature for j in joints]),
+        np.array([joint.armature for joint in joints]),
     )
-    drive = None if drive is None or drive.coupling.matrix else drive
-    levels = (
-        None if drive is None or not friction else (drive.joint_viscous(), drive.joint_coulomb())
-    )
+    # Friction and motors of a joint need motors of their own.
+    if drive is not None and drive.coupling.matrix:
+        drive = None
+    levels = None
+    if drive is not None and friction:
+        levels = drive.joint_viscous(), drive.joint_coulomb()
+    # 1. URDF in place: bytes of inertials and friction alone.
     if root.tag == "robot" and path.suffix not in _MJCF:
-        bodies = _changed(model, got)
-        edits = [
-            edit
-            for link, body in bodies
-            for edit in urdf_inertial(model.data, model.links[link], body)
-        ]
+        edits = []
+        for link, body in _changed(model, result):
+            edits += urdf_inertial(model.data, model.links[link], body)
         for i, joint in enumerate(joints):
             if joint.element is not None and levels is not None:
+                viscous, coulomb = levels
                 edits += urdf_friction(
-                    model.data, joint.element, float(levels[0][i]), float(levels[1][i])
+                    model.data, joint.element, float(viscous[i]), float(coulomb[i])
                 )
-        return _write(path, spliced(model.data, edits), arm, got)
-    if arm.dynamics.chain.coupling.matrix and got.rotors.any():
+        return _write(path, spliced(model.data, edits), arm, result)
+    if arm.dynamics.chain.coupling.matrix and result.rotors.any():
         raise ValueError(
             "rotors must turn with joints of their own; the arm's are coupled, and MJCF has no"
             " such. Use URDF."
         )
-    values: dict[str, dict[str, float]] = {joint.name: {} for joint in joints}
-    for i, (joint, rotor) in enumerate(zip(joints, got.rotors, strict=True)):
-        if abs(rotor - joint.armature) > _SAME * abs(rotor):
-            values[joint.name]["armature"] = float(rotor)
-        if levels is not None:
-            values[joint.name] |= {
-                "damping": float(levels[0][i]),
-                "frictionloss": float(levels[1][i]),
-            }
-    section = (
-        mjcf_motors([joint.name for joint in joints], drive) if drive is not None and motors else ""
-    )
+    # 2. MJCF: armature, damping and friction are attributes of joints.
+    values = _joint_values(joints, result.rotors, levels)
+    section = ""
+    if drive is not None and motors:
+        section = mjcf_motors([joint.name for joint in joints], drive)
     if root.tag == "robot":
-        return _write(
-            path,
-            mjcf_text(model, got.bodies, values, arm.dynamics.chain.gravity, section),
-            arm,
-            got,
-        )
-    edits = [
-        edit
-        for link, body in _changed(model, got)
-        for edit in mjcf_inertial(model.data, _own(model, link), body)
-    ]
+        # A new file: shapes and meshes of the URDF do not come along.
+        text = mjcf_text(model, result.bodies, values, arm.dynamics.chain.gravity, section)
+        return _write(path, text, arm, result)
+    edits = []
+    for link, body in _changed(model, result):
+        edits += mjcf_inertial(model.data, _in_file(model, link), body)
     for joint in joints:
         if values[joint.name] and joint.element is not None:
-            _own(model, joint.child)
+            # The joint must stand in this file as well.
+            _in_file(model, joint.child)
             edits += mjcf_joint(model.data, joint.element, values[joint.name])
+    # Motors refer to joints by name, and a section that the file has, or includes, stays.
     named = all(
         joint.element is not None and "name" in joint.element.attributes for joint in joints
     )
     if section and named and not root.all("actuator") and not root.all("include"):
         edits.append(root.child_edit(model.data, section))
-    return _write(path, spliced(model.data, edits), arm, got)
+    return _write(path, spliced(model.data, edits), arm, result)
+
+
+def _joint_values(
+    joints: Sequence[ModelJoint], rotors: Floats, levels: tuple[Floats, Floats] | None
+) -> dict[str, dict[str, float]]:
+    """Attributes of MJCF joints that change: armature and, of viscous and dry levels, friction."""
+    values: dict[str, dict[str, float]] = {joint.name: {} for joint in joints}
+    for i, (joint, rotor) in enumerate(zip(joints, rotors, strict=True)):
+        # Equal armature keeps its text, as the decimals of a user.
+        if abs(rotor - joint.armature) > _SAME * abs(rotor):
+            values[joint.name]["armature"] = float(rotor)
+        if levels is not None:
+            viscous, coulomb = levels
+            values[joint.name]["damping"] = float(viscous[i])
+            values[joint.name]["frictionloss"] = float(coulomb[i])
+    return values
 
 
 def _read(path: str | Path) -> tuple[ModelFile, Element]:
@@ -220,6 +230,7 @@ def _read(path: str | Path) -> tuple[ModelFile, Element]:
         raise ValueError(
             f"{path} must hold a <robot> or a <mujoco>; got <{root.tag}>. Give a URDF or MJCF file."
         )
+    # The root tells which reader the file needs.
     return _READERS[root.tag](path), root
 
 
@@ -227,38 +238,38 @@ def _prior_bodies(prior: str | Path | Mapping[str, Body] | None) -> Mapping[str,
     """Bodies by link."""
     if prior is None or isinstance(prior, Mapping):
         return prior or {}
+    # Links without an inertial have no prior.
     return {name: body for name, body in _read(prior)[0].bodies.items() if body is not None}
 
 
-def _given(found_or_arm: Identification | Physical | Arm) -> tuple[Arm, Drive | None]:
+def _arm_of(found_or_arm: Identification | Physical | Arm) -> tuple[Arm, Drive | None]:
     """The arm, and the drive if it is known."""
     if isinstance(found_or_arm, Identification):
         return found_or_arm.arm, found_or_arm.rig.drive
     arm = found_or_arm.arm if isinstance(found_or_arm, Physical) else found_or_arm
     if not isinstance(arm, Arm):
-        got = type(found_or_arm).__name__
         raise ValueError(
-            f"found_or_arm must be what identify gave, or an Arm; got a {got}. Pass found, or"
-            " found.arm."
+            "found_or_arm must be what identify gave, or an Arm; got a"
+            f" {type(found_or_arm).__name__}. Pass found, or found.arm."
         )
     return arm, None
 
 
-def _changed(model: ModelFile, got: Realised) -> list[tuple[str, Body]]:
-    """The bodies that are not the file's own."""
+def _changed(model: ModelFile, result: Realised) -> list[tuple[str, Body]]:
+    """Bodies that differ from those of the file; the bytes of the others stay."""
     changed = []
-    for link, body in got.bodies.items():
-        own = model.bodies[link]
-        before, after = (
-            np.zeros(len(STANDARD) - 1) if b is None else b.standard_parameters for b in (own, body)
-        )
-        if np.abs(after - before).max() > _SAME * np.abs(before).max():
+    for link, body in result.bodies.items():
+        present = model.bodies[link]
+        # A link without an inertial has the numbers of a body of no mass.
+        values = np.zeros(len(STANDARD) - 1) if present is None else present.standard_parameters
+        difference = np.abs(body.standard_parameters - values).max()
+        if difference > _SAME * np.abs(values).max():
             changed.append((link, body))
     return changed
 
 
-def _own(model: ModelFile, link: str) -> Element:
-    """The element of a link that stands in the file itself."""
+def _in_file(model: ModelFile, link: str) -> Element:
+    """The element of a link, which must stand in the file itself, not in one that it includes."""
     element = model.links[link]
     if element.path != model.path:
         raise ValueError(
@@ -268,13 +279,14 @@ def _own(model: ModelFile, link: str) -> Element:
     return element
 
 
-def _write(path: Path, data: bytes, arm: Arm, got: Realised) -> WrittenModel:
+def _write(path: Path, data: bytes, arm: Arm, result: Realised) -> WrittenModel:
+    """Write the file, and describe it."""
     write_whole(path, [data])
-    f = arm.f if got.exact else got.f
+    f = arm.f if result.exact else result.f  # without the rounding of the solution
     return WrittenModel(
         path=path,
-        bodies=got.bodies,
-        rotors=got.rotors,
+        bodies=result.bodies,
+        rotors=result.rotors,
         arm=arm.dynamics.arm(f),
         difference=f - arm.f,
     )

@@ -1,5 +1,4 @@
-"""Bodies that realise f, nearest to a prior: the log-det divergence of their pseudo-inertias,
-minimised by Newton.
+"""Bodies that have f, nearest to a prior in the log-det divergence of their pseudo-inertias.
 
 Each body is X in P = L X L', with L L' the prior's pseudo-inertia: the prior is X = 1, and the
 divergence from it, tr X - log det X - 4, does not depend on frames or units, and is infinite where
@@ -8,8 +7,8 @@ the optimum of
 
     sum (tr X - log det X) + |A x - f|^2 / (2 softness)
 
-is a root of (gradient + A' y, A x - softness y - f), which Newton's method finds; softness 0 is A x
-= f itself, and a softness that goes to zero leads to the nearest f that bodies have.
+is a root of (gradient + A' y, A x - softness y - f), which Newton's method finds. Softness 0 stands
+for A x = f itself, and a softness that goes to zero leads to the nearest f that bodies can have.
 
 Source: T. Lee, P. M. Wensing, F. C. Park, Geometric robot dynamic identification: a convex
 programming approach, IEEE Transactions on Robotics 36 (2020) (the divergence); S. Boyd, L.
@@ -26,26 +25,46 @@ import numpy as np
 from plant.mechanics.body import symmetric_basis
 from plant.parts.fields import Floats
 
-_STEPS = 100
-_CONVERGED = 1e-12
-_ROUNDING = 1e-9
-_STUCK = 1e-10  # length of a step below which bodies that are met by no f stop
 
-# share of its extent that a body may lose in one step: the log-det grows steep towards the border
-_LOSS = 0.8
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class NewtonSettings:
+    """Limits of Newton's method; chosen by hand.
 
-_NEARLY = 1e-5  # relative difference of f below which bodies may have it after all
+    Parameters
+    ----------
+    steps : int
+        Steps of Newton's method, at most.
+    converged : float
+        Residual below which it has converged: relative to f where f is met, a decrement otherwise.
+    rounding : float
+        Relative residual that counts as converged where no step improves it any more.
+    shortest : float
+        Length of a step, of 1, below which the search is stuck at the border of possible bodies.
+    loss : float
+        Share of its extent that a body may lose in one step: the log-det is steep at the border.
+    nearly : float
+        Relative difference of f below which bodies may have it after all, in a second search.
+    hardest, harder : float
+        The last softness, and each in units of the previous one; the first is |A x - f|^2 at the
+        prior.
+    """
 
-# The last softness, and each in units of the one before; the first is |A x - f|^2 at the prior.
-_HARDEST = 1e-9
-_HARDER = 0.2
+    steps: int = 100
+    converged: float = 1e-12
+    rounding: float = 1e-9
+    shortest: float = 1e-10
+    loss: float = 0.8
+    nearly: float = 1e-5
+    hardest: float = 1e-9
+    harder: float = 0.2
+
+
+SETTINGS = NewtonSettings()
 
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """One body or rotor: the factor L (d, d) of its prior, and what f gets of each x, (p, d (d +
-    1) / 2).
-    """
+    """One body or rotor: factor L (d, d) of its prior, and columns (p, d (d + 1) / 2) of A."""
 
     factor: Floats
     columns: Floats
@@ -54,45 +73,53 @@ class Block:
 def nearest_realisation(
     blocks: list[Block], f: Floats, scale: Floats | None = None
 ) -> tuple[list[Floats], Floats] | None:
-    """Pseudo-inertias with this f, nearest to their priors.
+    """Pseudo-inertias with this f, nearest to their priors, and the f that they have.
 
-    `f` (p,). `scale` (p, p): whitening matrix of f: what is nearest where bodies cannot have f.
-    Without it f must be met.
-
-    Returns pseudo-inertias, and the f that they have; None where no bodies with f were found.
+    `f` (p,). `scale` (p, p): whitening matrix of f, in whose metric the nearest f is taken if
+    bodies cannot have this one. Without it f must be met, and the result is None where it is not.
     """
     A = np.column_stack([block.columns for block in blocks])
     problem = _Problem([len(block.factor) for block in blocks])
-    if scale is None:
-        found = None
-        if (rows := _independent(A, f)) is not None:
-            found = problem.exact(*rows, problem.prior)
-            if found is None:  # again from bodies that nearly have f, if there are any
-                near = problem.nearest(*rows)
-                met = np.abs(rows[0] @ near - rows[1]).max() < _NEARLY * (
-                    1.0 + np.abs(rows[1]).max()
-                )
-                found = problem.exact(*rows, near) if met else None
-    else:
-        found = problem.nearest(scale @ A, scale @ f)
-    if found is None:
+    # In whitened numbers, the distance is one of standard deviations.
+    x = _met(problem, A, f) if scale is None else problem.nearest(scale @ A, scale @ f)
+    if x is None:
         return None
+    # Back from X to the pseudo-inertia L X L'.
     matrices = [
-        b.factor @ X @ b.factor.T for b, X in zip(blocks, problem.matrices(found), strict=True)
+        block.factor @ X @ block.factor.T
+        for block, X in zip(blocks, problem.matrices(x), strict=True)
     ]
-    return matrices, A @ found
+    return matrices, A @ x
+
+
+def _met(problem: "_Problem", A: Floats, f: Floats) -> Floats | None:
+    """The x of least divergence with A x = f; None if there is none, or the search misses it."""
+    equations = _independent(A, f)
+    if equations is None:
+        return None
+    rows, values = equations
+    x = problem.exact(rows, values, problem.prior)
+    if x is not None:
+        return x
+    # The search began too far away: begin again at bodies that nearly have f, if there are any.
+    start = problem.nearest(rows, values)
+    limit = SETTINGS.nearly * (1.0 + np.abs(values).max())
+    return (
+        problem.exact(rows, values, start) if np.abs(rows @ start - values).max() < limit else None
+    )
 
 
 def _independent(A: Floats, f: Floats) -> tuple[Floats, Floats] | None:
-    """The same equations as independent, orthonormal rows; None where they contradict each
-    other.
-    """
+    """The same equations as independent, orthonormal rows; None if they contradict each other."""
+    # Rows of equal size, so that one tolerance serves numbers of different units.
     size = np.linalg.norm(A, axis=1)
     size[size == 0] = 1.0
-    left, values, right = np.linalg.svd(A / size[:, None], full_matrices=False)
+    U, values, right = np.linalg.svd(A / size[:, None], full_matrices=False)
+    # Directions below rounding carry no equation.
     rank = int((values > 1e-11 * values[0]).sum())
-    turned = left.T @ (f / size)
-    rest = f / size - left[:, :rank] @ turned[:rank]
+    turned = U.T @ (f / size)
+    # A part of f outside of the range of A contradicts it.
+    rest = f / size - U[:, :rank] @ turned[:rank]
     if np.abs(rest).max() > 1e-11 * max(1.0, np.abs(f / size).max()):
         return None
     return right[:rank], turned[:rank] / values[:rank]
@@ -103,34 +130,35 @@ class _Problem:
 
     def __init__(self, sizes: list[int]) -> None:
         self.bases = [symmetric_basis(d) for d in sizes]
-        ends = np.cumsum([len(each) for each in self.bases])
+        # Places of the blocks in the vector x, one after another.
+        ends = np.cumsum([len(basis) for basis in self.bases])
         self.places = [
-            slice(end - len(each), end) for end, each in zip(ends, self.bases, strict=True)
+            slice(end - len(basis), end) for end, basis in zip(ends, self.bases, strict=True)
         ]
-        self.prior = np.concatenate([np.einsum("kii->k", each) for each in self.bases])
+        self.prior = np.concatenate([np.einsum("kii->k", basis) for basis in self.bases])  # X = 1
 
     def matrices(self, x: Floats) -> list[Floats]:
         """X of each block."""
         return [
-            np.einsum("k,kij->ij", x[at], each)
-            for each, at in zip(self.bases, self.places, strict=True)
+            np.einsum("k,kij->ij", x[rows], basis)
+            for basis, rows in zip(self.bases, self.places, strict=True)
         ]
 
     def gradient(self, x: Floats) -> Floats | None:
         """Gradient, 1 - X^-1, of the divergence; None outside of its domain."""
         result = np.empty(len(x))
-        for X, each, at in zip(self.matrices(x), self.bases, self.places, strict=True):
+        for X, basis, rows in zip(self.matrices(x), self.bases, self.places, strict=True):
             if not np.linalg.eigvalsh(X)[0] > 0:
                 return None
-            result[at] = np.einsum("kij,ij->k", each, np.eye(len(X)) - np.linalg.inv(X))
+            result[rows] = np.einsum("kij,ij->k", basis, np.eye(len(X)) - np.linalg.inv(X))
         return result
 
     def inverse_hessian(self, x: Floats, columns: Floats) -> Floats:
         """The inverse of the divergence's Hessian, X . X, times columns (k, m)."""
         result = np.empty_like(columns)
-        for X, each, at in zip(self.matrices(x), self.bases, self.places, strict=True):
-            turned = np.einsum("ij,kjl,lm->kim", X, each, X)
-            result[at] = np.einsum("kij,hij->kh", each, turned) @ columns[at]
+        for X, basis, rows in zip(self.matrices(x), self.bases, self.places, strict=True):
+            turned = np.einsum("ij,kjl,lm->kim", X, basis, X)
+            result[rows] = np.einsum("kij,hij->kh", basis, turned) @ columns[rows]
         return result
 
     def value(self, x: Floats) -> float:
@@ -140,77 +168,86 @@ class _Problem:
 
     def longest(self, x: Floats, dx: Floats) -> float:
         """The longest step, at most 1, in which no X loses more than a share in any direction."""
-        most = 1.0
+        length = 1.0
         for X, step in zip(self.matrices(x), self.matrices(dx), strict=True):
+            # In coordinates in which X is 1.
             L = np.linalg.cholesky(X)
             change = np.linalg.solve(L, np.linalg.solve(L, step).T)
-            least = float(np.linalg.eigvalsh((change + change.T) / 2)[0])
-            most = min(most, _LOSS / -least) if least < -_LOSS else most
-        return most
+            # Relative change of the extent in the direction that shrinks most.
+            lowest = float(np.linalg.eigvalsh((change + change.T) / 2)[0])
+            if lowest < -SETTINGS.loss:
+                length = min(length, SETTINGS.loss / -lowest)
+        return length
 
     def exact(self, A: Floats, f: Floats, x: Floats) -> Floats | None:
-        """The x of least divergence with A x = f; None where Newton's steps end at the border of
-        what bodies have.
-        """
+        """The x of least divergence with A x = f; None if the steps end at the border of bodies."""
         y = np.zeros(len(f))
 
         def residual(x: Floats, y: Floats) -> Floats:
             gradient = self.gradient(x)
-            return (
-                np.array([np.inf])
-                if gradient is None
-                else np.concatenate([gradient + A.T @ y, A @ x - f])
-            )
+            if gradient is None:
+                return np.array([np.inf])
+            return np.concatenate([gradient + A.T @ y, A @ x - f])
 
-        now = residual(x, y)
+        present = residual(x, y)
         size = 1.0 + np.abs(f).max(initial=0.0)
-        for _ in range(_STEPS):
-            dx, dy = self.step(A, 0.0, x, now)
+        for _ in range(SETTINGS.steps):
+            dx, dy = self.step(A, 0.0, x, present)
             length = self.longest(x, dx)
+            # Backtrack until the residual decreases by a tenth of the linear prediction.
             while not np.linalg.norm(residual(x + length * dx, y + length * dy)) <= (
-                (1 - 0.1 * length) * np.linalg.norm(now)
+                (1 - 0.1 * length) * np.linalg.norm(present)
             ):
                 length /= 2
-                if length < _STUCK:  # at the border, or at rounding
-                    return x if np.abs(now).max() < _ROUNDING * size else None
+                if length < SETTINGS.shortest:  # at the border, or at rounding
+                    return x if np.abs(present).max() < SETTINGS.rounding * size else None
             x = x + length * dx
             y = y + length * dy
-            now = residual(x, y)
-            if np.abs(now).max() < _CONVERGED * size:
+            present = residual(x, y)
+            if np.abs(present).max() < SETTINGS.converged * size:
                 return x
         return None
 
     def nearest(self, A: Floats, f: Floats) -> Floats:
         """The x with the least |A x - f|, as the limit of softness to zero."""
         x = self.prior
+        # At the first softness, the misfit of the prior costs one half at most.
         softness = max(1.0, float(np.sum((A @ x - f) ** 2)))
 
         def cost(x: Floats) -> float:
             return self.value(x) + float(np.sum((A @ x - f) ** 2)) / (2 * softness)
 
-        while softness >= _HARDEST:
-            for _ in range(_STEPS):
-                own = self.gradient(x)
-                gradient = (self.prior if own is None else own) + A.T @ (A @ x - f) / softness
+        while softness >= SETTINGS.hardest:
+            for _ in range(SETTINGS.steps):
+                # None is outside of the domain, which the steps do not leave.
+                divergence = self.gradient(x)
+                divergence = self.prior if divergence is None else divergence
+                gradient = divergence + A.T @ (A @ x - f) / softness
+                # Multipliers are eliminated: they are (A x - f) / softness.
                 dx, _ = self.step(A, softness, x, np.concatenate([gradient, np.zeros(len(f))]))
                 decrement = float(-gradient @ dx)
                 length = self.longest(x, dx)
-                now = cost(x)
+                present = cost(x)
                 while (
-                    not cost(x + length * dx) <= now - 0.1 * length * decrement and length > _STUCK
+                    not cost(x + length * dx) <= present - 0.1 * length * decrement
+                    and length > SETTINGS.shortest
                 ):
                     length /= 2
-                if decrement < _CONVERGED or length <= _STUCK:
+                # At the optimum of this softness; go on with a harder one.
+                if decrement < SETTINGS.converged or length <= SETTINGS.shortest:
                     break
                 x = x + length * dx
-            softness *= _HARDER
+            softness *= SETTINGS.harder
         return x
 
     def step(
         self, A: Floats, softness: float, x: Floats, residual: Floats
     ) -> tuple[Floats, Floats]:
         """Newton's step of x and multipliers, by the Schur complement of the Hessian."""
-        left = self.inverse_hessian(x, np.column_stack([A.T, residual[: len(x)]]))
-        schur = A @ left[:, :-1] + softness * np.eye(len(A))
-        dy = np.asarray(np.linalg.solve(schur, residual[len(x) :] - A @ left[:, -1]), dtype=float)
-        return np.asarray(-left[:, -1] - left[:, :-1] @ dy, dtype=float), dy
+        solved = self.inverse_hessian(x, np.column_stack([A.T, residual[: len(x)]]))
+        of_rows = solved[:, :-1]
+        of_gradient = solved[:, -1]
+        # The Hessian is block diagonal, so only this small system is solved.
+        schur = A @ of_rows + softness * np.eye(len(A))
+        dy = np.asarray(np.linalg.solve(schur, residual[len(x) :] - A @ of_gradient), dtype=float)
+        return np.asarray(-of_gradient - of_rows @ dy, dtype=float), dy

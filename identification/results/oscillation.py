@@ -1,8 +1,7 @@
-"""The oscillation in the tracking errors: its frequency, whether it is the loop's own mode, and its
-band-stop filter.
+"""Oscillation in the tracking errors: its frequency, mode of the loop or disturbance, filter.
 
 The paper takes the 27-32 Hz of its errors for a disturbance and filters it out (Figs. 10-11). Under
-P control it is the position loop's own mode: it shows the inertias, and belongs into the
+P control it is a mode of the position loop: it shows the inertias, and belongs into the
 identification. Only a frequency that the linearised loop does not have (a flexible base, a loose
 sensor) is a disturbance.
 
@@ -25,15 +24,37 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-_WIDTH = 1.5  # the band-stop reaches from the frequency divided by this to the frequency times this
 
-_NEAR = 0.15  # relative distance up to which a mode of the linearised loop is the oscillation
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OscillationSettings:
+    """Shape of the band-stop filter, and tolerance of the comparison with the modes of the loop.
 
-# of the oscillation, by which the errors are continued at their ends, so that it is filtered there
-# too
-_PERIODS = 8
+    All values were chosen by hand.
 
-_POSES = 12
+    Parameters
+    ----------
+    band : float
+        The filter stops from the frequency divided by this factor to the frequency times it.
+    order : int
+        Order of the Butterworth filter.
+    periods : float
+        Periods of the oscillation by which the errors are continued at both ends, so that the
+        filter acts there too.
+    tolerance : float
+        Relative distance from a mode of the linearised loop within which the oscillation is that
+        mode.
+    poses : int
+        Poses along the motion at which the loop is linearised.
+    """
+
+    band: float = 1.5
+    order: int = 3
+    periods: float = 8
+    tolerance: float = 0.15
+    poses: int = 12
+
+
+SETTINGS = OscillationSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -45,7 +66,7 @@ class Oscillation(Shown, Frozen):
     frequency : float
         [Hz]
     amplitude : (n,) numpy.ndarray
-        Root mean square of what the filter takes out of each error [pulses].
+        Root mean square of the part of each error that the filter removes [pulses].
     modes : tuple of (float, float)
         Lowest and highest frequency of each mode of the linearised loop along the motion [Hz]; none
         without an arm.
@@ -53,7 +74,7 @@ class Oscillation(Shown, Frozen):
         Whether the oscillation is the position loop's own mode; None without an arm.
     record : Record
     joints : tuple of str
-        What to call each joint.
+        Name of each joint.
     """
 
     frequency: float
@@ -64,54 +85,58 @@ class Oscillation(Shown, Frozen):
     joints: tuple[str, ...]
 
     def removed(self, errors: ArrayLike) -> Floats:
-        """Errors (N, n) without the oscillation, by a band-stop run forwards and backwards: no
-        phase.
-        """
+        """Errors (N, n) without the oscillation, by a band-stop filter without phase."""
         from scipy.signal import butter, sosfiltfilt
 
         shape = self.record.error_pulses.shape
+        # Any signal of the same shape, such as errors of a simulation.
         errors = array(
             "errors",
             errors,
             shape,
             advice="Give one row per sample of this record, one column per joint.",
         )
+        per_sample = self.frequency * self.record.rig.period  # periods of the oscillation
+        # The filter counts in units of the Nyquist frequency.
         band = (
-            np.array([self.frequency / _WIDTH, self.frequency * _WIDTH])
+            np.array([self.frequency / SETTINGS.band, self.frequency * SETTINGS.band])
             * 2
             * self.record.rig.period
         )
-        ends = min(len(errors) - 1, int(_PERIODS / (self.frequency * self.record.rig.period)))
-        return sosfiltfilt(butter(3, band, "bandstop", output="sos"), errors, axis=0, padlen=ends)
+        sections = butter(SETTINGS.order, band, "bandstop", output="sos")
+        # Forwards and backwards, so that the phases cancel.
+        ends = min(len(errors) - 1, int(SETTINGS.periods / per_sample))
+        return sosfiltfilt(sections, errors, axis=0, padlen=ends)
 
     def _short(self) -> str:
-        whose = {None: "", True: ", the loop's own", False: ", a disturbance"}[self.own]
-        return f"{self.frequency:.1f} Hz, up to {self.amplitude.max():.2f} pulses (rms){whose}"
+        origin = {None: "", True: ", the loop's own", False: ", a disturbance"}[self.own]
+        return f"{self.frequency:.1f} Hz, up to {self.amplitude.max():.2f} pulses (rms){origin}"
 
     def _shown(self) -> Iterator[Piece]:
-        found = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
-        said = f"oscillation at {self.frequency:.1f} Hz"
+        modes = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
+        title = f"oscillation at {self.frequency:.1f} Hz"
         if self.own is None:
-            yield Verdict(f"{said}; pass an arm to determine whether it is the loop's own")
+            yield Verdict(f"{title}; pass an arm to determine whether it is the loop's own")
+        # A mode of the loop depends on the inertias.
         elif self.own:
             yield Verdict(
-                f"{said}; the position loop's own mode ({found} Hz): it excites the inertias,"
+                f"{title}; the position loop's own mode ({modes} Hz): it excites the inertias,"
                 " keep it",
                 True,
             )
         else:
-            none = f"no mode of this arm's position loop ({found} Hz)"
-            yield Verdict(f"{said}; {none}: a disturbance, unless the arm is known badly", False)
-        rows = [
-            (label, f"{value:.2f}")
-            for label, value in zip(self.joints, self.amplitude, strict=True)
-        ]
+            yield Verdict(
+                f"{title}; no mode of this arm's position loop ({modes} Hz): a disturbance, unless"
+                " the arm is known badly",
+                False,
+            )
+        # How much of the errors it is, joint by joint.
+        amplitudes = [f"{value:.2f}" for value in self.amplitude]
+        rows = list(zip(self.joints, amplitudes, strict=True))
         yield Table(("", "amplitude [pulses, rms]"), rows)
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the errors as measured and without the oscillation (Figs. 10-11), and their
-        spectrum: n + 1 Axes.
-        """
+        """Draw errors with and without the oscillation (Figs. 10-11), and spectra: n + 1 Axes."""
         return plot_oscillation(self, ax)
 
 
@@ -123,7 +148,7 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     ----------
     record : Record
     arm : Arm, optional
-        Known roughly: its linearised loop says whether the oscillation is its own mode.
+        A rough arm suffices: its linearised loop shows whether the oscillation is a mode of it.
 
     Returns
     -------
@@ -148,11 +173,14 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     (2,)
     """
     instance("record", record, Record, "The order is record, arm.")
+    # The dominant line of the errors of all joints.
     frequency = mode_in(record)
     spans: tuple[tuple[float, float], ...] = ()
-    own = None
+    is_mode = None
+    # The rig numbers the joints; a chain has their names.
     joints = record.rig.joint_labels
     if arm is not None:
+        # With an arm, compare it with the modes of the loop.
         instance("arm", arm, Arm, "Pass found.arm.")
         if record.law is None:
             raise ValueError(
@@ -161,20 +189,25 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
         record.rig.require_fit(arm.dynamics.chain)
         joints = arm.dynamics.chain.joint_labels
         law = instance("law of the record", record.law, Law, "Pass law= with the log.")
-        found = [each[:, 0] for each in modes_along(arm, record, law, _POSES)]
-        count = min(map(len, found))
-        lowest, highest = (
-            extreme([each[:count] for each in found], axis=0) for extreme in (np.min, np.max)
-        )
+        # The modes move with the pose: compare the frequency with the span of each of them.
+        poses = [modes[:, 0] for modes in modes_along(arm, record, law, SETTINGS.poses)]
+        count = min(map(len, poses))  # a mode can be overdamped in some poses
+        frequencies = [modes[:count] for modes in poses]
+        lowest = np.min(frequencies, axis=0)
+        highest = np.max(frequencies, axis=0)
         spans = tuple(zip(lowest.tolist(), highest.tolist(), strict=True))
-        own = any(low * (1 - _NEAR) < frequency < high * (1 + _NEAR) for low, high in spans)
-    made = Oscillation(
+        tolerance = SETTINGS.tolerance
+        is_mode = any(
+            low * (1 - tolerance) < frequency < high * (1 + tolerance) for low, high in spans
+        )
+    result = Oscillation(
         frequency=frequency,
         amplitude=np.zeros(record.n),
         modes=spans,
-        own=own,
+        own=is_mode,
         record=record,
         joints=tuple(joints),
     )
-    taken = record.error_pulses - made.removed(record.error_pulses)
-    return dataclasses.replace(made, amplitude=np.sqrt((taken**2).mean(axis=0)))
+    # The amplitude needs the filter, which needs the frequency.
+    removed = record.error_pulses - result.removed(record.error_pulses)
+    return dataclasses.replace(result, amplitude=np.sqrt((removed**2).mean(axis=0)))

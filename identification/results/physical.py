@@ -1,10 +1,10 @@
-"""Physical consistency: the nearest arm whose f bodies and motors can have.
+"""Physical consistency: the arm nearest to an identified one that consists of possible bodies.
 
 A body within a box is a set of point masses in it: positive mass, a possible inertia, and a centre
 of mass inside the box are equivalent to non-negative masses on a fine grid. f is linear in them and
-in the motors' inertias, so the nearest such f, in the metric of the identified covariance, is a
-problem of non-negative least squares. What the lumping took for independent (f3 = a f5 of the
-paper) comes out as bodies have it.
+in the inertias of the motors, so the nearest such f, in the metric of the identified covariance, is
+a problem of non-negative least squares. Dependencies that the lumping ignores (f3 = a f5 of the
+paper) hold for the result, as for any bodies.
 
 Source: C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, Prentice Hall 1974 (non-negative
 least squares); P. M. Wensing, S. Kim, J.-J. E. Slotine, Linear matrix inequalities for physically
@@ -30,7 +30,8 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-# share of the largest variance that is added to all: a number kept fixed has no variance
+# Share of the largest variance that is added to all, because a number that was kept fixed has none,
+# and the covariance must be invertible.
 _RIDGE = 1e-9
 
 
@@ -42,10 +43,10 @@ class Physical(Shown, Frozen):
     ----------
     arm : Arm
     bodies : tuple of Body
-        One of the sets of bodies that have these f; what f does not determine is arbitrary.
+        One of the sets of bodies that have these f, which does not determine them all.
     distance : float
-        From what was found, in standard deviations (root of chi squared); with p numbers, up to
-        about sqrt(p) + 2 is noise, and far more says that the rig or the boxes are wrong.
+        From the identified f, in standard deviations (root of chi squared); with p numbers, up to
+        about sqrt(p) + 2 is noise, and far more shows that the rig or the boxes are wrong.
     """
 
     arm: Arm
@@ -53,10 +54,8 @@ class Physical(Shown, Frozen):
     distance: float
 
     def _short(self) -> str:
-        return (
-            f"{len(self.bodies)} bodies, {self.distance:.3g} standard deviations from what was"
-            " found"
-        )
+        bodies = f"{len(self.bodies)} bodies"
+        return f"{bodies}, {self.distance:.3g} standard deviations from what was found"
 
     def _shown(self) -> Iterator[Piece]:
         noise = f"up to about {np.sqrt(self.arm.dynamics.p) + 2:.1f} is noise"
@@ -101,7 +100,8 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
     --------
     >>> from plant import puma560, simulate
     >>> from identification import identify, nearest_physical
-    >>> record = simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law(), puma560.reference())
+    >>> arm = puma560.literature_arm(1.5)
+    >>> record = simulate(arm, puma560.rig(), puma560.p_law(), puma560.reference())
     >>> found = identify(puma560.dynamics(), record, progress=False)
     >>> boxes = [((-0.6, 0.6), (-0.6, 0.6), (-0.3, 0.3))] * 2
     >>> near = nearest_physical(found, boxes, points=3)
@@ -117,56 +117,63 @@ def nearest_physical(found: Identification, boxes: ArrayLike, *, points: int = 5
         "boxes", boxes, (n, 3, 2), advice="Give (low, high) of x, y and z for each link [m]."
     )
     for label, box in zip(dynamics.chain.joint_labels, boxes, strict=True):
+        # Equal ends are allowed: a link can be a plate or a rod.
         if (box[:, 0] > box[:, 1]).any():
             raise ValueError(
                 f"boxes must have low <= high in x, y and z; that of {label} is reversed. Swap its"
                 " ends."
             )
     whole("points", points, "The default is 5.", least=2)
+    # In whitened numbers, least squares counts standard deviations.
     whiten = whitening(found)
     width = len(STANDARD)
     matrix = np.array(dynamics.lumping.matrix)
+
+    # 1. One column of f per point mass of 1 kg, and one per motor.
     places = []
     columns = []
     for i in range(n):
+        # An edge without length has a single point.
         edges = [np.unique(np.linspace(low, high, points)) for low, high in boxes[i]]
-        for place in itertools.product(*edges):
+        for point in itertools.product(*edges):
             pi = np.zeros(width * n)
-            mass = Body(mass=1.0, com=place).seen_from(dynamics.chain.links[i].frame)
+            mass = Body(mass=1.0, com=point).seen_from(dynamics.chain.links[i].frame)
             pi[width * i : width * (i + 1)] = standard_parameters([mass])
-            places.append((i, np.array(place)))
+            places.append((i, np.array(point)))
             columns.append(matrix @ pi)
     rotors = matrix[:, STANDARD.index("J") :: width]
-    least = LEAST_MOTOR_INERTIA * found.rig.drive.reflected_inertia()
-    every = np.column_stack([*columns, rotors])
-    length = np.linalg.norm(whiten @ every, axis=0)
+
+    # 2. Non-negative least squares, in columns of length 1. Every motor has some inertia at least.
+    lowest = LEAST_MOTOR_INERTIA * found.rig.drive.reflected_inertia()
+    system = np.column_stack([*columns, rotors])
+    length = np.linalg.norm(whiten @ system, axis=0)
+    # A point that changes no f stays out of the solution.
     length[length == 0] = 1.0
     amounts, distance = nnls(
-        whiten @ every / length, whiten @ (found.f - rotors @ least), maxiter=50 * every.shape[1]
+        whiten @ system / length,
+        whiten @ (found.f - rotors @ lowest),
+        maxiter=50 * system.shape[1],
     )
     amounts = amounts / length
-    sets = [
-        [(m, x) for m, (i, x) in zip(amounts, places, strict=False) if i == link and m > 0]
-        for link in range(n)
-    ]
-    bodies = tuple(
-        _body(masses, float(j))
-        for masses, j in zip(sets, amounts[len(places) :] + least, strict=True)
-    )
-    return Physical(arm=dynamics.arm(dynamics.f(bodies)), bodies=bodies, distance=float(distance))
+
+    # 3. The masses of each link as one body.
+    inertias = amounts[len(places) :] + lowest
+    bodies = []
+    for link in range(n):
+        masses = [
+            Body(mass=float(mass), com=point)
+            for mass, (i, point) in zip(amounts, places, strict=False)
+            if i == link and mass > 0
+        ]
+        body = functools.reduce(Body.joined, masses, Body(mass=0.0, com=(0, 0, 0)))
+        bodies.append(dataclasses.replace(body, rotor=float(inertias[link])))
+    arm = dynamics.arm(dynamics.f(tuple(bodies)))
+    return Physical(arm=arm, bodies=tuple(bodies), distance=float(distance))
 
 
-def _body(masses: list[tuple[float, Floats]], rotor: float) -> Body:
-    """One body of point masses (mass, place), with its motor."""
-    points = (Body(mass=float(mass), com=place) for mass, place in masses)
-    return dataclasses.replace(
-        functools.reduce(Body.joined, points, Body(mass=0.0, com=(0, 0, 0))), rotor=rotor
-    )
-
-
-def whitening(found: Identification) -> Floats:
-    """W with W C W' = 1, C the covariance of f; refused without one."""
-    _ = found.fit.std  # refuses
-    covariance = found.fit.covariance_of(found.arm.dynamics.names)
+def whitening(identification: Identification) -> Floats:
+    """W with W C W' = 1, C the covariance of f; an error without one."""
+    _ = identification.fit.std  # raises, with the reason
+    covariance = identification.fit.covariance_of(identification.arm.dynamics.names)
     ridge = _RIDGE * np.diag(covariance).max() * np.eye(len(covariance))
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance + ridge)))

@@ -1,6 +1,4 @@
-"""Figures of results: errors, innovations, spectrum, intervals; the oscillation. matplotlib is
-imported when drawn.
-"""
+"""Figures of results: errors, innovations, spectrum, intervals; the oscillation."""
 
 import itertools
 from typing import Any
@@ -17,97 +15,104 @@ from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_
 from plant.simulation.logged_run import DivergenceError
 
 
-def repeated(found: Any) -> Record | None:
-    """The first record of an `Identification`, simulated with what was found; None where that
-    diverges.
+def repeated(identification: Any) -> Record | None:
+    """The first record of an `Identification`, simulated with its values; None if it diverges.
 
-    It begins as the record does, its law with the memory that was found: the run that
-    `Diagnostics.difference` is of.
+    It begins as the record does, its law with the identified memory: the run whose difference from
+    the record is `Diagnostics.difference`.
     """
-    (record,) = as_repeated(found.records[:1], found.fit.resumptions[:1])
+    (record,) = as_repeated(identification.records[:1], identification.fit.resumptions[:1])
     try:
-        return run_again(record, found.arm, found.rig, found.law)
+        return run_again(record, identification.arm, identification.rig, identification.law)
     except DivergenceError:
         return None
 
 
-# letters of a parameter's meaning that a figure shows; `Dynamics.legend` has them all
+# Letters of a parameter's meaning that a figure shows, so that two columns fit below its axes;
+# `Dynamics.legend` has them all.
 _MEANING = 68
 
 _ADVICE = "Draw without ax once: it returns them in their order"
 
 
 @literal
-def plot_identification(found: Any, ax: Any = None) -> NDArray[Any]:
+def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
     """Draw the first record of an `Identification`.
 
-    Three panels per joint: tracking errors measured and simulated with what was found, the whole
-    record and a short segment of it, and the innovations. Then the spectrum of tracking errors and
-    innovations, and half-widths of the 95 % intervals, as shares of the values. A figure of its own
-    says below what short names of parameters mean.
+    Three panels per joint: tracking errors, measured and simulated, of the entire record and of a
+    short segment of it, and the innovations. Then the spectrum of tracking errors and innovations,
+    and half-widths of the 95 % intervals, as shares of the values. A new figure has the meaning of
+    the short names of parameters below its axes.
 
     `ax` (3 n + 2,): where to draw, joint by joint; a new figure by default.
     """
-    dynamics = found.arm.dynamics
-    record = found.records[0]
-    n = found.arm.n
+    dynamics = identification.arm.dynamics
+    record = identification.records[0]
+    n = identification.arm.n
+    values = identification.fit.values
     axes = axes_of(
         ax,
         (3 * n + 2,),
-        lambda: _new_axes(n, len(found.fit.values), dynamics.legend.splitlines()),
+        lambda: _new_axes(n, len(values), dynamics.legend.splitlines()),
         _ADVICE,
     )
-    prediction = Prediction(dynamics, record, found.fit.unknown)
-    left = prediction.innovations(np.append(found.fit.values, prediction.nuisances)).reshape(-1, n)
-    model = repeated(found)
+    # Innovations of the fit: predicted from counts, one sample ahead.
+    prediction = Prediction(dynamics, record, identification.fit.unknown)
+    innovations = prediction.innovations(np.append(values, prediction.nuisances)).reshape(-1, n)
+    model = repeated(identification)
+
+    # 1. Errors and innovations, joint by joint.
     for joint, label in enumerate(dynamics.chain.joint_labels):
-        whole, segment, rest = axes[3 * joint : 3 * joint + 3]
-        for axis, start, end in ((whole, 0.0, 1.0), (segment, 0.30, 0.36)):
-            some = slice(int(start * len(record)), int(end * len(record)))
+        record_axis, segment_axis, innovation_axis = axes[3 * joint : 3 * joint + 3]
+        for axis, start, end in ((record_axis, 0.0, 1.0), (segment_axis, 0.30, 0.36)):
+            rows = slice(int(start * len(record)), int(end * len(record)))
             for log, (name, style) in zip((record, model), LOGS, strict=True):
+                # A model that diverges has no curve.
                 if log is not None:
-                    axis.plot(log.t[some], log.error_pulses[some, joint], label=name, **style)
+                    axis.plot(log.t[rows], log.error_pulses[rows, joint], label=name, **style)
             axis.set_ylabel("error [pulses]")
-        rest.plot(record.t, left[:, joint], color=colour_of(0), linewidth=0.5)
-        rest.set_ylabel("innovation [pulses]")
-        titles = (
-            label,
-            *(("a segment", "innovation: measured minus predicted") if joint == 0 else ("", "")),
-        )
-        for axis, title in zip((whole, segment, rest), titles, strict=True):
-            dressed(axis, title)
+        innovation_axis.plot(record.t, innovations[:, joint], color=colour_of(0), linewidth=0.5)
+        innovation_axis.set_ylabel("innovation [pulses]")
+        # Titles of columns stand above the first row only, and times below the last one.
+        dressed(record_axis, label)
+        dressed(segment_axis, "a segment" if joint == 0 else "")
+        dressed(innovation_axis, "innovation: measured minus predicted" if joint == 0 else "")
+        for axis in (record_axis, segment_axis, innovation_axis):
             axis.set_xlabel("time [s]" if joint == n - 1 else "")
     legend_above(axes[1])
-    spectrum, intervals = axes[-2:]
+
+    # 2. Spectra and intervals.
+    spectra, intervals = axes[-2:]
+    # The innovations should be white; a peak is an effect that the model lacks.
     for signal, colour, name in (
         (record.error_pulses, "#444444", "error"),
-        (left, colour_of(0), "innovation"),
+        (innovations, colour_of(0), "innovation"),
     ):
-        spectrum.loglog(
-            *_spectrum(signal, record.rig.period), color=colour, linewidth=0.7, label=name
-        )
-    dressed(spectrum, "spectrum").set_xlabel("frequency [Hz]")
-    spectrum.set_ylabel("amplitude [pulses]")
-    legend_above(spectrum)
-    draw_intervals(dressed(intervals, "95 % intervals"), found)
+        frequency, amplitude = _spectrum(signal, record.rig.period)
+        spectra.loglog(frequency, amplitude, color=colour, linewidth=0.7, label=name)
+    dressed(spectra, "spectrum").set_xlabel("frequency [Hz]")
+    spectra.set_ylabel("amplitude [pulses]")
+    legend_above(spectra)
+    draw_intervals(dressed(intervals, "95 % intervals"), identification)
     return axes
 
 
 def _new_axes(n: int, values: int, meaning: list[str]) -> list[Any]:
-    """Axes of a figure that says below what the parameters mean, in two columns."""
+    """Axes of a figure with the meaning of the parameters below them, in two columns."""
     import matplotlib.pyplot as plt
 
     short = [line if len(line) <= _MEANING else f"{line[:_MEANING]} ..." for line in meaning]
     half = (len(short) + 1) // 2
+    # Heights [inch]: rows of many joints are lower; the last row holds all intervals.
     heights = [*[1.8 if n < 4 else 1.5] * n, max(2.6, interval_height(values))]
     figure = plt.figure(figsize=(10.5, sum(heights) + 0.14 * half), layout="constrained")
     grid = figure.add_gridspec(n + 1, 3, height_ratios=heights)
     columns = itertools.zip_longest(short[:half], short[half:], fillvalue="")
-    lines = [f"{first:<{_MEANING + 8}}{second}" for first, second in columns]
+    lines = [f"{line:<{_MEANING + 8}}{following}" for line, following in columns]
     if lines:
         figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=7, family="monospace")
-    places = [grid[joint, column] for joint in range(n) for column in range(3)]
-    return [figure.add_subplot(place) for place in (*places, grid[n, 2], grid[n, :2])]
+    cells = [grid[joint, column] for joint in range(n) for column in range(3)]
+    return [figure.add_subplot(cell) for cell in (*cells, grid[n, 2], grid[n, :2])]
 
 
 def interval_height(values: int) -> float:
@@ -115,47 +120,48 @@ def interval_height(values: int) -> float:
     return 0.9 + 0.17 * values
 
 
-def draw_intervals(axis: Any, found: Any) -> None:
-    """Half-widths of the 95 % intervals, all counted and of noise alone, as shares of the values;
-    beyond 100 % the sign is not known.
-    """
-    names = found.short_names
+def draw_intervals(axis: Any, identification: Any) -> None:
+    """Draw half-widths of the 95 % intervals, and of those of noise, as shares of the values."""
+    names = identification.short_names
     axis.set_yticks(np.arange(len(names)), names, fontsize=8)
+    # The first parameter on top.
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.set_ylabel("parameter")
     axis.set_xlabel("half-width [% of the value]")
-    if found.covariance is None:
+    if identification.covariance is None:
         return
     dot = {"color": colour_of(0), "s": 16}
     ring = {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
-    kinds: list[tuple[Any, str, dict[str, Any]]] = [(found.covariance, "all that is counted", dot)]
-    if found.fit.noise_covariance is not None:
-        kinds.append((found.fit.noise_covariance, "noise alone", ring))
+    # The ring around a dot shows how much of an interval is noise.
+    kinds: list[tuple[Any, str, dict[str, Any]]] = [
+        (identification.covariance, "all that is counted", dot)
+    ]
+    if identification.fit.noise_covariance is not None:
+        kinds.append((identification.fit.noise_covariance, "noise alone", ring))
     for covariance, label, style in kinds:
-        share = (
-            196
-            * np.sqrt(np.diag(covariance))
-            / np.maximum(np.abs(found.fit.values), np.finfo(float).tiny)
-        )
-        there = np.flatnonzero((share > 0) & (share < 1e6))  # not what is known, or a value of zero
-        axis.scatter(share[there], there, zorder=3, label=label, **style)
+        size = np.maximum(np.abs(identification.fit.values), np.finfo(float).tiny)
+        share = 196 * np.sqrt(np.diag(covariance)) / size  # 1.96 standard deviations [%]
+        # A known value has no width, and a value of zero no share.
+        rows = np.flatnonzero((share > 0) & (share < 1e6))
+        axis.scatter(share[rows], rows, zorder=3, label=label, **style)
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter("{x:g}")
+    # Beyond 100 % the sign of the value is not known.
     axis.axvline(100, color="0.5", linewidth=0.8, linestyle="--")
     legend_above(axis)
 
 
 @literal
-def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
-    """Draw an `Oscillation`: errors measured and without it, one row per joint, and their spectrum
-    below.
+def plot_oscillation(oscillation: Any, ax: Any = None) -> NDArray[Any]:
+    """Draw an `Oscillation`: errors with and without it, a row per joint, and their spectra below.
 
     `ax` (n + 1,): where to draw; a new figure by default.
 
     Source: paper Figs. 10-11.
     """
-    record = found.record
-    n, quiet = record.n, found.removed(record.error_pulses)
+    record = oscillation.record
+    n = record.n
+    quiet = oscillation.removed(record.error_pulses)
 
     def new() -> Any:
         import matplotlib.pyplot as plt
@@ -166,25 +172,28 @@ def plot_oscillation(found: Any, ax: Any = None) -> NDArray[Any]:
 
     axes = axes_of(ax, (n + 1,), new)
     (_, measured), (_, thin) = LOGS
-    for joint, (axis, label) in enumerate(zip(axes, found.joints, strict=False)):
+    for joint, (axis, label) in enumerate(zip(axes, oscillation.joints, strict=False)):
         axis.plot(record.t, record.error_pulses[:, joint], label="measured", **measured)
         axis.plot(record.t, quiet[:, joint], label="without the oscillation", **thin)
         dressed(axis, f"{label}, tracking error").set_ylabel("error [pulses]")
     legend_above(axes[0])
     axes[-2].set_xlabel("time [s]")
-    bands = "; shaded: modes of the linearised loop" if found.modes else ""
-    spectrum = dressed(axes[-1], f"spectrum; dashed: {found.frequency:.1f} Hz{bands}")
+    bands = "; shaded: modes of the linearised loop" if oscillation.modes else ""
+    spectra = dressed(axes[-1], f"spectrum; dashed: {oscillation.frequency:.1f} Hz{bands}")
     for signal, style in ((record.error_pulses, measured), (quiet, thin)):
-        spectrum.loglog(*_spectrum(signal, record.rig.period), **style | {"linewidth": 0.8})
-    for low, high in found.modes:
-        spectrum.axvspan(low, high, color=BAND, zorder=0)
-    spectrum.axvline(found.frequency, color="0.3", linewidth=0.8, linestyle="--")
-    spectrum.set_xlabel("frequency [Hz]")
-    spectrum.set_ylabel("amplitude [pulses]")
+        frequency, amplitude = _spectrum(signal, record.rig.period)
+        spectra.loglog(frequency, amplitude, **style | {"linewidth": 0.8})
+    for low, high in oscillation.modes:
+        spectra.axvspan(low, high, color=BAND, zorder=0)
+    spectra.axvline(oscillation.frequency, color="0.3", linewidth=0.8, linestyle="--")
+    spectra.set_xlabel("frequency [Hz]")
+    spectra.set_ylabel("amplitude [pulses]")
     return axes
 
 
 def _spectrum(signal: Floats, period: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Frequencies [Hz] and amplitudes [pulses] of a signal (N, n), joints together."""
     frequency, power = spectrum(signal, period)
+    # Without the mean. A line of one frequency has half of its amplitude on this side of the
+    # spectrum, and the window halves it again.
     return frequency[1:], np.sqrt(power.sum(axis=1))[1:] * 4 / len(signal)

@@ -1,6 +1,4 @@
-"""The bodies of a model file that have what was identified: variables, equations, and what they
-come to.
-"""
+"""Bodies of a model file that have an identified f: variables, equations and result."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -22,15 +20,18 @@ from plant.parts.arguments import choice, instance
 from plant.parts.fields import Floats
 from plant.parts.messages import warn
 
-_SAME = 1e-12  # relative difference of f below which bodies have it already
+# Relative difference of f below which the bodies of the prior have it already: some thousand
+# roundings of a sum.
+_SAME = 1e-12
 
 _WIDTH = len(STANDARD)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Realised:
-    """Bodies by link, in the links' frames; rotors (n,) [kg m^2]; the f (p,) that they have;
-    whether it was met.
+    """Bodies by link, in the links' frames, rotors (n,) [kg m^2], and their f (p,).
+
+    `exact`: whether that is the requested f.
     """
 
     bodies: dict[str, Body]
@@ -41,9 +42,7 @@ class Realised:
 
 @dataclasses.dataclass(frozen=True)
 class _Inertial:
-    """One body of the file: its link, the joint that moves it, its pose in that joint's frame,
-    the prior.
-    """
+    """One body of the file: its link, the joint that moves it, its pose there, and its prior."""
 
     link: str
     joint: int
@@ -53,8 +52,10 @@ class _Inertial:
     @property
     def matrix(self) -> Floats:
         """Homogeneous matrix of the pose, under which a pseudo-inertia is congruent."""
+        # Rotation and translation of points in homogeneous coordinates.
         result = np.eye(4)
-        result[:3, :3], result[:3, 3] = self.pose.rotation, self.pose.position
+        result[:3, :3] = self.pose.rotation
+        result[:3, 3] = self.pose.position
         return result
 
 
@@ -66,26 +67,32 @@ def bodies_of(
     nearest: bool,
     armature: Floats,
 ) -> Realised:
-    """What is to be written, or a refusal."""
+    """Bodies with the f of an arm; an error, or with `nearest` a warning, if there are none.
+
+    `armature` (n,): rotor inertias of the file [kg m^2], where neither rig nor chain states any.
+    """
+    # The prior of the rotors: those of the rig or the chain, before those of the file.
     rotors = armature
     scale = None
     if isinstance(found_or_arm, Identification):
         stated = found_or_arm.rig.drive.reflected_inertia()
         rotors = np.where(stated > 0, stated, rotors)
+        # The nearest f in standard deviations, where they are known.
         scale = None if found_or_arm.covariance is None else whitening(found_or_arm)
     elif arm.dynamics.chain.bodies:
         stated = np.array([body.rotor for body in arm.dynamics.chain.bodies])
         rotors = np.where(stated > 0, stated, rotors)
+    # A physical arm has rotors of its own.
     if isinstance(found_or_arm, Physical):
         rotors = np.array([body.rotor for body in found_or_arm.bodies])
-    got = realised(arm, model, rotors, prior, scale)
-    if got.exact:
-        return got
-    difference = got.f - arm.f
+    result = realised(arm, model, rotors, prior, scale)
+    if result.exact:
+        return result
+    difference = result.f - arm.f
     names = arm.dynamics.names
-    text = ", ".join(
-        f"{names[i]} {difference[i]:+.3g}" for i in np.argsort(-np.abs(difference))[:4]
-    )
+    # Four numbers are enough to judge.
+    largest = np.argsort(-np.abs(difference))[:4]
+    text = ", ".join(f"{names[i]} {difference[i]:+.3g}" for i in largest)
     unmet = "no bodies with positive density, and no rotors, were found to have these f"
     if not nearest:
         raise ValueError(
@@ -93,20 +100,20 @@ def bodies_of(
             " nearest=True."
         )
     warn(f"{unmet}; written are the nearest, which differ by {text}.")
-    return got
+    return result
 
 
 def realised(
     arm: Arm, model: ModelFile, rotors: Floats, prior: Mapping[str, Body], scale: Floats | None
 ) -> Realised:
-    """The bodies that have f of an arm, nearest to a prior; where none have it, those of the
-    nearest f.
+    """Bodies with the f of an arm, nearest to a prior; if there are none, those of the nearest f.
 
     `rotors` (n,): prior of the reflected rotor inertias [kg m^2]. `prior`: bodies of links, in
-    their frames, instead of the file's. `scale` (p, p): whitening matrix of f, for the nearest one;
-    by default relative to what the prior's bodies give.
+    their frames, instead of the file's. `scale` (p, p): whitening matrix of f, for the nearest f;
+    by default relative to the contributions of the prior's bodies.
     """
     joints = matching_joints(arm, model)
+    # A misspelt link would be ignored silently.
     for name in prior:
         choice(
             "link of the prior",
@@ -114,61 +121,71 @@ def realised(
             tuple(name for name, body in model.bodies.items() if body is not None),
         )
     inertials = _inertials(model, joints, prior)
+
+    # 1. The f of the prior. Rotors that no number of f depends on cannot change it.
     B = np.array(arm.dynamics.lumping.matrix)
     shafts = B[:, STANDARD.index("J") :: _WIDTH]
-    rotors = np.where(np.abs(shafts).max(axis=0, initial=0.0) > 0, rotors, 0.0)
+    acts = np.abs(shafts).max(axis=0, initial=0.0) > 0
+    rotors = np.where(acts, rotors, 0.0)
     pi = np.zeros(len(joints) * _WIDTH)
-    for each in inertials:
-        pi[_WIDTH * each.joint :][: _WIDTH - 1] += each.body.seen_from(
-            each.pose
-        ).standard_parameters
+    for inertial in inertials:
+        body = inertial.body.seen_from(inertial.pose)
+        pi[_WIDTH * inertial.joint :][: _WIDTH - 1] += body.standard_parameters
     pi[STANDARD.index("J") :: _WIDTH] = rotors
-    at_prior = B @ pi
-    if np.abs(at_prior - arm.f).max() <= _SAME * np.abs(arm.f).max():
-        return Realised(
-            bodies={each.link: each.body for each in inertials}, rotors=rotors, f=arm.f, exact=True
-        )
-    bodies = [_block(each, B[:, _WIDTH * each.joint :][:, : _WIDTH - 1]) for each in inertials]
-    guessed = np.where(rotors > 0, rotors, 0.5 * np.diag(arm.D(np.zeros(arm.n))).clip(min=0.0))
-    for inertia in (rotors, guessed):
-        turning = np.flatnonzero((inertia > 0) & (np.abs(shafts).max(axis=0, initial=0.0) > 0))
-        blocks = bodies + [
+    if np.abs(B @ pi - arm.f).max() <= _SAME * np.abs(arm.f).max():
+        bodies = {inertial.link: inertial.body for inertial in inertials}
+        # Nothing to solve: so the bytes of the file stay.
+        return Realised(bodies=bodies, rotors=rotors, f=arm.f, exact=True)
+
+    # 2. Bodies with this f. A rotor without a prior stays zero; if that fails, half of the inertia
+    # of its joint is the prior.
+    blocks_of_bodies = [
+        _block(inertial, B[:, _WIDTH * inertial.joint :][:, : _WIDTH - 1]) for inertial in inertials
+    ]
+    half = 0.5 * np.diag(arm.D(np.zeros(arm.n))).clip(min=0.0)
+    for inertia in (rotors, np.where(rotors > 0, rotors, half)):
+        turning = np.flatnonzero((inertia > 0) & acts)
+        # A rotor is a pseudo-inertia of one number.
+        blocks = blocks_of_bodies + [
             Block(np.sqrt(inertia[[[i]]]), shafts[:, [i]] * inertia[i]) for i in turning
         ]
-        if found := nearest_realisation(blocks, arm.f):
-            return _result(inertials, turning, arm, *found, exact=True)
+        solution = nearest_realisation(blocks, arm.f)
+        if solution is not None:
+            return _result(inertials, turning, arm, *solution, exact=True)
+
+    # 3. There are none: bodies with the nearest f.
     if scale is None:
-        scale = np.diag(
-            1
-            / np.maximum(
-                np.linalg.norm(np.column_stack([b.columns for b in blocks]), axis=1), 1e-300
-            )
-        )
-    if (near := nearest_realisation(blocks, arm.f, scale)) is None:
+        # Numbers of f count in units of the contributions to them.
+        sizes = np.linalg.norm(np.column_stack([block.columns for block in blocks]), axis=1)
+        scale = np.diag(1 / np.maximum(sizes, 1e-300))
+    solution = nearest_realisation(blocks, arm.f, scale)
+    if solution is None:
         raise ValueError("f must be finite; it is not. Identify again.")
-    return _result(inertials, turning, arm, *near, exact=False)
+    return _result(inertials, turning, arm, *solution, exact=False)
 
 
 def matching_joints(arm: Arm, model: ModelFile) -> list[ModelJoint]:
-    """The file's joints of this arm; refused where the geometry is another one."""
+    """Joints of the file that are those of the arm; an error if their geometry differs."""
     chain = arm.dynamics.chain
     names = [link.name for link in chain.links]
+    # A joint that the file lacks is named before any geometry is compared.
     for name in names:
         choice("joint of the arm in the file", name, tuple(model.joints))
-    links, *_ = links_of_chain(model, names)
-    for mine, other in zip(chain.links, links, strict=True):
-        if mine.prismatic != other.prismatic or not np.allclose(
-            _poses(mine), _poses(other), rtol=0, atol=1e-9
+    links = links_of_chain(model, names)[0]
+    for link, of_file in zip(chain.links, links, strict=True):
+        # A file has decimals: places agree within a nanometre.
+        if link.prismatic != of_file.prismatic or not np.allclose(
+            _poses(link), _poses(of_file), rtol=0, atol=1e-9
         ):
             raise ValueError(
-                f"source must describe the arm; its joint {mine.name} has another place or axis."
+                f"source must describe the arm; its joint {link.name} has another place or axis."
                 " Make the arm's chain of this file: Chain.from_urdf, or from_mjcf."
             )
     return model.chain_joints(names)
 
 
 def _poses(link: Link) -> Floats:
-    """Rotation and position of a link at two positions, (2, 12)."""
+    """Rotation and position of a link at two positions, (2, 12), which determine its axis."""
     return np.array(
         [
             np.concatenate([ca.DM(part).full().ravel() for part in link.rotation(ca.SX(q))])
@@ -180,25 +197,26 @@ def _poses(link: Link) -> Floats:
 def _inertials(
     model: ModelFile, joints: list[ModelJoint], prior: Mapping[str, Body]
 ) -> list[_Inertial]:
-    """The bodies behind the joints, with their priors."""
+    """Bodies that the joints move, on fixed joints as well, with their priors."""
     moving = [joint.name for joint in joints]
-    links, *_ = links_of_chain(model, moving)
-    found = []
+    links = links_of_chain(model, moving)[0]
+    inertials = []
     for i, (joint, link) in enumerate(zip(joints, links, strict=True)):
+        # Bodies on fixed joints move with the link: they share its f.
         for name, placement in fixed_to(model.joints, joint.child, moving).items():
             body = model.bodies[name]
             if body is not None:
                 body = instance(
                     f"prior of {name}", prior.get(name, body), Body, "Give mass, com and inertia."
                 )
-                found.append(_Inertial(name, i, link.frame @ placement, body))
-    return found
+                inertials.append(_Inertial(name, i, link.frame @ placement, body))
+    return inertials
 
 
-def _block(each: _Inertial, columns: Floats) -> Block:
-    """The prior's factor, and the columns of f; a prior without extent is made a little thick."""
-    L = prior_factor(each.body.standard_parameters)
-    return Block(L, columns @ prior_changes(each.matrix @ L))
+def _block(inertial: _Inertial, columns: Floats) -> Block:
+    """Factor of a prior, and columns of f; a prior without extent is made a little thick."""
+    L = prior_factor(inertial.body.standard_parameters)
+    return Block(L, columns @ prior_changes(inertial.matrix @ L))
 
 
 def _result(
@@ -210,8 +228,12 @@ def _result(
     *,
     exact: bool,
 ) -> Realised:
-    pairs = zip(inertials, matrices, strict=False)  # behind the bodies come the rotors
-    bodies = {each.link: Body.from_standard_parameters(from_pseudo_inertia(P)) for each, P in pairs}
+    """Pseudo-inertias of bodies, then of the turning rotors, as bodies and inertias."""
+    bodies = {
+        inertial.link: Body.from_standard_parameters(from_pseudo_inertia(P))
+        for inertial, P in zip(inertials, matrices, strict=False)
+    }
     rotors = np.zeros(arm.n)
+    # Rotors without a prior are not in the blocks: they stay zero.
     rotors[turning] = [float(matrix[0, 0]) for matrix in matrices[len(inertials) :]]
     return Realised(bodies=bodies, rotors=rotors, f=f, exact=exact)

@@ -1,8 +1,8 @@
-"""What the stated model has that the log contradicts: the sign of gravity, or of one joint; rotors.
+"""Contradictions between model and log: the sign of gravity or of one joint, and rotors.
 
-Signs by least squares of the smoothed torques on the smoothed motion, with base parameters and
-friction of any value. Where a sampled law's torque was not logged, it is run along the log, and
-what it integrated before is a constant.
+The signs follow from least squares of the smoothed torques on the smoothed motion, with base
+parameters and friction of any value. Where the torque of a sampled law was not logged, the law is
+run along the log, and its initial integral is a constant.
 """
 
 import dataclasses
@@ -21,46 +21,65 @@ from plant.checkup.signals import Signals
 from plant.machine.motor_inertia import rotors_alone, shaft_inertias
 from plant.parts.fields import Floats
 
-# Share of what a chain leaves that another has to stay below, to be named: of wrong ones it is 0.74
-# at most, of right ones 1.33 at least; and rows of a log that are compared.
-_CLOSER = 0.8
-_ROWS = 400
 
-# By how many standard deviations, and by what share of itself, an inertia has to fall below that of
-# its rotor.
-_SURE = 4.0
-_ROOM = 0.05
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RestatedSettings:
+    """Limits from which on a statement is contradicted.
 
-# Share of a rotor's inertia by which the one found may differ: what turns with it in the gear is
-# seldom stated.
-_OTHER = 0.2
+    Parameters
+    ----------
+    closer : float
+        Ratio of the residual with a changed sign to that as stated, below which the sign is
+        reported. Measured: at most 0.74 for wrong signs, at least 1.33 for right ones.
+    rows : int
+        Samples of a log that are compared; chosen by hand.
+    deviations : float
+        Standard deviations by which an inertia contradicts a stated rotor; chosen by hand.
+    below : float
+        Share of a rotor's inertia by which that of its joint must be smaller; chosen by hand.
+    differing : float
+        Share of a rotor's inertia by which the identified one must differ, because the parts that
+        turn with it in the gear are seldom stated; chosen by hand.
+    """
+
+    closer: float = 0.8
+    rows: int = 400
+    deviations: float = 4.0
+    below: float = 0.05
+    differing: float = 0.2
+
+
+SETTINGS = RestatedSettings()
 
 
 @functools.lru_cache(maxsize=4)
 def restated(dynamics: Dynamics, record: Record) -> list[str]:
-    """A line about the one sign whose change explains the torques of a record much better, or
-    none.
-    """
+    """A line about the one sign whose change explains the torques of a record better, or none."""
     law = record.law
     logged = record.torque is not None or record.current is not None
-    if runs := not logged and law is not None and bool(law.period) and law.has_memory(record.n):
+    sampled = not logged and law is not None and bool(law.period) and law.has_memory(record.n)
+    if sampled:
+        # The law's torque stands in for one that was not logged.
         record = dataclasses.replace(record, torque=torque_of(along_log(record)))
     signals = Signals(record)
-    every = np.ones(dynamics.n)
     if signals.motor_torque is None or not signals.long_enough:
         return []
-    left = functools.partial(_left, dynamics, signals, integrated=runs)
-    before = left(every)
-    tried = {"gravity acts the other way": left(every, gravity=-1.0)}
+    residual = functools.partial(_left, dynamics, signals, integrated=sampled)
+    stated = np.ones(dynamics.n)
+    as_stated = residual(stated)
+    alternatives = {"gravity acts the other way": residual(stated, gravity=-1.0)}
+    # Of a single joint, f of any value takes the turn over.
     for i, label in enumerate(dynamics.chain.joint_labels if dynamics.n > 1 else ()):
-        said = f"{label} turns the other way: its axis, or the signs of all its columns, are wrong"
-        tried[said] = left(np.where(np.arange(dynamics.n) == i, -1.0, 1.0))
-    best = min(tried, key=tried.__getitem__)
-    if not tried[best] < _CLOSER * before:  # nor where nothing moves
+        text = f"{label} turns the other way: its axis, or the signs of all its columns, are wrong"
+        alternatives[text] = residual(np.where(np.arange(dynamics.n) == i, -1.0, 1.0))
+    # One sign at most: two that are wrong are found one after another.
+    best = min(alternatives, key=alternatives.__getitem__)
+    # Written so that NaN, of a record in which nothing moves, gives no line.
+    if not alternatives[best] < SETTINGS.closer * as_stated:
         return []
     return [
-        f"{best}. So stated, the equation of motion leaves {tried[best]:.1%} of the torques (rms);"
-        f" as it is, {before:.1%}. Correct that, and identify again."
+        f"{best}. So stated, the equation of motion leaves {alternatives[best]:.1%} of the torques"
+        f" (rms); as it is, {as_stated:.1%}. Correct that, and identify again."
     ]
 
 
@@ -74,68 +93,83 @@ def _left(
 ) -> float:
     """Share (rms) of the smoothed torques that the equation of motion leaves.
 
-    `sign` (n,): by which joints are turned. `gravity`: factor of what it is stated to be.
-    `integrated`: whether a constant of each torque is open.
+    `sign` (n,): of the joints. `gravity`: factor of the stated gravity. `integrated`: whether the
+    law integrates, so that each torque has an unknown constant.
     """
     rig = signals.rig
+    n = signals.n
     rows = np.flatnonzero(signals.clear)
-    rows = rows[:: max(1, len(rows) // _ROWS)]
-    zero = rig.to_angle(np.zeros(signals.n))
-    still = np.zeros(signals.n)
+    rows = rows[:: max(1, len(rows) // SETTINGS.rows)]
+
+    # 1. Motion and torque of the joints. Counts of zero are an angle, which speeds do not have.
+    zero = rig.to_angle(np.zeros(n))
     q, qd, qdd = (
-        sign * (rig.to_angle(each[rows]) - (k > 0) * zero) for k, each in enumerate(signals.motion)
+        sign * (rig.to_angle(signal[rows]) - (order > 0) * zero)
+        for order, signal in enumerate(signals.motion)
     )
-    torque = sign * rig.drive.gear * signals.smooth(signals.motor_torque)[rows]  # type: ignore[arg-type]  # there is one
-    dry = np.column_stack([signals.smooth_even(np.sign(each)) for each in signals.motion[1].T])[
+    smooth_torque = signals.smooth(signals.motor_torque)  # type: ignore[arg-type]  # there is one
+    torque = sign * rig.drive.gear * smooth_torque[rows]
+    dry = np.column_stack([signals.smooth_even(np.sign(speed)) for speed in signals.motion[1].T])[
         rows
     ]
+
+    # 2. The regressor. A pose at rest gives its part by gravity.
+    still = np.zeros(n)
     Y = np.array([dynamics.Y(*state) for state in zip(q, qd, qdd, strict=True)])
     if gravity != 1:
         Y += (gravity - 1) * np.array([dynamics.Y(pose, still, still) for pose in q])
-    own = (qd, dry, np.ones_like(qd)) if integrated else (qd, dry)
-    rubs = [np.eye(signals.n)[None] * each[:, :, None] for each in own]
+    terms = (qd, dry, np.ones_like(qd)) if integrated else (qd, dry)
+    friction = [np.eye(n)[None] * term[:, :, None] for term in terms]
+
+    # 3. Least squares, each joint in units of its torque.
     scale = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
-    scale[hardly_moving(signals.record)] = np.inf  # friction holds these, with any torque
-    A = np.concatenate([Y, *rubs], axis=2) / scale[:, None]
+    # Friction holds a joint that hardly moves, at any torque: without weight.
+    scale[hardly_moving(signals.record)] = np.inf
+    A = np.concatenate([Y, *friction], axis=2) / scale[:, None]
     b = (torque / scale).ravel()
     A = A.reshape(torque.size, -1)
     A = A / np.maximum(np.abs(A).max(axis=0), 1e-300)
     return float(np.sqrt(np.mean((b - A @ np.linalg.lstsq(A, b, rcond=1e-9)[0]) ** 2)))
 
 
-def of_rotors(found: Any) -> Iterator[str]:
-    """A line for each joint whose rotor, as stated, the inertias found contradict.
+def of_rotors(identification: Any) -> Iterator[str]:
+    """A line for each joint whose stated rotor the identified inertias contradict.
 
-    D at the motors' shafts is at least diag(Jm k^2), whatever the links are: the rotor turns with
-    its joint. Where a base parameter is the inertia of one rotor and nothing else, it is the stated
-    one.
+    D at the shafts of the motors is at least diag(Jm k^2), whatever the links are: the rotor turns
+    with its joint. Where a base parameter is the inertia of one rotor and nothing else, it is the
+    stated one.
     """
-    rig = found.rig
-    dynamics = found.arm.dynamics
-    f = found.f
-    rows = shaft_inertias(dynamics, rig, found.records[0].rig.to_angle(found.records[0].counts[0]))
+    rig = identification.rig
+    dynamics = identification.arm.dynamics
+    f = identification.f
+    # At the pose in which the first log begins.
+    rows = shaft_inertias(
+        dynamics, rig, identification.records[0].rig.to_angle(identification.records[0].counts[0])
+    )
     inertia = f @ rows
     rotors = rig.drive.reflected_inertia()
-    alone = (
-        {} if found.covariance is None or found.search.method in ROUGH else rotors_alone(dynamics)
-    )
-    covariance = found.fit.covariance_of(dynamics.names)
+    # Deviations of rough methods do not cover their own errors.
+    alone = {}
+    if identification.covariance is not None and identification.search.method not in ROUGH:
+        alone = rotors_alone(dynamics)
+    covariance = identification.fit.covariance_of(dynamics.names)
+    # Standard deviation of each inertia, which is linear in f.
     std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
     for i, label in enumerate(dynamics.chain.joint_labels):
         unit = "kg" if dynamics.chain.links[i].prismatic else "kg m^2"
         stated = f"Jm k^2 = {rotors[i]:.3g} {unit}"
-        if inertia[i] + _SURE * std[i] + _ROOM * rotors[i] < rotors[i]:
+        if inertia[i] + SETTINGS.deviations * std[i] + SETTINGS.below * rotors[i] < rotors[i]:
             yield (
                 f"the inertia of {label}, {inertia[i]:.3g} {unit}, is below that of its rotor as"
                 f" stated, {stated}: check motor_inertia and gear."
             )
-        elif i in alone and dynamics.names[alone[i]] in found.fit.unknown:
-            name = dynamics.names[alone[i]]
-            value = f[alone[i]]
-            own_std = np.sqrt(covariance[alone[i], alone[i]])
-            if abs(value - rotors[i]) > _SURE * own_std + _OTHER * rotors[i] > 0:
+        elif i in alone and dynamics.names[alone[i]] in identification.fit.unknown:
+            k = alone[i]
+            rotor_std = np.sqrt(covariance[k, k])
+            limit = SETTINGS.deviations * rotor_std + SETTINGS.differing * rotors[i]
+            if abs(f[k] - rotors[i]) > limit > 0:  # 0: known, and no rotor is stated
                 yield (
-                    f"the rotor of {label} is not as stated: {name} is {value:.3g} {unit},"
-                    f" {stated}. The law has what was found; what is said of elastic joints has"
-                    " what is stated. Check motor_inertia and gear."
+                    f"the rotor of {label} is not as stated: {dynamics.names[k]} is {f[k]:.3g}"
+                    f" {unit}, {stated}. The law has what was found; what is said of elastic joints"
+                    " has what is stated. Check motor_inertia and gear."
                 )

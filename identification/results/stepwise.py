@@ -1,6 +1,4 @@
-"""What contradicts a model, one thing after another: what explains most is fitted, the rest
-tested again beside it.
-"""
+"""Forward selection of the causes that contradict a model: fit the strongest, test all again."""
 
 import dataclasses
 from typing import NamedTuple
@@ -21,51 +19,85 @@ from identification.search.polish import start_of_fit, torque_fit
 from identification.search.problem import Problem, in_parts, rows_of_parts
 from plant.parts.fields import Floats
 
-_NAMED = 3  # alternatives that are named, at most
-_EXPLAINED = 0.03  # share of what rounding does not explain that a named alternative must
-# Share of the sum of squares below which all is tested once more, in place of what is named; steps
-# per sample then.
-_FAINT = 0.02
-_FINER = 16
-_ROUNDING = 1 / 12  # variance of the rounding of counts [pulses^2]
-# by how much the threshold of what is named beside others is higher: what they leave is not all by
-# chance
-_AGAIN = 2.0
-# Share of the best first estimate from which on an alternative is fitted, too; and of the best fit,
-# from which on it is preferred if it needs fewer numbers.
-_WORTH = 0.2
-_AS_GOOD = 0.9
-# steps of the central differences, in standard deviations, and relative, of what is named
-_STEP = 0.05
-_FINE = 0.03
-# compliances between which a first estimate is taken [1/Hz^2]
-_LEAST = 400.0**-2
-_MOST = 15.0**-2
-_MINOR = 0.3  # of what a rig tolerates, which intervals count: less of it contradicts nothing
-# by how much more the values of each record alone explain than anything else, where only that is
-# told
-_APART = 2.0
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StepwiseSettings:
+    """Thresholds of the forward selection.
+
+    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` (the cause that
+    comes first, by robot), ``healthy.py`` (right logs that are accused) and ``second_reading.py
+    causes`` (three laws).
+
+    Parameters
+    ----------
+    causes : int
+        Causes that are reported of one log, at most.
+    explained : float
+        Share of the sum of squares beyond rounding that a reported cause must explain.
+    faint : float
+        Share of the sum of squares below which a cause may be an error of integration: then all is
+        tested again with `fine_steps`.
+    fine_steps : int
+        Steps per sample of that second test.
+    following : float
+        Factor of the threshold of a cause that is tested beside a reported one, because the
+        innovations that remain are not all due to chance.
+    fitted : float
+        Share of the best first estimate from which on a cause is fitted.
+    as_good : float
+        Share of the best fit from which on a cause with fewer numbers is preferred.
+    step : float
+        Step of the central differences of an unknown, in its standard deviations.
+    fine_step : float
+        Step of the central differences of a cause, relative to its first estimate.
+    stiff, soft : float
+        Resonances [Hz] between which the first estimate of a compliance is limited.
+    minor : float
+        Share of its tolerance below which a cause is covered by the intervals and not reported.
+    apart : float
+        Factor by which the values of each record alone must explain more than any single cause, so
+        that the disagreement of the records is all that is reported.
+    """
+
+    causes: int = 3
+    explained: float = 0.03
+    faint: float = 0.02
+    fine_steps: int = 16
+    following: float = 2.0
+    fitted: float = 0.2
+    as_good: float = 0.9
+    step: float = 0.05
+    fine_step: float = 0.03
+    stiff: float = 400.0
+    soft: float = 15.0
+    minor: float = 0.3
+    apart: float = 2.0
+
+
+SETTINGS = StepwiseSettings()
 
 
 def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> Detection:
     """Test a fit to a problem.
 
-    `fit`: of this outcome, where to begin; the model is fitted anew, to those held out, too, and to
-    parts of long ones. `delay`: of the counts, if it is known already that one of this size
-    [samples] is worth a trial. A variance between records that does not follow is an error.
+    `fit`: start of the optimum of this outcome; the model is fitted again, to records held out as
+    well, and to parts of long ones. `delay`: of the counts [samples], if another test suggests that
+    one of this size is worth a trial. A failed test gives its reason, it does not raise.
     """
     try:
         search = _Search(problem, fit)
-        coarse = not delay and problem.options.get("steps_per_sample", 4) < _FINER
+        # A delay from another test is taken for real: it needs no check at finer steps.
+        coarse = not delay and problem.options.get("steps_per_sample", 4) < SETTINGS.fine_steps
         detection = search.detection(delay, coarse=coarse)
-        if search.faint:  # may be the model's own steps
-            fine = dataclasses.replace(
-                problem, options=problem.options | {"steps_per_sample": _FINER}
-            )
-            search = _Search(fine, fit, search.at)
+        if search.faint:
+            # Begin at the optimum of the coarse steps, which is close.
+            options = problem.options | {"steps_per_sample": SETTINGS.fine_steps}
+            search = _Search(dataclasses.replace(problem, options=options), fit, search.at)
             detection = search.detection(delay)
         doubt = search.doubt()
-        rounding = rows_of_parts(outcome.rounding, search.of_search, search.at.model.prior.count)
+        # The rounding of the counts is part of the innovations, and no error of the model.
+        prior_rows = search.at.model.prior.count
+        rounding = rows_of_parts(outcome.rounding, search.searched_records, prior_rows)
         added = doubt.added(problem.tolerances, rounding)
         period = max(record.rig.period for record in problem.records)
         detection = dataclasses.replace(
@@ -79,15 +111,15 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         return Detection(reason=str(error))
     if fit.covariance is None or fit.resonance is not None:
         return detection
+    # Outside of the guard: a variance between records that does not follow is an error.
     grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)
-    grouped = outcome.grouped if between is None and outcome.grouped is not None else grouped
+    if between is None and outcome.grouped is not None:
+        grouped = outcome.grouped
     return dataclasses.replace(detection, grouped=grouped, between=between)
 
 
 class _Refit(NamedTuple):
-    """A model with one alternative more, fitted; the sign, with what it explains then; steps of
-    the unknowns.
-    """
+    """A model with one more cause, fitted: its sign, optimum, and steps (k,) of the unknowns."""
 
     sign: Sign
     at: Optimum
@@ -95,153 +127,202 @@ class _Refit(NamedTuple):
 
 
 class _Search:
-    """The model where it follows the log best, and what has been named so far."""
+    """The optimum of the model with the causes reported so far.
+
+    `at`: the optimum. `step`, `bounds`: of its values. `effects`: change of the innovations (M,)
+    with each number that the rig leaves out. `torques`: those that act as a torque along the log.
+    `least`: sum of squares that a reported cause must explain [pulses^2]. `faint`: whether the
+    result may be an error of integration.
+    """
 
     faint = False
 
-    def __init__(self, problem: Problem, fit: Fit, near: Optimum | None = None) -> None:
+    def __init__(self, problem: Problem, fit: Fit, start: Optimum | None = None) -> None:
+        # 1. The model, on parts of long records, and its unknowns with their steps and bounds.
         records, keep = as_tested(problem, fit)
-        self._unknown = len(problem.unknown)
-        self._keep = keep
-        self._tolerances = problem.tolerances
         if fit.covariance is not None:
             values = fit.values
-            step = fit.std
+            std = fit.std
         else:
-            values, step = start_of_fit(problem, torque_fit(problem))
-        given = dict(zip(problem.unknown, values, strict=True))
-        f = np.array([given[name] for name in problem.dynamics.names])
+            values, std = start_of_fit(problem, torque_fit(problem))
+        by_name = dict(zip(problem.unknown, values, strict=True))
         parts = [in_parts(record) for record in records]
-        pieces = [part for own in parts for part in own]
         model = Extended(
             problem.dynamics,
-            pieces,
+            [piece for pieces in parts for piece in pieces],
             [problem.unknown[i] for i in keep],
-            f,
+            np.array([by_name[name] for name in problem.dynamics.names]),
             prior=problem.prior,
-            runs=[len(own) for own in parts],
+            runs=[len(pieces) for pieces in parts],
             **problem.options,
         )
+        # Numbers that the rig leaves out are zero and, with a step of 0, not varied yet.
         extra = np.zeros(len(model.extra))
-        self.step = np.concatenate([_STEP * step[keep], model.gain_steps, extra])
+        self.step = np.concatenate([SETTINGS.step * std[keep], model.gain_steps, extra])
         limits = np.column_stack([model.least, np.full(len(extra), np.inf)])
         self.bounds = np.vstack([problem.bounds[keep], model.gain_bounds, limits])
-        # low ones may lose a record held out
-        own = [model.gains] if fit.gains is None else [fit.gains, model.gains]
-        begin = nearest(model, [np.concatenate([values[keep], gains, extra]) for gains in own])
-        begin = begin if near is None else near.values
-        first = fitted(model, begin, self.step, self.bounds, near)
-        if model.prior.settle(first.unit(first.innovations)):
-            first = fitted(model, first.values, self.step, self.bounds)
-        self.at = self._first = first
+
+        # 2. Its optimum. Low observer gains may lose a record that was held out, so the gains of
+        # the fit compete with the model's default.
+        if start is None:
+            gains = [model.gains] if fit.gains is None else [fit.gains, model.gains]
+            begin = nearest(model, [np.concatenate([values[keep], gain, extra]) for gain in gains])
+        else:
+            begin = start.values
+        optimum = fitted(model, begin, self.step, self.bounds, start)
+        # The weight of the prior depends on the variance of the innovations.
+        if model.prior.settle(optimum.unit(optimum.innovations)):
+            optimum = fitted(model, optimum.values, self.step, self.bounds)
+        self.at = self._initial = optimum
+
+        # 3. What the tests need to know of the records.
+        self._keep = keep
+        self._unknown = len(problem.unknown)
+        self._tolerances = problem.tolerances
+        # Innovations of records held out come last; they count for no interval.
         self._searched = model.runs()[len(problem.records) - 1].stop
-        self.of_search, self._share = (
-            records[: len(problem.records)],
-            sum(map(len, pieces)) / sum(map(len, records)),
+        self.searched_records = records[: len(problem.records)]
+        self._share = sum(len(piece) for pieces in parts for piece in pieces) / sum(
+            map(len, records)
         )
-        self._efforts, self.joints = efforts(parts[0]), tuple(problem.dynamics.chain.joint_labels)
-        # friction holds them, as no number of theirs follows
+        self._efforts = efforts(parts[0])
+        self.joints = tuple(problem.dynamics.chain.joint_labels)
+        # Friction holds these joints, so no number of theirs follows from the log.
         self._idle = tuple(f"[{i}]" for i in still(records))
         self._weigh()
-        rounding = (
-            0.0 if records[0].rig.encoder.smooth else _ROUNDING * float((model.weights**2).sum())
-        )
-        self.least = _EXPLAINED * max(0.0, self.at.squares - rounding)
+        rounding = 0.0
+        if not records[0].rig.encoder.smooth:
+            variance = 1 / 12  # of a count, uniform within one pulse [pulses^2]
+            rounding = variance * float((model.weights**2).sum())
+        # The floor: rounding is no error of the model, so a share of the rest must be explained.
+        self.least = SETTINGS.explained * max(0.0, self.at.squares - rounding)
 
     def _weigh(self) -> None:
-        """What the innovations change by with what the model may lack, from where it is."""
+        """Take the effects of what the rig leaves out at the present optimum."""
         self.torques = torques_along(self.at)
         self.effects = effects_of(self.at, self._efforts) | effects_along(self.at, self.torques)
-        self._told = {
+        self._testable = {
             name: row for name, row in self.effects.items() if not name.endswith(self._idle)
         }
 
     def detection(self, delay: float, *, coarse: bool = False) -> Detection:
-        """What contradicts the model; ends where what is first is `faint`: coarse steps might
-        explain as little.
+        """Select the causes one after another.
+
+        `coarse`: end where the first cause is `faint`: coarse steps might explain as little.
         """
-        first = found = tested(self.at, self._told)
+        initial = tested(self.at, self._testable)
+        signs = initial
         stated = self.at.model.stated()
         named = list[Sign]()
         if delay:
-            known = {"delay": delay}  # by another test
-            found = [
-                dataclasses.replace(s, values=known, chi_square=np.inf) if s.name == "delay" else s
-                for s in found
+            signs = [
+                dataclasses.replace(sign, values={"delay": delay}, chi_square=np.inf)
+                if sign.name == "delay"
+                else sign
+                for sign in signs
             ]
-        while len(named) < _NAMED:
-            again = _AGAIN if named else 1.0
-            those = [
+        while len(named) < SETTINGS.causes:
+            # 1. Signs above the threshold of this round.
+            factor = SETTINGS.following if named else 1.0
+            significant = [
                 sign
-                for sign in found
-                if sign.chi_square > again * sign.threshold and _may_follow(sign, named)
+                for sign in signs
+                if sign.chi_square > factor * sign.threshold and _may_follow(sign, named)
             ]
-            some = [sign for sign in those if sign.name not in UNFITTED]
-            most = max((sign.explained for sign in some), default=0.0)
+            fittable = [sign for sign in significant if sign.name not in UNFITTED]
+            largest = max((sign.explained for sign in fittable), default=0.0)
+
+            # 2. Records that no one model has: fits would blame causes that no record has.
             apart = [
                 sign
-                for sign in those
-                if sign.name == "disagreement" and sign.explained > _APART * most
+                for sign in significant
+                if sign.name == "disagreement" and sign.explained > SETTINGS.apart * largest
             ]
-            # of what no one model has, causes would be fitted that nothing has
             if apart and not named:
                 named = apart
                 break
-            worth = [
-                sign for sign in some if sign.explained > _WORTH * most or np.isinf(sign.chi_square)
-            ]
-            good = list[_Refit]()
-            for sign in worth:
-                good += self._significant(sign, again)
-                best = _AS_GOOD * max((each.sign.explained for each in good), default=0.0)
-                # the others are let go
-                good = [each for each in good if each.sign.explained > best]
-            refit = min(
-                good, key=lambda each: (each.sign.freedom, -each.sign.explained), default=None
+
+            # 3. Of the fits, the one with the fewest numbers among those that are about as good.
+            refits = self._refits(fittable, largest, factor)
+            best = min(
+                refits, key=lambda refit: (refit.sign.freedom, -refit.sign.explained), default=None
             )
-            told = (
-                [sign for sign in those if sign.name in UNFITTED] if refit is None else [refit.sign]
-            )
+            if best is None:
+                chosen = [sign for sign in significant if sign.name in UNFITTED]
+            else:
+                chosen = [best.sign]
             self.faint = (
                 coarse
-                and bool(told)
-                and all(sign.explained < _FAINT * self.at.squares for sign in told)
+                and bool(chosen)
+                and all(sign.explained < SETTINGS.faint * self.at.squares for sign in chosen)
             )
             coarse = False
-            if refit is None or self.faint:
-                named += told
+            if best is None or self.faint:
+                named += chosen
                 break
-            own_rates = fitted(refit.at.model, refit.at.values, refit.step, self.bounds)
-            rivals = tuple(each.sign.name for each in good if each.sign.name != refit.sign.name)
-            refit = self._compared(
-                dataclasses.replace(refit.sign, rivals=rivals), own_rates, refit.step
-            )
-            self.at = refit.at
-            self.step = refit.step
-            self._weigh()
-            named.append(refit.sign)
-            found = tested(self.at, self._told)
+
+            # 4. Adopt it, and test all again beside it.
+            named.append(self._adopted(best, refits))
+            signs = tested(self.at, self._testable)
         if (
             named
             and named[-1].name == "disagreement"
             and named[-1].chi_square > named[0].chi_square
         ):
-            named = [named.pop(), *named]  # what else explains a little of it comes after
-        values = tuple(_with_values(sign, self.at) for sign in named)
-        values = tuple(sign for sign in values if not self._tolerated(sign.values))
-        return Detection(signs=tuple(first), named=values, stated=stated, joints=self.joints)
+            # The causes before explain only a little of the disagreement: it comes first.
+            named = [named.pop(), *named]
+        estimates = [_with_values(sign, self.at) for sign in named]
+        return Detection(
+            signs=tuple(initial),
+            named=tuple(sign for sign in estimates if not self._tolerated(sign.values)),
+            stated=stated,
+            joints=self.joints,
+        )
+
+    def _refits(self, signs: list[Sign], largest: float, factor: float) -> list[_Refit]:
+        """Fits of the causes with a promising first estimate, about as good as the best of them."""
+        refits = list[_Refit]()
+        for sign in signs:
+            # A delay that another test suggests has an infinite chi-square: it is always tried.
+            if not (sign.explained > SETTINGS.fitted * largest or np.isinf(sign.chi_square)):
+                continue
+            refit = self._refitted(sign)
+            if (
+                refit is not None
+                and refit.sign.explained > self.least
+                and refit.sign.chi_square > factor * refit.sign.threshold
+            ):
+                refits.append(refit)
+            # The others are dropped at once, which frees their sensitivities.
+            limit = SETTINGS.as_good * max((refit.sign.explained for refit in refits), default=0.0)
+            refits = [refit for refit in refits if refit.sign.explained > limit]
+        return refits
+
+    def _adopted(self, best: _Refit, refits: list[_Refit]) -> Sign:
+        """Make a fit the optimum of the search; its sign, with its rivals."""
+        rivals = tuple(refit.sign.name for refit in refits if refit.sign.name != best.sign.name)
+        sign = dataclasses.replace(best.sign, rivals=rivals)
+        # The trial fits used sensitivities of the previous optimum; this one takes its own.
+        optimum = fitted(best.at.model, best.at.values, best.step, self.bounds)
+        adopted = self._compared(sign, optimum, best.step)
+        self.at = adopted.at
+        self.step = adopted.step
+        self._weigh()
+        return adopted.sign
 
     def _tolerated(self, values: dict[str, float]) -> bool:
+        """Whether all values are small against their tolerances, which the intervals count."""
+        # The usual size of each is the standard deviation that `Tolerances` give it.
         usual = priors(self._tolerances, values, self._efforts)
         return bool(values) and all(
-            abs(value) < _MINOR * usual.get(name, 0.0) for name, value in values.items()
+            abs(value) < SETTINGS.minor * usual.get(name, 0.0) for name, value in values.items()
         )
 
     def doubt(self) -> Doubt:
-        """What is to be doubted of the values."""
+        """The optimum and its effects, from which the bias of the unknowns follows."""
         return Doubt(
             at=self.at,
-            first=self._first,
+            initial=self._initial,
             step=self.step,
             keep=self._keep,
             unknown=self._unknown,
@@ -251,110 +332,102 @@ class _Search:
             share=self._share,
         )
 
-    def _significant(self, sign: Sign, again: float) -> list[_Refit]:
-        """The model with an alternative, fitted, if that explains enough."""
-        refit = self._refitted(sign)
-        if refit is None or refit.sign.explained <= self.least:
-            return []
-        return [refit] if refit.sign.chi_square > again * refit.sign.threshold else []
-
     def _refitted(self, sign: Sign) -> _Refit | None:
-        """The model with an alternative, fitted from its first estimate; None where it does not
-        follow the log.
-        """
+        """The model with a cause, fitted from its first estimate; None where it loses the log."""
         if sign.name == "delay":
-            late = without_delay(self.at, sign, self.step, self.bounds)
-            return None if late is None else self._compared(*late, self.step)
+            corrected = without_delay(self.at, sign, self.step, self.bounds)
+            return None if corrected is None else self._compared(*corrected, self.step)
         if sign.name == "length" or sign.values.keys() <= self.torques.keys():
             return self._pushed(sign)
+        if sign.name == "compliance":
+            # All gears give at once, each at least a little; failing that, those of the estimate.
+            gears = [name for name in self.at.model.extra if name.startswith("compliance")]
+            return self._moved(sign, gears) or self._moved(sign, list(sign.values))
+        return self._moved(sign, list(sign.values))
+
+    def _moved(self, sign: Sign, names: list[str]) -> _Refit | None:
+        """The model with these numbers at the estimates of a sign, fitted; None if it diverges."""
         model = self.at.model
-        some = list(sign.values)
-        every = [
-            name
-            for name in model.extra
-            if sign.name == "compliance" and name.startswith("compliance")
-        ]
-        for names in (every, some) if every else (some,):
-            moves = np.zeros(len(self.at.values))
-            step = self.step.copy()
-            for name in names:
-                place = model.place(name)
-                value = sign.values.get(name, 0.0)
-                moves[place] = np.clip(value, _LEAST, _MOST) if every else value
-                step[place] = 0.0 if sign.name == "backlash" else _FINE * abs(moves[place])
-            try:
-                refit = self._from(sign, moves, step)
-            except ValueError:  # it diverges: inertias that rigid gears have made too small
-                continue
-            if every or sign.name == "backlash" or refit.sign.explained > _AS_GOOD * sign.explained:
-                return refit
-            change = np.sum(
-                [value * self.effects[name] for name, value in sign.values.items()], axis=0
-            )
-            other = self._from(sign, self.at.towards(moves, change, self.bounds), step)
-            return max(refit, other, key=lambda each: each.sign.explained)
-        return None
+        moves = np.zeros(len(self.at.values))
+        step = self.step.copy()
+        for name in names:
+            i = model.place(name)
+            moves[i] = sign.values.get(name, 0.0)
+            if sign.name == "compliance":
+                # Gears without an estimate begin at the stiff end.
+                moves[i] = np.clip(moves[i], SETTINGS.stiff**-2, SETTINGS.soft**-2)
+            # Backlash has no derivative: its width stays at the trial.
+            step[i] = 0.0 if sign.name == "backlash" else SETTINGS.fine_step * abs(moves[i])
+        try:
+            refit = self._from(sign, moves, step)
+        except ValueError:  # it diverges: rigid gears have made the inertias too small
+            return None
+        if (
+            sign.name in ("compliance", "backlash")
+            or refit.sign.explained > SETTINGS.as_good * sign.explained
+        ):
+            return refit
+        # The fit explains less than its linear estimate promises, as where joints stick and the
+        # estimate is far too large: begin on the way to it.
+        change = np.sum([value * self.effects[name] for name, value in sign.values.items()], axis=0)
+        nearer = self._from(sign, self.at.towards(moves, change, self.bounds), step)
+        return max(refit, nearer, key=lambda refit: refit.sign.explained)
 
     def _from(self, sign: Sign, moves: Floats, step: Floats) -> _Refit:
-        """The model with an alternative, fitted from where it is, moved by so much (k,)."""
-        near = self.at if self._begins(step) else None
-        return self._compared(
-            sign, fitted(self.at.model, self.at.values + moves, step, self.bounds, near), step
-        )
-
-    def _begins(self, step: Floats) -> bool:
-        """Whether what is varied now is the first of what steps (k,) vary."""
-        now = np.flatnonzero(self.step)
-        then = np.flatnonzero(step)
-        return np.array_equal(then[: len(now)], now)
+        """The model with a cause, fitted from the present values moved by so much (k,)."""
+        # Sensitivities of the present optimum can be reused if its varied unknowns come first.
+        varied = np.flatnonzero(self.step)
+        reusable = np.array_equal(np.flatnonzero(step)[: len(varied)], varied)
+        start = self.at if reusable else None
+        optimum = fitted(self.at.model, self.at.values + moves, step, self.bounds, start)
+        return self._compared(sign, optimum, step)
 
     def _pushed(self, sign: Sign) -> _Refit | None:
-        """The model beside the torques of a sign, or of a chain of its length."""
+        """The model beside the torques of a sign, or of a chain with its length."""
         try:
             if sign.name == "length":
-                return self._compared(
-                    *with_length(self.at, sign, self.step, self.bounds), self.step
-                )
-            own = [
+                corrected = with_length(self.at, sign, self.step, self.bounds)
+                return self._compared(*corrected, self.step)
+            # The torques of a sign add up, record by record.
+            scaled = [
                 [value * torque for torque in self.torques[name]]
                 for name, value in sign.values.items()
             ]
-            pushed = self.at.model.pushed([sum(of_record) for of_record in zip(*own, strict=True)])
-            return self._compared(
-                sign, fitted(pushed, self.at.values, self.step, self.bounds, self.at), self.step
-            )
-        except ValueError:
+            pushed = self.at.model.pushed([sum(terms) for terms in zip(*scaled, strict=True)])
+            optimum = fitted(pushed, self.at.values, self.step, self.bounds, self.at)
+            return self._compared(sign, optimum, self.step)
+        except ValueError:  # the model diverges beside it
             return None
 
     def _compared(self, sign: Sign, at: Optimum, step: Floats) -> _Refit:
+        """A fit with the sum of squares that it explains, against the present optimum."""
         explained = self.at.squares - at.squares
-        # it moves in and out of contact: the fit may end beside what was tried
+        # A gear with backlash moves in and out of contact: the fit may end beside its own trial.
         if sign.name == "backlash":
             explained = max(explained, sign.explained)
         chi_square = explained / at.unit(at.innovations)
-        return _Refit(
-            dataclasses.replace(sign, explained=explained, chi_square=chi_square), at, step
-        )
+        sign = dataclasses.replace(sign, explained=explained, chi_square=chi_square)
+        return _Refit(sign, at, step)
 
 
 def _with_values(sign: Sign, at: Optimum) -> Sign:
-    """A sign with the values of a fit."""
+    """A sign with the values of a fit, where the model has them as unknowns."""
     model = at.model
-    extra = at.model.extra
     values = {
-        name: float(at.values[model.place(name)]) if name in extra else x
-        for name, x in sign.values.items()
+        name: float(at.values[model.place(name)]) if name in model.extra else value
+        for name, value in sign.values.items()
     }
     return dataclasses.replace(sign, values=values)
 
 
 def _may_follow(sign: Sign, named: list[Sign]) -> bool:
-    """Backlash goes with the compliance that its gear has; late counts and lagging currents are
-    nearly one thing.
+    """Whether a cause can be told from those reported before it.
+
+    Backlash includes the compliance of its gear, so only further backlash follows it; late counts
+    and lagging currents have nearly the same effect.
     """
-    names = {each.name for each in named}
+    names = {cause.name for cause in named}
     if "backlash" in names:
         return sign.name == "backlash"
-    return sign.name not in names and not (
-        sign.name in ("lag", "delay") and names & {"lag", "delay"}
-    )
+    timing = {"lag", "delay"}
+    return sign.name not in names and not (sign.name in timing and names & timing)

@@ -1,5 +1,7 @@
-"""What an identification shows: values, intervals, what contradicts the model, what was assumed."""
+"""Summary of an identification: values, intervals, contradictions, assumptions."""
 
+import contextlib
+import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -11,7 +13,8 @@ from identification.equation_error.law_memory import along_log
 from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import of_prior, origins
-from identification.results.trust import MANY, pairs_of, warnings_of
+from identification.results.trust import SETTINGS as WARNING_SETTINGS
+from identification.results.trust import pairs_of, warnings_of
 from identification.search.problem import LONG, PARTS, is_long
 from plant.mechanics.lumping import STANDARD
 from plant.parts.messages import warn
@@ -20,7 +23,7 @@ from plant.parts.tables import WIDTH, Table
 
 
 class IdentificationWarning(UserWarning):
-    """What was found has warnings: it is unreliable.
+    """The result of an identification has warnings: it is unreliable.
 
     Given once by `identify`, and by each law that is built on the identification;
     ``found.warnings`` has the lines. ``warnings.simplefilter("error", IdentificationWarning)``
@@ -35,211 +38,239 @@ class IdentificationWarning(UserWarning):
     --------
     >>> import warnings
     >>> from identification import IdentificationWarning
-    >>> warnings.simplefilter("error", IdentificationWarning)    # an unreliable result stops a script
+    >>> warnings.simplefilter("error", IdentificationWarning)  # an unreliable result ends a script
     >>> warnings.simplefilter("default", IdentificationWarning)
     """
 
 
-def doubts(found: Any) -> list[str]:
-    """The warnings of a `TorqueFit`, or of an `Identification` without what is so with any log."""
-    return found.warnings if isinstance(found, TorqueFit) else warnings_of(found, always=False)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SummarySettings:
+    """Lengths at which a summary still fits on a screen; chosen by hand.
+
+    Parameters
+    ----------
+    unknowns : int
+        Unknowns up to which everything is shown.
+    warnings : int
+        Warnings that are shown of more unknowns.
+    """
+
+    unknowns: int = 20
+    warnings: int = 5
 
 
-def warn_of_doubts(found: Any, user: str) -> None:
-    """Warn if what was identified is unreliable; `user` is what takes it."""
-    lines = doubts(found)
+SETTINGS = SummarySettings()
+
+
+def doubts(result: Any) -> list[str]:
+    """Warnings of a `TorqueFit`, or of an `Identification` without those that hold for any log."""
+    if isinstance(result, TorqueFit):
+        return result.warnings
+    return warnings_of(result, always=False)
+
+
+def warn_of_doubts(result: Any, user: str) -> None:
+    """Warn if a result is unreliable; `user` is the function or law that takes it."""
+    lines = doubts(result)
     if lines:
-        what = "1 warning" if len(lines) == 1 else f"{len(lines)} warnings"
+        # All warnings in one, so that a filter that raises an error shows all.
+        count = "1 warning" if len(lines) == 1 else f"{len(lines)} warnings"
         warn(
-            f"{user}: identified with {what}:\n" + "\n".join(f"- {line}" for line in lines),
+            f"{user}: identified with {count}:\n" + "\n".join(f"- {line}" for line in lines),
             IdentificationWarning,
         )
 
 
-_MANY = 20  # unknowns up to which everything is shown; of more, what fits on a screen
+def said_of(result: Any, full: bool) -> Iterator[Piece]:
+    """Pieces of the summary of an `Identification`: verdict, values, tests, assumptions.
 
-_WARNED = 5  # warnings that a screen shows
-
-
-def said_of(found: Any, full: bool) -> Iterator[Piece]:
-    """Of an `Identification`: its verdict, each value with its interval, what was tested, what was
-    assumed.
-
-    Not full, and of many unknowns: their values side by side, and of the rest the most important.
+    Not full, and of many unknowns: their values in columns, and the most important of the rest.
     """
-    full = full or len(found.fit.values) <= _MANY
-    warnings = found.warnings
-    doubtful = len(doubts(found))
-    count = f"{doubtful} warning{'s' * (doubtful > 1)}"
-    clear = "Nothing in the log contradicts what was stated."
-    yield Verdict(f"Unreliable: {count}, below." if doubtful else clear, not doubtful)
-    yield f"{found.search.method}, {len(found.records)} record(s): {found.message}"
-    if any(is_long(along_log(record)) for record in (*found.records, *found.held_out)):
+    full = full or len(result.fit.values) <= SETTINGS.unknowns
+    warnings = result.warnings
+
+    # 1. Verdict, and how the values were found.
+    doubtful = len(doubts(result))
+    if doubtful:
+        yield Verdict(f"Unreliable: {doubtful} warning{'s' * (doubtful > 1)}, below.", False)
+    else:
+        yield Verdict("Nothing in the log contradicts what was stated.", True)
+    yield f"{result.search.method}, {len(result.records)} record(s): {result.message}"
+    if any(is_long(along_log(record)) for record in (*result.records, *result.held_out)):
         yield (
             f"values are fitted to all samples; of a record longer than {LONG:,} the rig is tested,"
             f" and the genetic algorithm run, on {PARTS} parts of {LONG // PARTS:,}, spread over it"
         )
-    if found.held_out:
-        named = ", ".join(
-            record.name or f"a record of {len(record)} samples" for record in found.held_out
-        )
-        yield f"validation, only simulated: {named}"
+    if result.held_out:
+        names = [record.name or f"a record of {len(record)} samples" for record in result.held_out]
+        yield f"validation, only simulated: {', '.join(names)}"
+
+    # 2. Values, and what they come from.
     if full:
-        yield _values(found)
+        yield _values(result)
     else:
-        yield from _abreast(found)
-        yield _links_of(found.arm.dynamics)
-    yield from origins(found, full)
-    if 0 < len(pairs := pairs_of(found)) <= MANY:
-        told = ", nor ".join(f"{one} from {other}" for one, other in pairs)
+        yield from _abreast(result)
+        yield _links_of(result.arm.dynamics)
+    yield from origins(result, full)
+    pairs = pairs_of(result)
+    if 0 < len(pairs) <= WARNING_SETTINGS.pairs:  # more are a warning
+        listed = ", nor ".join(f"{name} from {partner}" for name, partner in pairs)
         yield (
-            f"the log hardly tells {told}; the covariance counts it, and design_motion or prior="
+            f"the log hardly tells {listed}; the covariance counts it, and design_motion or prior="
             " tells more"
         )
-    if found.fit.between is not None:
-        yield from inside(found.fit.between)
-    elif found.covariance is not None:
-        one = f"{ONE_LOG}{' (held_out=() takes the one that is held out)' * bool(found.held_out)}"
-        yield (
-            one if len(found.records) == 1 else "what differs between runs is not in the intervals"
-        )
-    yield from inside(found.diagnostics)
-    if found.fit.noise_covariance is not None:
-        yield f"intervals count noise and {found.search.tolerances}"
-    if found.covariance is not None and found.diagnostics.detection.assumed:
-        yield from inside(found.assumed()) if full else _most_moved(found)
-    if any(_torque_of_law(record) for record in found.records):
+    if result.fit.between is not None:
+        yield from inside(result.fit.between)
+    elif result.covariance is not None:
+        advice = " (held_out=() takes the one that is held out)" if result.held_out else ""
+        # One log cannot show what differs between logs, such as temperature.
+        if len(result.records) == 1:
+            yield f"{ONE_LOG}{advice}"
+        else:
+            yield "what differs between runs is not in the intervals"
+
+    # 3. Tests, and assumptions that no test can reveal.
+    yield from inside(result.diagnostics)
+    # The tolerances are in the intervals only where the covariance was widened.
+    if result.fit.noise_covariance is not None:
+        yield f"intervals count noise and {result.search.tolerances}"
+    if result.covariance is not None and result.diagnostics.detection.assumed:
+        if full:
+            yield from inside(result.assumed())
+        else:
+            yield _most_moved(result.assumed())
+    if any(_torque_of_law(record) for record in result.records):
         yield (
             "the torque is the stated law's, none was logged: if all its gains are 1 % larger, f is"
             " 1 % larger, and friction that is unknown"
         )
-    if found.fit.resonance is not None:
-        yield from inside(found.fit.resonance)
-    yield Warned(warnings if full else warnings[:_WARNED])
+    if result.fit.resonance is not None:
+        yield from inside(result.fit.resonance)
+
+    # 4. Warnings, and the meaning of the names.
+    yield Warned(warnings if full else warnings[: SETTINGS.warnings])
     if full:
-        yield Aside("What the parameters mean", found.arm.dynamics.legend.splitlines())
+        yield Aside("What the parameters mean", result.arm.dynamics.legend.splitlines())
         return
-    more = f"{len(warnings) - _WARNED} more warnings, " if len(warnings) > _WARNED else ""
+    # A short summary hides things: it tells how to see them.
+    hidden = len(warnings) - SETTINGS.warnings
+    remark = f"{hidden} more warnings, " if hidden > 0 else ""
     yield (
-        f"{more}95 % intervals, bounds, correlations, and what the names of parameters mean: "
+        f"{remark}95 % intervals, bounds, correlations, and what the names of parameters mean: "
         "print(found.summary(full=True))"
     )
 
 
-def _abreast(found: Any) -> Iterator[Table]:
-    """Values and standard deviations, those of f and then the others, in as many columns as a
-    line holds.
-    """
-    std = [0.0] * len(found.fit.values) if found.covariance is None else found.fit.std
-    rows = list(zip(found.fit.unknown, found.short_names, found.fit.values, std, strict=True))
-    prior = of_prior(found)
-    for of_f in (True, False):
-        cells = [
-            (
-                short,
-                f"{value:.4g}",
-                (
-                    f"+- {own:.2g}{' prior' * (short in prior)}"
-                    if own > 0
-                    else "known" * (std is found.fit.std)
-                ),
-            )
-            for name, short, value, own in rows
-            if (name in found.arm.dynamics.names) == of_f
-        ]
+def _abreast(result: Any) -> Iterator[Table]:
+    """Values and standard deviations, those of f first, in as many columns as a line holds."""
+    std = [0.0] * len(result.fit.values) if result.covariance is None else result.fit.std
+    prior = of_prior(result)
+    cells_of_f = list[tuple[str, ...]]()
+    further_cells = list[tuple[str, ...]]()
+    for name, short, value, deviation in zip(
+        result.fit.unknown, result.short_names, result.fit.values, std, strict=True
+    ):
+        note = f"+- {deviation:.2g}{' prior' * (short in prior)}" if deviation > 0 else ""
+        cells = cells_of_f if name in result.arm.dynamics.names else further_cells
+        cells.append((short, f"{value:.4g}", note))
+    for cells in (cells_of_f, further_cells):
+        # The widest table that fits on a screen; one column in any case.
         tables = [_in_columns(cells, columns) for columns in (4, 3, 2, 1)]
-        fits = [
-            table for table in tables if max(map(len, table.lines(10 * WIDTH)), default=0) <= WIDTH
+        fitting = [
+            # Wide enough not to wrap: the lines show the width that the table needs.
+            table
+            for table in tables
+            if max(map(len, table.lines(10 * WIDTH)), default=0) <= WIDTH
         ]
-        yield (fits or tables[-1:])[0]
+        yield (fitting or tables[-1:])[0]
 
 
 def _links_of(dynamics: Any) -> str:
-    """Which parameters begin with numbers of which link."""
-    first = [np.flatnonzero(row)[0] // len(STANDARD) for row in np.array(dynamics.lumping.matrix)]
-    runs = [
-        [k for k, _ in run]
-        for _, run in itertools.groupby(enumerate(first), key=lambda pair: pair[1])
-    ]
+    """Runs of parameters that begin with numbers of the same link, with the joint of it."""
+    matrix = np.array(dynamics.lumping.matrix)
+    links = [np.flatnonzero(row)[0] // len(STANDARD) for row in matrix]
     names = dynamics.short_names
     labels = dynamics.chain.joint_labels
-    return "; ".join(
-        f"{names[run[0]]}{f' to {names[run[-1]]}' * (len(run) > 1)}: {labels[first[run[0]]]}"
-        for run in runs
-    )
+    texts = []
+    # Parameters come link by link, from the base.
+    for link, run in itertools.groupby(range(len(links)), key=links.__getitem__):
+        places = list(run)
+        end = f" to {names[places[-1]]}" if len(places) > 1 else ""
+        texts.append(f"{names[places[0]]}{end}: {labels[link]}")
+    return "; ".join(texts)
 
 
 def _in_columns(cells: Sequence[tuple[str, ...]], columns: int) -> Table:
     """A table of so many columns of cells, read downwards."""
-    height = -(-len(cells) // columns)
+    height = -(-len(cells) // columns)  # rounded up
+    # The last column may be shorter: empty cells fill it.
     filled = [*cells, *[("", "", "")] * (columns * height - len(cells))]
     rows = [[text for cell in filled[i::height] for text in cell] for i in range(height)]
+    # Names and notes are words, the values between them are numbers.
     return Table((), rows, words=[3 * i + j for i in range(columns) for j in (0, 2)])
 
 
-def _most_moved(found: Any) -> Iterator[str]:
-    """Of each kind of assumed number, the value that it moves most."""
-    assumed = found.assumed()
+def _most_moved(assumed: Any) -> str:
+    """The value that each kind of assumed number moves most."""
+    # A value without standard deviation is known: nothing moves it.
     share = np.abs(assumed.moves) / np.where(assumed.std > 0, assumed.std, np.inf)
     kinds = [name.partition("[")[0] for name in assumed.names]
-    told = []
+    texts = []
     for kind in dict.fromkeys(kinds):
-        own = np.where([each == kind for each in kinds], share.max(axis=1), -1.0)
-        row = int(own.argmax())
-        most = int(share[row].argmax())
-        told.append(f"{assumed.unknown[most]} by {share[row, most]:.2g} ({assumed.names[row]})")
-    yield (
-        f"1 % more of an assumed number moves, in standard deviations, at most: {', '.join(told)};"
+        rows = np.flatnonzero([kind_of_row == kind for kind_of_row in kinds])
+        row = int(rows[share[rows].max(axis=1).argmax()])
+        column = int(share[row].argmax())
+        texts.append(
+            f"{assumed.unknown[column]} by {share[row, column]:.2g} ({assumed.names[row]})"
+        )
+    return (
+        f"1 % more of an assumed number moves, in standard deviations, at most: {', '.join(texts)};"
         " found.assumed()"
     )
 
 
 def _torque_of_law(record: Any) -> bool:
-    """Whether nothing but the law says with which torque an arm was moved, a law whose gains are
-    not told apart.
+    """Whether the torque follows only from the law, and scales f with all its gains.
+
+    A law without memory is fitted to the counts of its loop instead.
     """
     logged = record.torque is not None or record.current is not None
-    return (
-        not logged
-        and record.law is not None
-        and not record.law.replays
-        and record.law.has_memory(record.n)
-    )
+    law = record.law
+    return not logged and law is not None and not law.replays and law.has_memory(record.n)
 
 
-def _values(found: Any) -> Table:
-    names = found.short_names
-    values = [f"{value:.5g}" for value in found.fit.values]
-    if found.covariance is None:
+def _values(result: Any) -> Table:
+    """Every value with its standard deviation, bound, interval and largest correlation."""
+    names = result.short_names
+    fit = result.fit
+    values = [f"{value:.5g}" for value in fit.values]
+    if result.covariance is None:
         return Table(("", "value"), list(zip(names, values, strict=True)))
-    try:  # the bound is that of the logs alone
-        alone = not found.fit.resumptions and found.fit.prior is None
-        bounds = found.bound() if alone else np.full(len(values), np.nan)
-    except ValueError:  # no reference, or numbers that are not separately identifiable
-        bounds = np.full(len(values), np.nan)
-    prior = of_prior(found)
-    others = found.fit.correlation - np.eye(len(values))
+    bounds = np.full(len(values), np.nan)
+    # The bound is that of one log alone, so it does not apply with a prior or from a later start.
+    if not fit.resumptions and fit.prior is None:
+        # There is none without a reference, or of numbers that are not separately identifiable.
+        with contextlib.suppress(ValueError):
+            bounds = result.bound()
+    prior = of_prior(result)
+    # Without the correlation of each value with itself.
+    correlation = fit.correlation - np.eye(len(values))
     rows = list[tuple[str, ...]]()
-    for i, (value, std) in enumerate(zip(found.fit.values, found.fit.std, strict=True)):
+    for i, (value, std) in enumerate(zip(fit.values, fit.std, strict=True)):
+        # A value that was not varied has no interval; the log may give a bound of it.
         if not std > 0:
-            said = (
-                "bounded"
-                if found.fit.resonance is not None and found.fit.resonance.bounds(names[i])
-                else "known"
-            )
-            rows.append((names[i], values[i], said, "", "", ""))
+            bounded = fit.resonance is not None and fit.resonance.bounds(names[i])
+            rows.append((names[i], values[i], "bounded" if bounded else "known", "", "", ""))
             continue
-        most = int(np.argmax(np.abs(others[i])))
-        interval = f"[{value - NORMAL * std:.5g}, {value + NORMAL * std:.5g}]"
-        together = f"{names[most]} ({others[i, most]:+.2f})"
+        partner = int(np.argmax(np.abs(correlation[i])))
         rows.append(
             (
                 names[i],
                 values[i],
                 f"{std:.2g}{' prior' * (names[i] in prior)}",
                 f"{bounds[i]:.2g}",
-                interval,
-                together,
+                f"[{value - NORMAL * std:.5g}, {value + NORMAL * std:.5g}]",
+                f"{names[partner]} ({correlation[i, partner]:+.2f})",
             )
         )
     head: tuple[str, ...] = (
@@ -250,7 +281,7 @@ def _values(found: Any) -> Table:
         "95 % interval",
         "largest correlation",
     )
-    if not np.isfinite(bounds).all():
+    if not np.isfinite(bounds).all():  # without that column
         head = head[:3] + head[4:]
         rows = [row[:3] + row[4:] for row in rows]
     return Table(head, rows, words=(len(head) - 1,))

@@ -1,8 +1,8 @@
-"""Warnings: what a user should know before trusting what an identification found, one line each."""
+"""Warnings of an identification, one line each, causes before their effects."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,165 +20,256 @@ from plant.checkup.signals import Signals
 from plant.machine.unlikely import unlikely_statements
 from plant.parts.fields import Floats
 
-_AT_END = 0.002  # share of a range within which a value lies at its end
-_STRANGE = 0.4  # RMS innovation [pulses] that rounding does not explain
-
-_FEW_LOST = 1e-3  # share of rows that no fit is biased by
-_WORSE = 1.5  # how much worse a record held out is repeated that asks for an explanation
-_BIASED = 0.08  # relative bias of least squares in a band that is tolerated
-# Correlation, and relative deviation, from which on a pair is not separately identifiable; and up
-# to how many are told without a warning.
-_INSEPARABLE = 0.995
-_VAGUE = 0.05
-MANY = 3
-
-_ANOTHER = 0.05  # share of the logged torque by which that of the stated law may differ
-_ZERO = 0.49  # zero of a counter [rad] beyond which it is at the end of its range
+_Lines: TypeAlias = Iterator[str]
 
 
-def warnings_of(found: Any, always: bool = True) -> list[str]:
-    """Lines about an `Identification`; `always`: with those that hold for any log with these
-    unknowns.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WarningSettings:
+    """Limits from which on a result is doubted.
+
+    The values were chosen by hand and are held by ``tests/benchmarks/silent_mistakes.py`` (wrong
+    statements that pass in silence) and ``healthy.py`` (right logs that are accused; its last line
+    prints the largest RMS innovation and the largest ratio of the record held out).
+
+    Parameters
+    ----------
+    at_end : float
+        Share of a range within which a value lies at its end.
+    innovation : float
+        RMS innovation [pulses] that rounding, 0.29 alone, does not explain.
+    lost_rows : float
+        Share of lost rows that biases no fit.
+    held_out : float
+        Factor by which a record held out is repeated worse, so that it asks for an explanation.
+    band_bias : float
+        Relative bias of least squares in a band that is tolerated.
+    correlation, vague : float
+        Correlation of two values, and standard deviation of one of them, relative, from which on
+        the two are not separately identifiable.
+    pairs : int
+        Such pairs that the summary mentions without a warning, at most.
+    law_torque : float
+        Share of the logged torque by which that of the stated law may differ (rms).
+    zero : float
+        Encoder offset [rad] that lies at the end of its range of half a radian.
     """
-    fits = found.diagnostics.closest > 0  # by prediction_error: the rig is not at fault
-    replayed = any(record.law is not None and record.law.replays for record in found.records)
-    late = _late(found)
-    lines = [
-        *of_statements(found.rig, found.records, found.arm.dynamics.chain),
-        *_of_law(found, late),
-        *contradicted(found),  # a prior that is wrong looks like a rig that is
-        *_of_lost(found),
-        # causes before what they do
-        *([] if fits else _of_detection(found, replayed, ("lag",) * bool(late))),
-        *([f"{found.fit.fallback_reason}."] if found.fit.fallback_reason and not fits else []),
-        *_ends(found),
-        *([] if fits else of_rotors(found)),
-        *(_of_torques(found) if replayed else []),
-        *_of_fit(found, replayed),
-        *(_of_timing(found) if not replayed else []),
-        *(_of_unknowns(found) if not replayed and always else []),
-        *_of_loops(found),
-        *_of_repeats(found, replayed),
-        *_of_pairs(found),
-    ]
-    causes = [wrong[1:] for record in found.records if lines and (wrong := misread(record))]
-    return [*dict.fromkeys(causes), *restated(found.arm.dynamics, found.records[0]), *lines]
+
+    at_end: float = 0.002
+    innovation: float = 0.4
+    lost_rows: float = 1e-3
+    held_out: float = 1.5
+    band_bias: float = 0.08
+    correlation: float = 0.995
+    vague: float = 0.05
+    pairs: int = 3
+    law_torque: float = 0.05
+    zero: float = 0.49
 
 
-def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> Iterator[str]:
-    """What a rig states that no arm has, along the counts of records; each once."""
+SETTINGS = WarningSettings()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Case:
+    """An `Identification` with the facts that several checks read.
+
+    `always`: include warnings that hold for any log with these unknowns. `fits`: the values of
+    prediction_error explain the log, so the rig is not at fault. `replayed`: a log's torque was
+    replayed. `late`: delays (n,) [samples] of the counts under the stated law, by the place of
+    their record.
+    """
+
+    identification: Any
+    always: bool
+    fits: bool
+    replayed: bool
+    late: dict[int, Floats]
+
+    @classmethod
+    def of(cls, identification: Any, always: bool) -> "_Case":
+        records = identification.records
+        return cls(
+            identification=identification,
+            always=always,
+            fits=identification.diagnostics.closest > 0,
+            replayed=any(record.law is not None and record.law.replays for record in records),
+            late=_late(identification),
+        )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return tuple(self.identification.arm.dynamics.chain.joint_labels)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether innovations are differences of a simulation, large where the loop hunts."""
+        return self.identification.search.method == "output_error" and not self.replayed
+
+    def log(self, i: int) -> str:
+        """Name of the log of a record."""
+        several = len(self.identification.records) > 1
+        return f"the log of records[{i}]" if several else "the log"
+
+
+def warnings_of(identification: Any, always: bool = True) -> list[str]:
+    """Lines about an `Identification`, causes first.
+
+    `always`: include those that hold for any log with these unknowns.
+    """
+    case = _Case.of(identification, always)
+    # The names of the causes document the order; lines have no names.
+    lines = [line for _, check in _CHECKS for line in check(case)]
+    # Columns that were misread explain any line, but accuse no log that has none.
+    misreadings: list[str] = []
+    if lines:
+        texts = [misread(record) for record in identification.records]
+        misreadings = [text[1:] for text in texts if text]
+    # Wrong signs are reported even where no line doubts the log.
+    signs = restated(identification.arm.dynamics, identification.records[0])
+    return [*dict.fromkeys(misreadings), *signs, *lines]
+
+
+def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:
+    """Statements of a rig that no arm has, along the counts of records, each once."""
     prismatic = [link.prismatic for link in chain.links]
     lines = list[str]()
     for record in records:
-        if len(record) > APART:
+        if len(record) > APART:  # speeds need so many samples
             q, qd = motion_of(record)
-            said = [*unlikely_statements(rig, q, qd, prismatic), *rounding_doubts(record)]
-            lines += [line for line in said if line not in lines]
+            doubts = [*unlikely_statements(rig, q, qd, prismatic), *rounding_doubts(record)]
+            lines += [line for line in doubts if line not in lines]
     yield from lines
 
 
-def _ends(found: Any) -> Iterator[str]:
-    if found.search.ranges is None:
+def _statements(case: _Case) -> _Lines:
+    result = case.identification
+    return of_statements(result.rig, result.records, result.arm.dynamics.chain)
+
+
+def _prior(case: _Case) -> _Lines:
+    return contradicted(case.identification)
+
+
+def _range_ends(case: _Case) -> _Lines:
+    result = case.identification
+    if result.search.ranges is None:
         return
     for name, value, (low, high) in zip(
-        found.short_names, found.fit.values, found.search.ranges, strict=True
+        result.short_names, result.fit.values, result.search.ranges, strict=True
     ):
-        if low < high and min(value - low, high - value) < _AT_END * (high - low):
+        # A range without extent states a value: it has no end.
+        if low < high and min(value - low, high - value) < SETTINGS.at_end * (high - low):
             end = "lower" if value - low < high - value else "upper"
             yield f"{name} ends at the {end} end of its range; widen it."
 
 
-def _of_torques(found: Any) -> Iterator[str]:
-    """Least squares in its bands, against what repeats the motion; zeros."""
-    bands = found.diagnostics.bands
-    zeros = found.fit.zeros
-    right = [band for band, ratio in bands.items() if abs(ratio - 1) < _BIASED]
-    if bands and not right:
+def _rotors(case: _Case) -> _Lines:
+    if not case.fits:
+        yield from of_rotors(case.identification)
+
+
+def _torque_bands(case: _Case) -> _Lines:
+    """Least squares on the logged torques, in bands, against the values that repeat the motion."""
+    bands = case.identification.diagnostics.bands
+    if not case.replayed or not bands:
+        return
+    unbiased = [band for band, ratio in bands.items() if abs(ratio - 1) < SETTINGS.band_bias]
+    if not unbiased:
         yield (
             "least squares on these torques agrees in no band with what reproduces the motion; ask"
             " record.check() for order, signs and units of torques and positions."
         )
-    elif any(band > max(right) for band in bands):
-        small = ", ".join(
-            f"{ratio:.2f} at {band:.3g}" for band, ratio in bands.items() if band > max(right)
-        )
+        return
+    highest = max(unbiased)
+    biased = [f"{ratio:.2f} at {band:.3g}" for band, ratio in bands.items() if band > highest]
+    if biased:
         yield (
-            f"least squares on these torques is biased in bands above {max(right):.3g} Hz: it finds"
-            f" {small} Hz of what reproduces the motion."
+            f"least squares on these torques is biased in bands above {highest:.3g} Hz: it finds"
+            f" {', '.join(biased)} Hz of what reproduces the motion."
         )
-    if zeros is not None and np.abs(zeros).max() > _ZERO:
-        joint = found.arm.dynamics.chain.joint_labels[int(np.abs(zeros).max(axis=0).argmax())]
+
+
+def _zeros(case: _Case) -> _Lines:
+    zeros = case.identification.fit.zeros
+    # Zeros are unknowns of replays only.
+    if case.replayed and zeros is not None and np.abs(zeros).max() > SETTINGS.zero:
+        joint = case.joints[int(np.abs(zeros).max(axis=0).argmax())]
         yield (
             f"the encoder offset of {joint} ends half a radian away; was it set to zero at the"
             " start of the run?"
         )
 
 
-def _of_lost(found: Any) -> Iterator[str]:
-    """Rows that are bridged where the model cannot follow the log."""
-    rms = found.fit.rms_innovation
-    strange = rms is not None and rms > _STRANGE and found.search.method != "output_error"
-    for i, record in enumerate(found.records if strange else ()):
-        if (lost := int(short_gaps(record.valid == 0, BRIDGED).sum())) > _FEW_LOST * len(record):
+def _lost_rows(case: _Case) -> _Lines:
+    """Bridged rows, where the model does not follow the log."""
+    result = case.identification
+    rms = result.fit.rms_innovation
+    if rms is None or not rms > SETTINGS.innovation or result.search.method == "output_error":
+        return
+    for i, record in enumerate(result.records):
+        # Only gaps that are short enough to be bridged.
+        lost = int(short_gaps(record.valid == 0, BRIDGED).sum())
+        if lost > SETTINGS.lost_rows * len(record):
             yield (
-                f"{lost} rows of {_log(found, i)} are lost, or without weight: straight lines"
+                f"{lost} rows of {case.log(i)} are lost, or without weight: straight lines"
                 " bridge them, and torques that change from row to row are on none, so f is"
                 " biased. Log every row once."
             )
 
 
-def _log(found: Any, i: int) -> str:
-    return f"the log of records[{i}]" if len(found.records) > 1 else "the log"
+def _law_differs(apart: Floats | None) -> bool:
+    """Whether the stated law gives another torque along the log than was logged."""
+    return apart is not None and bool(apart.max() > SETTINGS.law_torque)
 
 
-def _late(found: Any) -> dict[int, Floats]:
-    """Place of each record whose law gives the logged torque from later counts, and how late
-    (n,) they are, or NaN.
+def _late(identification: Any) -> dict[int, Floats]:
+    """Delays (n,) of the counts after which the stated law gives the logged torque, by record.
+
+    NaN of a joint without one; records without any are left out.
     """
-    apart = [
-        k
-        for k, each in enumerate(found.diagnostics.law_apart)
-        if each is not None and each.max() > _ANOTHER
-    ]
-    late = {k: law_delays(Signals(found.records[k])) for k in apart}
-    return {k: each for k, each in late.items() if np.nan_to_num(each).any()}
+    delays = {
+        i: law_delays(Signals(identification.records[i]))
+        for i, apart in enumerate(identification.diagnostics.law_apart)
+        if _law_differs(apart)
+    }
+    return {i: delay for i, delay in delays.items() if np.nan_to_num(delay).any()}
 
 
-def _of_law(found: Any, late: dict[int, Floats]) -> Iterator[str]:
-    """Laws that cannot have made the logged torque, or not with these counts."""
-    joints = found.arm.dynamics.chain.joint_labels
+def _law(case: _Case) -> _Lines:
+    """Laws that cannot have given the logged torque, or not from these counts."""
+    result = case.identification
     for i, (record, apart) in enumerate(
-        zip(found.records, found.diagnostics.law_apart, strict=True)
+        zip(result.records, result.diagnostics.law_apart, strict=True)
     ):
         law = type(record.law).__name__
-        which = _log(found, i)
-        if i in late:
-            those = ", ".join(
-                f"{late[i][k]:+.0f} of {joints[k]}" for k in np.flatnonzero(np.nan_to_num(late[i]))
+        # A delay explains the difference, so it is not the fault of the law.
+        if i in case.late:
+            delays = ", ".join(
+                f"{case.late[i][k]:+.0f} of {case.joints[k]}"
+                for k in np.flatnonzero(np.nan_to_num(case.late[i]))
             )
             yield (
-                f"the counts of {which} are late by samples: {those}; in time the stated {law}"
-                " gives the logged torque from them, and late they bias f. Identify"
+                f"the counts of {case.log(i)} are late by samples: {delays}; in time the stated"
+                f" {law} gives the logged torque from them, and late they bias f. Identify"
                 " record.check().record, which has them in time."
             )
-        elif apart is not None and apart.max() > _ANOTHER:
+        elif _law_differs(apart):
             shares = ", ".join(
-                f"{share:.0%} at {joint}" for joint, share in zip(joints, apart, strict=True)
+                f"{share:.0%} at {joint}" for joint, share in zip(case.joints, apart, strict=True)
             )
             yield (
-                f"the stated {law} cannot have made {which}: along it, it gives another torque than"
-                f" was logged, by {shares} (rms). Check the law, its gains and period, gears, the"
-                " reference, and the torque's units and side."
+                f"the stated {law} cannot have made {case.log(i)}: along it, it gives another"
+                f" torque than was logged, by {shares} (rms). Check the law, its gains and period,"
+                " gears, the reference, and the torque's units and side."
             )
 
 
-def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
-    rms = found.fit.rms_innovation
-    # `_of_repeats` tells of these
-    simulated = found.search.method == "output_error" and not replayed
-    if rms is not None and rms > _STRANGE and not simulated:
+def _innovations(case: _Case) -> _Lines:
+    rms = case.identification.fit.rms_innovation
+    # `_repeats` warns of a simulation, by its own limit.
+    if rms is not None and rms > SETTINGS.innovation and not case.simulated:
         reason = "Was it made with this rig, law and reference?"
-        if replayed:
+        if case.replayed:
             reason = (
                 "The rest is what it lacks (backlash, elasticity, changing friction), or a wrong"
                 " rig."
@@ -189,13 +280,15 @@ def _of_fit(found: Any, replayed: bool) -> Iterator[str]:
         )
 
 
-def _of_timing(found: Any) -> Iterator[str]:
-    delay = found.diagnostics.delay
-    std = found.diagnostics.delay_std
-    detection = found.diagnostics.detection
-    explained = detection.names and "delay" not in detection.names  # by what looks like a delay
-    if is_late(delay, std) and not explained:
+def _timing(case: _Case) -> _Lines:
+    diagnostics = case.identification.diagnostics
+    delay = diagnostics.delay
+    names = diagnostics.detection.names
+    # Another cause that was named can look like a delay.
+    explained = names and "delay" not in names
+    if not case.replayed and is_late(delay, diagnostics.delay_std) and not explained:
         advice = f"Identify without_delay(record, {delay:.3g}) and compare"
+        # More than a sample is rather an effect of wrong friction or gains.
         if abs(delay) > 1:
             advice = "Ask record.check(); friction or gains other than stated look so, too"
         yield (
@@ -204,108 +297,162 @@ def _of_timing(found: Any) -> Iterator[str]:
         )
 
 
-def _of_unknowns(found: Any) -> Iterator[str]:
-    """Unknowns that take over a delay, whatever the log."""
+def _absorbed_delay(case: _Case) -> _Lines:
+    """Unknowns that take a delay over, in any log."""
     absorbing = [
-        name for name in found.fit.unknown if name.startswith(("drive.viscous", "law.gain"))
+        name
+        for name in case.identification.fit.unknown
+        if name.startswith(("drive.viscous", "law.gain"))
     ]
-    if absorbing:
+    if absorbing and case.always and not case.replayed:
         yield (
             f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be"
             " sure of the timing."
         )
 
 
-def _of_loops(found: Any) -> Iterator[str]:
-    """Loops that oscillate by themselves, each record once, at the frequency of its first joint
-    that does.
-    """
-    for i, record in enumerate(found.records):
-        if i not in found.diagnostics.hunts and (own := own_oscillations(record)):
-            which = f"records[{i}]" if len(found.records) > 1 else "the log"
+def _oscillations(case: _Case) -> _Lines:
+    """Loops that oscillate by themselves, each record at the frequency of its first such joint."""
+    result = case.identification
+    for i, record in enumerate(result.records):
+        # The model's loop hunts as well: counts and friction explain the oscillation.
+        if i in result.diagnostics.hunts:
+            continue
+        if frequencies := own_oscillations(record):
+            name = f"records[{i}]" if len(result.records) > 1 else "the log"
             yield (
-                f"the loop of {which} oscillates at {own[0]:.3g} Hz, where the model's may not: it"
-                " is unstable, or nearly. Lower the gains and log again, or state its cause"
+                f"the loop of {name} oscillates at {frequencies[0]:.3g} Hz, where the model's may"
+                " not: it is unstable, or nearly. Lower the gains and log again, or state its cause"
                 " (current_lag=, elasticity=)."
             )
 
 
-def _of_detection(found: Any, replayed: bool, but: Sequence[str]) -> Iterator[str]:
-    """What contradicts the model; late counts under a law that the model repeats are
-    `_of_timing`'s.
-    """
-    detection = found.diagnostics.detection
+def _detected(case: _Case) -> _Lines:
+    """Effects that the rig does not model."""
+    diagnostics = case.identification.diagnostics
+    if case.fits:
+        return
+    detection = diagnostics.detection
     for sign, text in zip(detection.named, detection.warnings(), strict=True):
-        if sign.name in but:
+        # Late counts look like a lag of the currents, and `_law` has named them.
+        if sign.name == "lag" and case.late:
             continue
-        if sign.name != "delay" or replayed or not np.isfinite(found.diagnostics.delay):
+        # Where the loop can be simulated, `_timing` reports the delay against the simulation.
+        if sign.name != "delay" or case.replayed or not np.isfinite(diagnostics.delay):
             yield text
 
 
-def _of_repeats(found: Any, replayed: bool) -> Iterator[str]:
-    told = found.diagnostics
-    difference = found.diagnostics.difference
-    held_out = None if told.closest > 0 else told.held_out_difference
+def _fallback(case: _Case) -> _Lines:
+    reason = case.identification.fit.fallback_reason
+    if reason and not case.fits:
+        yield f"{reason}."
+
+
+def _repeats(case: _Case) -> _Lines:
+    """How well a simulation with the values repeats the records, searched and held out."""
+    result = case.identification
+    diagnostics = result.diagnostics
+    difference = diagnostics.difference
+    # 1. The records that were searched.
     if not np.isfinite(difference):
         yield (
             "D(q) is not positive definite at every q, or the simulation diverges: the arm cannot"
             " be compared with the record, and no computed torque can be built on it. Log longer,"
             " or another motion."
         )
-    elif told.closest > 0:
+    elif case.fits:
         yield (
             f"these values repeat the log to {difference:.2f} pulses (rms), those of"
-            f" prediction_error to {told.closest:.2f}, as the model repeats itself. The log fits"
-            " its model: identify with that method."
+            f" prediction_error to {diagnostics.closest:.2f}, as the model repeats itself. The log"
+            " fits its model: identify with that method."
         )
-    elif doubtful(told, found.records) and not replayed:
-        chance = f", above {told.limit:.2f} with a probability of {FALSE_ALARM:g}" * bool(
-            told.limit > 0
-        )
+    elif doubtful(diagnostics, result.records) and not case.replayed:
+        chance = ""
+        if diagnostics.limit > 0:
+            chance = f", above {diagnostics.limit:.2f} with a probability of {FALSE_ALARM:g}"
         yield (
             f"simulated and measured errors differ by {difference:.2f} pulses (rms); two runs of"
-            f" the model by {np.fmax(told.expected, ROUNDINGS):.2f}{chance}. Ask record.check(),"
-            " and look at the law and its gains, signs (error = reference minus counted),"
-            " friction, gears, springs, the direction of gravity, axes and lengths of the chain,"
-            " the order of joints, and counts per turn: as the rig counts, the joints move over"
-            f" {_ranges(found)}."
+            f" the model by {np.fmax(diagnostics.expected, ROUNDINGS):.2f}{chance}. Ask"
+            " record.check(), and look at the law and its gains, signs (error = reference minus"
+            " counted), friction, gears, springs, the direction of gravity, axes and lengths of the"
+            " chain, the order of joints, and counts per turn: as the rig counts, the joints move"
+            f" over {_ranges(result)}."
         )
-    if held_out is not None and held_out > np.fmax(
-        _WORSE * max(difference, ROUNDINGS), told.held_out_limit
-    ):
+    # 2. The records held out: a common difference is that of the model, not of the values.
+    held_out = diagnostics.held_out_difference
+    if case.fits or held_out is None:
+        return
+    # Two roundings alone differ so much, which no ratio may doubt.
+    limit = SETTINGS.held_out * max(difference, ROUNDINGS)
+    if held_out > np.fmax(limit, diagnostics.held_out_limit):
         yield (
             f"a validation record differs by {held_out:.2f} pulses, those searched by "
             f"{difference:.2f}: the values do not hold for both."
         )
 
 
-def _ranges(found: Any) -> str:
+def _ranges(identification: Any) -> str:
     """Ranges of motion in the first record, as its rig counts."""
-    record = found.records[0]
-    links = found.arm.dynamics.chain.links
+    # A user compares these ranges with those of the experiment: wrong counts per turn show here.
+    record = identification.records[0]
     spans = np.ptp(record.rig.to_angle(record.counts), axis=0)
-    pairs = zip(spans, links, strict=True)
     return " and ".join(
-        f"{s:.3g} m" if link.prismatic else f"{np.rad2deg(s):.0f} degrees" for s, link in pairs
+        f"{span:.3g} m" if link.prismatic else f"{np.rad2deg(span):.0f} degrees"
+        for span, link in zip(spans, identification.arm.dynamics.chain.links, strict=True)
     )
 
 
-def pairs_of(found: Any) -> list[tuple[str, str]]:
-    """Names of those pairs of values that the log hardly tells apart; each alone is vague then."""
-    if found.covariance is None:
+def pairs_of(identification: Any) -> list[tuple[str, str]]:
+    """Names of the pairs of values that are strongly correlated and uncertain each."""
+    if identification.covariance is None:
         return []
-    names = found.short_names
-    vague = found.fit.std > _VAGUE * np.abs(found.fit.values)
-    alike = (np.abs(found.fit.correlation) > _INSEPARABLE) & (vague[:, None] | vague)
-    if (noise := found.fit.noise_covariance) is not None:  # what the rig may lack moves many alike
-        alike &= np.abs(dataclasses.replace(found.fit, covariance=noise).correlation) > _INSEPARABLE
+    fit = identification.fit
+    names = identification.short_names
+    vague = fit.std > SETTINGS.vague * np.abs(fit.values)
+    alike = (np.abs(fit.correlation) > SETTINGS.correlation) & (vague[:, None] | vague)
+    # What the rig may lack moves many values alike, so the noise alone must correlate them, too.
+    if fit.noise_covariance is not None:
+        of_noise = dataclasses.replace(fit, covariance=fit.noise_covariance)
+        alike &= np.abs(of_noise.correlation) > SETTINGS.correlation
+    # Each pair once.
     return [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
 
 
-def _of_pairs(found: Any) -> Iterator[str]:
-    if len(pairs := pairs_of(found)) > MANY:
-        those = ", ".join(
-            sorted({name for pair in pairs for name in pair}, key=found.short_names.index)
-        )
-        why = "the log excites them too little, or the model is not its robot's"
-        yield f"{those} are not separately identifiable ({len(pairs)} pairs): {why}."
+def _pairs(case: _Case) -> _Lines:
+    result = case.identification
+    pairs = pairs_of(result)
+    if len(pairs) > SETTINGS.pairs:
+        names = {name for pair in pairs for name in pair}
+        listed = ", ".join(sorted(names, key=result.short_names.index))
+        reason = "the log excites them too little, or the model is not its robot's"
+        yield f"{listed} are not separately identifiable ({len(pairs)} pairs): {reason}."
+
+
+# Causes in the order of their lines. A user reads the first line first, so a cause stands above its
+# effects.
+_CHECKS: tuple[tuple[str, Callable[[_Case], _Lines]], ...] = (
+    # 1. Statements and rows: with a wrong one, every line below may be its effect.
+    ("statement that no arm has", _statements),
+    # It needs no arm: law, reference, counts and torque show it.
+    ("wrong law, or counts late for it", _law),
+    # A wrong prior pulls f, and the innovations then look like those of a wrong rig.
+    ("wrong prior", _prior),
+    # Bridged rows bias f.
+    ("lost rows", _lost_rows),
+    # 2. Effects that the rig does not model bias the values, which the lines below doubt.
+    ("effect that the rig does not model", _detected),
+    ("method that fell back", _fallback),
+    # 3. The values themselves.
+    ("range too narrow", _range_ends),
+    ("wrong rotor", _rotors),
+    ("torques biased in high bands", _torque_bands),
+    ("encoder offset out of range", _zeros),
+    # 4. Symptoms: all causes above can bring them about.
+    ("innovations beyond rounding", _innovations),
+    ("late counts", _timing),
+    ("delay that unknowns take over", _absorbed_delay),
+    ("unstable loop", _oscillations),
+    ("simulation that does not repeat the log", _repeats),
+    # 5. Last the lines that do not doubt the log, but the use of single values.
+    ("values that are not separately identifiable", _pairs),
+)

@@ -1,4 +1,4 @@
-"""What was identified, as script commands of a Universal Robots controller take it.
+"""Payload and friction as script commands of a Universal Robots controller.
 
 Source: Universal Robots, Script Manual, PolyScope X 10.6: set_target_payload, direct_torque.
 """
@@ -12,17 +12,12 @@ from plant import Body, Rig
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
 
-# digits; places of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the inertia of a body
-_SHOWN = 6
-_ORDER = (0, 3, 5, 1, 2, 4)
-
 
 @known_options
 def to_urscript(
     body: Body | None = None, friction: Sequence[tuple[float, Rig]] | None = None
 ) -> str:
-    """Lines of URScript: the payload, and the scales at which the controller compensates all of the
-    friction.
+    """Lines of URScript: the payload, and scales that compensate all of the friction.
 
     Parameters
     ----------
@@ -31,7 +26,7 @@ def to_urscript(
         `find_load`.
     friction : two pairs of (float, Rig), optional
         A scale, `viscous_scale` and `coulomb_scale` alike, and the rig that `identify` found under
-        it: what is left of the friction falls in a line with the scale.
+        it: the remaining friction falls linearly with the scale.
 
     Raises
     ------
@@ -55,15 +50,16 @@ def to_urscript(
         )
     lines = []
     if body is not None:
-        inertia = instance("body", body, Body, "Give Body(mass=..., com=...).").inertia[
-            list(_ORDER)
-        ]
+        body = instance("body", body, Body, "Give Body(mass=..., com=...).")
+        # URScript takes Ixx, Iyy, Izz, Ixy, Ixz, Iyz; a body has the rows of the upper triangle.
+        inertia = body.inertia[[0, 3, 5, 1, 2, 4]]
+        # No body has such moments.
         if not body.mass > 0 or (inertia[:3] < 0).any():
             raise ValueError(
                 f"body must have mass and moments that are not negative; got {body}. Correct it."
             )
         lines.append(
-            f"set_target_payload({body.mass:.{_SHOWN}g}, {_listed(body.com)}, {_listed(inertia)})"
+            f"set_target_payload({body.mass:.6g}, {_listed(body.com)}, {_listed(inertia)})"
         )
     if friction is not None:
         lines += [
@@ -73,24 +69,28 @@ def to_urscript(
 
 
 def _scales(friction: Sequence[tuple[float, Rig]], name: str) -> Floats:
-    """The scale of each joint at which nothing of this friction is left, within 0 and 1."""
+    """The scale of each joint, within 0 and 1, at which none of this friction remains."""
     if len(friction) != 2:
         raise ValueError(
             f"friction must be two pairs of a scale and a rig; got {len(friction)}. Identify under"
             " two."
         )
+    # Two points of a line: friction that remains under each scale.
     scales = np.array([real("scale", scale, "Give 0 to 1.") for scale, _ in friction])
-    first, last = (
+    low, high = (
         getattr(instance("rig", rig, Rig, "Give found.rig.").drive, name) for _, rig in friction
     )
-    slope = (last - first) / np.diff(scales) if np.ptp(scales) else np.zeros(first.shape)
+    # Equal scales give no slope, which is refused below.
+    slope = (high - low) / np.diff(scales) if np.ptp(scales) else np.zeros(low.shape)
+    # Friction that does not fall was not compensated by this scale.
     if not (slope < 0).all():
         raise ValueError(
-            f"{name} friction must fall as the scale grows; got {first} and {last}. Move scales"
+            f"{name} friction must fall as the scale grows; got {low} and {high}. Move scales"
             " apart."
         )
-    return np.clip(scales[0] - first / slope, 0.0, 1.0)
+    return np.clip(scales[0] - low / slope, 0.0, 1.0)  # where the line through both is zero
 
 
 def _listed(values: Any) -> str:
-    return f"[{', '.join(f'{value:.{_SHOWN}g}' for value in values)}]"
+    """Numbers as a list of URScript, with six digits."""
+    return f"[{', '.join(f'{value:.6g}' for value in values)}]"

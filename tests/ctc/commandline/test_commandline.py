@@ -21,7 +21,7 @@ from ctc.commandline.inputs import path_of, records_of
 from ctc.commandline.main import main
 from ctc.commandline.words import in_the_shell
 from identification import Identification
-from identification.results.summary import doubts
+from identification.results.summary import SummarySettings, doubts
 from plant import (
     Body,
     Chain,
@@ -138,7 +138,8 @@ def test_the_shell_speaks_no_python(folder, capsys, monkeypatch):
     """
     monkeypatch.chdir(folder)
     # as of arms with many parameters
-    monkeypatch.setattr("identification.results.summary._MANY", 3)
+    settings = SummarySettings(unknowns=3)
+    monkeypatch.setattr("identification.results.summary.SETTINGS", settings)
     code, out, _ = run(
         capsys,
         "identify",

@@ -59,7 +59,7 @@ def test_many_unknowns_fit_on_a_screen(monkeypatch):
     result = found()
     whole = result.summary()
     assert whole == str(result) == result.summary(full=True)
-    monkeypatch.setattr(summary, "_MANY", 3)
+    monkeypatch.setattr(summary, "SETTINGS", summary.SummarySettings(unknowns=3))
     screen = str(result)
     assert len(screen.splitlines()) < 0.7 * len(whole.splitlines())
     assert max(map(len, screen.splitlines())) <= 80

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from identification.results.trust import _of_pairs, pairs_of
+from identification.results.trust import _pairs, pairs_of
 from identification.search.outcome import Fit
 
 
@@ -27,7 +27,8 @@ def found(correlation, std=0.1, noise=None):
 def test_many_pairs_are_a_warning_in_one_line(alike, pairs):
     correlation = np.eye(6)
     correlation[:alike, :alike] += 0.999 * (1 - np.eye(alike))
-    told, said = pairs_of(found(correlation)), list(_of_pairs(found(correlation)))
+    told = pairs_of(found(correlation))
+    said = list(_pairs(SimpleNamespace(identification=found(correlation))))
     assert len(told) == pairs
     assert sorted({name for pair in told for name in pair}) == ["f1", "f2", "f3", "f4"][:alike]
     assert len(said) == (alike == 4)

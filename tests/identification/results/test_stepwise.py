@@ -96,7 +96,8 @@ def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested
         steps.append(problem.options["steps_per_sample"])
         begin(self, problem, *given)
 
-    monkeypatch.setattr(stepwise, "_FAINT", faint)
+    settings = dataclasses.replace(stepwise.SETTINGS, faint=faint)
+    monkeypatch.setattr(stepwise, "SETTINGS", settings)
     monkeypatch.setattr(stepwise._Search, "__init__", begun)
     monkeypatch.setattr(
         stepwise._Search, "_weigh", lambda self: (weighed.append(steps[-1]), weigh(self))
