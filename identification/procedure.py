@@ -246,7 +246,7 @@ def search(problem: Problem, progress: bool) -> Outcome:
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records."""
     # 1. Objective (4) of the values.
-    # Methods do not store the prior; the result reports what comes from it.
+    # Methods do not store the prior; the result reports which combinations come from it.
     fit = dataclasses.replace(outcome.fit, prior=problem.prior)
     objective = repeating(problem, placed(problem, fit), fit.resumptions)
     cost = float(objective(fit.values[None])[0])

@@ -29,8 +29,8 @@ from plant.simulation.followed_path import is_rounded
 class ScoreTestSettings:
     """Sizes and thresholds of the score tests.
 
-    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` (what comes
-    first, by robot) and ``healthy.py`` (right logs that are accused).
+    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` (the cause that
+    comes first, by robot) and ``healthy.py`` (right logs that are accused).
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class ScoreTestSettings:
         Ratio of the mean squared innovations there to those elsewhere above which the model fails.
     unexplained : float
         Share of an effect that must remain beside those of the unknowns, so that the two can be
-        told apart.
+        distinguished.
     """
 
     by_chance: float = 1e-5
@@ -220,8 +220,8 @@ def linear(
 ) -> Iterator[Sign]:
     """The score test of numbers that act linearly, as the best of so many choices.
 
-    Of compliance, lag and lead only positive values count. Yields nothing if the effects can be
-    told from those of the unknowns too little.
+    Of compliance, lag and lead only positive values count. Yields nothing if the effects
+    can hardly be distinguished from those of the unknowns.
     """
     # The part of each effect that the unknowns cannot take over.
     rows = {number: at.left(change) for number, change in changes.items()}
@@ -230,7 +230,7 @@ def linear(
         for number, row in rows.items()
         if (row**2).sum() > SETTINGS.unexplained**2 * (changes[number] ** 2).sum()
     }
-    # Nothing of them can be told from the unknowns.
+    # The unknowns take all of them over.
     if not rows:
         return
     residual = at.before

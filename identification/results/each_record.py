@@ -1,7 +1,7 @@
 """Records that contradict each other: identification of each alone, and the mean of the fits.
 
 The common fit of such records is that of no machine: the difference between them moves its values
-by more than its covariance, the more so where observer gains rise to follow what no model explains.
+by more than its covariance, the more so where observer gains rise to follow an unmodelled effect.
 The mean weighs each value of a record by its variance and the variance between records
 (`random_effects`). A wrong statement of a rig is wrong in all of them. Where a record is held out
 and the common fit repeats it better, the common fit counts.
@@ -122,7 +122,7 @@ def _mean(problem: Problem, detection: Detection, alone: dict[int, _Alone]) -> D
     inner = np.diag(_weighted(weight, within))
     doubt = _weighted(np.sqrt(weight), [record.doubt for record in alone.values()])
 
-    # 4. As a fit, with what belongs to single records one below the other.
+    # 4. As a fit, with the numbers of single records one below the other.
     rms = np.array([fit.rms_innovation for fit in fits], float)
     zeros = [fit.zeros for fit in fits if fit.zeros is not None]
     resumptions: tuple[Any, ...] = ()

@@ -13,7 +13,7 @@ from identification.planning.budget import pulse_budget
 from identification.results.assumed import Assumed, moved_by_lengths
 from identification.results.diagnostics import Diagnostics
 from identification.results.plots import plot_identification
-from identification.results.summary import doubts, said_of
+from identification.results.summary import doubts, summary_of
 from identification.results.trust import warnings_of
 from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig
@@ -216,14 +216,14 @@ class Identification(Shown, Saved, Frozen):
         Full: each value with its standard deviation, the bound, its 95 % interval and its largest
         correlation; its change by each assumed number; the meaning of the names of parameters.
         """
-        return as_text(said_of(self, full))
+        return as_text(summary_of(self, full))
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
         """Draw errors, innovations, spectrum and intervals; as `ctc.plot_record`."""
         return plot_identification(self, ax)
 
     def _shown(self) -> Iterable[Piece]:
-        return said_of(self, False)
+        return summary_of(self, False)
 
     def _short(self) -> str:
         count = len(doubts(self))

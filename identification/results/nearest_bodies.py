@@ -14,8 +14,8 @@ Source: T. Lee, P. M. Wensing, F. C. Park, Geometric robot dynamic identificatio
 programming approach, IEEE Transactions on Robotics 36 (2020) (the divergence); S. Boyd, L.
 Vandenberghe, Convex Optimization, 10.3 (Newton's method from a start that meets no equation).
 
-A prior that is wrong by more than some hundred times in a direction (a blade for what is a ball)
-can stop the search short of bodies that exist; give a better one then.
+A prior that is wrong by a factor of more than some hundred in a direction (a blade in place of a
+ball) can stop the search short of bodies that exist; give a better one then.
 """
 
 import dataclasses

@@ -173,7 +173,7 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     (2,)
     """
     instance("record", record, Record, "The order is record, arm.")
-    # The dominant line of the errors of all joints.
+    # The strongest line of the errors of all joints, by their accelerations.
     frequency = mode_in(record)
     spans: tuple[tuple[float, float], ...] = ()
     is_mode = None

@@ -168,7 +168,7 @@ def matching_joints(arm: Arm, model: ModelFile) -> list[ModelJoint]:
     """Joints of the file that are those of the arm; an error if their geometry differs."""
     chain = arm.dynamics.chain
     names = [link.name for link in chain.links]
-    # A joint that the file lacks is named before any geometry is compared.
+    # A joint that the file lacks is an error before any geometry is compared.
     for name in names:
         choice("joint of the arm in the file", name, tuple(model.joints))
     links = links_of_chain(model, names)[0]

@@ -136,7 +136,7 @@ def motion_of(record: Record) -> tuple[Floats, Floats]:
     return q, np.diff(q[stride], axis=0) / np.diff(record.t[stride])[:, None]
 
 
-class Told(NamedTuple):
+class Combinations(NamedTuple):
     """Independent combinations of f under a prior, those best known from the log first.
 
     `names`: of f. `axes` (p, p): coefficients of f, a combination per column, so that the prior has
@@ -150,7 +150,7 @@ class Told(NamedTuple):
     off: Floats
 
 
-def told(identification: Any) -> Told | None:
+def combinations_of(identification: Any) -> Combinations | None:
     """Combinations of f of an `Identification`; None without a prior, or without a covariance."""
     fit = identification.fit
     prior = fit.prior
@@ -162,14 +162,14 @@ def told(identification: Any) -> Told | None:
     squares, axes = np.linalg.eigh((covariance + covariance.T) / 2)
     axes = prior.whitening.T @ axes
     off = axes.T @ (identification.f - prior.mean)
-    return Told(
+    return Combinations(
         identification.arm.dynamics.short_names, axes, np.sqrt(np.clip(squares, 0.0, 1.0)), off
     )
 
 
 def of_prior(identification: Any) -> list[str]:
     """Parameters of f that the log leaves to the prior, each by itself; none without a prior."""
-    if told(identification) is None:
+    if combinations_of(identification) is None:
         return []
     prior = identification.fit.prior
     shares = np.sqrt(
@@ -184,7 +184,7 @@ def of_prior(identification: Any) -> list[str]:
 
 def origins(identification: Any, full: bool) -> Iterator[Piece]:
     """Origin of f: which combinations come from the log, and which from the prior; full: all."""
-    combinations = told(identification)
+    combinations = combinations_of(identification)
     if combinations is None:
         return
     prior = identification.fit.prior
@@ -228,7 +228,7 @@ def contradicted(identification: Any) -> Iterator[str]:
     """A line where the log contradicts the prior by more than its spread."""
     from scipy.special import chdtrc
 
-    combinations = told(identification)
+    combinations = combinations_of(identification)
     if combinations is None:
         return
     # The variance of a combination's distance is that which the prior loses to the log.

@@ -175,7 +175,7 @@ class _Search:
             optimum = fitted(model, optimum.values, self.step, self.bounds)
         self.at = self._initial = optimum
 
-        # 3. What the tests need to know of the records.
+        # 3. Properties of the records that the tests need.
         self._keep = keep
         self._unknown = len(problem.unknown)
         self._tolerances = problem.tolerances
@@ -213,7 +213,7 @@ class _Search:
         initial = tested(self.at, self._testable)
         signs = initial
         stated = self.at.model.stated()
-        named = list[Sign]()
+        causes = list[Sign]()
         if delay:
             signs = [
                 dataclasses.replace(sign, values={"delay": delay}, chi_square=np.inf)
@@ -221,13 +221,13 @@ class _Search:
                 else sign
                 for sign in signs
             ]
-        while len(named) < SETTINGS.causes:
+        while len(causes) < SETTINGS.causes:
             # 1. Signs above the threshold of this round.
-            factor = SETTINGS.following if named else 1.0
+            factor = SETTINGS.following if causes else 1.0
             significant = [
                 sign
                 for sign in signs
-                if sign.chi_square > factor * sign.threshold and _may_follow(sign, named)
+                if sign.chi_square > factor * sign.threshold and _may_follow(sign, causes)
             ]
             fittable = [sign for sign in significant if sign.name not in UNFITTED]
             largest = max((sign.explained for sign in fittable), default=0.0)
@@ -238,8 +238,8 @@ class _Search:
                 for sign in significant
                 if sign.name == "disagreement" and sign.explained > SETTINGS.apart * largest
             ]
-            if apart and not named:
-                named = apart
+            if apart and not causes:
+                causes = apart
                 break
 
             # 3. Of the fits, the one with the fewest numbers among those that are about as good.
@@ -258,20 +258,20 @@ class _Search:
             )
             coarse = False
             if best is None or self.faint:
-                named += chosen
+                causes += chosen
                 break
 
             # 4. Adopt it, and test all again beside it.
-            named.append(self._adopted(best, refits))
+            causes.append(self._adopted(best, refits))
             signs = tested(self.at, self._testable)
         if (
-            named
-            and named[-1].name == "disagreement"
-            and named[-1].chi_square > named[0].chi_square
+            causes
+            and causes[-1].name == "disagreement"
+            and causes[-1].chi_square > causes[0].chi_square
         ):
             # The causes before explain only a little of the disagreement: it comes first.
-            named = [named.pop(), *named]
-        estimates = [_with_values(sign, self.at) for sign in named]
+            causes = [causes.pop(), *causes]
+        estimates = [_with_values(sign, self.at) for sign in causes]
         return Detection(
             signs=tuple(initial),
             named=tuple(sign for sign in estimates if not self._tolerated(sign.values)),
@@ -420,13 +420,13 @@ def _with_values(sign: Sign, at: Optimum) -> Sign:
     return dataclasses.replace(sign, values=values)
 
 
-def _may_follow(sign: Sign, named: list[Sign]) -> bool:
+def _may_follow(sign: Sign, causes: list[Sign]) -> bool:
     """Whether a cause can be told from those reported before it.
 
     Backlash includes the compliance of its gear, so only further backlash follows it; late counts
     and lagging currents have nearly the same effect.
     """
-    names = {cause.name for cause in named}
+    names = {cause.name for cause in causes}
     if "backlash" in names:
         return sign.name == "backlash"
     timing = {"lag", "delay"}

@@ -81,7 +81,7 @@ def warn_of_doubts(result: Any, user: str) -> None:
         )
 
 
-def said_of(result: Any, full: bool) -> Iterator[Piece]:
+def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     """Pieces of the summary of an `Identification`: verdict, values, tests, assumptions.
 
     Not full, and of many unknowns: their values in columns, and the most important of the rest.
@@ -105,7 +105,7 @@ def said_of(result: Any, full: bool) -> Iterator[Piece]:
         names = [record.name or f"a record of {len(record)} samples" for record in result.held_out]
         yield f"validation, only simulated: {', '.join(names)}"
 
-    # 2. Values, and what they come from.
+    # 2. Values and their origin.
     if full:
         yield _values(result)
     else:

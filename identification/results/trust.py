@@ -284,7 +284,7 @@ def _timing(case: _Case) -> _Lines:
     diagnostics = case.identification.diagnostics
     delay = diagnostics.delay
     names = diagnostics.detection.names
-    # Another cause that was named can look like a delay.
+    # Another cause can look like a delay; it is reported instead.
     explained = names and "delay" not in names
     if not case.replayed and is_late(delay, diagnostics.delay_std) and not explained:
         advice = f"Identify without_delay(record, {delay:.3g}) and compare"
@@ -334,7 +334,7 @@ def _detected(case: _Case) -> _Lines:
         return
     detection = diagnostics.detection
     for sign, text in zip(detection.named, detection.warnings(), strict=True):
-        # Late counts look like a lag of the currents, and `_law` has named them.
+        # Late counts look like a lag of the currents, and `_law` has reported them.
         if sign.name == "lag" and case.late:
             continue
         # Where the loop can be simulated, `_timing` reports the delay against the simulation.
@@ -410,7 +410,7 @@ def pairs_of(identification: Any) -> list[tuple[str, str]]:
     names = identification.short_names
     vague = fit.std > SETTINGS.vague * np.abs(fit.values)
     alike = (np.abs(fit.correlation) > SETTINGS.correlation) & (vague[:, None] | vague)
-    # What the rig may lack moves many values alike, so the noise alone must correlate them, too.
+    # Effects that the rig may lack move many values alike, so noise alone must correlate them too.
     if fit.noise_covariance is not None:
         of_noise = dataclasses.replace(fit, covariance=fit.noise_covariance)
         alike &= np.abs(of_noise.correlation) > SETTINGS.correlation

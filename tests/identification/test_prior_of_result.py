@@ -12,7 +12,7 @@ import pytest
 
 from ctc import ComputedTorque, Uncertainty, certify
 from identification import Identification, identify
-from identification.results.seen import origins, told
+from identification.results.seen import combinations_of, origins
 from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, p_gains, simulate
 from tests.oracles.pinocchio_arm import pinocchio_model
 
@@ -151,7 +151,7 @@ def test_torque_of_the_other_joints_is_right(still):
 
 def test_what_came_from_where(still):
     found, _ = still
-    those = told(found)
+    those = combinations_of(found)
     count = int((those.shares >= 0.5).sum())
     assert 0 < count < len(those.shares)
     text = found.summary()
