@@ -94,6 +94,7 @@ def _require_motion(record: Record, labels: Sequence[str], prior: bool) -> None:
 
 
 def _require_unsaturated(record: Record, labels: Sequence[str]) -> None:
+    # At the limit the torque is not that of the law.
     drive = record.rig.drive
     current = np.abs(drive.current(torque_of(record)))
     share = (current >= drive.current_limit * (1 - 1e-9)).mean(axis=0)  # within rounding
@@ -157,6 +158,7 @@ def prepare(
     of_law = any(name.startswith("law.") for name in objective.unknown)
     followed = tuple(along_log(record, unknown_law=of_law) for record in objective.records)
     labels = dynamics.chain.joint_labels
+    # Checked as they are followed: the torque of a law counts like a logged one.
     naming.of_each(
         lambda record: require_informative(record, labels, prior=of_f is not None), followed
     )
@@ -219,6 +221,7 @@ def _prior(dynamics: Dynamics, records: Sequence[Record], prior: Any) -> Prior |
 
 def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
     """Friction that the rig leaves open, of joints that move; warns of zero friction elsewhere."""
+    # A joint at rest shows no friction but what holds it.
     drive = records[0].rig.drive
     idle = still(records)
     if drive.left_open and idle.size < drive.n:  # if no joint moves, the log is refused

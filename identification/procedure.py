@@ -153,6 +153,7 @@ def identify(
     Source: paper 3.2, 3.7.
     """
     started = time.perf_counter()
+    # Options of the model, which every method passes on to it.
     options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "threads": threads}
     # Elastic gears change the records and the unknowns, so they come before all checks.
     if instance("elasticity", elasticity, bool, "Give True or False."):
@@ -191,6 +192,7 @@ def _identified(problem: Problem, progress: bool, started: float) -> Identificat
         outcome = problem.checkpoint.stage("search", lambda: search(problem, progress))
         result = _assess(problem, outcome, started)
     except ValueError as error:
+        # Where no arm follows from the log, one may follow beside a prior.
         fallback = _beside_model(problem, progress, started)
         # A prior helps with f only: an error that names a number of rig or law stays.
         names = problem.dynamics.names
@@ -249,6 +251,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     # Methods do not store the prior; the result reports which combinations come from it.
     fit = dataclasses.replace(outcome.fit, prior=problem.prior)
     objective = repeating(problem, placed(problem, fit), fit.resumptions)
+    # Infinite if a simulation diverges.
     cost = float(objective(fit.values[None])[0])
     if outcome.genetic is not None and not np.isfinite(cost):
         raise ValueError(
@@ -271,6 +274,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
         arm=arm,
         rig=rig,
         law=law,
+        # With the zeros of the fit in place.
         records=placed(problem, fit).records,
         held_out=() if problem.held_out is None else problem.held_out.records,
         versions=versions(),

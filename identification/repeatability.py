@@ -129,6 +129,7 @@ def spread(
             f"seeds must be two or more; got {len(seeds)}. A spread needs a series of runs."
         )
     if published is not None:
+        # Alterations of f alone, as the paper has no other unknowns.
         published = array(
             "published", published, (dynamics.p,), advice="Give one alteration per f."
         )
@@ -137,7 +138,7 @@ def spread(
         raise ValueError("checkpoint must be left out with an executor; got both. Leave out one.")
     # The seed alone differs between runs.
     run = functools.partial(_run, dynamics, records, {"method": method, **options})
-    # Stages are stored in this process alone.
+    # One after another, each with stages of its own in the file.
     if executor is None:
         with Checkpoint(checkpoint, "spread") as stored:
             runs = tuple(run(seed, checkpoint=stored.part(f"seed {seed}")) for seed in seeds)

@@ -122,6 +122,7 @@ def _after_flips(x: Floats, samples: int) -> NDArray[np.bool_]:
 
 def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[str, Floats]:
     """Effect (M,) on the innovations of each of these torques, per unit of its number."""
+    # Torque of all joints together (rms).
     size = np.sqrt(np.mean(torque_of(at.model.records[0]) ** 2))
 
     def effect(of_records: Sequence[Floats]) -> Floats:

@@ -131,6 +131,7 @@ def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
     """All tests (of `effects_of`) at an optimum; none of lag or delay along a rounded path."""
     if any(map(is_rounded, at.model.records)):  # straight lines through counts lag by half a pulse
         effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
+    # A number whose effect diverges cannot be tested.
     finite = {name: row for name, row in effects.items() if np.isfinite(row).all()}
     results: list[Sign] = []
     for name in ("compliance", "lag", "friction", "offset", "gear", "delay", "cogging", "lead"):
@@ -152,8 +153,8 @@ def effects_of(at: Optimum, efforts: Floats) -> dict[str, Floats]:
     stiff, none of backlash.
     """
     model = at.model
-    # One trial run per number, beside the optimum.
     steps = _steps(model, efforts)
+    # One row of values per number, with that number moved away from the optimum.
     moves = np.zeros((len(steps), len(at.values)))
     for row, (name, size) in zip(moves, steps.items(), strict=True):
         row[model.place(name)] = size
@@ -191,6 +192,7 @@ def _steps(model: Extended, efforts: Floats) -> dict[str, float]:
         "motor_gain": np.full(n, SETTINGS.share),
     }
     steps = {}
+    # Backlash, without an entry here, has no effect that is linear.
     for name in model.extra:
         # A name such as ``coulomb[1]``; a lag has no joint.
         kind, _, joint = name.rstrip("]").partition("[")
@@ -204,6 +206,7 @@ def _steps(model: Extended, efforts: Floats) -> dict[str, float]:
 
 def family(name: str) -> str:
     """The alternative that a number belongs to."""
+    # Of ``cogging.6cos[0]`` it is cogging; of ``law.gain[0]`` law, which no test has.
     kind = name.partition("[")[0].partition(".")[0]
     return "friction" if kind in ("viscous", "coulomb") else kind
 
@@ -212,6 +215,7 @@ def _threshold(freedom: int, choices: float = 1.0) -> float:
     """Chi-square that a right model exceeds by chance, as the best of so many choices."""
     from scipy.special import chdtri
 
+    # The best of several tests exceeds a threshold as often as all of them together.
     return float(chdtri(freedom, SETTINGS.by_chance / choices))
 
 
@@ -223,21 +227,20 @@ def linear(
     Of compliance, lag and lead only positive values count. Yields nothing if the effects
     can hardly be distinguished from those of the unknowns.
     """
-    # The part of each effect that the unknowns cannot take over.
+    # 1. The part of each effect that the unknowns cannot take over.
     rows = {number: at.left(change) for number, change in changes.items()}
     rows = {
         number: row
         for number, row in rows.items()
         if (row**2).sum() > SETTINGS.unexplained**2 * (changes[number] ** 2).sum()
     }
-    # The unknowns take all of them over.
-    if not rows:
+    if not rows:  # the unknowns take all of them over
         return
     residual = at.before
     freedom = len(rows)
     if name == "cogging":  # a cosine and a sine each, of the best number of cycles per turn
         choices = CYCLES ** (freedom / 2)
-    # The sum of squares that is significant, and the number that would explain it alone.
+    # 2. The significant sum of squares, and the size of each number that would explain it alone.
     limit = _threshold(freedom, choices) * at.unit(residual)
     lowest = SETTINGS.lead * at.model.records[0].rig.period if name == "lead" else 0.0
     visible = {
@@ -245,12 +248,13 @@ def linear(
     }
     remaining = residual
     size = np.empty(0)
-    # Numbers that come out below the lowest sensible value are left out, and the rest fitted again.
+    # 3. Least squares. Numbers below the lowest sensible value are left out, and the rest is fitted
+    # again.
     while rows:
         matrix = np.array(list(rows.values()))
         size = -along(directions(matrix), matrix, residual)
         remaining = residual + np.einsum("i,im->m", size, matrix)
-        # All values make sense: done.
+        # All values make sense.
         if name in _SIGNED or not (size < lowest).any():
             break
         rows = {
@@ -287,6 +291,7 @@ def _sign(
 
 def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
     """A sign, or the trial that lowers the sum of squares more."""
+    # Far from rigid, the effect of a spring is not that of the linear estimate.
     best = max(trials, key=lambda trial: trial.chi_square)
     if best.chi_square < sign.chi_square:
         return sign

@@ -147,6 +147,7 @@ class Assumed(Shown, Frozen):
                 f"percent must be one number of at least 0, or {len(self.names)} of them; got"
                 f" {sizes}. 0: exact."
             )
+        # Assumptions are independent of each other: their squares add up.
         return products(self.moves * np.broadcast_to(sizes, len(self.names))[:, None])
 
     def _short(self) -> str:

@@ -80,6 +80,7 @@ _BY_JOINT = {
 # Each cause, its evidence and what to do; `Detection.warnings` fills the fields by name. A cause
 # "biases f" where the unknowns take a part of its effect over.
 _MESSAGES = {
+    # A rigid model takes the deflection of a gear for inertia.
     "compliance": (
         "the joints are elastic: locked-rotor resonance near {each} ({chance}), which biases f."
         " Give the drive an Elasticity, and identify its stiffness too."
@@ -96,6 +97,7 @@ _MESSAGES = {
         "the counts are {late} ({chance}), which biases f. Identify without_delay(record,"
         " {value:.2g}) and compare."
     ),
+    # All friction is one cause; the text lists its numbers.
     "friction": (
         "friction is not the rig's{scaled} ({chance}): {each}. Add these numbers to unknown"
         " (drive.viscous[0] and so on)."
@@ -105,15 +107,18 @@ _MESSAGES = {
         " Give the drive a FrictionCurve(offset=0 of each joint), and add drive.curve.offset[0] and"
         " so on to unknown."
     ),
+    # Wrong lengths and counts per turn scale a motion as a wrong gear does.
     "gear": (
         "gears (or lengths, or counts per turn) are not the rig's: {each} ({chance}), which biases"
         " f. Check them, or add drive.gear[0] and so on to unknown."
     ),
+    # Its torque is known along the log but for the size, so it is stated, not identified.
     "cogging": "motors cog: {each}, motor side ({chance}). Give the drive a TorqueRipple of that.",
     "length": (
         "the arm's lengths are not the chain's: {each} ({chance}), which biases f. Measure them,"
         " and correct the chain."
     ),
+    # A derivative in the law advances its torque by the ratio of the gains.
     "lead": (
         "the stated law lacks the rate of its error: torques lead by {each} ({chance}), which"
         " biases f. Check the law; a PD has such a lead, its derivative per gain."
@@ -191,6 +196,7 @@ class Detection(Shown, Frozen):
         """A fit, or the mean, whose covariance includes effects that the rig may lack."""
         # The mean replaces the common fit, which is that of no machine.
         fit = fit if self.mean is None else self.mean
+        # Without a covariance, or with unknown gears, `detect` gives no scatter.
         if (
             fit.covariance is None
             or fit.resonance is not None
@@ -344,6 +350,7 @@ class Detection(Shown, Frozen):
                 for name, value in limits.items()
                 if self.stated.get(name)
             }
+        # In units of the text.
         factor, unit, title = _QUANTITIES[sign.name]
         # A joint that would show an effect only when it is huge is listed apart.
         if unit == "%":

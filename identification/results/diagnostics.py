@@ -239,5 +239,6 @@ def _bands(problem: Problem, values: Floats) -> dict[float, float]:
         f = np.array([identified[name] for name in names])
         least_squares = np.array([fit[name] for name in names])
         std = fit.std[[fit.names.index(name) for name in names]]
+        # A ratio of a precise value counts more.
         ratios[band] = float(np.average(least_squares / f, weights=(f / std) ** 2))
     return ratios

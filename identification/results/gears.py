@@ -136,6 +136,7 @@ class Gears(Shown, Frozen):
                 f"{self.between.agree.sum()} of {self.between.compared.sum()} intervals agree"
                 " between runs:"
             )
+            # Each record alone, so that a user sees the agreement.
             alone = [(self.joints[i], *(run._interval(i) for run in self.runs)) for i in seen]
             yield Table(("", *(f"run {k}" for k in range(len(self.runs)))), alone)
 

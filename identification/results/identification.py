@@ -76,11 +76,11 @@ class Identification(Shown, Saved, Frozen):
 
     def provenance(self) -> dict[str, Any]:
         """Logs by their fingerprints, method, seed and warnings, and versions of the software."""
+        # Fingerprints stand for the content of the logs, which may be large.
         logs = {
             name: [fingerprint(log) for log in getattr(self, name)]
             for name in ("records", "held_out")
         }
-        # Enough to repeat the identification: the logs are named by their content.
         search = {"method": self.search.method, "seed": self.search.seed, "warnings": self.warnings}
         return {"versions": dict(self.versions)} | logs | search
 
@@ -159,6 +159,7 @@ class Identification(Shown, Saved, Frozen):
                 "the record must have a reference for a bound; it has none. Pass reference= with"
                 " the log."
             )
+        # As long as the record, as more samples lower the bound.
         seconds = len(record) * record.rig.period
         with warnings.catch_warnings():
             # Gears that are too stiff for the sub-steps give a warning: they are nearly rigid.
@@ -186,6 +187,7 @@ class Identification(Shown, Saved, Frozen):
             An identification without covariance, with the reason.
         """
         # They were taken at the optimum of the fit, so they need one.
+        # Moves by gears and gains are part of the result; those by lengths are computed here.
         moves = dict(self.diagnostics.detection.assumed)
         if not moves or self.covariance is None:
             reason = (
@@ -223,11 +225,12 @@ class Identification(Shown, Saved, Frozen):
         return plot_identification(self, ax)
 
     def _shown(self) -> Iterable[Piece]:
+        # Short if many unknowns would not fit on a screen.
         return summary_of(self, False)
 
     def _short(self) -> str:
         count = len(doubts(self))
-        # One line, for lists of results.
+        # One line, for lists of results; doubts come last, as they qualify the rest.
         text = (
             f"{len(self.fit.values)} values, {self.search.method}, {self.objective:.0f} pulses^2,"
             f" {self.evaluations} evaluations"
@@ -241,7 +244,7 @@ class Identification(Shown, Saved, Frozen):
 
 def covariance_of_f(identification: Identification | None, arm: Arm) -> Floats:
     """Covariance (p, p) of f, in the order of the arm's; zero of an exact arm."""
-    if identification is None:
+    if identification is None:  # exact
         return np.zeros((len(arm.f),) * 2)
     if identification.covariance is None:
         raise ValueError(

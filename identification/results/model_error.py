@@ -252,6 +252,7 @@ def consider(
         information += products(rows) / unit
         slope += (rows * residual[block, None]).sum(axis=0) / unit
     places = np.arange(count, len(information))
+    # A prior counts like one more reading of its number.
     information[places, places] += np.isfinite(sizes)
     # With all numbers, and with the unknowns alone: the differences are those of the prior.
     inverse = _inverse(information)
@@ -264,6 +265,7 @@ def consider(
 
 def _inverse(matrix: Floats) -> Floats:
     """Pseudo-inverse of a matrix that is scaled to a diagonal of ones."""
+    # A relative cut-off is fair only between numbers in comparable units.
     scale = np.sqrt(np.diag(matrix))
     scale = np.where(scale > 0, scale, 1.0)
     return np.asarray(

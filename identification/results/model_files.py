@@ -183,6 +183,7 @@ def write_model(
         )
     # 2. MJCF: armature, damping and friction are attributes of joints.
     values = _joint_values(joints, result.rotors, levels)
+    # Without a section, MJCF has joints and no motors.
     section = ""
     if drive is not None and motors:
         section = mjcf_motors([joint.name for joint in joints], drive)
@@ -225,6 +226,7 @@ def _joint_values(
 
 def _read(path: str | Path) -> tuple[ModelFile, Element]:
     """A model file and its root."""
+    # The suffix may be anything: the root element tells the format.
     root, _ = parsed(path, None, "URDF or MJCF")
     if root.tag not in _READERS:
         raise ValueError(

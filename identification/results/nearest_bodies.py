@@ -163,6 +163,7 @@ class _Problem:
 
     def value(self, x: Floats) -> float:
         """The divergence, infinite outside of its domain; up to a constant."""
+        # Trace and log-det from the eigenvalues, which are positive for bodies.
         values = [np.linalg.eigvalsh(X) for X in self.matrices(x)]
         return sum(float(v.sum() - np.log(v).sum()) if v[0] > 0 else np.inf for v in values)
 
@@ -181,7 +182,7 @@ class _Problem:
 
     def exact(self, A: Floats, f: Floats, x: Floats) -> Floats | None:
         """The x of least divergence with A x = f; None if the steps end at the border of bodies."""
-        y = np.zeros(len(f))
+        y = np.zeros(len(f))  # multipliers of the equations
 
         def residual(x: Floats, y: Floats) -> Floats:
             gradient = self.gradient(x)

@@ -115,7 +115,7 @@ class Oscillation(Shown, Frozen):
     def _shown(self) -> Iterator[Piece]:
         modes = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in self.modes)
         title = f"oscillation at {self.frequency:.1f} Hz"
-        if self.own is None:
+        if self.own is None:  # without an arm the verdict is open
             yield Verdict(f"{title}; pass an arm to determine whether it is the loop's own")
         # A mode of the loop depends on the inertias.
         elif self.own:
@@ -186,6 +186,7 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
             raise ValueError(
                 "the record must name the law that made it; got None. Pass law= when loading it."
             )
+        # The loop has the joints of the record, with this law.
         record.rig.require_fit(arm.dynamics.chain)
         joints = arm.dynamics.chain.joint_labels
         law = instance("law of the record", record.law, Law, "Pass law= with the log.")

@@ -112,6 +112,7 @@ def realised(
     their frames, instead of the file's. `scale` (p, p): whitening matrix of f, for the nearest f;
     by default relative to the contributions of the prior's bodies.
     """
+    # Joints in the order of the arm's.
     joints = matching_joints(arm, model)
     # A misspelt link would be ignored silently.
     for name in prior:
@@ -129,6 +130,7 @@ def realised(
     rotors = np.where(acts, rotors, 0.0)
     pi = np.zeros(len(joints) * _WIDTH)
     for inertial in inertials:
+        # Bodies of one link add up; the last standard parameter of a link is its rotor.
         body = inertial.body.seen_from(inertial.pose)
         pi[_WIDTH * inertial.joint :][: _WIDTH - 1] += body.standard_parameters
     pi[STANDARD.index("J") :: _WIDTH] = rotors

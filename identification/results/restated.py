@@ -109,6 +109,7 @@ def _left(
     )
     smooth_torque = signals.smooth(signals.motor_torque)  # type: ignore[arg-type]  # there is one
     torque = sign * rig.drive.gear * smooth_torque[rows]
+    # Dry friction: signs of speeds, filtered like the torque.
     dry = np.column_stack([signals.smooth_even(np.sign(speed)) for speed in signals.motion[1].T])[
         rows
     ]

@@ -75,6 +75,7 @@ class Seen(Frozen):
 
 def seen(identification: Any, reference: Reference, duration: float) -> Seen:
     """Coverage of a path of this duration [s] by the logs of an `Identification`."""
+    # By the names that a user would add to the unknowns.
     friction = {
         f"drive.{name}": std for name, std in identification.diagnostics.detection.friction.items()
     }
@@ -113,6 +114,7 @@ def _beyond(identification: Any, reference: Reference, duration: float) -> list[
     chain = identification.arm.dynamics.chain
     for i, (link, label) in enumerate(zip(chain.links, chain.joint_labels, strict=True)):
         unit = "m" if link.prismatic else "rad"
+        # Angles by the range, speeds by the largest one: their sign does not matter.
         lowest = path.q[:, i].min()
         highest = path.q[:, i].max()
         speed = np.abs(path.qd[:, i]).max()
@@ -159,6 +161,7 @@ def combinations_of(identification: Any) -> Combinations | None:
     # In whitened coordinates the prior is a sphere: the axes of the covariance are independent in
     # both.
     covariance = prior.whitening @ fit.covariance_of(prior.names) @ prior.whitening.T
+    # Small eigenvalues first: the combinations that the log determines best.
     squares, axes = np.linalg.eigh((covariance + covariance.T) / 2)
     axes = prior.whitening.T @ axes
     off = axes.T @ (identification.f - prior.mean)
@@ -171,6 +174,7 @@ def of_prior(identification: Any) -> list[str]:
     """Parameters of f that the log leaves to the prior, each by itself; none without a prior."""
     if combinations_of(identification) is None:
         return []
+    # Of each parameter by itself, whatever the combinations.
     prior = identification.fit.prior
     shares = np.sqrt(
         np.diag(identification.fit.covariance_of(prior.names)) / np.diag(prior.covariance)
@@ -200,6 +204,7 @@ def origins(identification: Any, full: bool) -> Iterator[Piece]:
         f" combinations of f {count - len(from_prior)} come from the log, {len(from_prior)} from"
         " the prior"
     )
+    # One row per combination; short, those that the log determines least come first.
     rows = dict[str, tuple[str, str]]()  # combinations that print alike count once
     for i in from_prior if full else from_prior[::-1]:
         # Coefficients in units of the prior's standard deviations, the largest one 1.

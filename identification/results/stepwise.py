@@ -143,7 +143,7 @@ class _Search:
         if fit.covariance is not None:
             values = fit.values
             std = fit.std
-        else:
+        else:  # a method without a covariance: from least squares on the torque equation
             values, std = start_of_fit(problem, torque_fit(problem))
         by_name = dict(zip(problem.unknown, values, strict=True))
         parts = [in_parts(record) for record in records]
@@ -164,7 +164,7 @@ class _Search:
 
         # 2. Its optimum. Low observer gains may lose a record that was held out, so the gains of
         # the fit compete with the model's default.
-        if start is None:
+        if start is None:  # otherwise at the optimum of coarse steps
             gains = [model.gains] if fit.gains is None else [fit.gains, model.gains]
             begin = nearest(model, [np.concatenate([values[keep], gain, extra]) for gain in gains])
         else:
@@ -426,6 +426,7 @@ def _may_follow(sign: Sign, causes: list[Sign]) -> bool:
     Backlash includes the compliance of its gear, so only further backlash follows it; late counts
     and lagging currents have nearly the same effect.
     """
+    # A cause is reported once, except backlash, which gear after gear can have.
     names = {cause.name for cause in causes}
     if "backlash" in names:
         return sign.name == "backlash"

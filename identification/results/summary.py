@@ -90,6 +90,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
     warnings = result.warnings
 
     # 1. Verdict, and how the values were found.
+    # Warnings that hold for any log are printed, but do not make a result unreliable.
     doubtful = len(doubts(result))
     if doubtful:
         yield Verdict(f"Unreliable: {doubtful} warning{'s' * (doubtful > 1)}, below.", False)
@@ -163,6 +164,7 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
 
 def _abreast(result: Any) -> Iterator[Table]:
     """Values and standard deviations, those of f first, in as many columns as a line holds."""
+    # Without a covariance, every value stands alone.
     std = [0.0] * len(result.fit.values) if result.covariance is None else result.fit.std
     prior = of_prior(result)
     cells_of_f = list[tuple[str, ...]]()
@@ -187,6 +189,7 @@ def _abreast(result: Any) -> Iterator[Table]:
 
 def _links_of(dynamics: Any) -> str:
     """Runs of parameters that begin with numbers of the same link, with the joint of it."""
+    # The place of the leading standard parameter tells the link.
     matrix = np.array(dynamics.lumping.matrix)
     links = [np.flatnonzero(row)[0] // len(STANDARD) for row in matrix]
     names = dynamics.short_names

@@ -131,6 +131,7 @@ def warnings_of(identification: Any, always: bool = True) -> list[str]:
 
 def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:
     """Statements of a rig that no arm has, along the counts of records, each once."""
+    # Speeds and ranges of slides are in metres.
     prismatic = [link.prismatic for link in chain.links]
     lines = list[str]()
     for record in records:
@@ -154,6 +155,7 @@ def _range_ends(case: _Case) -> _Lines:
     result = case.identification
     if result.search.ranges is None:
         return
+    # The search stops at the end of a range, wherever the optimum is.
     for name, value, (low, high) in zip(
         result.short_names, result.fit.values, result.search.ranges, strict=True
     ):
@@ -173,6 +175,7 @@ def _torque_bands(case: _Case) -> _Lines:
     bands = case.identification.diagnostics.bands
     if not case.replayed or not bands:
         return
+    # Filters and delays of torques act on fast motion first: slow bands can be right alone.
     unbiased = [band for band, ratio in bands.items() if abs(ratio - 1) < SETTINGS.band_bias]
     if not unbiased:
         yield (
@@ -265,6 +268,7 @@ def _law(case: _Case) -> _Lines:
 
 
 def _innovations(case: _Case) -> _Lines:
+    # None where a method has no innovations.
     rms = case.identification.fit.rms_innovation
     # `_repeats` warns of a simulation, by its own limit.
     if rms is not None and rms > SETTINGS.innovation and not case.simulated:
@@ -299,6 +303,7 @@ def _timing(case: _Case) -> _Lines:
 
 def _absorbed_delay(case: _Case) -> _Lines:
     """Unknowns that take a delay over, in any log."""
+    # Viscous friction and gains shift the phase of the loop as a delay does.
     absorbing = [
         name
         for name in case.identification.fit.unknown
@@ -408,6 +413,7 @@ def pairs_of(identification: Any) -> list[tuple[str, str]]:
         return []
     fit = identification.fit
     names = identification.short_names
+    # Of a pair, at least one value must be uncertain: two precise ones may be correlated.
     vague = fit.std > SETTINGS.vague * np.abs(fit.values)
     alike = (np.abs(fit.correlation) > SETTINGS.correlation) & (vague[:, None] | vague)
     # Effects that the rig may lack move many values alike, so noise alone must correlate them too.
