@@ -10,15 +10,24 @@ import inspect
 import itertools
 import symtable
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import casadi as ca
+import numba
 import numpy as np
+from llvmlite import ir
+from numba.core.types import void
+from numba.extending import intrinsic as numba_intrinsic
 from numpy.typing import ArrayLike, NDArray
 
 from plant.compiler import llvm
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.kernel_cache import Kernel
 from plant.compiler.translate import Names, translate
+
+# Decorator of a function that only kernels call: numba compiles it as a part of each, without what
+# calls from Python need.
+in_kernel: Any = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 @functools.cache
@@ -83,10 +92,10 @@ def intrinsic(
 
 
 def switch(name: str, pieces: Mapping[str, Iterable[str]]) -> str:
-    """An intrinsic without arguments: the address of a function that does the lines of one piece to
-    ``memory``.
+    """An intrinsic without arguments: the address, as uintp, of a function that runs one piece.
 
-    The address is the bits of a float64, to be kept in an array; `called` calls it.
+    The function takes the number of the piece and the array ``memory``, on which the lines of the
+    piece act; `call_by_number` calls it.
     """
     text = "".join(
         _PIECE.format(name=piece, lines="\n    ".join(lines)) for piece, lines in pieces.items()
@@ -94,11 +103,44 @@ def switch(name: str, pieces: Mapping[str, Iterable[str]]) -> str:
     return text + _SWITCH.format(name=name, pieces=", ".join(f"{piece}_{{h}}" for piece in pieces))
 
 
-def called(name: str, place: int, which: int) -> str:
-    """An intrinsic of a vector: the function whose address stands in this place of it does its
-    piece `which`.
+def call_by_number(number: int) -> Any:
+    """An intrinsic of a named tuple: runs the piece `number` of the function at address `pieces`.
+
+    The tuple has a field `pieces`, from `switch`, and a field `vector`, on which the piece acts.
     """
-    return _CALLED.format(name=name, place=place, which=which)
+
+    @numba_intrinsic
+    def call(typing, memory):
+        def codegen(context, builder, signature, arguments):
+            fields = signature.args[0].fields
+            address = builder.extract_value(arguments[0], fields.index("pieces"))
+            vector = builder.extract_value(arguments[0], fields.index("vector"))
+            kind = signature.args[0].types[fields.index("vector")]
+            data = context.make_array(kind)(context, builder, vector).data
+            index = ir.IntType(64)
+            function = ir.FunctionType(ir.VoidType(), [index, ir.DoubleType().as_pointer()])
+            function = builder.inttoptr(address, function.as_pointer())
+            builder.call(function, [index(number), data])
+            return context.get_dummy_value()
+
+        return void(memory), codegen
+
+    return call
+
+
+@numba_intrinsic
+def borrowed(typing, array):
+    """The same array without a count of references: who has it must not outlive its owner.
+
+    Counting the references of all views of a memory takes as long as all else in a step.
+    """
+
+    def codegen(context, builder, signature, arguments):
+        value = arguments[0]
+        owner = value.type.elements[0]
+        return builder.insert_value(value, owner(None), 0)
+
+    return array(array), codegen
 
 
 def map_source(function: ca.Function, outer: int) -> tuple[str, int]:
@@ -177,25 +219,9 @@ def {name}_{{h}}(typing):
             e = Emitter(context, ir.IRBuilder(block))
             piece(e, View(e, function.args[1], 1, LONG(0)))
             e.builder.branch(end)
-        return builder.bitcast(builder.ptrtoint(function, LONG), DOUBLE)
+        return builder.ptrtoint(function, LONG)
 
-    return float64(), codegen
-"""
-
-_CALLED = """
-
-@intrinsic
-def {name}_{{h}}(typing, memory):
-    def codegen(context, builder, signature, arguments):
-        number, whole = ir.DoubleType(), ir.IntType(64)
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        place = builder.gep(data, [whole({place})], source_etype=number)
-        kind = ir.FunctionType(ir.VoidType(), [whole, number.as_pointer()])
-        address = builder.bitcast(builder.load(place, typ=number), whole)
-        builder.call(builder.inttoptr(address, kind.as_pointer()), [whole({which}), data])
-        return context.get_dummy_value()
-
-    return void(memory), codegen
+    return numba.types.uintp(), codegen
 """
 
 _MAP = """

@@ -1,8 +1,9 @@
-"""Functions of numbers, arrays and branches, as numba compiles them, in C99: one text for both.
+"""Python functions of numbers, arrays and records, as numba compiles them, as C99: one text for both.
 
-What is not known here is refused, so that C and Python cannot drift apart. Every number is a
-double, and an index of an array is cast; arrays are known by their names, wherever these occur. The
-caller's C has ``least`` and ``greatest`` of two numbers, which are Python's min and max.
+A construct without a translation is refused, so that C and Python cannot drift apart. Every number
+is a double, and an index of an array is cast; arrays and records are known by their names, which
+mean the same in all functions. The caller's C has ``least`` and ``greatest`` of two numbers, which
+are Python's min and max.
 """
 
 import ast
@@ -43,46 +44,58 @@ _FUNCTIONS = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class CNames:
-    """What names stand for: arrays, of which some are only read (all else is a number), and
-    functions of its own.
+    """Meanings of the names in the Python functions that become C.
 
-    The functions get a `prefix`, since C's library has a ``read``. `sizes` are the lengths of
-    arrays in C, `each` that of all others, and of their shapes.
+    Parameters
+    ----------
+    arrays : collection of str
+        Arrays of doubles, of this name in every function.
+    read : collection of str
+        Arrays that are only read.
+    records : mapping of str to str
+        Records, of this name in every function, and their C types; C has pointers to them.
+    functions : collection of str
+        Python functions that C has, too.
+    prefix : str
+        Beginning of the names of functions in C, whose library has a ``read``.
+    sizes : mapping of str to str
+        Lengths of arrays in C, by the Python expression of the array.
+    length : str
+        Length of all other arrays.
     """
 
     arrays: Collection[str]
     read: Collection[str]
+    records: Mapping[str, str]
     functions: Collection[str]
     prefix: str
     sizes: Mapping[str, str]
-    each: str
+    length: str
 
 
 class CFunction:
-    """One function in C: its `head`, its `body`, and what its docstring `said`."""
+    """One function in C: its `head`, its `body`, and the `summary` of its docstring."""
 
     def __init__(self, node: ast.FunctionDef, names: CNames) -> None:
         self.names = names
         self.parameters = [argument.arg for argument in node.args.args]
-        gives = any(
-            isinstance(each, ast.Return) and each.value is not None for each in ast.walk(node)
-        )
-        kinds = (self._kind(name) for name in self.parameters)
-        listed = ", ".join(
-            f"{kind}{name}" for kind, name in zip(kinds, self.parameters, strict=True)
-        )
-        self.head = f"static {'double' if gives else 'void'} {names.prefix}{node.name}({listed})"
-        self._counters, self._locals = set[str](), dict[str, None]()
-        body = [line for each in node.body[1:] for line in self._statement(each)]
-        declared = [f"double {name} = 0.0;" for name in self._locals]
-        written = "\n".join(body)
+        declared = ", ".join(f"{self._kind(name)}{name}" for name in self.parameters)
+        returns = [inner.value for inner in ast.walk(node) if isinstance(inner, ast.Return)]
+        kind = "double" if any(returns) else "void"
+        self.head = f"static {kind} {names.prefix}{node.name}({declared})"
+        self.summary = (ast.get_docstring(node) or "").split("\n\n")[0]
+
+        # C declares the variables at the beginning; which they are is known after the statements.
+        self._counters = set[str]()
+        self._locals = dict[str, None]()
+        text = "\n".join(line for inner in node.body[1:] for line in self._statement(inner))
+        variables = [f"double {name} = 0.0;" for name in self._locals]
         unused = [
-            f"(void){name};" for name in self.parameters if not re.search(rf"\b{name}\b", written)
+            f"(void){name};" for name in self.parameters if not re.search(rf"\b{name}\b", text)
         ]
-        self.body = textwrap.indent("\n".join([*declared, *unused, written]), "    ")
-        self.said = (ast.get_docstring(node) or "").split("\n\n")[0]
+        self.body = textwrap.indent("\n".join([*variables, *unused, text]), "    ")
 
     # -- statements -------------------------------------------------------------------------------
     def _statement(self, node: ast.stmt) -> list[str]:
@@ -94,84 +107,63 @@ class CFunction:
             case ast.Continue():
                 return ["continue;"]
             case ast.If():
-                lines = [f"if ({_bare(self._value(node.test))}) {{", *self._block(node.body)]
-                if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-                    first, *rest = self._statement(node.orelse[0])
-                    return [*lines, f"}} else {first}", *rest]
-                return [
-                    *lines,
-                    *(["} else {", *self._block(node.orelse)] if node.orelse else []),
-                    "}",
-                ]
-            case ast.For(target=ast.Name(id=name), orelse=[]):
-                return self._loop(name, node)
-            case ast.AugAssign(target=ast.Subscript() | ast.Name()):
-                return [
-                    f"{self._target(node.target)} {_symbol(node.op)}= {self._value(node.value)};"
-                ]
-            case ast.Assign():
-                return self._assigned(node)
+                return self._branches(node)
+            case ast.For(orelse=[]):
+                return self._loop(node)
+            case ast.AugAssign():
+                operator = _symbol(node.op)
+                return [f"{self._target(node.target)} {operator}= {self._value(node.value)};"]
+            case ast.Assign(targets=[ast.Name(id=name)]) if name in self.names.records:
+                return [self._pointer(name, self._value(node.value))]
+            case ast.Assign(targets=[ast.Name() | ast.Attribute() | ast.Subscript() as target]):
+                return [f"{self._target(target)} = {self._value(node.value)};"]
         raise _unknown(node)
+
+    def _branches(self, node: ast.If) -> list[str]:
+        lines = [f"if ({_bare(self._value(node.test))}) {{", *self._block(node.body)]
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+            following = self._branches(node.orelse[0])
+            return [*lines, f"}} else {following[0]}", *following[1:]]
+        if node.orelse:
+            lines += ["} else {", *self._block(node.orelse)]
+        return [*lines, "}"]
 
     def _block(self, body: list[ast.stmt]) -> list[str]:
-        return [f"    {line}" for each in body for line in self._statement(each)]
+        return [f"    {line}" for node in body for line in self._statement(node)]
 
-    def _loop(self, name: str, node: ast.For) -> list[str]:
-        match node.iter:
-            case ast.Call(func=ast.Name(id="range"), args=args) if not node.orelse:
-                low, high = ("0", args[0]) if len(args) == 1 else (self._whole(args[0]), args[1])
-                self._counters.add(name)
-                head = f"for (int {name} = {low}; {name} < {self._whole(high)}; {name}++) {{"
-                return [head, *self._block(node.body), "}"]
-            case ast.Name(id=array) if array in self.names.arrays:
-                self._counters.add(name)
-                first = f"    const double {name} = {array}[at];"
-                return [
-                    f"for (int at = 0; at < {self.names.each}; at++) {{",
-                    first,
-                    *self._block(node.body),
-                    "}",
-                ]
-        raise _unknown(node)
+    def _loop(self, node: ast.For) -> list[str]:
+        """A loop over numbers, or over an array of numbers or records, with or without numbers."""
+        counter = "at"
+        element = None
+        match node.target, node.iter:
+            case ast.Name(id=counter), ast.Call(func=ast.Name(id="range"), args=[number]):
+                size = self._index(number)
+            case (
+                ast.Tuple(elts=[ast.Name(id=counter), ast.Name(id=element)]),
+                ast.Call(func=ast.Name(id="enumerate"), args=[array]),
+            ):
+                size = self._length(array)
+            case ast.Name(id=element), ast.Name() | ast.Attribute() as array:
+                size = self._length(array)
+            case _:
+                raise _unknown(node)
+        self._counters.add(counter)
+        lines = [f"for (int {counter} = 0; {counter} < {size}; {counter}++) {{"]
+        if element in self.names.records:
+            lines.append(f"    {self._pointer(element, f'{self._value(array)}[{counter}]')}")
+        elif element is not None:
+            self._counters.add(element)
+            lines.append(f"    const double {element} = {self._value(array)}[{counter}];")
+        return [*lines, *self._block(node.body), "}"]
 
-    def _assigned(self, node: ast.Assign) -> list[str]:
-        first, *more = node.targets
-        if isinstance(first, ast.Tuple) and not more:
-            return self._several(first.elts, node.value)
-        if self._is_array(first):
-            return [f"double *{ast.unparse(first)} = {self._value(node.value)};"]
-        return [f"{' = '.join(map(self._target, node.targets))} = {self._value(node.value)};"]
+    def _pointer(self, name: str, value: str) -> str:
+        return f"{self.names.records[name]} *{name} = &{value};"
 
-    def _several(self, targets: list[ast.expr], value: ast.expr) -> list[str]:
-        """All values are made before one is given a name."""
-        if isinstance(value, ast.IfExp):
-            lines = [f"if ({self._value(value.test)}) {{"]
-            lines += [f"    {line}" for line in self._several(targets, value.body)] + ["} else {"]
-            return [*lines, *(f"    {line}" for line in self._several(targets, value.orelse)), "}"]
-        if not isinstance(value, ast.Tuple) or len(value.elts) != len(targets):
-            raise _unknown(value)
-        pairs = [
-            (target, self._value(each)) for target, each in zip(targets, value.elts, strict=True)
-        ]
-        arrays = [
-            f"double *{ast.unparse(target)} = {each};"
-            for target, each in pairs
-            if self._is_array(target)
-        ]
-        pairs = [(target, each) for target, each in pairs if not self._is_array(target)]
-        given = ", ".join(f"value_{i} = {each}" for i, (_, each) in enumerate(pairs))
-        taken = [f"    {self._target(target)} = value_{i};" for i, (target, _) in enumerate(pairs)]
-        return [*arrays, "{", f"    const double {given};", *taken, "}"] if pairs else arrays
-
-    def _is_array(self, node: ast.expr) -> bool:
-        return isinstance(node, ast.Name) and node.id in self.names.arrays
+    def _length(self, array: ast.expr) -> str:
+        return self.names.sizes.get(ast.unparse(array), self.names.length)
 
     def _target(self, node: ast.expr) -> str:
-        if (
-            isinstance(node, ast.Name)
-            and node.id not in self.parameters
-            and node.id not in self._counters
-        ):
+        if isinstance(node, ast.Name) and node.id not in {*self.parameters, *self._counters}:
             self._locals[node.id] = None
         return self._value(node)
 
@@ -186,69 +178,56 @@ class CFunction:
                 return name
             case ast.Attribute(value=ast.Name(id="np"), attr="inf"):
                 return "INFINITY"
-            case ast.UnaryOp(op=ast.USub() | ast.Not() as op, operand=operand):
-                return f"{_symbol(op)}({self._value(operand)})"
-
-            case ast.BoolOp(op=op, values=values):
-                return f"({f' {_symbol(op)} '.join(self._value(each) for each in values)})"
+            case ast.Attribute(value=ast.Name(id=name), attr=field) if name in self.names.records:
+                return f"{name}->{field}"
+            case ast.Attribute(value=ast.Subscript() as record, attr=field):
+                return f"{self._value(record)}.{field}"
+            case ast.Subscript(value=array, slice=ast.Tuple(elts=indices)):
+                return self._value(array) + "".join(f"[{self._index(i)}]" for i in indices)
+            case ast.Subscript(value=array, slice=index) if not isinstance(index, ast.Slice):
+                return f"{self._value(array)}[{self._index(index)}]"
+            case ast.UnaryOp(op=ast.USub() | ast.Not() as operator, operand=operand):
+                return f"{_symbol(operator)}({self._value(operand)})"
+            case ast.BoolOp(op=operator, values=values):
+                return f"({f' {_symbol(operator)} '.join(map(self._value, values))})"
             case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple(elts=among)]):
-                return f"({' || '.join(f'{self._value(left)} == {self._value(each)}' for each in among)})"
+                value = self._value(left)
+                return f"({' || '.join(f'{value} == {self._value(other)}' for other in among)})"
             case (
-                ast.BinOp(left=left, op=op, right=right)
-                | ast.Compare(left=left, ops=[op], comparators=[right])
+                ast.BinOp(left=left, op=operator, right=right)
+                | ast.Compare(left=left, ops=[operator], comparators=[right])
             ):
-                return f"({self._value(left)} {_symbol(op)} {self._value(right)})"
+                return f"({self._value(left)} {_symbol(operator)} {self._value(right)})"
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 return f"({self._value(test)} ? {self._value(body)} : {self._value(orelse)})"
-            case ast.Subscript():
-                return self._place(node)
             case ast.Call():
                 return self._call(node)
         raise _unknown(node)
 
-    def _place(self, node: ast.Subscript) -> str:
-        match node:
-            case ast.Subscript(value=ast.Attribute(attr="shape")):
-                return self.names.each
-            case ast.Subscript(value=ast.Name(id=name), slice=ast.Slice(lower=None, step=None)):
-                return name
-            case ast.Subscript(
-                value=ast.Name(id=name), slice=ast.Slice(lower=ast.expr() as lower, step=None)
-            ):
-                return f"{name} + {self._value(lower)}"
-            case ast.Subscript(value=ast.Name(id=name), slice=ast.Tuple(elts=[row, column])):
-                return f"{name}[{self._whole(row)} * {self.names.each} + {self._whole(column)}]"
-            case ast.Subscript(value=ast.Name(id=name), slice=index) if not isinstance(
-                index, ast.Slice
-            ):
-                return f"{name}[{self._whole(index)}]"
-        raise _unknown(node)
-
-    def _whole(self, node: ast.expr) -> str:
-        """A value as an index."""
+    def _index(self, node: ast.expr) -> str:
+        """A value as an index: counters, sizes and constants are whole numbers, all else is cast."""
         value = _bare(self._value(node))
-        known = value.isdigit() or value.isupper() or value in self._counters
-        return value if known else f"(int)({value})"
+        is_whole = value.isdigit() or value.isupper() or value in self._counters
+        return value if is_whole else f"(int)({value})"
 
     def _kind(self, name: str) -> str:
+        if name in self.names.records:
+            return f"{self.names.records[name]} *"
         constant = "const " if name in self.names.read else ""
         return f"{constant}double *" if name in self.names.arrays else "double "
 
     def _call(self, node: ast.Call) -> str:
-        match node.func:
-            case ast.Attribute(attr="reshape", value=value):
-                return self._value(value)
-            case ast.Name(id="len") if isinstance(node.args[0], ast.Name):
-                return self.names.sizes.get(node.args[0].id, self.names.each)
         name = ast.unparse(node.func)
+        if name == "len" and len(node.args) == 1:
+            return self._length(node.args[0])
         if node.keywords or name not in (*_FUNCTIONS, *self.names.functions):
             raise _unknown(node)
-        given = ", ".join(_bare(self._value(each)) for each in node.args)
-        return f"{_FUNCTIONS.get(name, f'{self.names.prefix}{name}')}({given})"
+        arguments = ", ".join(_bare(self._value(argument)) for argument in node.args)
+        return f"{_FUNCTIONS.get(name, f'{self.names.prefix}{name}')}({arguments})"
 
 
 def _bare(text: str) -> str:
-    """A value without brackets around all of it."""
+    """A value without the parentheses around all of it, if it has any."""
     depths = itertools.accumulate({"(": 1, ")": -1}.get(sign, 0) for sign in text[:-1])
     return text[1:-1] if text.startswith("(") and all(depths) else text
 
@@ -260,7 +239,7 @@ def _symbol(op: Any) -> str:
 
 
 def _unknown(node: ast.AST) -> ValueError:
-    said = ast.unparse(node) if isinstance(node, (ast.stmt, ast.expr)) else type(node).__name__
+    text = ast.unparse(node) if isinstance(node, (ast.stmt, ast.expr)) else type(node).__name__
     return ValueError(
-        f"what C is made of must be numbers, arrays and branches; got {said!r:.80}. Write it so."
+        f"what C is made of must be numbers, arrays and branches; got {text!r:.80}. Write it so."
     )

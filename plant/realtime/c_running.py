@@ -1,33 +1,45 @@
-"""A running controller as C99, with every guard and every stop: its memory, its pieces, and its
-logic.
+"""A running controller as C99, with every guard and every stop: its memory and its functions.
 
-The logic is that of `plant.realtime.safety`, translated (`plant.realtime.c_running`), what it calls
-of law and rig that of `plant.realtime.pieces`; the memory begins as that of the controller it is
-made from. Two files; nothing is allocated, and there is no state outside the struct.
+The guards are those of `plant.realtime.safety`, translated; the functions of law and rig are those
+of `plant.realtime.pieces`; the struct has the fields of `plant.realtime.memory` and begins as the
+memory of the controller. Two files; nothing is allocated, and there is no state outside the struct.
 """
 
 import ast
 import inspect
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from plant.compiler.c_statements import braced, comment, helpers, literal, paragraph, statements
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
-from plant.realtime import memory as layout
 from plant.realtime import safety, stopping, watching
 from plant.realtime.c_text import HOST, Output, Target, require_exportable, sides, write_files
+from plant.realtime.calls import PIECES
 from plant.realtime.compiled_step import initial_memory
 from plant.realtime.guards import Guards
-from plant.realtime.pieces import RAMP, numbers_of, pieces_of
+from plant.realtime.memory import (
+    CAUSES,
+    JOINT_FIELDS,
+    LAW_STATES,
+    RUN_FIELDS,
+    SIZES,
+    Layout,
+    Memory,
+    view,
+)
+from plant.realtime.pieces import RAMP, Piece, pieces_of
 from plant.realtime.status import wording
 
-PREFIX = "running_"  # of every function's name: C's library has a read, and a finite
+# Prefix of every function's name: C's library has a read, and a finite.
+PREFIX = "running_"
 
 HELPERS = """\
 /* As Python's min and max: of two that do not compare, the first. */
@@ -42,75 +54,113 @@ static double greatest(double a, double b)
 }
 """
 
-_MODULES = stopping, watching, safety
-_OURS = {
-    name for each in _MODULES for name, value in vars(each).items() if inspect.isfunction(value)
-}
-
-NAMES = CNames(
-    arrays=("own", "joints", "memory", "pulses", "q_r", "qd_r", "qdd_r", "torque"),
-    read=("pulses", "q_r", "qd_r", "qdd_r"),
-    functions=_OURS | set(vars(layout)),  # and the pieces, which the memory names
-    prefix=PREFIX,
-    sizes={"memory": "SIZE"},
-    each="N",
-)
+# In the order in which their constants are declared.
+_MODULES = (stopping, watching, safety)
 
 
-def constants_of_logic() -> str:
-    """Declarations of the constants of all modules: places in the memory, and thresholds."""
-    whole = []
-    real = []
-    for module in (layout, *_MODULES):
-        for name, value in vars(module).items():
-            if not name.isupper() or (module is not layout and hasattr(layout, name)):
-                continue  # imported from there
-            if isinstance(value, int):
-                whole.append(f"{name} = {value}")
-            elif isinstance(value, float):
-                real.append(f"static const double {name} = {literal(value)};")
-    listed = textwrap.indent(textwrap.fill(", ".join(whole), 108, break_on_hyphens=False), "    ")
-    return f"enum {{\n{listed}\n}};\n" + "\n".join(real) + "\n"
-
-
-def translated() -> str:
-    """All functions as C, each with its docstring; arrays have N joints and SIZE places, which
-    the caller defines.
-    """
-    trees = (ast.parse(inspect.getsource(module)) for module in _MODULES)
-    made = [
-        CFunction(node, NAMES)
-        for tree in trees
-        for node in tree.body
-        if isinstance(node, ast.FunctionDef)
-    ]
-    heads = "".join(f"{each.head};\n" for each in made)
-    return (
-        heads
-        + "\n"
-        + "\n".join(f"{comment(each.said)}\n{each.head}\n{{\n{each.body}\n}}\n" for each in made)
+def names_of(name: str) -> CNames:
+    """Names in the guards of the controller `name`, whose structs begin with it."""
+    functions = [node.name for node in _functions()]
+    return CNames(
+        arrays=("pulses", "q_r", "qd_r", "qdd_r", "torque"),
+        read=("pulses", "q_r", "qd_r", "qdd_r"),
+        records={
+            "memory": f"{name}_state",
+            "run": f"{name}_run",
+            "joint": f"{name}_joint",
+            "other": f"{name}_joint",
+        },
+        functions={*functions, *PIECES},
+        prefix=PREFIX,
+        sizes={"memory.state": "STATES", "memory.following": "STATES"},
+        length="N",
     )
 
 
-_CAUSES = (
-    "RUNNING",
-    "WAS_LATE",
-    "HAD_GAPS",
-    "HAS_JUMPED",
-    "IS_STUCK",
-    "IS_OFF",
-    "NO_TORQUE",
-    "IS_SATURATED",
-    "CHATTERS",
-    "NO_COUNTS",
-    "IS_DEAD",
-    "BAD_TIME",
-    "OFF_BEAT",
-    "OUTSIDE",
-    "TOO_FAST",
-    "TOO_STEEP",
-    "OPPOSES",
-)
+def _functions() -> list[ast.FunctionDef]:
+    trees = [ast.parse(inspect.getsource(module)) for module in _MODULES]
+    return [node for tree in trees for node in tree.body if isinstance(node, ast.FunctionDef)]
+
+
+def constants_of_logic() -> str:
+    """Declarations of the constants of the guards: codes, and thresholds."""
+    constants = {
+        name: value
+        for module in _MODULES
+        for name, value in vars(module).items()
+        if name.isupper() and isinstance(value, (int, float))
+    }
+    codes = [f"{name} = {value}" for name, value in constants.items() if isinstance(value, int)]
+    lines = textwrap.fill(", ".join(codes), 108, break_on_hyphens=False)
+    reals = [
+        f"static const double {name} = {literal(value)};\n"
+        for name, value in constants.items()
+        if isinstance(value, float)
+    ]
+    return f"enum {{\n{textwrap.indent(lines, '    ')}\n}};\n{''.join(reals)}"
+
+
+def translated(name: str) -> str:
+    """All functions of the guards as C, each with its docstring."""
+    names = names_of(name)
+    functions = [CFunction(node, names) for node in _functions()]
+    heads = "".join(f"{function.head};\n" for function in functions)
+    texts = [
+        f"{comment(function.summary)}\n{function.head}\n{{\n{function.body}\n}}\n"
+        for function in functions
+    ]
+    return heads + "\n" + "\n".join(texts)
+
+
+def structs(name: str, layout: Layout) -> str:
+    """Declarations of the memory as C structs, with the meaning of each field."""
+    run = _struct(_fields(RUN_FIELDS), f"{name}_run")
+    joint = _struct(_fields(JOINT_FIELDS), f"{name}_joint")
+    motion = _struct(["double q, qd, qdd;"], f"{name}_motion")
+    # C has no empty arrays; a law may have no states.
+    states = max(layout.states, 1)
+    n = layout.n
+    state = [
+        f"{name}_run run;",
+        f"{name}_joint joints[{n}];",
+        f"double {', '.join(f'{state}[{states}]' for state in LAW_STATES)}; /* of the law */",
+        f"double numbers[{layout.numbers}]; /* of law and rig */",
+        f"{name}_motion motions[{n}][{n}]; /* of all joints, where one came to rest */",
+    ]
+    about = "/* One controller; several do not know of each other. */\n"
+    return f"{run}\n{joint}\n{motion}\n{about}{_struct(state, f'{name}_state')}"
+
+
+def _fields(fields: Mapping[str, str]) -> Iterable[str]:
+    for name, meaning in fields.items():
+        size = f"[{SIZES[name]}]" if name in SIZES else ""
+        yield f"double {name}{size}; {comment(meaning)}"
+
+
+def _struct(members: Iterable[str], name: str) -> str:
+    lines = "".join(f"    {member}\n" for member in members)
+    return f"typedef struct {{\n{lines}}} {name};\n"
+
+
+def initial_struct(vector: NDArray[np.float64], layout: Layout) -> str:
+    """Initialiser of the memory; what it does not name is zero."""
+    memory = view(vector, layout.n, 0)
+    numbers = vector[[position for position, _ in layout.components("numbers")]]
+    joints = ",\n".join(_initialiser(joint, JOINT_FIELDS) for joint in memory.joints)
+    members = [f".run = {_initialiser(memory.run, RUN_FIELDS)}", f".joints = {{\n{joints}}}"]
+    if layout.states:
+        members += [f".{name} = {braced(getattr(memory, name))}" for name in LAW_STATES]
+    members.append(f".numbers = {braced(numbers)}")
+    return "{\n" + ",\n".join(members) + ",\n}"
+
+
+def _initialiser(record: Any, fields: Iterable[str]) -> str:
+    """Initialiser of a record, without its zeros."""
+    values = [
+        f".{name} = {literal(record[name])}" for name in fields if np.any(record[name] != 0.0)
+    ]
+    lines = textwrap.fill(", ".join(values), 108, break_on_hyphens=False)
+    return "{\n" + textwrap.indent(lines, "    ") + "}"
 
 
 def write_running(
@@ -127,11 +177,10 @@ def write_running(
 ) -> None:
     """Write the files of `Running.to_c`; `output` are the arguments of `Output.of`."""
     require_exportable(rig, name)
-    given = Output.of(law, rig, **output)
-    place = Target.of(target, precision, rig, given.largest)
-    write_files(
-        folder, name, "running", values_of(law, rig, guards, name, given, without, place), place
-    )
+    form = Output.of(law, rig, **output)
+    place = Target.of(target, precision, rig, form.largest)
+    values = values_of(law, rig, guards, name, form, without, place)
+    write_files(folder, name, "running", values, place)
 
 
 def values_of(
@@ -139,90 +188,91 @@ def values_of(
     rig: Rig,
     guards: Guards | None,
     name: str,
-    given: Output,
+    output: Output,
     without: Sequence[str] = (),
-    place: Target = HOST,
+    target: Target = HOST,
 ) -> dict[str, Any]:
-    """What the templates say of a running controller."""
+    """Values of the templates for a running controller."""
     block = law.block(rig)
-    n = rig.n
-    memory = initial_memory(law, rig, block, guards)
+    layout = Layout.of(block, rig.n)
+    vector = initial_memory(law, rig, block, guards)
     pieces = pieces_of(law, rig, block, without)
-    body = "\n".join(
-        [*(_piece(which, *pieces[which]) for which in pieces), _giving(given, law, rig, block)]
-    )
+    memory = f"{name}_state *memory"
+    functions = [_function(piece, pieces[piece], memory, layout) for piece in pieces]
+    body = "\n".join([*functions, _giving(output, law, rig, memory, layout)])
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
-    causes = [(cause, getattr(layout, cause)) for cause in _CAUSES]
+    causes = [
+        f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n"
+        for code, cause in enumerate(CAUSES)
+    ]
     return (
-        given.values
-        | place.values
+        output.values
+        | target.values
         | {
-            "n": n,
+            "n": rig.n,
             "period": literal(block.period or rig.period),
             "prefix": PREFIX,
-            "size": len(memory),
+            "states": layout.states,
+            "structs": structs(name, layout),
             "about": paragraph(about),
             "ramp": literal(RAMP),
-            "causes": "".join(
-                f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n" for cause, code in causes
-            ),
+            "causes": "".join(causes),
             "constants": constants_of_logic(),
-            "helpers": f"{place.elementary}{HELPERS}\n{helpers(body)}",
+            "helpers": f"{target.elementary}{HELPERS}\n{helpers(body)}",
             "pieces": body,
-            "logic": translated(),
-            "initial": braced(memory),
+            "logic": translated(name),
+            "initial": initial_struct(vector, layout),
         }
     )
 
 
 def _in_words(code: int) -> str:
-    said = wording(code, "a joint", float("nan"))
-    return f" {comment(said.replace('nan ', ''))}" if said else ""
+    text = wording(code, "a joint", float("nan"))
+    return f" {comment(text.replace('nan ', ''))}" if text else ""
 
 
-def _piece(name: str, function: Any, sources: Any, targets: Any) -> str:
-    """One function from places of the memory to others: all are read before one is written."""
-    inputs = [[(f"memory[{place}]", STATE) for place in places] for places in sources]
-    lines, values, _ = statements(function, inputs)
-    places = [place for each in targets for place in each]
-    listed = "".join(f"    {value},\n" for value in values)
+def _function(name: str, piece: Piece, memory: str, layout: Layout) -> str:
+    """One function from quantities of the memory to others: all are read before one is written."""
+    inputs = [
+        [(expression, STATE) for _, expression in layout.components(source)]
+        for source in piece.sources
+    ]
+    lines, values, _ = statements(piece.function, inputs)
+    targets = [text for name in piece.targets for _, text in layout.components(name)]
+    results = "".join(f"    {value},\n" for value in values)
     body = [
         *lines[UNIFORM],
         *lines[STATE],
-        f"const double results[{len(values)}] = {{\n{listed}}};",
+        f"const double results[{len(values)}] = {{\n{results}}};",
+        *(f"{target} = results[{i}];" for i, target in enumerate(targets)),
     ]
-    body += [f"memory[{place}] = results[{i}];" for i, place in enumerate(places)]
-    inner = textwrap.indent("\n".join(body), "    ")
-    return f"static void {PREFIX}{name}(double *memory)\n{{\n{inner}\n}}\n"
+    return _defined(f"{name}({memory})", body)
 
 
-def _giving(output: Output, law: Any, rig: Rig, block: Any) -> str:
-    """The function that makes the output of the torque."""
+def _giving(output: Output, law: Any, rig: Rig, memory: str, layout: Layout) -> str:
+    """The function that converts the torque to the output."""
     n = rig.n
-    own = len(law.number_names())
     torque = ca.SX.sym("torque", n)
-    numbers = ca.SX.sym("numbers", len(block.values))
+    numbers = ca.SX.sym("numbers", layout.numbers)
     scale = ca.SX.sym("scale", n)
-    given = output.converted(scale, rig.with_numbers(numbers[own:]), torque)
-    function = ca.Function("give", [torque, numbers, scale], [ca.densify(given)])
+    named = rig.with_numbers(numbers[len(law.number_names()) :])
+    converted = output.converted(scale, named, torque)
+    function = ca.Function("give", [torque, numbers, scale], [ca.densify(converted)])
     sources = (
         [f"torque[{i}]" for i in range(n)],
-        [f"memory[{i}]" for i in numbers_of(block, n)],
+        [expression for _, expression in layout.components("numbers")],
         [f"counts_per_ampere[{i}]" for i in range(n)],
     )
-    lines, values, used = statements(
-        function, [[(text, STATE) for text in texts] for texts in sources]
-    )
-    body = [
-        *([] if any("memory" in text for text in used) else ["(void)memory;"]),
-        *lines[UNIFORM],
-        *lines[STATE],
-    ]
+    inputs = [[(text, STATE) for text in texts] for texts in sources]
+    lines, values, used = statements(function, inputs)
+    body = [] if any("memory" in text for text in used) else ["(void)memory;"]
+    body += [*lines[UNIFORM], *lines[STATE]]
     body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]
+    head = f"give(const {memory}, const double *torque, {output.kind} *given)"
+    return output.constant + _defined(head, body)
+
+
+def _defined(head: str, body: Iterable[str]) -> str:
     inner = textwrap.indent("\n".join(body), "    ")
-    head = (
-        f"static void {PREFIX}give(const double *memory, const double *torque, {output.kind}"
-        " *given)"
-    )
-    return f"{output.constant}{head}\n{{\n{inner}\n}}\n"
+    return f"static void {PREFIX}{head}\n{{\n{inner}\n}}\n"

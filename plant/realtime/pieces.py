@@ -1,60 +1,61 @@
-"""What a running controller needs of one law and one rig, in casadi.
+"""Functions of law and rig that a running controller calls, in casadi.
 
-Each piece is a function from places of the one vector `memory` (`plant.realtime.memory`) to other
-places of it.
+Each function reads some quantities of the memory (`plant.realtime.memory`) and writes others.
 
 Saturation and chatter are those of the shafts, which have the amplifiers' limits; without coupling
-they are the joints. *Saturation* is the time at the limit within a sliding window of `WINDOW`, kept
-in slots: the oldest is dropped when the newest is full (`SLOT`), so that the window is never
-shorter than `WINDOW`, and at most a slot longer. *Chatter* is the mean distance of the torque from
-its own running mean. What quantisation or a sound loop adds to the torque is small against the
-limit, however much of it changes from one sample to the next; the oscillation of an unstable loop
-grows until it is the limit itself, at whatever frequency (`tests/benchmarks/guards.py`). A fast
-path moves the mean instead.
+they are the joints. *Saturation* is the time at the limit within a sliding window of `WINDOW`. The
+window consists of slots: the oldest is dropped when the newest is full (`SLOT`), so the window is
+never shorter than `WINDOW`, and at most one slot longer. *Chatter* is the mean distance of the
+torque from its running mean. Quantisation or a sound loop adds little to the torque, compared with
+the limit, however much of it changes from one sample to the next; the oscillation of an unstable
+loop grows until it reaches the limit, at any frequency (`tests/benchmarks/guards.py`). A fast path
+moves the mean instead.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
-from plant.machine.drive import Drive
 from plant.machine.rig import Rig
-from plant.realtime import memory as layout
+from plant.realtime.calls import PIECES
 from plant.realtime.guards import WINDOW
+from plant.realtime.memory import (
+    CHATTERS,
+    HOLDING,
+    IS_SATURATED,
+    JOINT_FIELDS,
+    LAW_STATES,
+    RUN_FIELDS,
+    SLOTS,
+    Layout,
+)
 
-# smoothing factor of the measured speed: quantisation is much of a change of counts
+# Smoothing factor of the measured speed: quantisation is much of a change of counts.
 SMOOTHING = 0.25
 
 # Share of the duration of a stop in which the torque ramps to its end: short, since it may begin at
 # the limit.
 RAMP = 0.1
 
-SLOTS = 6  # slots of the window of saturation, with the one that is being filled
-
 # Time for which a law without a period must stay at its limit before it counts [s]: one pulse may
 # take it there.
 HELD = 0.5e-3
 
+# Relative rounding error of sums of periods, and of a torque at its limit.
 _ROUNDING = 1e-9
 
-SLOT = (1 - _ROUNDING) * WINDOW / (SLOTS - 1)  # age at which the newest slot is full [s]
+# Age at which the newest slot is full [s].
+SLOT = (1 - _ROUNDING) * WINDOW / (SLOTS - 1)
 
-# time constant of the mean that chatter swings about [s]: 100 rad/s, above what a path asks for
+# Time constant of the running mean [s]: 100 rad/s, above the frequencies of a path.
 MEMORY = 0.01
 
-AVERAGED = 0.05  # time constant over which the swing is averaged [s]
+# Time constant over which the swing is averaged [s].
+AVERAGED = 0.05
 
-
-def row(index: int, n: int) -> range:
-    """Places of one row of numbers per joint."""
-    return range(layout.SCALARS + index * n, layout.SCALARS + (index + 1) * n)
-
-
-def numbers_of(block: Any, n: int) -> range:
-    """Places of the numbers of law and rig."""
-    start = layout.SCALARS + layout.ROWS * n + 3 * len(block.initial)
-    return range(start, start + len(block.values))
+# Names of the reference in the memory.
+_MOTION = ("q", "qd", "qdd")
 
 
 def knows_arm(law: Any) -> bool:
@@ -63,125 +64,92 @@ def knows_arm(law: Any) -> bool:
 
 
 def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, ...]) -> ca.SX:
-    """Torque (n, 1) [N m] of these parts of a law's model, at q and with qd, qdd; one that it
-    has not is refused.
+    """Torque (n, 1) [N m] of these parts of a law's model for a motion (q, qd, qdd).
+
+    ValueError for a part that the model does not have.
     """
     parts = law.model_parts(*motion)
-    if (
-        isinstance(without, str)
-        or not set(without) <= set(parts)
-        or len(set(without)) < len(without)
-    ):
-        known = ", ".join(parts) or "none, since it has no model of the arm"
-        meant = (
-            f"Write ({without!r:.60},)."
-            if isinstance(without, str)
-            else "Leave out what it has not."
-        )
-        rule = f"without must be a sequence of parts of {type(law).__name__} ({known}), each once"
-        raise ValueError(f"{rule}; got {without!r:.60}. {meant}")
-    return sum((parts[each] for each in without), ca.SX.zeros(rig.n))
+    single = isinstance(without, str)
+    if single or not set(without) <= set(parts) or len(set(without)) < len(without):
+        names = ", ".join(parts) or "none, since it has no model of the arm"
+        advice = f"Write ({without!r:.60},)." if single else "Leave out what it has not."
+        rule = f"without must be a sequence of parts of {type(law).__name__} ({names}), each once"
+        raise ValueError(f"{rule}; got {without!r:.60}. {advice}")
+    return sum((parts[name] for name in without), ca.SX.zeros(rig.n))
 
 
-def pieces_of(
-    law: Any, rig: Rig, block: Any, without: Sequence[str] = ()
-) -> dict[str, tuple[ca.Function, list[Any], list[Any]]]:
-    """Name -> (function, places in the memory of each input, places of each output)."""
+class Piece(NamedTuple):
+    """A function from quantities of the memory to others, with their names (`Layout.components`)."""
+
+    function: ca.Function
+    sources: list[str]
+    targets: list[str]
+
+
+def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> dict[str, Piece]:
+    """The functions of `plant.realtime.calls` by name, for one law and one rig."""
     n = rig.n
-    s = len(block.initial)
-    own = len(law.number_names())
-    per_joint = (
-        "COUNTS",
-        "BEFORE",
-        "SPEED",
-        "ANGLE",
-        "Q",
-        "QD",
-        "QDD",
-        "REFERENCE",
-        "TORQUE",
-        "FROM_Q",
-        "FROM_QD",
-    )
-    monitored = ("RUN", "AT_LIMIT", "MEAN", "SWING", "OVER", "NEWEST", "SATURATION", "CHATTER")
-    stopping_too = (
-        "WAS_Q",
-        "WAS_QD",
-        "WAS_QDD",
-        "NEEDED",
-        "LOWER",
-        "UPPER",
-        "FASTEST",
-        "BEYOND",
-        "PLANNED",
-        "LIMITED",
-    )
-    rows = (*per_joint, "WANTED", "GIVEN", "FROM_TORQUE", *monitored, *stopping_too, "LEFT_OUT")
-    scalars = ("DT", "SINCE", "DURATION", "WEIGHT", "LEAST", "PASSED", "AGE", "FILLED", "RELEASED")
-    places: dict[str, range | list[int]] = {name: row(getattr(layout, name), n) for name in rows}
-    places |= {name: [getattr(layout, name)] for name in scalars}
-    places["OLDER"] = range(row(layout.OLDER, n).start, row(layout.REST, n).start)
-    end = layout.SCALARS + layout.ROWS * n
-    places |= {"STATE": range(end + s, end + 2 * s), "FOLLOWING": range(end + 2 * s, end + 3 * s)}
-    places["NUMBERS"] = numbers_of(block, n)
-    at = {name: ca.SX.sym(name, len(places[name])) for name in places}
-    rig = rig.with_numbers(at["NUMBERS"][own:])
-    law = law.with_numbers(at["NUMBERS"][:own])
+    layout = Layout.of(block, n)
+    names = (*RUN_FIELDS, *JOINT_FIELDS, *LAW_STATES, "numbers")
+    memory = {name: ca.SX.sym(name, len(layout.components(name))) for name in names}
+    numbers = memory["numbers"]
+    law_numbers = len(law.number_names())
+    rig = rig.with_numbers(numbers[law_numbers:])
+    law = law.with_numbers(numbers[:law_numbers])
 
-    motion = at["Q"], at["QD"], at["QDD"]
-    asked, following = block.step(
-        at["STATE"], *motion, at["REFERENCE"], at["COUNTS"], at["TORQUE"], at["DT"], at["NUMBERS"]
+    motion = memory["q"], memory["qd"], memory["qdd"]
+    commanded, following = block.step(
+        memory["state"],
+        *motion,
+        memory["reference"],
+        memory["counts"],
+        memory["torque"],
+        memory["dt"],
+        numbers,
     )
-    stop = _slowing(at["SINCE"], at["DURATION"], at["FROM_Q"], at["FROM_QD"])
-    held = (
-        law.arm.dynamics.gravity(at["ANGLE"], law.arm.f) - rig.spring_torque(at["ANGLE"])
-        if knows_arm(law)
-        else 0
-    )
-    gravity = at["WEIGHT"] * held
-    follows = at["RELEASED"] == layout.HOLDING  # of a ramp there is no reference
-    now = at["ANGLE"], follows * at["QD"], follows * at["QDD"]
-    written = {
-        "ahead": dict(zip(("Q", "QD", "QDD"), _ahead(*motion, at["DT"]), strict=True)),
-        "moving": {"SPEED": rig.position_in_pulses(at["QD"])},
-        "counted": {"REFERENCE": rig.counts(at["Q"]), "ANGLE": rig.cell_centre(at["COUNTS"])},
-        "measured": {"SPEED": _smoothed(at["SPEED"], at["COUNTS"], at["BEFORE"], at["DT"])},
-        "standing": {"FROM_Q": at["ANGLE"], "FROM_QD": rig.to_angle(at["SPEED"])},
-        "slowing": dict(zip(("Q", "QD", "QDD"), stop, strict=True)),
-        "law": {"WANTED": asked, "GIVEN": rig.drive.limited(asked), "FOLLOWING": following},
-        "monitored": _monitored(rig, at),
+    angle = memory["angle"]
+    rest_motion = memory["rest_q"], memory["rest_qd"], memory["rest_qdd"]
+    # A ramp has no reference.
+    follows = memory["released"] == HOLDING
+    arm_motion = angle, follows * memory["qd"], follows * memory["qdd"]
+    results = {
+        "ahead": dict(zip(_MOTION, _ahead(*motion, memory["dt"]), strict=True)),
+        "moving": {"speed": rig.position_in_pulses(memory["qd"])},
+        "counted": {
+            "reference": rig.counts(memory["q"]),
+            "angle": rig.cell_centre(memory["counts"]),
+        },
+        "measured": {"speed": _smoothed(memory)},
+        "standing": {"begin_q": angle, "begin_qd": rig.to_angle(memory["speed"])},
+        "slowing": dict(zip(_MOTION, _slowing(memory), strict=True)),
+        "law": {
+            "commanded": commanded,
+            "limited": rig.drive.limited(commanded),
+            "following": following,
+        },
+        "monitored": _monitored(rig, memory),
         "shifted": {
-            "OLDER": ca.vertcat(at["NEWEST"], at["OLDER"][:-n]),
-            "NEWEST": ca.SX.zeros(n),
-            "FILLED": ca.SX(0),
+            "older": ca.vertcat(memory["newest"], memory["older"][:-n]),
+            "newest": ca.SX.zeros(n),
+            "filled": ca.SX(0),
         },
-        "ramp": {
-            "TORQUE": _ramp(
-                rig, gravity, at["FROM_TORQUE"], at["SPEED"], at["SINCE"], at["DURATION"]
-            )
-        },
-        "needed": {
-            "NEEDED": (
-                _needed(law, rig, motion)
-                - _needed(law, rig, (at["WAS_Q"], at["WAS_QD"], at["WAS_QDD"]))
-            )
-        },
-        "bounds": {"BEYOND": _bounds(rig, at)},
-        "planned": {"PLANNED": rig.position_in_pulses(at["QD"])},
-        "limited": {"LIMITED": _at_the_limit(at["TORQUE"], rig)},
-        "left_out": {"LEFT_OUT": model_part(law, rig, without, now)},
+        "ramp": {"torque": _ramp(law, rig, memory)},
+        "needed": {"model_change": _needed(law, rig, motion) - _needed(law, rig, rest_motion)},
+        "bounds": {"beyond": _bounds(rig, memory)},
+        "planned": {"reference_speed": rig.position_in_pulses(memory["qd"])},
+        "limited": {"direction": _direction(memory["torque"], rig)},
+        "left_out": {"left_out": model_part(law, rig, without, arm_motion)},
     }
-    pieces = {}
-    for name, results in written.items():
-        outputs = ca.cse([ca.densify(result) for result in results.values()])
-        needed = [symbol for symbol in places if ca.depends_on(ca.vertcat(*outputs), at[symbol])]
-        function = ca.Function(name, [at[symbol] for symbol in needed], outputs)
-        pieces[name] = (
-            function,
-            [places[symbol] for symbol in needed],
-            [places[result] for result in results],
-        )
-    return pieces
+    return {name: _piece(name, results[name], memory) for name in PIECES}
+
+
+def _piece(name: str, results: dict[str, ca.SX], memory: dict[str, ca.SX]) -> Piece:
+    """A piece that reads only the quantities on which its results depend."""
+    outputs = ca.cse([ca.densify(result) for result in results.values()])
+    joined = ca.vertcat(*outputs)
+    sources = [symbol for symbol in memory if ca.depends_on(joined, memory[symbol])]
+    function = ca.Function(name, [memory[symbol] for symbol in sources], outputs)
+    return Piece(function, sources, list(results))
 
 
 def _needed(law, rig, motion):
@@ -194,12 +162,12 @@ def _needed(law, rig, motion):
     return model.D(q, f) @ qdd + model.h(q, qd, f) - rig.spring_torque(q)
 
 
-def _bounds(rig, at):
+def _bounds(rig, memory):
     """1 beyond a limit of position, 2 of speed, else 0."""
-    outside = ca.logic_or(at["ANGLE"] < at["LOWER"], at["ANGLE"] > at["UPPER"])
-    return ca.if_else(
-        outside, 1, ca.if_else(ca.fabs(rig.to_angle(at["SPEED"])) > at["FASTEST"], 2, 0)
-    )
+    angle = memory["angle"]
+    outside = ca.logic_or(angle < memory["lower"], angle > memory["upper"])
+    fast = ca.fabs(rig.to_angle(memory["speed"])) > memory["speed_limit"]
+    return ca.if_else(outside, 1, ca.if_else(fast, 2, 0))
 
 
 def _ahead(q, qd, qdd, dt):
@@ -207,75 +175,89 @@ def _ahead(q, qd, qdd, dt):
     return q + dt * qd + dt * dt / 2 * qdd, qd + dt * qdd, qdd
 
 
-def _smoothed(speed, counts, before, dt):
-    """Speed (n, 1) [pulses/s] after a change of counts within dt."""
-    return speed + SMOOTHING * ((counts - before) / dt - speed)
+def _smoothed(memory):
+    """Speed (n, 1) [pulses/s] after this change of counts."""
+    speed = memory["speed"]
+    change = (memory["counts"] - memory["previous_counts"]) / memory["dt"]
+    return speed + SMOOTHING * (change - speed)
 
 
-def _slowing(since, duration, q, qd):
+def _slowing(memory):
     """Reference of a stop [SI]: from a speed to rest, accelerations zero at both ends."""
-    at = ca.SX.sym("since")
-    within = ca.SX.sym("duration")
-    s = at / within
-    travelled = within * (s - s**3 + s**4 / 2)  # from unit speed: half of the duration in the end
-    speed = ca.jacobian(travelled, at)
-    made = ca.Function("slowing", [at, within], [travelled, speed, ca.jacobian(speed, at)])
-    travelled, speed, acceleration = made(ca.fmin(since, duration), duration)
-    return q + travelled * qd, speed * qd, acceleration * qd
+    q = memory["begin_q"]
+    qd = memory["begin_qd"]
+    duration = memory["duration"]
+
+    # The path of unit initial speed; its length is half of the duration.
+    time = ca.SX.sym("since")
+    total = ca.SX.sym("duration")
+    s = time / total
+    path = total * (s - s**3 + s**4 / 2)
+    speed = ca.jacobian(path, time)
+    profile = ca.Function("slowing", [time, total], [path, speed, ca.jacobian(speed, time)])
+
+    path, speed, acceleration = profile(ca.fmin(memory["since"], duration), duration)
+    return q + path * qd, speed * qd, acceleration * qd
 
 
-def _ramp(rig, gravity, begun, speed, since, duration):
+def _ramp(law, rig, memory):
     """Torque (n, 1) [N m] that ends, limited, at gravity compensation (or zero) and damping.
 
-    It begins at `begun` [N m]; `speed` is the measured one [pulses/s]. Under the damping the motors
-    alone stop with a time constant of a quarter of the duration.
+    It begins at `begin_torque`. The damping acts on the measured speed; under it the motors alone
+    stop with a time constant of a quarter of the duration.
     """
     drive = rig.drive
-    shaft = rig.drive.coupling.shaft(rig.to_angle(speed))
+    angle = memory["angle"]
+    duration = memory["duration"]
+    begin = memory["begin_torque"]
+    gravity = 0
+    if knows_arm(law):
+        gravity = law.arm.dynamics.gravity(angle, law.arm.f) - rig.spring_torque(angle)
+    gravity = memory["weight"] * gravity
+    shaft = drive.coupling.shaft(rig.to_angle(memory["speed"]))
     damping = drive.coupling.joint_torque(drive.reflected_inertia() * shaft / (duration / 4))
-    return begun + ca.fmin(1, since / (RAMP * duration)) * (
-        drive.limited(gravity - damping) - begun
-    )
+    end = drive.limited(gravity - damping)
+    return begin + ca.fmin(1, memory["since"] / (RAMP * duration)) * (end - begin)
 
 
-def _at_the_limit(torque, rig):
-    """Which way, 1 or -1, an applied joint torque (n, 1) [N m] at the limit pushes the counts,
-    (n, 1); else 0.
-    """
+def _direction(torque, rig):
+    """Direction (n, 1), 1 or -1, in which a joint torque at its limit pushes the counts; else 0."""
     shaft = rig.drive.coupling.shaft_torque(torque)
     direction = ca.sign(shaft) * ca.sign(rig.encoder.position_in_pulses(rig.drive.gear))
     return (ca.fabs(shaft) >= (1 - _ROUNDING) * rig.drive.torque_limit()) * direction
 
 
-def _monitored(rig, at):
-    """What follows of saturation and chatter, and the cause of a stop per joint."""
+def _monitored(rig, memory):
+    """Saturation and chatter after this sample, and the cause of a stop per joint."""
     drive = rig.drive
-    passed = at["PASSED"]
-    beyond = ca.fabs(drive.coupling.shaft_torque(at["WANTED"])) >= drive.torque_limit()
-    run = ca.if_else(beyond, at["RUN"] + passed, 0)  # without a break
-    newest = at["NEWEST"] + ca.if_else(beyond, ca.if_else(run >= at["LEAST"], passed, 0), 0)
-    time = newest + ca.sum2(ca.reshape(at["OLDER"], rig.n, SLOTS - 1))
-    mean, distance = _swing(at["MEAN"], at["SWING"], at["GIVEN"], drive, at["AGE"], passed)
-    over = ca.if_else(distance >= at["CHATTER"], layout.CHATTERS, 0)
-    over = ca.if_else(time >= at["SATURATION"], layout.IS_SATURATED, over)
-    return {
-        "RUN": run,
-        "AT_LIMIT": time,
-        "NEWEST": newest,
-        "FILLED": at["FILLED"] + passed,
-        "MEAN": mean,
-        "SWING": distance,
-        "AGE": at["AGE"] + passed,
-        "OVER": over,
-    }
+    passed = memory["passed"]
+    limit = drive.torque_limit()
 
+    # Saturation: a short visit to the limit, by one pulse, does not count.
+    beyond = ca.fabs(drive.coupling.shaft_torque(memory["commanded"])) >= limit
+    run = ca.if_else(beyond, memory["limit_run"] + passed, 0)
+    lasting = ca.if_else(run >= memory["shortest_limit"], passed, 0)
+    newest = memory["newest"] + ca.if_else(beyond, lasting, 0)
+    older = ca.reshape(memory["older"], rig.n, SLOTS - 1)
+    window = newest + ca.sum2(older)
 
-def _swing(
-    mean: ca.SX, swing: ca.SX, torque: ca.SX, drive: Drive, age: ca.SX, passed: ca.SX
-) -> tuple[ca.SX, ca.SX]:
-    """Running mean of the limited torque and mean swing about it on the shafts, (n, 1) [N m];
-    the first is the mean.
-    """
-    mean = mean + passed / (passed + ca.fmin(age, MEMORY)) * (torque - mean)
+    # Chatter: the mean is that of all samples until they last longer than its time constant.
+    torque = memory["limited"]
+    mean = memory["mean_torque"]
+    mean = mean + passed / (passed + ca.fmin(memory["age"], MEMORY)) * (torque - mean)
     distance = ca.fabs(drive.coupling.shaft_torque(torque - mean))
-    return mean, swing + passed / (passed + AVERAGED) * (distance - swing)
+    swing = memory["swing"]
+    swing = swing + passed / (passed + AVERAGED) * (distance - swing)
+
+    over = ca.if_else(swing >= memory["chatter"], CHATTERS, 0)
+    over = ca.if_else(window >= memory["saturation"], IS_SATURATED, over)
+    return {
+        "limit_run": run,
+        "limit_window": window,
+        "newest": newest,
+        "filled": memory["filled"] + passed,
+        "mean_torque": mean,
+        "swing": swing,
+        "age": memory["age"] + passed,
+        "over": over,
+    }

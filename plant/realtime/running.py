@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.machine.rig import Rig
 from plant.parts.arguments import choice, instance
-from plant.realtime import memory as layout
 from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards, limited
-from plant.realtime.pieces import row
+from plant.realtime.memory import RUNNING, view
 from plant.realtime.status import ARGUMENTS, RunLog, Status, clock, numbers, refuse, whole_counts
 
 _FLOAT = np.dtype(float)
@@ -76,6 +75,9 @@ class Running:
         self.core = compiled(law, rig, block, guards, without)
         self.without = without
         self._step, self._memory = self.core
+        parts = view(self._memory, rig.n, 0)
+        self._run = parts.run
+        self._joints = parts.joints
         self._weighs = compensates_gravity(law, guards)
         self._shape, self._initial = (rig.n,), self._memory.copy()
         self._block, self._free = np.empty((len(ARGUMENTS), rig.n)), threading.Lock()
@@ -201,7 +203,7 @@ class Running:
             time = np.nan if now is None else clock(now)
             refusal = self._step(*ours, time, self._memory, self._torque)
             if refusal:
-                refuse(refusal, ours, self.rig, self._memory[layout.NOW], time)
+                refuse(refusal, ours, self.rig, self._run.now, time)
             if self._log is not None:
                 self._log.sample()
             return self._torque.copy()
@@ -211,15 +213,15 @@ class Running:
     # -- attributes -------------------------------------------------------------------------------
     @property
     def pulses(self) -> NDArray[np.float64]:
-        return self._row(layout.COUNTS)
+        return self._row("counts")
 
     @property
     def torque(self) -> NDArray[np.float64]:
-        return self._row(layout.TORQUE)
+        return self._row("torque")
 
     @property
     def reference(self) -> NDArray[np.float64]:
-        return self._row(layout.Q)
+        return self._row("q")
 
     @property
     def state(self) -> NDArray[np.float64]:
@@ -239,23 +241,25 @@ class Running:
 
     @property
     def stopped(self) -> bool:
-        return bool(self._memory[layout.CAUSE] != layout.RUNNING)
+        return bool(self._run.cause != RUNNING)
 
     @property
     def bridged(self) -> int:
-        return int(self._memory[layout.BRIDGED])
+        return int(self._run.bridged)
 
     @property
     def status(self) -> Status:
-        return Status.of(self._memory, self.law.joint_labels(self.rig), self._weighs)
+        return Status.of(self._run, self.law.joint_labels(self.rig), self._weighs)
 
-    def _row(self, index: int) -> NDArray[np.float64]:
-        return self._memory[row(index, self.n)]
+    def _row(self, name: str) -> NDArray[np.float64]:
+        """Copy (n,) of a field of the joints."""
+        values: NDArray[np.float64] = self._joints[name].copy()
+        return values
 
     # -- arguments of any kind --------------------------------------------------------------------
     def _set(self, counts: NDArray[np.float64]) -> None:
         self._memory[:] = self._initial
-        self._memory[row(layout.COUNTS, self.n)] = counts
+        self._joints["counts"] = counts
 
     def _take(self, given: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
         """Take arguments of any kind."""

@@ -1,71 +1,21 @@
 """One sample of a running controller: checks of the inputs, guards, the law, and the safe stop.
 
-The text of this module, and of `plant.realtime.memory`, `watching` and `stopping`, is compiled once
-for all controllers (`plant.realtime.compiled_step`), so it is Python that numba can compile: arrays
-and numbers, no objects, nothing allocated. The law, the amplifier's limit and all that crosses to
-pulses are generated from casadi in place of `ahead`
-... `limited` in `memory`, and called at the address in `PIECES`; each reads the vector `memory` and writes its results
-there.
+The functions of this module, `watching` and `stopping` are compiled once for all controllers
+(`plant.realtime.compiled_step`), so they are Python that numba can compile: numbers, arrays and
+records, nothing allocated. `plant.realtime.c_running` translates the same text to C. The law, the
+amplifier's limit and all conversions to pulses are generated from casadi, and called through
+`plant.realtime.calls`.
 
-A controller runs, and bridges what lasts a moment, until a guard sets `CAUSE`. Then `RELEASED` says
-which torque it gives: `HOLDING` that of the law on a braking reference, `RAMPING` one that goes to
+A controller runs, and bridges what lasts a moment, until a guard sets `cause`. Then `released` says
+which torque it gives: `HOLDING` that of the law on a braking reference, `RAMPING` one that ramps to
 its end without the law, `LATCHED` none. It goes from one to the next and never back: to the ramp
-where there is nothing to hold by, to zero where either drives the arm.
+where there is no feedback for a hold, to zero where either drives the arm.
 """
 
 import numpy as np
 
-from plant.realtime.memory import (
-    ACTED,
-    AT_LIMIT,
-    BAD_LAW,
-    BEFORE,
-    BOUNDED,
-    CALLS,
-    CAUSE,
-    COUNTS,
-    DONE,
-    DT,
-    FILLED,
-    FOLLOWED,
-    FRESH,
-    FROM_TORQUE,
-    FULL,
-    GIVEN,
-    GUARDED,
-    HELD,
-    HELD_COUNTS,
-    HELD_SPEED,
-    HOLDING,
-    HURRIED,
-    IS_SATURATED,
-    LATCHED,
-    LEFT_OUT,
-    LIMITED,
-    MEAN,
-    NOW,
-    NO_TORQUE,
-    OPPOSES,
-    OVER,
-    PASSED,
-    PATIENCE,
-    PERIOD,
-    PLANNED,
-    RAMPING,
-    RATE,
-    RATED,
-    REFERENCE,
-    RELEASED,
-    ROWS,
-    RUNNING,
-    SCALARS,
-    SINCE,
-    SPEED,
-    STATES,
-    SWING,
-    TOO_STEEP,
-    TORQUE,
-    WANTED,
+from plant.compiler.intrinsics import in_kernel
+from plant.realtime.calls import (
     counted,
     law,
     left_out,
@@ -77,183 +27,209 @@ from plant.realtime.memory import (
     shifted,
     slowing,
 )
-from plant.realtime.stopping import (
-    begin_stop,
-    bridge,
-    copy,
-    limit_time,
-    opposed,
-    release,
-    rising,
-    stop,
-    take_state,
+from plant.realtime.memory import (
+    BAD_LAW,
+    DONE,
+    HOLDING,
+    IS_SATURATED,
+    LATCHED,
+    NO_TORQUE,
+    OPPOSES,
+    RAMPING,
+    RUNNING,
+    TOO_STEEP,
 )
+from plant.realtime.stopping import begin_stop, bridge, limit_time, opposed, release, rising, stop
 from plant.realtime.watching import bounded, follow, in_time, read, refused, watch
 
-# Time [s] and calls, at least and at most twice as many, for which a torque at its limit pushes one
-# way, and pulses that the joint has moved the other way meanwhile.
+# Shortest time [s], and shortest number of calls, for which a torque at its limit must push one
+# way, and pulses by which the joint must have moved the other way meanwhile. After twice that time
+# it is judged anew.
 OPPOSED = 0.004
 OPPOSED_CALLS = 8.0
 OPPOSED_COUNTS = 8.0
 
-# Pulses from its reference within which a joint follows it, and over which it then has proved its
-# encoder.
+# Pulses from its reference within which a joint follows it, and the path over which it then has
+# proved its encoder.
 NEAR = 10.0
 FAR_ENOUGH = 100.0
 
 
-def step(pulses, q_r, qd_r, qdd_r, now, memory, torque):
-    """One sample: torque (n,) [N m], less what firmware adds; `now` [s] is NaN without a clock."""
-    n = torque.shape[0]
-    own = memory[:SCALARS]
-    joints = memory[SCALARS : SCALARS + ROWS * n].reshape(ROWS, n)
-    refusal = refused(pulses, q_r, qd_r, qdd_r, now, own)
+@in_kernel
+def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
+    """One sample: torque (n,) [N m], less the torque that firmware adds; `now` [s] may be NaN."""
+    run = memory.run
+
+    # 1. Refuse a call that no guard can bridge, before anything changes.
+    refusal = refused(pulses, q_r, qd_r, qdd_r, now, run)
     if refusal != DONE:
         return refusal
-    first = own[CALLS] == 0.0
-    earlier = own[NOW]
-    own[CALLS] += 1.0
-    in_time(now, own)
-    if own[CAUSE] == RUNNING or own[SINCE] < 0.0:
-        follow(first, q_r, qd_r, qdd_r, own, joints, memory)
+    first = run.calls == 0.0
+    earlier = run.now
+    run.calls += 1.0
+
+    # 2. Guard clock, reference and counts. From the second sample of a stop on, the reference is
+    # that of the stop.
+    in_time(now, run)
+    if run.cause == RUNNING or run.since < 0.0:
+        follow(first, q_r, qd_r, qdd_r, memory)
     if first:
         moving(memory)
-    read(pulses, first, own, joints, memory)
-    if own[CAUSE] == RUNNING:
+    read(pulses, first, memory)
+
+    # 3. Guard the arm: it must follow its reference and its torque.
+    if run.cause == RUNNING:
         counted(memory)
-        watch(first or own[FRESH] == 1.0, own, joints, memory)
-        own[FRESH] = 1.0 if first else 0.0  # of the first torque nothing is known
-        if own[GUARDED] == 1.0:
-            opposing(own, joints, memory)
-        if own[BOUNDED] == 1.0:
-            bounded(own, joints, memory)
-    elif own[RELEASED] == HOLDING and own[SINCE] >= 0.0:
-        watch(own[FRESH] == 1.0, own, joints, memory)
-        own[FRESH] = 0.0
-    if own[CAUSE] != RUNNING:
-        if own[SINCE] < 0.0:
-            begin_stop(own, joints, memory)
+        watch(first or run.unmarked == 1.0, memory)
+        # No torque has acted before the first sample: mark again in the second.
+        run.unmarked = 1.0 if first else 0.0
+        if run.guarded == 1.0:
+            opposing(memory)
+        if run.bounded == 1.0:
+            bounded(memory)
+    elif run.released == HOLDING and run.since >= 0.0:
+        watch(run.unmarked == 1.0, memory)
+        run.unmarked = 0.0
+
+    # 4. Begin a stop, or go on with it.
+    if run.cause != RUNNING:
+        if run.since < 0.0:
+            begin_stop(memory)
         else:
-            own[SINCE] += own[DT]
-        if own[RELEASED] == HOLDING:
+            run.since += run.dt
+        if run.released == HOLDING:
             slowing(memory)
         counted(memory)
-        rising(own, joints, memory)
-    if own[RELEASED] == HOLDING:
-        own[DT] = min(own[DT], own[HURRIED] * own[PERIOD])
+        rising(memory)
+
+    # 5. The torque of the law, unless the stop has released it, and the guards of this torque.
+    if run.released == HOLDING:
+        run.dt = min(run.dt, run.longest_step * run.period)
         law(memory)
-        if finite(own, joints, memory):
-            steep(first, own, joints)
-            copy(GIVEN, TORQUE, joints)
-            take_state(2, own, joints, memory)
-            rate(own, joints, memory)
-        elif own[GUARDED] == 0.0:
-            copy(BEFORE, COUNTS, joints)
-            own[NOW] = earlier
+        if finite(memory):
+            steep(first, memory)
+            for joint in memory.joints:
+                joint.torque = joint.limited
+            for i in range(len(memory.state)):
+                memory.state[i] = memory.following[i]
+            rate(memory)
+        elif run.guarded == 0.0:
+            # The caller decides: undo what this call has changed.
+            for joint in memory.joints:
+                joint.counts = joint.previous_counts
+            run.now = earlier
             return BAD_LAW
         else:
-            stop(NO_TORQUE, 0, 0.0, own)
-            release(own, joints)
-    if own[RELEASED] == RAMPING:
+            stop(NO_TORQUE, 0, 0.0, run)
+            release(memory)
+
+    # 6. The torque of a stop without feedback, and its limit.
+    if run.released == RAMPING:
         ramp(memory)
-    if own[CAUSE] != RUNNING:
-        limit_time(own, joints, memory)
+    if run.cause != RUNNING:
+        limit_time(memory)
+
+    # 7. Give the torque.
     left_out(memory)
-    for i in range(n):
-        if own[RELEASED] == LATCHED:
-            joints[TORQUE, i] = 0.0
-        joints[ACTED, i] = joints[TORQUE, i]
-        torque[i] = joints[TORQUE, i] - joints[LEFT_OUT, i]
+    for i, joint in enumerate(memory.joints):
+        if run.released == LATCHED:
+            joint.torque = 0.0
+        joint.applied = joint.torque
+        torque[i] = joint.torque - joint.left_out
     return DONE
 
 
-def finite(own, joints, memory):
+@in_kernel
+def finite(memory):
     """Whether the commanded torque, and the state that would follow, are finite."""
     total = 0.0
-    states = int(own[STATES])
-    start = SCALARS + ROWS * joints.shape[1] + 2 * states
-    for i in range(joints.shape[1]):
-        total += abs(joints[WANTED, i])
-    for i in range(start, start + states):
-        total += abs(memory[i])
+    for joint in memory.joints:
+        total += abs(joint.commanded)
+    for value in memory.following:
+        total += abs(value)
     return total < np.inf
 
 
-def steep(first, own, joints):
-    """Guard of the torque's rate: a torque that changes faster is given part of the way, and
-    stops if this goes on.
+@in_kernel
+def steep(first, memory):
+    """Guard of the torque's rate: a torque that changes too fast is given in part.
+
+    All joints get the same share of their changes. If this goes on, the arm stops.
     """
+    run = memory.run
     share = 1.0
-    joint = -1
-    for i in range(joints.shape[1]):
-        change = abs(joints[GIVEN, i] - joints[ACTED, i])
-        if not first and joints[RATE, i] * own[DT] < share * change:
-            share = joints[RATE, i] * own[DT] / change
-            joint = i
-    if joint < 0:
-        own[RATED] = 0.0
+    worst = -1
+    for i, joint in enumerate(memory.joints):
+        change = abs(joint.limited - joint.applied)
+        if not first and joint.torque_rate * run.dt < share * change:
+            share = joint.torque_rate * run.dt / change
+            worst = i
+    if worst < 0:
+        run.steep = 0.0
         return
-    own[RATED] += 1.0
-    bridge(
-        TOO_STEEP,
-        joint,
-        (joints[GIVEN, joint] - joints[ACTED, joint]) / own[DT],
-        own[RATED] > own[PATIENCE],
-        own,
-    )
-    for i in range(joints.shape[1]):
-        joints[GIVEN, i] = joints[ACTED, i] + share * (joints[GIVEN, i] - joints[ACTED, i])
+    run.steep += 1.0
+    joint = memory.joints[worst]
+    rate_of_change = (joint.limited - joint.applied) / run.dt
+    bridge(TOO_STEEP, worst, rate_of_change, run.steep > run.patience, run)
+    for joint in memory.joints:
+        joint.limited = joint.applied + share * (joint.limited - joint.applied)
 
 
-def rate(own, joints, memory):
-    """Guards of the torque: a loop that saturates or oscillates holds nothing, so its mean
-    torque ramps to its end.
+@in_kernel
+def rate(memory):
+    """Guards of the torque: a loop that saturates or oscillates holds nothing.
+
+    So its mean torque ramps to its end.
     """
-    if own[GUARDED] == 1.0 and own[PASSED] > 0.0:
+    run = memory.run
+    if run.guarded == 1.0 and run.passed > 0.0:
         monitored(memory)
-    if own[FILLED] >= own[FULL]:
+    if run.filled >= run.slot_length:
         shifted(memory)
-    for i in range(joints.shape[1]):
-        if own[RELEASED] == HOLDING and joints[OVER, i] != RUNNING:
-            first = own[CAUSE] == RUNNING
-            stop(
-                joints[OVER, i],
-                i,
-                joints[AT_LIMIT if joints[OVER, i] == IS_SATURATED else SWING, i],
-                own,
-            )
-            release(own, joints)
-            copy(MEAN, FROM_TORQUE, joints)
-            if first:
-                opposed(own, joints, memory)
+    for i, joint in enumerate(memory.joints):
+        if run.released == HOLDING and joint.over != RUNNING:
+            at_work = run.cause == RUNNING
+            amount = joint.limit_window if joint.over == IS_SATURATED else joint.swing
+            stop(joint.over, i, amount, run)
+            release(memory)
+            for other in memory.joints:
+                other.begin_torque = other.mean_torque
+            if at_work:
+                opposed(memory)
 
 
-def opposing(own, joints, memory):
+@in_kernel
+def opposing(memory):
     """Guard of a joint that moves against its torque: its encoder is reversed, or another joint's.
 
-    A torque at its limit accelerates the joint its way, whatever it bears; a joint that it brakes
-    becomes slower. One that has followed its reference counts its own motion: then the load is too
-    heavy, or the amplifier too weak.
+    A torque at its limit accelerates the joint in its direction, whatever it bears; a joint that it
+    brakes becomes slower. A joint that has followed its reference counts its own motion: then the
+    load is too heavy, or the amplifier too weak, and this guard is silent.
     """
-    least = max(OPPOSED, OPPOSED_CALLS * own[PERIOD])
+    run = memory.run
+    shortest = max(OPPOSED, OPPOSED_CALLS * run.period)
     limited(memory)
     planned(memory)
-    for i in range(joints.shape[1]):
-        follows = abs(joints[REFERENCE, i] - joints[COUNTS, i]) <= NEAR
-        if joints[FOLLOWED, i] < FAR_ENOUGH:
-            joints[FOLLOWED, i] = (
-                joints[FOLLOWED, i] + abs(joints[PLANNED, i]) * own[DT] if follows else 0.0
+    for i, joint in enumerate(memory.joints):
+        follows = abs(joint.reference - joint.counts) <= NEAR
+        if joint.followed < FAR_ENOUGH:
+            joint.followed = (
+                joint.followed + abs(joint.reference_speed) * run.dt if follows else 0.0
             )
-        side = joints[LIMITED, i]
-        held = abs(joints[HELD, i])
-        if side * joints[HELD, i] <= 0.0 or held > 2.0 * least:
-            joints[HELD, i], joints[HELD_COUNTS, i], joints[HELD_SPEED, i] = (
-                0.0,
-                joints[COUNTS, i],
-                joints[SPEED, i],
-            )
-        joints[HELD, i] += side * own[DT]
-        held = abs(joints[HELD, i])
-        moved = joints[COUNTS, i] - joints[HELD_COUNTS, i] - joints[HELD_SPEED, i] * held
-        if held > least and side * moved < -OPPOSED_COUNTS and joints[FOLLOWED, i] < FAR_ENOUGH:
-            stop(OPPOSES, i, moved, own)
+        direction = joint.direction
+        duration = abs(joint.limit_push)
+        if direction * joint.limit_push <= 0.0 or duration > 2.0 * shortest:
+            # The torque left its limit, turned, or has been judged: begin anew.
+            joint.limit_push = 0.0
+            joint.limit_counts = joint.counts
+            joint.limit_speed = joint.speed
+        joint.limit_push += direction * run.dt
+        duration = abs(joint.limit_push)
+        # Motion beyond that at the speed at which the push began.
+        moved = joint.counts - joint.limit_counts - joint.limit_speed * duration
+        if (
+            duration > shortest
+            and direction * moved < -OPPOSED_COUNTS
+            and joint.followed < FAR_ENOUGH
+        ):
+            stop(OPPOSES, i, moved, run)

@@ -20,8 +20,9 @@ from plant.realtime.watching import FAR
 
 ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 
-# calls in which a joint is far from its reference for the units, or the start, of the reference
-_FIRST = 2
+# Number of calls in which a joint is far from its reference because of the units, or the start, of
+# the reference.
+FIRST_CALLS = 2
 
 
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
@@ -95,50 +96,43 @@ class Status(str):
     __slots__ = ("brake",)
 
     @classmethod
-    def of(cls, memory: NDArray[np.float64], labels: Sequence[str], gravity: bool) -> Self:
-        """Status of a controller by its memory and joints' labels; `gravity`: its ramps end with
-        that compensated.
+    def of(cls, run: Any, labels: Sequence[str], gravity: bool) -> Self:
+        """Status by the memory's record `run` and the labels of the joints.
+
+        `gravity` says that ramps end with gravity compensation.
         """
-        event, joint, amount, call = memory[layout.EVENT : layout.EVENT_CALL + 1]
-        released = memory[layout.RELEASED]
-        over = RAMP * memory[layout.DURATION]
-        status = cls(
-            _said(memory, labels, gravity, wording(event, labels[int(joint)], amount), call)
-        )
+        status = cls(_sentence(run, labels, gravity))
+        ramped = run.since >= RAMP * run.duration
         status.brake = bool(
-            released == layout.LATCHED or (released and memory[layout.SINCE] >= over)
+            run.released == layout.LATCHED or (run.released != layout.HOLDING and ramped)
         )
         return status
 
 
-def _said(
-    memory: NDArray[np.float64], labels: Sequence[str], gravity: bool, why: str, call: float
-) -> str:
-    event, patience, released = (
-        memory[i] for i in (layout.EVENT, layout.PATIENCE, layout.RELEASED)
-    )
+def _sentence(run: Any, labels: Sequence[str], gravity: bool) -> str:
+    event = run.event
     if event == layout.RUNNING:
         return "running"
-    if memory[layout.CAUSE] == layout.RUNNING:
-        return f"running; bridged {why} at call {call:.0f}"
+    reason = wording(event, labels[int(run.event_joint)], run.event_amount)
+    call = run.event_call
+    if run.cause == layout.RUNNING:
+        return f"running; bridged {reason} at call {call:.0f}"
+    patience = run.patience
     again = f", {patience + 1:.0f} times in a row" if event in layout.PATIENT and patience else ""
     end = "holding"
-    if released == layout.RAMPING:
+    if run.released == layout.RAMPING:
         end = "ramp to gravity compensation" if gravity else "ramp to zero"
-    elif released == layout.LATCHED:
-        joint = labels[int(memory[layout.LATCH_JOINT])]
-        drove = {
+    elif run.released == layout.LATCHED:
+        motion = {
             layout.DRIVES: "grew faster in the stop",
             layout.PUSHES: "stayed at its torque limit",
             layout.RUNS: "ran away",
-        }[int(memory[layout.LATCH])]
-        end = f"no torque since {joint} {drove}"
-    begun = (
-        "; a reference is in rad, and begins where the arm is"
-        if event == layout.IS_OFF and call <= _FIRST
-        else ""
-    )
-    return f"safe stop, {end}: {why}{again}, at call {call:.0f}{begun}"
+        }[int(run.latch)]
+        end = f"no torque since {labels[int(run.latch_joint)]} {motion}"
+    hint = ""
+    if event == layout.IS_OFF and call <= FIRST_CALLS:
+        hint = "; a reference is in rad, and begins where the arm is"
+    return f"safe stop, {end}: {reason}{again}, at call {call:.0f}{hint}"
 
 
 def wording(cause: float, joint: str, amount: float) -> str:
@@ -175,13 +169,13 @@ def wording(cause: float, joint: str, amount: float) -> str:
     }[int(cause)]
 
 
-# difference [ns] from the time of the day at which the clock of the calls is not believed: three
-# years
-_FAR = 1e17
+# Largest difference [ns] between the clock of the calls and the time of the day: three years. A
+# clock that differs more is not believed.
+CLOCK_ERROR = 1e17
 
 
 class RunLog(McapFile):
-    """Log of a controller; closed, it takes no more.
+    """Log of a running controller; once closed, it ignores further samples.
 
     ``/joint_states`` and ``/reference`` are messages of `sensor_msgs/msg/JointState`, ``/sample``
     has counts and torque under a record's names, ``/status`` a `std_msgs/msg/String` whenever that
@@ -194,30 +188,36 @@ class RunLog(McapFile):
         columns = dict.fromkeys(("reference_pulses", "error_pulses", "torque"), n)
         topics = {**joint_topics(n, columns), **STATUS}
         super().__init__(require_new(path, False), controller.rig.drive.joints, n, topics)
-        end = layout.SCALARS + layout.ROWS * n
-        self._rows = controller.core.memory[layout.SCALARS : end].reshape(layout.ROWS, n)
+        memory = layout.view(controller.core.memory, n, 0)
+        self._run = memory.run
+        self._joints = memory.joints
         self._offset: float | None = None
-        self._changed: tuple[float, ...] = ()
+        self._state: tuple[float, ...] = ()
 
     def sample(self) -> None:
-        """Append the sample of the last call, at the time of the day; by the clock of the calls,
-        if they have one.
+        """Append the sample of the last call at the time of the day.
+
+        That time follows the clock of the calls, if they have one.
         """
         if self._file.closed:
             return
         clock = time.time_ns()
-        rows = self._rows
-        own = self._controller.core.memory
-        if (now := 1e9 * float(own[layout.NOW])) == now:
-            self._offset = clock - now if self._offset is None else self._offset
-            clock = int(self._offset + now) if abs(self._offset + now - clock) < _FAR else clock
+        run = self._run
+        now = 1e9 * float(run.now)
+        if now == now:
+            if self._offset is None:
+                self._offset = clock - now
+            if abs(self._offset + now - clock) < CLOCK_ERROR:
+                clock = int(self._offset + now)
+        # Times of a log must not decrease.
         clock = max(clock, self._last)
-        torque = rows[layout.TORQUE]
-        self.append("/joint_states", clock, (rows[layout.ANGLE], (), torque))
-        self.append("/reference", clock, (rows[layout.Q], (), ()))
-        asked = rows[layout.REFERENCE]
-        self.append("/sample", clock, (asked, asked - rows[layout.COUNTS], torque))
-        changed = own[layout.CAUSE], own[layout.RELEASED], own[layout.BRIDGED]
-        if changed != self._changed:
-            self._changed = changed
+        joints = self._joints
+        torque = joints["torque"]
+        reference = joints["reference"]
+        self.append("/joint_states", clock, (joints["angle"], (), torque))
+        self.append("/reference", clock, (joints["q"], (), ()))
+        self.append("/sample", clock, (reference, reference - joints["counts"], torque))
+        state = (run.cause, run.released, run.bridged)
+        if state != self._state:
+            self._state = state
             self.append("/status", clock, self._controller.status)

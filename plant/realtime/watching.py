@@ -1,324 +1,316 @@
-"""Guards of a running controller's inputs: clock, reference, counts, and what the counts say about
-the arm.
+"""Guards of a running controller's inputs: clock, reference, counts, and encoders that stand still.
 
-The text of this module is compiled with that of `plant.realtime.safety`.
+`plant.realtime.safety` calls these functions; numba compiles them, and
+`plant.realtime.c_running` translates them.
 """
 
 import numpy as np
 
+from plant.compiler.intrinsics import in_kernel
+from plant.realtime.calls import ahead, bounds, measured, needed
 from plant.realtime.memory import (
-    ANGLE,
     BAD_CLOCK,
     BAD_PULSES,
     BAD_REFERENCE,
     BAD_TIME,
-    BEFORE,
-    BEYOND,
-    CALLS,
-    CAUSE,
-    CLOCKS,
-    COUNTS,
     DONE,
-    DT,
-    ERROR,
-    EXPECTED,
-    FASTER,
-    FRICTION,
-    GAPS,
-    GUARDED,
     HAD_GAPS,
     HAS_JUMPED,
     IS_DEAD,
     IS_OFF,
     IS_STUCK,
-    JUMP,
-    JUMPS,
-    LATE,
-    LATE_CALLS,
-    LEAST_STEP,
-    MARK,
-    MARK_TORQUE,
-    MEAN,
-    MODELLED,
-    NEEDED,
-    NOW,
     NO_COUNTS,
-    OFFSET,
     OFF_BEAT,
     OUTSIDE,
-    PASSED,
-    PATIENCE,
-    PERIOD,
-    PUSHED,
-    Q,
-    QD,
-    QDD,
-    RAW,
-    REFERENCE,
-    RELEASED,
-    REST,
-    REST_TORQUE,
-    RHYTHM,
-    ROUNDS,
     RUNNING,
-    SAMPLED,
-    SINCE,
-    SLOWER,
-    SPEED,
-    STILL,
-    STUCK,
     TOO_FAST,
-    TORQUE,
     WAS_LATE,
-    WAS_Q,
-    WAS_QD,
-    WAS_QDD,
-    ahead,
-    bounds,
-    measured,
-    needed,
 )
 from plant.realtime.stopping import bridge, release, stop
 
-FAR = 1e5  # angle [rad] up to which the kernels' sines are exact to rounding
+# Largest angle of a reference [rad]: up to here the sines of the kernels are exact to rounding.
+FAR = 1e5
 
-EXACT = 2.0**53  # counts up to which whole numbers are exact
+# Largest count: up to here float64 holds whole numbers exactly.
+EXACT = 2.0**53
 
-GLITCH = 100.0  # periods between two calls above which a clock is not believed
+# Periods between two calls above which a clock is not believed.
+GLITCH = 100.0
 
-REMEMBERED = 0.1  # weight of one sample in the mean rate of the reference
+# Weight of one sample in the mean rate of the reference.
+REMEMBERED = 0.1
 
-# rate of the reference, relative to its speed, that one sample may count as at most: steps happen
+# Largest rate of the reference, relative to its speed, that one sample may count as: references
+# may have steps.
 SUDDEN = 3.0
 
-DEAD_TIME = 0.02  # time [s] for which a torque that friction cannot bear may act without a count
+# Time [s] for which a torque that friction cannot bear may act without a count.
+DEAD_TIME = 0.02
 
-SETTLED = 0.03  # time [s] without a count after which the torque of a joint at rest has settled
+# Time [s] without a count after which the torque of a joint at rest has settled.
+SETTLED = 0.03
 
-MODEL_ERROR = 0.5  # share by which the model's change of torque may be wrong
-
-
-def refused(pulses, q_r, qd_r, qdd_r, now, own):
-    """Return code of a call that no guard can bridge: the first, or any without guards."""
-    if own[GUARDED] == 1.0 and own[CALLS] > 0.0:
-        return DONE
-    for count in pulses:
-        if not whole(count, own):
-            return BAD_PULSES
-    if own[GUARDED] == 0.0 and (now <= own[NOW] or abs(now) == np.inf):
-        return BAD_CLOCK
-    return DONE if usable(q_r, qd_r, qdd_r) else BAD_REFERENCE
+# Share by which the model's change of torque may be wrong.
+MODEL_ERROR = 0.5
 
 
-def whole(count, own):
-    """Whether a count is a number that an encoder can give."""
-    return abs(count) <= EXACT and (count == np.floor(count) or own[ROUNDS] == 0.0)
+@in_kernel
+def whole(count, run):
+    """Whether an encoder can give this count."""
+    return abs(count) <= EXACT and (count == np.floor(count) or run.whole_counts == 0.0)
 
 
+@in_kernel
 def usable(q_r, qd_r, qdd_r):
-    """Whether a reference is finite, and its angles small enough for the kernels' sines."""
+    """Whether a reference is finite, and its angles small enough for the sines of the kernels."""
     sound = True
     for i in range(len(q_r)):
         sound = sound and abs(q_r[i]) <= FAR and abs(qd_r[i]) < np.inf and abs(qdd_r[i]) < np.inf
     return sound
 
 
-def in_time(now, own):
-    """Guard of the clock; after a late call the law is given the time that really passed.
+@in_kernel
+def refused(pulses, q_r, qd_r, qdd_r, now, run):
+    """Return code of a call that no guard can bridge: the first, or any without guards."""
+    if run.guarded == 1.0 and run.calls > 0.0:
+        return DONE
+    for count in pulses:
+        if not whole(count, run):
+            return BAD_PULSES
+    if run.guarded == 0.0 and (now <= run.now or abs(now) == np.inf):
+        return BAD_CLOCK
+    return DONE if usable(q_r, qd_r, qdd_r) else BAD_REFERENCE
 
-    A clock that stands, runs backwards or leaps counts as none in this call, and one period as
+
+@in_kernel
+def in_time(now, run):
+    """Guard of the clock; after a late call the law gets the time that really passed.
+
+    A clock that stands, runs backwards or leaps is ignored in this call, and one period counts as
     passed.
     """
-    elapsed = now - own[NOW]
-    own[DT] = own[PERIOD]
-    if own[GUARDED] == 1.0 and (
-        elapsed <= 0.0 or elapsed > GLITCH * own[PERIOD] or abs(now) == np.inf
+    elapsed = now - run.now
+    run.dt = run.period
+    if run.guarded == 1.0 and (
+        elapsed <= 0.0 or elapsed > GLITCH * run.period or abs(now) == np.inf
     ):
-        own[CLOCKS] += 1.0
-        own[NOW] += own[SAMPLED] * own[PERIOD]
-        own[PASSED] = own[SAMPLED] * own[PERIOD]
-        bridge(BAD_TIME, 0, elapsed, own[CLOCKS] > own[PATIENCE], own)
+        run.bad_clocks += 1.0
+        # A law without a period has no other measure of time: nothing passes.
+        run.now += run.sampled * run.period
+        run.passed = run.sampled * run.period
+        bridge(BAD_TIME, 0, elapsed, run.bad_clocks > run.patience, run)
         return
-    over = elapsed / own[PERIOD] - 1.0 - own[LATE]
-    own[NOW], own[CLOCKS] = now, 0.0
+    over = elapsed / run.period - 1.0 - run.late
+    run.now = now
+    run.bad_clocks = 0.0
+    # NaN without a clock compares as not late.
     if over > 0.0:
-        own[DT] = elapsed
-        own[LATE_CALLS] += np.ceil(over)
-        bridge(WAS_LATE, 0, elapsed - own[PERIOD], own[LATE_CALLS] > own[PATIENCE], own)
+        run.dt = elapsed
+        run.late_calls += np.ceil(over)
+        bridge(WAS_LATE, 0, elapsed - run.period, run.late_calls > run.patience, run)
     else:
-        own[LATE_CALLS] = 0.0
-    # how often a law without a period is called: the clock
-    own[PASSED] = own[DT] if own[SAMPLED] == 1.0 else elapsed
+        run.late_calls = 0.0
+    # Only the clock knows how often a law without a period is called.
+    run.passed = run.dt if run.sampled == 1.0 else elapsed
 
 
-def follow(first, q_r, qd_r, qdd_r, own, joints, memory):
-    """Guard of the reference: one that cannot be used is extrapolated from the last that could."""
+@in_kernel
+def follow(first, q_r, qd_r, qdd_r, memory):
+    """Guard of the reference: an unusable one is extrapolated from the last usable one."""
+    run = memory.run
     if usable(q_r, qd_r, qdd_r):
-        own[GAPS] = 0.0
-        if own[SAMPLED] == 1.0 and not first:
-            beat(q_r, qd_r, own, joints)
-        for i in range(len(q_r)):
-            joints[Q, i], joints[QD, i], joints[QDD, i] = q_r[i], qd_r[i], qdd_r[i]
+        run.gaps = 0.0
+        if run.sampled == 1.0 and not first:
+            beat(q_r, qd_r, memory)
+        for i, joint in enumerate(memory.joints):
+            joint.q = q_r[i]
+            joint.qd = qd_r[i]
+            joint.qdd = qdd_r[i]
     else:
-        own[GAPS] += 1.0
+        run.gaps += 1.0
         ahead(memory)
-        bridge(HAD_GAPS, 0, own[GAPS], own[GAPS] > own[PATIENCE], own)
+        bridge(HAD_GAPS, 0, run.gaps, run.gaps > run.patience, run)
 
 
-def beat(q_r, qd_r, own, joints):
-    """Guard of lost and doubled calls: a reference of time then moves faster or slower than its
-    speed says.
+@in_kernel
+def beat(q_r, qd_r, memory):
+    """Guard of lost and doubled calls.
+
+    A reference that is a function of time then moves faster or slower than its speed says. The
+    joint that moves most decides, if it moves by more than a pulse.
     """
-    most = 1.0
+    run = memory.run
+    largest = 1.0
     rate = 0.0
-    for i in range(len(q_r)):
-        due = 0.5 * (joints[QD, i] + qd_r[i]) * own[DT]
-        if abs(due) > most * joints[LEAST_STEP, i]:
-            most = abs(due) / joints[LEAST_STEP, i]
-            rate = (q_r[i] - joints[Q, i]) / due
-    if most > 1.0:
-        own[RHYTHM] += REMEMBERED * (min(max(rate, -SUDDEN), SUDDEN) - own[RHYTHM])
-        if own[RHYTHM] < own[SLOWER] or own[RHYTHM] > own[FASTER]:
-            stop(OFF_BEAT, 0, own[RHYTHM], own)
+    for i, joint in enumerate(memory.joints):
+        due = 0.5 * (joint.qd + qd_r[i]) * run.dt
+        if abs(due) > largest * joint.pulse:
+            largest = abs(due) / joint.pulse
+            rate = (q_r[i] - joint.q) / due
+    if largest > 1.0:
+        run.rhythm += REMEMBERED * (min(max(rate, -SUDDEN), SUDDEN) - run.rhythm)
+        if run.rhythm < run.slowest_rhythm or run.rhythm > run.fastest_rhythm:
+            stop(OFF_BEAT, 0, run.rhythm, run)
 
 
-def read(pulses, first, own, joints, memory):
-    """Guard of the counts: one with too large an innovation is replaced by its prediction, unless
-    this goes on.
+@in_kernel
+def read(pulses, first, memory):
+    """Guard of the counts: a count with too large an innovation is replaced by its prediction.
 
-    So is one that is no number; that it goes on leaves nothing to hold by. A counter that has
-    jumped for good has lost counts, which no arm can have made: they are taken off, so that a stop
-    goes on where the arm is. One that stands still where it has jumped to may be dead: there is no
-    hold by it.
+    So is a count that is no number. If bad counts go on, the arm stops. A counter that has jumped
+    for good has lost counts, since no arm can have moved so far: they are subtracted, so that a
+    stop goes on where the arm is. A counter that stands still where it has jumped to may be dead:
+    there is no hold with it.
     """
-    dt = own[DT]
-    joint = -1
+    run = memory.run
+    dt = run.dt
+    worst = -1
     largest = 0.0
     missing = False
     dumb = False
-    for i in range(len(pulses)):
-        joints[BEFORE, i] = joints[COUNTS, i]
-        predicted = joints[COUNTS, i] + joints[SPEED, i] * dt
-        innovation = pulses[i] - joints[OFFSET, i] - predicted
-        joints[EXPECTED, i] = pulses[i] - joints[OFFSET, i]
-        if not whole(pulses[i], own):
-            joints[EXPECTED, i] = np.floor(predicted + 0.5)
-            joint, largest, missing = (joint, largest, missing) if missing else (i, 0.0, True)
-        elif not first and abs(innovation) > joints[JUMP, i] + abs(joints[SPEED, i]) * dt:
-            joints[EXPECTED, i] = np.floor(predicted + 0.5)
-            dumb = dumb or pulses[i] == joints[RAW, i]
+
+    # 1. Predict each count, and replace those that cannot be.
+    for i, joint in enumerate(memory.joints):
+        joint.previous_counts = joint.counts
+        predicted = joint.counts + joint.speed * dt
+        innovation = pulses[i] - joint.offset - predicted
+        joint.expected = pulses[i] - joint.offset
+        if not whole(pulses[i], run):
+            joint.expected = np.floor(predicted + 0.5)
+            # The first missing count is reported, before all jumps.
+            if not missing:
+                worst = i
+                largest = 0.0
+                missing = True
+        elif not first and abs(innovation) > joint.jump + abs(joint.speed) * dt:
+            joint.expected = np.floor(predicted + 0.5)
+            dumb = dumb or pulses[i] == joint.raw_counts
             if not missing and abs(innovation) > abs(largest):
-                joint = i
+                worst = i
                 largest = innovation
-        joints[RAW, i] = pulses[i]
-    own[JUMPS] = own[JUMPS] + 1.0 if joint >= 0 else 0.0
-    lost = own[JUMPS] > own[PATIENCE]
-    if joint >= 0:
-        if lost and own[CAUSE] != RUNNING:
-            release(own, joints)  # a stop without feedback
-        bridge(NO_COUNTS if missing else HAS_JUMPED, joint, largest, lost, own)
+        joint.raw_counts = pulses[i]
+
+    # 2. Bridge the sample, or stop the arm.
+    run.jumps = run.jumps + 1.0 if worst >= 0 else 0.0
+    lost = run.jumps > run.patience
+    if worst >= 0:
+        if lost and run.cause != RUNNING:
+            # A stop that has no feedback any more ramps.
+            release(memory)
+        bridge(NO_COUNTS if missing else HAS_JUMPED, worst, largest, lost, run)
         if lost and dumb:
-            release(own, joints)
-    for i in range(len(pulses)):
-        if lost and whole(pulses[i], own):
-            joints[OFFSET, i] = pulses[i] - joints[EXPECTED, i]
-        joints[COUNTS, i] = joints[EXPECTED, i]
-        joints[SPEED, i] *= 1.0 - min(own[RELEASED], 1.0) if lost else 1.0  # unknown from here on
+            release(memory)
+
+    # 3. Take the counts, and update their speed.
+    for i, joint in enumerate(memory.joints):
+        if lost and whole(pulses[i], run):
+            joint.offset = pulses[i] - joint.expected
+        joint.counts = joint.expected
+        # Without feedback the speed is unknown from here on.
+        joint.speed *= 1.0 - min(run.released, 1.0) if lost else 1.0
     if not (lost or first):
         measured(memory)
 
 
-def watch(first, own, joints, memory):
-    """Guards of the tracking error, and of an encoder that stands still; in a hold of the second
-    alone.
+@in_kernel
+def watch(first, memory):
+    """Guards of the tracking error, and of an encoder that stands still; in a hold only the second.
 
     Static friction holds a joint while the torque stays within a band of twice its level. Once the
-    torque has left that band since the counts last changed, the joint must have moved, if its
+    torque has left that band since the count changed last, the joint must have moved, if its
     reference has.
     """
-    for i in range(joints.shape[1]):
-        error = joints[REFERENCE, i] - joints[COUNTS, i]
-        if own[CAUSE] == RUNNING and abs(error) > joints[ERROR, i]:
-            stop(IS_OFF, i, error, own)
-        asked = joints[REFERENCE, i] - joints[MARK, i]
-        pushed = joints[TORQUE, i] - joints[MARK_TORQUE, i]
-        if first or joints[COUNTS, i] != joints[BEFORE, i]:
-            joints[MARK, i], joints[MARK_TORQUE, i] = joints[REFERENCE, i], joints[TORQUE, i]
-            joints[STILL, i] = joints[PUSHED, i] = 0.0
+    run = memory.run
+    for i, joint in enumerate(memory.joints):
+        error = joint.reference - joint.counts
+        if run.cause == RUNNING and abs(error) > joint.error:
+            stop(IS_OFF, i, error, run)
+        path = joint.reference - joint.mark
+        change = joint.torque - joint.mark_torque
+        if first or joint.counts != joint.previous_counts:
+            joint.mark = joint.reference
+            joint.mark_torque = joint.torque
+            joint.still = 0.0
+            joint.pushed = 0.0
             continue
-        settled = joints[STILL, i] >= SETTLED
-        overdue = abs(asked) > joints[STUCK, i] and abs(pushed) > joints[FRICTION, i]
-        if overdue and stands(i, settled, own, joints, memory):
-            lose(IS_STUCK, i, asked, own, joints)
-        joints[STILL, i] += own[DT]
+        settled = joint.still >= SETTLED
+        overdue = abs(path) > joint.stuck and abs(change) > joint.friction
+        if overdue and stands(i, settled, memory):
+            lose(IS_STUCK, i, path, memory)
+        joint.still += run.dt
         if settled:
-            rest(i, own, joints, memory)
-        elif joints[STILL, i] >= SETTLED:
-            joints[REST_TORQUE, i] = joints[MEAN, i]
-            remember(i, joints, memory)
+            rest(i, memory)
+        elif joint.still >= SETTLED:
+            # It has settled within this sample: store the torque and the motion of all joints.
+            joint.rest_torque = joint.mean_torque
+            for k, other in enumerate(memory.joints):
+                memory.motions[i, k].q = other.q
+                memory.motions[i, k].qd = other.qd
+                memory.motions[i, k].qdd = other.qdd
 
 
-def stands(joint, settled, own, joints, memory):
-    """Whether a joint that should move must have: its torque may also be what holds it while the
-    others move.
+@in_kernel
+def stands(i, settled, memory):
+    """Whether joint i must have moved.
+
+    The torque of a settled joint may also be what holds it while the other joints move.
     """
-    if not settled or own[MODELLED] == 0.0:
+    if not settled or memory.run.modelled == 0.0:
         return True
-    return unborne(joint, joints[MEAN, joint] - joints[REST_TORQUE, joint], own, joints, memory)
+    joint = memory.joints[i]
+    return unborne(i, joint.mean_torque - joint.rest_torque, memory)
 
 
-def rest(joint, own, joints, memory):
+@in_kernel
+def rest(i, memory):
     """Guard of an encoder that is dead at rest, whatever its reference does.
 
-    The mean torque must stay within the band of friction about where it settled, or the counts
-    change within `DEAD_TIME`, unless what the other joints do needs the torque.
+    The mean torque must stay within the band of friction about where it settled, or the count
+    change within `DEAD_TIME`, unless the motion of the other joints needs the torque.
     """
-    pushed = joints[MEAN, joint] - joints[REST_TORQUE, joint]
-    if abs(pushed) > joints[REST, joint] and unborne(joint, pushed, own, joints, memory):
-        joints[PUSHED, joint] += own[DT]
-        if joints[PUSHED, joint] > DEAD_TIME:
-            lose(IS_DEAD, joint, pushed, own, joints)
+    joint = memory.joints[i]
+    change = joint.mean_torque - joint.rest_torque
+    if abs(change) > joint.rest and unborne(i, change, memory):
+        joint.pushed += memory.run.dt
+        if joint.pushed > DEAD_TIME:
+            lose(IS_DEAD, i, change, memory)
     else:
-        joints[PUSHED, joint] = 0.0
+        joint.pushed = 0.0
 
 
-def remember(joint, joints, memory):
-    """Keep the reference of all joints where one came to rest."""
-    n = joints.shape[1]
-    start = len(memory) - 3 * n * n + 3 * n * joint
-    for i in range(n):
-        memory[start + i], memory[start + n + i] = joints[Q, i], joints[QD, i]
-        memory[start + 2 * n + i] = joints[QDD, i]
-
-
-def unborne(joint, pushed, own, joints, memory):
+@in_kernel
+def unborne(i, change, memory):
     """Whether neither friction nor the motion of the other joints explains a change of torque."""
-    n = joints.shape[1]
     alike = True
-    start = len(memory) - 3 * n * n + 3 * n * joint
-    for i in range(n):
-        joints[WAS_Q, i], joints[WAS_QD, i] = memory[start + i], memory[start + n + i]
-        joints[WAS_QDD, i] = memory[start + 2 * n + i]
-        alike = alike and abs(joints[WAS_Q, i] - joints[Q, i]) <= joints[LEAST_STEP, i]
-    if own[MODELLED] == 0.0:
+    for k, joint in enumerate(memory.joints):
+        joint.rest_q = memory.motions[i, k].q
+        joint.rest_qd = memory.motions[i, k].qd
+        joint.rest_qdd = memory.motions[i, k].qdd
+        alike = alike and abs(joint.rest_q - joint.q) <= joint.pulse
+    if memory.run.modelled == 0.0:
+        # Without a model, any motion of a reference may explain the change.
         return alike
     needed(memory)
-    change = joints[NEEDED, joint]
-    return abs(pushed - change) > joints[REST, joint] + MODEL_ERROR * abs(change)
+    joint = memory.joints[i]
+    expected = joint.model_change
+    return abs(change - expected) > joint.rest + MODEL_ERROR * abs(expected)
 
 
-def lose(cause, joint, amount, own, joints):
-    """Stop for an encoder that stands still; a hold has nothing left to hold by."""
-    if own[CAUSE] != RUNNING and own[SINCE] >= 0.0:
-        release(own, joints)
-    stop(cause, joint, amount, own)
+@in_kernel
+def lose(cause, i, amount, memory):
+    """Stop for an encoder that stands still; a hold cannot go on without it."""
+    run = memory.run
+    if run.cause != RUNNING and run.since >= 0.0:
+        release(memory)
+    stop(cause, i, amount, run)
 
 
-def bounded(own, joints, memory):
+@in_kernel
+def bounded(memory):
     """Guards of joint position and speed."""
     bounds(memory)
-    for i in range(joints.shape[1]):
-        if joints[BEYOND, i] == 1.0:
-            stop(OUTSIDE, i, joints[ANGLE, i], own)
-        elif joints[BEYOND, i] == 2.0:
-            stop(TOO_FAST, i, joints[SPEED, i], own)
+    for i, joint in enumerate(memory.joints):
+        if joint.beyond == 1.0:
+            stop(OUTSIDE, i, joint.angle, memory.run)
+        elif joint.beyond == 2.0:
+            stop(TOO_FAST, i, joint.speed, memory.run)

@@ -45,10 +45,7 @@ def sizes(n):
                 run(folder, "make", "controller.elf")
                 code = int(run(folder, "make", "-s", "size").splitlines()[1].split()[0])
                 stack = re.search(r"controller_step: (\d+)", run(folder, "make", "-s", "stack"))[1]
-                header = (folder / "controller.h").read_text()
-                state = int(re.search(r"memory\[(\d+)\]", header)[1]) * (
-                    8 if precision == "double" else 4
-                )
+                state = len(running.core.memory) * (8 if precision == "double" else 4)
                 count = float(run(folder, "make", "-s", "instructions").split()[0])
                 board = run(folder, "make", "-s", "run")
                 flags = ("-std=c99", "-O2", "-ffp-contract=off")
@@ -77,7 +74,7 @@ class Single:
         run(folder, "cc", *flags, "-o", "single.so", "controller.c", "-lm")
         self.c, self.memory = (
             ctypes.CDLL(str(folder / "single.so")),
-            np.zeros(len(running.core.memory), np.float32),
+            np.zeros(len(running.core.memory) + 3, np.float32),
         )
         self.counts, self.torque = np.array(counts, np.int32), np.zeros(running.n, np.float32)
         self.c.controller_init(self.at(self.memory), self.at(self.counts))

@@ -15,7 +15,7 @@ from tuned_laws import GAIN, adaptive, pd
 
 from ctc import ComputedTorque, FeedForward, PDGravity, SlidingMode
 from plant import PID, Cascade, Elasticity, Guards, P, puma560, simulate
-from plant.realtime import safety
+from plant.realtime.memory import Layout
 
 RIG = puma560.rig()
 LIMIT = RIG.drive.torque_limit()
@@ -109,7 +109,7 @@ def _replayed(step, memory, counts, q, qd, qdd, now, torque, places, largest):
             return k
         for row in range(len(largest)):
             for i in range(torque.shape[1]):
-                largest[row, i] = max(largest[row, i], memory[places[row] + i])
+                largest[row, i] = max(largest[row, i], memory[places[row, i]])
     return len(counts)
 
 
@@ -134,7 +134,10 @@ def margin(arm, rig, law, motion, *, duration=None, guards=Guards(), model=None)
     running = law.start(own, counts[0], guards=guards)
     n, torque, largest = rig.n, np.empty(counts.shape), np.zeros((2, rig.n))
     now = record.t if fast else np.full(len(counts), np.nan)
-    places = np.array([safety.SCALARS + row * n for row in (safety.AT_LIMIT, safety.SWING)])
+    layout = Layout.of(law.block(own), n)
+    places = np.array(
+        [[at for at, _ in layout.components(name)] for name in ("limit_window", "swing")]
+    )
     done = _replayed(
         running.core.step,
         running.core.memory,
@@ -189,12 +192,12 @@ def closed(arm, rig, law, motion, *, samples, guards=Guards(), steps=8, clock=Fa
     robot = SimulatedArm(arm, rig, path.q[0], path.qd[0], steps)
     running = law.start(elastic(arm, None, rig=rig), robot.counts(), guards=guards)
     torque, motors, links, counts = (np.empty((samples, rig.n)) for _ in range(4))
-    rows, largest, stop = (safety.AT_LIMIT, safety.SWING), np.zeros((2, rig.n)), None
+    names, largest, stop = ("limit_window", "swing"), np.zeros((2, rig.n)), None
     for k in range(samples):
         counts[k], motors[k], links[k] = robot.counts(), robot.qd, robot.link_speed
         now = {"now": k * rig.period} if clock else {}
         torque[k] = running.step(counts[k], path.q[k], path.qd[k], path.qdd[k], **now)
-        largest = np.maximum(largest, [running._row(row) for row in rows])
+        largest = np.maximum(largest, [running._row(name) for name in names])
         stop = k if stop is None and running.stopped else stop
         robot.push(torque[k])
     limits = (Guards() if guards is None else guards).torque_limits(rig)

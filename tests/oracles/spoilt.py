@@ -15,7 +15,6 @@ from mujoco_elastic import MujocoArm
 
 from ctc import ComputedTorque
 from plant import PointToPoint, puma560
-from plant.realtime import memory as layout
 
 PATH = puma560.reference()
 DT = RIG.period
@@ -200,7 +199,7 @@ def told(lie, when, gears="rigid", *, end=END, make=None, mujoco=False):
         clock = {} if call.now is None else {"now": call.now}
         for _ in range(call.calls):
             held = running.step(call.counts, *motion, **clock)
-        stopped = running.stopped if when != "hold" else running.core.memory[layout.RELEASED] > 0
+        stopped = running.stopped if when != "hold" else running._run.released > 0
         if stopped and stop is None:
             stop, kept = k, robot.state.copy()
         speed[k], energy[k], torque[k] = (

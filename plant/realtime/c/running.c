@@ -4,9 +4,9 @@
 #include <math.h>
 
 #define N $n
-#define SIZE $size
+#define STATES $states
 
-/* -- places in the memory, and thresholds -- */
+/* -- codes and thresholds -- */
 $constants
 $helpers
 /* -- of the law and the rig -- */
@@ -16,11 +16,10 @@ $logic
 /* -- the controller -- */
 void ${name}_init(${name}_state *self, const int32_t pulses[N])
 {
-    static const double initial[SIZE] = $initial;
-    for (int i = 0; i < SIZE; i++)
-        self->memory[i] = initial[i];
+    static const ${name}_state initial = $initial;
+    *self = initial;
     for (int i = 0; i < N; i++)
-        self->memory[SCALARS + COUNTS * N + i] = (double)pulses[i];
+        self->joints[i].counts = (double)pulses[i];
 }
 
 int ${name}_step(${name}_state *self, const int32_t pulses[N], const double q_r[N], const double qd_r[N],
@@ -36,26 +35,26 @@ int ${name}_sample(${name}_state *self, const double measured[N], const double q
     const double qdd_r[N]$clock, $type given[N])
 {
     double torque[N] = {0.0};
-    const int refusal = (int)${prefix}step(measured, q_r, qd_r, qdd_r, $at, self->memory, torque);
+    const int refusal = (int)${prefix}sample(measured, q_r, qd_r, qdd_r, $at, self, torque);
     if (refusal == DONE)
-        ${prefix}give(self->memory, torque, given);
+        ${prefix}give(self, torque, given);
     return refusal;
 }
 
 int ${name}_stopped(const ${name}_state *self)
 {
-    return (int)self->memory[CAUSE];
+    return (int)self->run.cause;
 }
 
 int ${name}_event(const ${name}_state *self, int *joint, long *call)
 {
-    *joint = (int)self->memory[EVENT_JOINT];
-    *call = (long)self->memory[EVENT_CALL];
-    return (int)self->memory[EVENT];
+    *joint = (int)self->run.event_joint;
+    *call = (long)self->run.event_call;
+    return (int)self->run.event;
 }
 
 int ${name}_brake(const ${name}_state *self)
 {
-    const double released = self->memory[RELEASED];
-    return released == LATCHED || (released != HOLDING && self->memory[SINCE] >= $ramp * self->memory[DURATION]);
+    const double released = self->run.released;
+    return released == LATCHED || (released != HOLDING && self->run.since >= $ramp * self->run.duration);
 }

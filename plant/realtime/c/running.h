@@ -20,11 +20,7 @@ extern "C" {
 enum {
 $causes};
 
-/* One controller; several do not know of each other. */
-typedef struct {
-    double memory[$size];
-} ${name}_state;
-
+$structs
 /* To be called first, and after a stop: encoder counts now. */
 void ${name}_init(${name}_state *self, const int32_t pulses[$n]);
 

@@ -208,7 +208,7 @@ def test_the_braking_of_a_stop_is_a_motion():
     rows = []
     for _ in range(160):
         running.step(RIG.counts(running.reference), nothing, nothing, nothing)
-        rows.append([running.reference, *(running._row(i) for i in (6, 7))])
+        rows.append([running.reference, running._row("qd"), running._row("qdd")])
     q, qd, qdd = np.array(rows).transpose(1, 0, 2)
     assert running.stopped
     np.testing.assert_allclose(qd[0], speed)
@@ -281,7 +281,7 @@ def test_a_stop_at_the_arm_begins_with_the_law_as_new():
     leap = motion.q[50] + (0.2, 0.0)
     running.step(counts[50], leap, motion.qd[50], motion.qdd[50])
     assert running.status.startswith("safe stop, holding: joint q[0] is 27")
-    q, qd, qdd = (running._row(i) for i in (5, 6, 7))
+    q, qd, qdd = (running._row(name) for name in ("q", "qd", "qdd"))
     np.testing.assert_allclose(q, RIG.cell_centre(counts[50]), rtol=1e-12)
     # three pulses of noise a sample, smoothed: 0.1 rad/s
     np.testing.assert_allclose(qd, motion.qd[50], atol=0.2)

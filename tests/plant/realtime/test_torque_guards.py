@@ -11,7 +11,6 @@ import pytest
 
 from plant import Coupling, Guards, StatelessLaw, puma560
 from plant.parts.part import part, structure
-from plant.realtime import safety
 
 RIG = puma560.rig()
 DT, LIMIT, ZERO = RIG.period, RIG.drive.torque_limit(), np.zeros(2)
@@ -215,7 +214,7 @@ def test_a_path_moves_the_mean_instead():
 def test_the_first_torque_is_no_swing():
     """A constant torque is its own mean from the first sample on, to rounding."""
     running, *_ = play(np.tile(0.8 * LIMIT, (50, 1)))
-    np.testing.assert_allclose(running._row(safety.SWING), 0, atol=1e-9)
+    np.testing.assert_allclose(running._row("swing"), 0, atol=1e-9)
 
 
 # -- the stop ------------------------------------------------------------------------------------
