@@ -25,9 +25,10 @@ from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.kernel_cache import Kernel
 from plant.compiler.translate import Names, translate
 
-# Decorator of a function that only kernels call: numba compiles it as a part of each, without what
-# calls from Python need.
+# Decorators of functions that only kernels call, without what calls from Python need. A function
+# that is called once is inlined before numba infers types: that compiles sooner, and runs faster.
 in_kernel: Any = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inlined: Any = numba.njit(error_model="numpy", inline="always")
 
 
 @functools.cache

@@ -157,7 +157,7 @@ class CFunction:
         return [*lines, *self._block(node.body), "}"]
 
     def _pointer(self, name: str, value: str) -> str:
-        return f"{self.names.records[name]} *{name} = &{value};"
+        return f"{self.names.records[name]} *{name} = &{value.removeprefix('&')};"
 
     def _length(self, array: ast.expr) -> str:
         return self.names.sizes.get(ast.unparse(array), self.names.length)
@@ -179,9 +179,11 @@ class CFunction:
             case ast.Attribute(value=ast.Name(id="np"), attr="inf"):
                 return "INFINITY"
             case ast.Attribute(value=ast.Name(id=name), attr=field) if name in self.names.records:
-                return f"{name}->{field}"
-            case ast.Attribute(value=ast.Subscript() as record, attr=field):
-                return f"{self._value(record)}.{field}"
+                # A record within a record is passed on by its address.
+                address = "&" if field in self.names.records else ""
+                return f"{address}{name}->{field}"
+            case ast.Attribute(value=ast.Attribute() | ast.Subscript() as record, attr=field):
+                return f"{self._value(record).removeprefix('&')}.{field}"
             case ast.Subscript(value=array, slice=ast.Tuple(elts=indices)):
                 return self._value(array) + "".join(f"[{self._index(i)}]" for i in indices)
             case ast.Subscript(value=array, slice=index) if not isinstance(index, ast.Slice):

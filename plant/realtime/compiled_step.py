@@ -179,16 +179,17 @@ def _lines(piece, layout):
 
 
 _COMMON = """
-from plant.compiler.intrinsics import borrowed
-from plant.realtime.memory import view as view_of
+from plant.compiler.intrinsics import borrowed, inlined
+from plant.realtime.memory import view
 from plant.realtime.safety import sample
 
-view = numba.njit(inline="always")(view_of)
+inlined_view = inlined(view)
 
 @compiled
 def step_{{h}}(pulses, q_r, qd_r, qdd_r, now, memory, torque, pieces):
     # {digest}
-    return sample(pulses, q_r, qd_r, qdd_r, now, view(borrowed(memory), len(torque), pieces), torque)
+    parts = inlined_view(borrowed(memory), len(torque), pieces)
+    return sample(pulses, q_r, qd_r, qdd_r, now, parts, torque)
 """
 
 _STEP = """

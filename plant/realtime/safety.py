@@ -14,7 +14,7 @@ where there is no feedback for a hold, to zero where either drives the arm.
 
 import numpy as np
 
-from plant.compiler.intrinsics import in_kernel
+from plant.compiler.intrinsics import in_kernel, inlined
 from plant.realtime.calls import (
     counted,
     law,
@@ -55,7 +55,7 @@ NEAR = 10.0
 FAR_ENOUGH = 100.0
 
 
-@in_kernel
+@inlined
 def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     """One sample: torque (n,) [N m], less the torque that firmware adds; `now` [s] may be NaN."""
     run = memory.run
@@ -139,7 +139,7 @@ def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     return DONE
 
 
-@in_kernel
+@inlined
 def finite(memory):
     """Whether the commanded torque, and the state that would follow, are finite."""
     total = 0.0
@@ -150,7 +150,7 @@ def finite(memory):
     return total < np.inf
 
 
-@in_kernel
+@inlined
 def steep(first, memory):
     """Guard of the torque's rate: a torque that changes too fast is given in part.
 
@@ -175,7 +175,7 @@ def steep(first, memory):
         joint.limited = joint.applied + share * (joint.limited - joint.applied)
 
 
-@in_kernel
+@inlined
 def rate(memory):
     """Guards of the torque: a loop that saturates or oscillates holds nothing.
 
@@ -198,7 +198,7 @@ def rate(memory):
                 opposed(memory)
 
 
-@in_kernel
+@inlined
 def opposing(memory):
     """Guard of a joint that moves against its torque: its encoder is reversed, or another joint's.
 

@@ -6,7 +6,7 @@
 
 import math
 
-from plant.compiler.intrinsics import in_kernel
+from plant.compiler.intrinsics import in_kernel, inlined
 from plant.realtime.calls import counted, limited, planned, standing
 from plant.realtime.memory import (
     BAD_TIME,
@@ -42,32 +42,32 @@ FALLING = 8.0
 
 
 @in_kernel
-def note(cause, joint, amount, run):
-    """Store an event for the status."""
+def note(cause, i, amount, run):
+    """Store an event of joint i for the status."""
     run.event = cause
-    run.event_joint = joint
+    run.event_joint = i
     run.event_amount = amount
     run.event_call = run.calls
 
 
 @in_kernel
-def stop(cause, joint, amount, run):
-    """Stop the arm; only the first cause counts."""
+def stop(cause, i, amount, run):
+    """Stop the arm for joint i; only the first cause counts."""
     if run.cause == RUNNING:
         run.cause = cause
         # The stop begins within this sample, after all guards of the inputs.
         run.since = -1.0
-        note(cause, joint, amount, run)
+        note(cause, i, amount, run)
 
 
 @in_kernel
-def bridge(cause, joint, amount, too_often, run):
+def bridge(cause, i, amount, too_often, run):
     """Note a bridged sample, or stop after too many in a row."""
     if too_often:
-        stop(cause, joint, amount, run)
+        stop(cause, i, amount, run)
     elif run.cause == RUNNING:
         run.bridged += 1.0
-        note(cause, joint, amount, run)
+        note(cause, i, amount, run)
 
 
 @in_kernel
@@ -93,15 +93,15 @@ def release(memory):
 
 
 @in_kernel
-def latch(reason, joint, run):
+def latch(reason, i, run):
     """Command zero torque until the next start."""
     if run.released != LATCHED:
         run.released = LATCHED
         run.latch = reason
-        run.latch_joint = joint
+        run.latch_joint = i
 
 
-@in_kernel
+@inlined
 def begin_stop(memory):
     """Begin a stop: from the reference if the arm tracks it, else from the measured motion.
 
@@ -145,7 +145,7 @@ def begin_stop(memory):
             memory.state[i] = memory.initial[i]
 
 
-@in_kernel
+@inlined
 def running_away(memory):
     """Command zero torque if a joint leaves its reference fast where the error stops the arm.
 
@@ -158,7 +158,7 @@ def running_away(memory):
             latch(RUNS, i, memory.run)
 
 
-@in_kernel
+@inlined
 def opposed(memory):
     """Command zero torque if a joint moves fast against the direction of its torque.
 
@@ -173,7 +173,7 @@ def opposed(memory):
             latch(RUNS, i, memory.run)
 
 
-@in_kernel
+@inlined
 def rising(memory):
     """Command zero torque once a joint is faster than a stop can make it: the stop drives it."""
     run = memory.run
@@ -185,9 +185,7 @@ def rising(memory):
         largest = max(largest, joint.begin_speed * joint.pulse)
     for i, joint in enumerate(memory.joints):
         if run.released == HOLDING:
-            allowed = (
-                GROWTH * abs(joint.reference_speed) + LAG * joint.begin_speed + joint.slack
-            )
+            allowed = GROWTH * abs(joint.reference_speed) + LAG * joint.begin_speed + joint.slack
         else:
             slack = joint.slack * (SAGGING if run.weight == 1.0 else FALLING)
             allowed = GROWTH * largest / joint.pulse + slack
@@ -195,7 +193,7 @@ def rising(memory):
             latch(DRIVES, i, run)
 
 
-@in_kernel
+@inlined
 def limit_time(memory):
     """Command zero torque once a joint has been at its torque limit for too long in a stop."""
     run = memory.run

@@ -6,7 +6,7 @@
 
 import numpy as np
 
-from plant.compiler.intrinsics import in_kernel
+from plant.compiler.intrinsics import in_kernel, inlined
 from plant.realtime.calls import ahead, bounds, measured, needed
 from plant.realtime.memory import (
     BAD_CLOCK,
@@ -69,7 +69,7 @@ def usable(q_r, qd_r, qdd_r):
     return sound
 
 
-@in_kernel
+@inlined
 def refused(pulses, q_r, qd_r, qdd_r, now, run):
     """Return code of a call that no guard can bridge: the first, or any without guards."""
     if run.guarded == 1.0 and run.calls > 0.0:
@@ -82,7 +82,7 @@ def refused(pulses, q_r, qd_r, qdd_r, now, run):
     return DONE if usable(q_r, qd_r, qdd_r) else BAD_REFERENCE
 
 
-@in_kernel
+@inlined
 def in_time(now, run):
     """Guard of the clock; after a late call the law gets the time that really passed.
 
@@ -114,7 +114,7 @@ def in_time(now, run):
     run.passed = run.dt if run.sampled == 1.0 else elapsed
 
 
-@in_kernel
+@inlined
 def follow(first, q_r, qd_r, qdd_r, memory):
     """Guard of the reference: an unusable one is extrapolated from the last usable one."""
     run = memory.run
@@ -132,7 +132,7 @@ def follow(first, q_r, qd_r, qdd_r, memory):
         bridge(HAD_GAPS, 0, run.gaps, run.gaps > run.patience, run)
 
 
-@in_kernel
+@inlined
 def beat(q_r, qd_r, memory):
     """Guard of lost and doubled calls.
 
@@ -153,7 +153,7 @@ def beat(q_r, qd_r, memory):
             stop(OFF_BEAT, 0, run.rhythm, run)
 
 
-@in_kernel
+@inlined
 def read(pulses, first, memory):
     """Guard of the counts: a count with too large an innovation is replaced by its prediction.
 
@@ -249,7 +249,7 @@ def watch(first, memory):
                 memory.motions[i, k].qdd = other.qdd
 
 
-@in_kernel
+@inlined
 def stands(i, settled, memory):
     """Whether joint i must have moved.
 
@@ -261,7 +261,7 @@ def stands(i, settled, memory):
     return unborne(i, joint.mean_torque - joint.rest_torque, memory)
 
 
-@in_kernel
+@inlined
 def rest(i, memory):
     """Guard of an encoder that is dead at rest, whatever its reference does.
 
@@ -305,7 +305,7 @@ def lose(cause, i, amount, memory):
     stop(cause, i, amount, run)
 
 
-@in_kernel
+@inlined
 def bounded(memory):
     """Guards of joint position and speed."""
     bounds(memory)

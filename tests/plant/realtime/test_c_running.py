@@ -288,7 +288,8 @@ def test_a_law_without_a_period_and_a_bad_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["x = {}", "while x:\n    x = 0", "x = a @ b", "x = pulses[1:2:3]", "x = sorted(pulses)"]
+    "text",
+    ["x = {}", "while x:\n    x = 0", "x = a @ b", "x = pulses[1:2:3]", "x = sorted(pulses)"],
 )
 def test_what_it_does_not_know_is_refused(text):
     node = ast.parse(
