@@ -66,7 +66,7 @@ static double sign(double x)
 """
     ),
     "smaller": (
-        """/* As fmin, which is seldom compiled in place: of a number and what is none, the number. */
+        """/* As fmin, which is seldom inlined: of a number and a NaN, the number. */
 static double smaller(double a, double b)
 {
     return a < b || b != b ? a : b;

@@ -27,8 +27,9 @@ from plant.compiler.translate import Names, translate
 
 # Decorators of functions that only kernels call, without what calls from Python need. A function
 # that is called once is inlined before numba infers types: that compiles sooner, and runs faster.
-in_kernel: Any = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-inlined: Any = numba.njit(error_model="numpy", inline="always")
+_njit: Any = numba.njit
+in_kernel = _njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inlined = _njit(error_model="numpy", inline="always")
 
 
 @functools.cache

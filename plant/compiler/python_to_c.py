@@ -1,4 +1,4 @@
-"""Python functions of numbers, arrays and records, as numba compiles them, as C99: one text for both.
+"""Python functions of numbers, arrays and records, which numba compiles, translated to C99.
 
 A construct without a translation is refused, so that C and Python cannot drift apart. Every number
 is a double, and an index of an array is cast; arrays and records are known by their names, which
@@ -133,8 +133,9 @@ class CFunction:
 
     def _loop(self, node: ast.For) -> list[str]:
         """A loop over numbers, or over an array of numbers or records, with or without numbers."""
-        counter = "at"
-        element = None
+        counter: Any = "at"
+        element: Any = None
+        array = node.iter
         match node.target, node.iter:
             case ast.Name(id=counter), ast.Call(func=ast.Name(id="range"), args=[number]):
                 size = self._index(number)
@@ -143,7 +144,7 @@ class CFunction:
                 ast.Call(func=ast.Name(id="enumerate"), args=[array]),
             ):
                 size = self._length(array)
-            case ast.Name(id=element), ast.Name() | ast.Attribute() as array:
+            case ast.Name(id=element), ast.Name() | ast.Attribute():
                 size = self._length(array)
             case _:
                 raise _unknown(node)
@@ -193,8 +194,8 @@ class CFunction:
             case ast.BoolOp(op=operator, values=values):
                 return f"({f' {_symbol(operator)} '.join(map(self._value, values))})"
             case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple(elts=among)]):
-                value = self._value(left)
-                return f"({' || '.join(f'{value} == {self._value(other)}' for other in among)})"
+                text = self._value(left)
+                return f"({' || '.join(f'{text} == {self._value(other)}' for other in among)})"
             case (
                 ast.BinOp(left=left, op=operator, right=right)
                 | ast.Compare(left=left, ops=[operator], comparators=[right])
@@ -207,7 +208,7 @@ class CFunction:
         raise _unknown(node)
 
     def _index(self, node: ast.expr) -> str:
-        """A value as an index: counters, sizes and constants are whole numbers, all else is cast."""
+        """A value as an index: all but counters, sizes and constants is cast."""
         value = _bare(self._value(node))
         is_whole = value.isdigit() or value.isupper() or value in self._counters
         return value if is_whole else f"(int)({value})"

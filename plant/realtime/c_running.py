@@ -32,7 +32,6 @@ from plant.realtime.memory import (
     RUN_FIELDS,
     SIZES,
     Layout,
-    Memory,
     view,
 )
 from plant.realtime.pieces import RAMP, Piece, pieces_of

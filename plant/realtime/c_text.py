@@ -20,10 +20,22 @@ from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, instance, real
 from plant.version import __version__
 
+# Functions of C's library that c/elementary.c replaces on a microcontroller.
 _ELEMENTARY = {"sin": "sine", "cos": "cosine", "exp": "exponential"}
-_LIBRARY = "acos|asin|atan|atan2|ceil|copysign|cos|cosh|exp|fabs|floor|fmod|log|pow|sin|sinh|sqrt|tan|tanh|trunc"
+
+# Functions of C's library that have a variant in single precision, of the same name and an f.
+_LIBRARY = (
+    "acos|asin|atan|atan2|ceil|copysign|cos|cosh|exp|fabs|floor|fmod|log|pow|sin|sinh|sqrt|tan|tanh"
+    "|trunc"
+)
+
+# Comments, strings and file names, which a translation must not change.
 _APART = r'/\*.*?\*/|"[^"\n]*"|#include[^\n]*'
+
+# Relative rounding error of single precision.
 _SINGLE = 2.0**-24
+
+# Largest rounding error of a position [pulses]: below half a pulse the count stays the same.
 _LOST = 0.5
 
 
@@ -275,11 +287,13 @@ def sides(without: Collection[str]) -> str:
     """Sentences on the parts of the model that the output leaves out, on sides, and on how to
     compile.
     """
-    left = (
-        f"The torque is without {', '.join(without)}: the firmware adds that. " if without else ""
+    text = (
+        "Counts are those of the motors' encoders, with their sign; reference and torque are joint"
+        " side, SI units. Compile without -ffast-math, which would leave NaN unseen."
     )
-    return f"""{left}Counts are those of the motors' encoders, with their sign; reference and torque are joint side,
-SI units. Compile without -ffast-math, which would leave NaN unseen."""
+    if without:
+        return f"The torque is without {', '.join(without)}: the firmware adds that. {text}"
+    return text
 
 
 def rig_of(law: Any, given: Any, call: str) -> Rig:

@@ -108,7 +108,8 @@ class Guards:
     --------
     >>> from plant import Guards, puma560
     >>> law, rig = puma560.p_law(), puma560.rig()
-    >>> controller = law.start(rig, (0, 0), guards=Guards(stop="zero", speed=2.0), torque_limit=(100, 50))
+    >>> guards = Guards(stop="zero", speed=2.0)
+    >>> controller = law.start(rig, (0, 0), guards=guards, torque_limit=(100, 50))
     >>> print(controller.status)
     running
     """

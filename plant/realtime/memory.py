@@ -243,9 +243,9 @@ class Layout(NamedTuple):
         return [(start + i, f"memory->{name}[{i}]") for i in range(size)]
 
 
-def _offset(record: np.dtype[Any], name: str) -> int:
-    assert record.fields is not None
-    return record.fields[name][1] // NUMBER
+def _offset(record: Any, name: str) -> int:
+    offset: int = record.fields[name][1]
+    return offset // NUMBER
 
 
 # Return codes of a step; unless it is DONE, nothing has changed.

@@ -79,7 +79,7 @@ def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, 
 
 
 class Piece(NamedTuple):
-    """A function from quantities of the memory to others, with their names (`Layout.components`)."""
+    """A function from quantities of the memory, by their names, to others."""
 
     function: ca.Function
     sources: list[str]
