@@ -62,6 +62,7 @@ from plant.motion.smooth import Harmonics, PointToPoint, Spline
 from plant.motion.table import Table
 from plant.motion.visibility import visibility
 from plant.parts.part import Part, number, part, structure
+from plant.parts.vector import Fields, per_joint, scalars
 from plant.realtime.first_motion import FirstMotion
 from plant.realtime.guards import Guards
 from plant.robots import puma560
@@ -96,6 +97,7 @@ __all__ = [
     "Dynamics",
     "Elasticity",
     "Encoder",
+    "Fields",
     "FirstMotion",
     "FrictionCurve",
     "FrictionDrift",
@@ -139,11 +141,13 @@ __all__ = [
     "number",
     "p_gains",
     "part",
+    "per_joint",
     "puma560",
     "read_records",
     "read_robot",
     "read_table",
     "replay",
+    "scalars",
     "simulate",
     "structure",
     "to_control",

@@ -376,3 +376,67 @@ print(plant.__file__)
     )
     assert found.returncode == 0, found.stderr
     assert found.stdout.strip() == str(ROOT / "plant" / "__init__.py")
+
+
+# -- names of a state ----------------------------------------------------------------------------
+NAMED = (
+    "plant/laws",
+    "ctc/laws",
+    "ctc/payload",
+    "ctc/learning",
+    "plant/simulation",
+    "plant/realtime",
+)
+BY_NUMBER = {  # files that still read a memory by number, to be emptied
+    "plant/realtime/compiled_step.py",
+    "plant/realtime/safety.py",
+    "plant/realtime/status.py",
+    "plant/realtime/stopping.py",
+    "plant/realtime/watching.py",
+}
+
+
+def places_by_number(tree):
+    """Lines at which a state vector is read by number: a slice or an index with arithmetic."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Subscript):
+            continue
+        owner = getattr(node.value, "attr", getattr(node.value, "id", ""))
+        if owner.lstrip("_") not in ("state", "vector", "memory"):
+            continue
+        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        bounds = []
+        for part in parts:
+            bounds += [part.lower, part.upper] if isinstance(part, ast.Slice) else [part]
+        numbers = (ast.BinOp, ast.UnaryOp)
+        if any(
+            isinstance(bound, numbers) or isinstance(getattr(bound, "value", None), int)
+            for bound in bounds
+        ):
+            yield node.lineno
+
+
+def test_a_state_has_names_not_places():
+    found = {
+        str(path.relative_to(ROOT))
+        for room in NAMED
+        for path in (ROOT / room).rglob("*.py")
+        if any(places_by_number(ast.parse(path.read_text(encoding="utf-8"))))
+    }
+    assert found <= BY_NUMBER, f"read these by name (plant/parts/vector.py): {found - BY_NUMBER}"
+
+
+@pytest.mark.parametrize(
+    ("code", "lines"),
+    [
+        ("state[2 * n : 3 * n]", [1]),
+        ("self._state[-1]", [1]),
+        ("memory[: n + 1]", [1]),
+        ("vector[0]", [1]),
+        ("state[:, None]", []),
+        ("memory[rows]", []),
+        ("fields.read(state, n).error", []),
+    ],
+)
+def test_the_scan_sees_a_place(code, lines):
+    assert list(places_by_number(ast.parse(code))) == lines

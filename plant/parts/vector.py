@@ -77,12 +77,37 @@ class Field:
 
 
 def per_joint(rows: int = 1, *, start: Any = 0.0, role: str | None = None) -> Field:
-    """A field of one number per joint, or of several rows of them: (rows * n,)."""
+    """A field of one number per joint, or of several rows of them: (rows * n,).
+
+    `start` is the value at the start; `role` is a meaning that other code asks for
+    (`Fields.places`).
+
+    See Also
+    --------
+    plant.Fields, plant.scalars
+
+    Examples
+    --------
+    >>> from plant import Fields, per_joint
+    >>> Fields(error=per_joint(), gain=per_joint(start=0.5)).initial(2)
+    array([0. , 0. , 0.5, 0.5])
+    """
     return Field(rows=rows, start=start, role=role)
 
 
 def scalars(size: int = 1, *, start: Any = 0.0, role: str | None = None) -> Field:
-    """A field of `size` numbers, however many joints there are."""
+    """A field of `size` numbers, however many joints there are.
+
+    See Also
+    --------
+    plant.Fields, plant.per_joint
+
+    Examples
+    --------
+    >>> from plant import Fields, scalars
+    >>> Fields(time=scalars(), load=scalars(3, start=1.0)).initial(6)
+    array([0., 1., 1., 1.])
+    """
     return Field(size=size, start=start, role=role)
 
 
@@ -120,10 +145,14 @@ class Fields:
         A field that is neither, a name that clashes; in `write`, a missing name, an unknown name or
         a wrong length.
 
+    See Also
+    --------
+    plant.per_joint, plant.scalars, plant.Law
+
     Examples
     --------
     >>> import numpy as np
-    >>> from plant.parts.vector import Fields, per_joint, scalars
+    >>> from plant import Fields, per_joint, scalars
     >>> fields = Fields(error=per_joint(), rate=per_joint(), begun=scalars())
     >>> state = fields.read(np.array([1.0, 2.0, 3.0, 4.0, 0.0]), n=2)
     >>> state.rate

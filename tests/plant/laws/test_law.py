@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from closed_loops import Filtered, NoTorque
 
-from plant import StatelessLaw, part, puma560, simulate
+from plant import Fields, Law, Resumed, StatelessLaw, part, per_joint, puma560, scalars, simulate
+from plant.parts.vector import TORQUE_ERROR
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LAW = Filtered(gain=(8.0, 6.0), rate=40.0, period=RIG.period)
@@ -100,3 +101,50 @@ def test_a_law_that_is_written_wrongly_says_how():
         match=r"Bare must be a dataclass of named fields; it is none\. Put @part above it",
     ):
         Bare(gain=1.0)
+
+
+@part
+class Counted(Law):
+    """A torque that grows by one each sample; `after` is what its equations write."""
+
+    period: float | None = None
+    fields = Fields(level=per_joint(start=2.0, role=TORQUE_ERROR), samples=scalars())
+    after: tuple = ("level", "samples")
+
+    def equations(self, rig, state, setpoint, pulses, torque, dt):
+        now = self.fields.read(state, rig.n)
+        values = {"level": now.level + 1, "samples": now.samples + 1, "other": 0}
+        following = self.fields.write(rig.n, **{name: values[name] for name in self.after})
+        return now.level, following
+
+
+def test_a_law_reads_and_writes_its_state_by_name():
+    block = Counted().block(RIG)
+    np.testing.assert_array_equal(block.initial, (2, 2, 0))
+    torque, state = block.step(block.initial, *np.zeros((6, 2)), 0.1, RIG.number_values())
+    np.testing.assert_array_equal(torque, [[2], [2]])
+    np.testing.assert_array_equal(state, [[3], [3], [1]])
+    resumed = Resumed(law=Counted(), state=(5, 6, 7))
+    assert resumed.fields.places(2, TORQUE_ERROR) == (range(2),)
+    np.testing.assert_array_equal(resumed.initial_state(2), (0, 0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("after", "name"), [(("level",), "samples"), (("level", "samples", "other"), "other")]
+)
+def test_a_law_whose_fields_clash_is_refused_by_the_field_s_name(after, name):
+    with pytest.raises(ValueError, match=f"'{name}'") as refusal:
+        Counted(after=after).block(RIG)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_law_without_a_state_says_so():
+    @part
+    class Forgotten(Law):
+        period: float | None = None
+
+        def equations(self, rig, state, setpoint, pulses, torque, dt):
+            return ca.SX.zeros(rig.n), state
+
+    with pytest.raises(ValueError, match=r"Forgotten must give all .*; it lacks fields\. Define"):
+        Forgotten()

@@ -6,7 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant.parts.vector import MODEL_TORQUE, TORQUE_ERROR, Fields, per_joint, scalars
+from plant.parts.vector import (
+    MODEL_TORQUE,
+    TORQUE_ERROR,
+    Fields,
+    per_joint,
+    scalars,
+    vector_of,
+)
 
 GEARS = Fields(link=per_joint(start=1.0), torque=per_joint(role=MODEL_TORQUE))
 STATE = Fields(
@@ -68,3 +75,29 @@ def test_wrong_vectors_and_fields_are_refused():
         STATE.read(np.zeros(14), 2)
     with pytest.raises(ValueError, match="'error'"):
         Fields(error=3)
+    with pytest.raises(ValueError, match=r"'count' must have a name .* Rename it\.$"):
+        Fields(count=scalars())
+    with pytest.raises(ValueError, match=r"'error' must be declared once; .* Rename one\.$"):
+        STATE.extended(error=scalars())
+    with pytest.raises(ValueError, match=r"'gain' must start with one number or with 4;"):
+        Fields(gain=per_joint(rows=2, start=(1.0, 2.0, 3.0))).initial(2)
+
+
+def test_a_whole_vector_is_a_field_whose_roles_are_found():
+    """As the state of a law within a law."""
+    outer = Fields(time=scalars(), law=vector_of(STATE), more=vector_of(initial=np.ones))
+    assert outer.length(2) == 1 + 15 + 2
+    assert outer.places(2, TORQUE_ERROR) == (range(3, 5), range(9, 15))
+    start = outer.initial(2)
+    np.testing.assert_array_equal(outer.read(start, 2).law, STATE.initial(2))
+    np.testing.assert_array_equal(outer.read(start, 2).more, (1, 1))
+    np.testing.assert_array_equal(outer.write(2, **outer.read(start, 2)._asdict()), start)
+
+
+def test_a_role_is_changed_wherever_it_is():
+    vector = ca.SX.sym("state", STATE.length(2))
+    changed = STATE.changed(vector, 2, TORQUE_ERROR, lambda value: 10 * value)
+    values = ca.Function("changed", [vector], [changed])(np.arange(15.0)).full().ravel()
+    expected = np.arange(15.0)
+    expected[[2, 3, *range(8, 14)]] *= 10
+    np.testing.assert_array_equal(values, expected)
