@@ -25,14 +25,17 @@ from plant.parts.arguments import array, near
 from plant.parts.checked_function import evaluated
 from plant.parts.fields import Floats
 
-# What the names of friction in which the torque is linear begin with; and of springs, in some of
-# which it is.
+# Beginnings of the names of friction, in which the torque is linear, and of springs, in some of
+# whose numbers it is linear.
 LINEAR = ("drive.viscous", "drive.coulomb", "drive.curve.offset")
 SPRINGS = "springs"
 
-_WIDER = 8  # how much longer than a bridged gap the memory of a filter is
+# Ratio of the memory of a filter to the longest gap that it may pass over on a straight line;
+# chosen by hand.
+_WIDER = 8
 
-# samples whose regressors are worked out in one go; values that are filtered in one
+# Samples whose regressors are made at once, and values that are filtered at once: so many stay in
+# the processor's cache.
 _AT_ONCE = 4096
 _TOGETHER = 2**18
 
@@ -41,8 +44,8 @@ _TOGETHER = 2**18
 class System:
     """The torque equation of one log, and where in it each equation comes from.
 
-    `regressor` (N', n, k). `torque` (N', n): measured [N m], less that of what is known. `measured`
-    (N', n): with that; None where nothing is. `used` (N', n): which of these equations count.
+    `regressor` (N', n, k). `torque` (N', n): measured [N m], less that of known numbers. `measured`
+    (N', n): with that; None where nothing is known. `used` (N', n): which of these equations count.
     `sample` (N',): their rows in the log. `period`: of the log's rows [s]. `speed` (N', n): of each
     joint in the band [rad/s], a magnitude.
     """
@@ -72,27 +75,25 @@ class Places:
     @classmethod
     def of(cls, systems: Sequence[System]) -> Self:
         """Of the equations that count, of one system per record."""
-        rows, joint = (
-            np.concatenate(each)
-            for each in zip(*(np.nonzero(each.used) for each in systems), strict=True)
+        used = [np.nonzero(system.used) for system in systems]
+        joint = np.concatenate([joints for _, joints in used])
+        sample = np.concatenate(
+            [system.sample[rows] for system, (rows, _) in zip(systems, used, strict=True)]
         )
-        counts = [int(each.used.sum()) for each in systems]
+        counts = [len(rows) for rows, _ in used]
         record = np.repeat(np.arange(len(systems)), counts)
-        sample = np.concatenate([each.sample for each in systems])
-        first = np.cumsum([0, *(len(each.sample) for each in systems)])[record]
-        period = np.repeat([each.period for each in systems], counts)
-        sample = sample[first + rows]
+        period = np.repeat([system.period for system in systems], counts)
         return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
     def segments(self, seconds: Floats, least: int) -> tuple[NDArray[np.intp], int]:
         """Segment (M,) of each equation, and the number of all: logs of these lengths (R,) in equal
         parts, at least so many together.
         """
-        each = -(-least // len(seconds))
+        per_log = -(-least // len(seconds))
         share = self.t / seconds[self.record]
-        return each * self.record + np.minimum((each * share).astype(int), each - 1), each * len(
-            seconds
-        )
+        # The last row of a log lies at its end, and belongs to the last segment.
+        in_log = np.minimum((per_log * share).astype(int), per_log - 1)
+        return per_log * self.record + in_log, per_log * len(seconds)
 
 
 class Filtering(NamedTuple):
@@ -119,18 +120,18 @@ def regressor_and_torque(
     extra: Mapping[str, Callable[..., ArrayLike]],
     valid: Floats | None = None,
 ) -> System:
-    """Regressor of the unknowns and measured torque less that of what is known, both filtered.
+    """Regressor of the unknowns and measured torque less that of known numbers, both filtered.
 
     Rows whose filters feel the ends of the log, or a gap of samples without weight in `valid` (N,),
-    do not count; short gaps are bridged, and only they do not.
+    do not count; of a short gap, which is bridged, its own rows alone do not.
     """
     motion = derivatives(q, rig.period, filtering.cutoff)
-    regressor, given = regressor_along(dynamics, rig, unknown, motion)
-    more = [
+    regressor, stated = regressor_along(dynamics, rig, unknown, motion)
+    columns = [
         array(name, column(*motion), q.shape, advice="Give (N, n).")
         for name, column in extra.items()
     ]
-    signals = [torque - given, *np.moveaxis(regressor, 2, 0), *more]
+    signals = [torque - stated, *np.moveaxis(regressor, 2, 0), *columns]
     return compared(signals, motion.qd, rig.period, filtering, valid)
 
 
@@ -141,32 +142,42 @@ def compared(
     filtering: Filtering,
     valid: Floats | None = None,
 ) -> System:
-    """Torque and columns, each (N, n), in the band in which they are compared, at the speeds qd
-    (N, n).
+    """The equations of a torque (N, n) and of columns (N, n), at the speeds qd (N, n).
+
+    `signals`: the torque, then the columns.
     """
     cutoff, band, every, slowest = filtering
-    # where the filters still feel the ends of the log
+
+    # 1. Rows that are compared: no filter feels the ends of the log there. They are counted from
+    # the first sample, so that logs of one motion have theirs at the same instants.
     margin = int(np.ceil(1 / (min(cutoff, band) * period)))
     rows = slice(-(-margin // every) * every, len(qd) - margin, every)
+
+    # 2. All signals pass one filter: what it takes away is then the same on both sides.
     together = max(1, _TOGETHER // qd.size)
     n = qd.shape[1]
-    left = [*signals, qd]
-    groups = (np.hstack(left[i : i + together]) for i in range(0, len(left), together))
+    inputs = [*signals, qd]
+    groups = (np.hstack(inputs[i : i + together]) for i in range(0, len(inputs), together))
     filtered = np.hstack([low_pass(group, period, band)[rows] for group in groups])
-    measured, *columns, speed = (filtered[:, i : i + n] for i in range(0, filtered.shape[1], n))
-    speed = np.abs(speed)
+    outputs = [filtered[:, i : i + n] for i in range(0, filtered.shape[1], n)]
+    speed = np.abs(outputs[-1])
+
+    # 3. Leave out slow joints, whose friction has an uncertain sign, and rows beside a gap.
     used = (speed > slowest) | (slowest == 0)
     if valid is not None:
         missing = valid == 0
         bridged = short_gaps(missing, int(np.clip(margin // _WIDER, 1, BRIDGED)))
+        # Lost samples so far: a window without a lost one has the same number at both ends.
         lost = np.append(0, np.cumsum(missing & ~bridged))
-        near = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
-        used &= ((lost[near[:, 1]] == lost[near[:, 0]]) & ~bridged)[rows, None]
-    regressor = np.stack(columns, axis=-1)
-    torque = np.ascontiguousarray(measured)
-    sample = np.arange(len(qd))[rows]
+        ends = np.clip(np.arange(len(qd))[:, None] + (-margin, margin + 1), 0, len(qd))
+        used &= ((lost[ends[:, 1]] == lost[ends[:, 0]]) & ~bridged)[rows, None]
     return System(
-        regressor=regressor, torque=torque, used=used, sample=sample, period=period, speed=speed
+        regressor=np.stack(outputs[1:-1], axis=-1),
+        torque=np.ascontiguousarray(outputs[0]),
+        used=used,
+        sample=np.arange(len(qd))[rows],
+        period=period,
+        speed=speed,
     )
 
 
@@ -177,48 +188,51 @@ def regressor_along(
     motion: Motion,
     motors: Motion | None = None,
 ) -> tuple[Floats, Floats]:
-    """Regressor of the unknowns (N, n, k), and the torque of what is known (N, n).
+    """Regressor of the unknowns (N, n, k), and the torque (N, n) of the known numbers.
 
     `motion`: of the links. `motors`: of the motors, as joints on rigid gears would have it, where
     gears are elastic.
     """
     names, _ = balance(dynamics, rig, tuple(unknown), motors is not None)
     motions = (*motion, *(() if motors is None else motors[1:]))
+    # With the unknowns at zero the torque of all numbers is that of the known ones: it is linear.
     values = np.concatenate([np.zeros(dynamics.p), rig.number_values()])
     values[[names.index(name) for name in unknown]] = 0.0
     n = dynamics.n
     k = len(unknown)
     regressor = np.empty((len(motion.q), n, k))
-    given = np.empty((len(motion.q), n))
-    for start in range(0, len(given), _AT_ONCE):
-        some = slice(start, start + _AT_ONCE)
-        mapped = _mapped(dynamics, rig, tuple(unknown), motors is not None, len(given[some]))
-        block, given[some] = evaluated(mapped, *(part[some] for part in motions), values)
-        regressor[some] = block.reshape(-1, k, n).transpose(0, 2, 1)
-    return regressor, given
+    stated = np.empty((len(motion.q), n))
+    for begin in range(0, len(stated), _AT_ONCE):
+        rows = slice(begin, begin + _AT_ONCE)
+        mapped = _mapped(dynamics, rig, tuple(unknown), motors is not None, len(stated[rows]))
+        block, stated[rows] = evaluated(mapped, *(signal[rows] for signal in motions), values)
+        # casadi stores the columns of each sample one after another.
+        regressor[rows] = block.reshape(-1, k, n).transpose(0, 2, 1)
+    return regressor, stated
 
 
 def linear(dynamics: Dynamics, rig: Rig, unknown: Iterable[str]) -> tuple[str, ...]:
-    """Those of the unknowns that enter the torque linearly, together; of springs the first of
-    several that do not.
+    """The unknowns that enter the torque linearly together; of several spring numbers that do not,
+    the first.
     """
     unknown = tuple(unknown)
     springs = [name for name in rig.number_names() if name.startswith(SPRINGS)]
     numbers = ca.SX.sym("numbers", len(rig.number_names()))
     q = ca.SX.sym("q", rig.n)
     torque = rig.with_numbers(numbers).spring_torque(q)
+    # One after another: stiffness and angle of a spring are each linear, but not both together.
     taken = list[int]()
     for name in unknown:
         if name in springs:
-            place = rig.number_names().index(name)
-            slopes = ca.jacobian(torque, numbers)[:, [*taken, place]]
-            own = numbers[[*taken, place]]
-            taken += [] if ca.depends_on(slopes, own) else [place]
-    some = {rig.number_names()[place] for place in taken}
+            places = [*taken, rig.number_names().index(name)]
+            slopes = ca.jacobian(torque, numbers)[:, places]
+            if not ca.depends_on(slopes, numbers[places]):
+                taken = places
+    of_springs = {rig.number_names()[place] for place in taken}
     return tuple(
         name
         for name in unknown
-        if name in dynamics.names or name.startswith(LINEAR) or name in some
+        if name in dynamics.names or name.startswith(LINEAR) or name in of_springs
     )
 
 
@@ -227,8 +241,9 @@ def _mapped(
     dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool, count: int
 ) -> Any:
     """The function of `balance`, of so many samples at once."""
-    one = balance(dynamics, rig, unknown, elastic)[1]
-    return one.map("balances", "serial", count, [one.n_in() - 1], [])
+    of_sample = balance(dynamics, rig, unknown, elastic)[1]
+    # The numbers, its last input, are those of all samples.
+    return of_sample.map("balances", "serial", count, [of_sample.n_in() - 1], [])
 
 
 @functools.lru_cache(maxsize=16)
@@ -252,9 +267,9 @@ def balance(
     missing = [name for name in dynamics.names if name not in unknown]
     twice = [name for i, name in enumerate(unknown) if name in unknown[:i]]
     if missing or twice:
-        what = f"{missing[0]} is missing" if missing else f"{twice[0]} comes twice"
+        fault = f"{missing[0]} is missing" if missing else f"{twice[0]} comes twice"
         raise ValueError(
-            f"unknown must name all of f, each name once; {what}. Write (*dynamics.names, ...)."
+            f"unknown must name all of f, each name once; {fault}. Write (*dynamics.names, ...)."
         )
     n = dynamics.n
     numbers = ca.SX.sym("numbers", len(names))
@@ -265,7 +280,7 @@ def balance(
     tau = dynamics.Y(q, qd, qdd) @ numbers[: dynamics.p] - rig.spring_torque(q)
     tau += drive.friction(motors[0] if elastic else qd)
     if elastic:
-        # f holds the rotors, as if they turned with the links
+        # f holds the rotors, as if they turned with the links: they turn with the motors.
         tau += drive.rotor_torque(motors[1] - qdd)
     places = [names.index(name) for name in unknown]
     regressor = ca.densify(ca.jacobian(tau, numbers)[:, places])

@@ -1,6 +1,4 @@
-"""Whether a stated law can have made a log: its run along the log, from the best state, against
-the logged torque.
-"""
+"""Test of a stated law: its torque along a log, from the best state, against the logged torque."""
 
 import dataclasses
 from typing import Any
@@ -14,19 +12,35 @@ from plant.parts.fields import Floats
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
-# Distance from the logged torque with a law that began with the log, relative to that of the best
-# state, and in the largest torque, up to which it did.
-_BEGAN = 1.1
-_EQUAL = 1e-3
 
-_ROUNDS = 2  # fits of the state; a law that saturates is not linear in it
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StatedLawSettings:
+    """When a law began with its log; chosen by hand.
+
+    Parameters
+    ----------
+    ratio : float
+        Largest ratio of the distances from the logged torque of a law that began with the log, and
+        of one in the best state.
+    equal : float
+        Distance from the logged torque that does not count, relative to the largest torque.
+    rounds : int
+        Fits of the state: a law that saturates is not linear in it.
+    """
+
+    ratio: float = 1.1
+    equal: float = 1e-3
+    rounds: int = 2
+
+
+SETTINGS = StatedLawSettings()
 
 
 def torque_apart(record: Record) -> Floats | None:
-    """How far the logged torque of each joint (n,) is from what the stated law gives, as a share of
-    it (rms).
+    """Distance (n,) of the logged torque of each joint from that of the stated law, relative to it
+    (rms).
 
-    None where that cannot be told: nothing logged, counts that were moved, no law or one that
+    None where nothing can be compared: nothing logged, counts that were moved, no law or one that
     repeats the log, fast hardware with a memory, or a reference whose rounding hides the torque.
     """
     law = record.law
@@ -34,48 +48,51 @@ def torque_apart(record: Record) -> Floats | None:
         return None
     logged = logged_torque(record)
     if not law.has_memory(record.n) or (isinstance(law, Resumed) and law.period is not None):
-        own = torque_of(record)
+        torque = torque_of(record)
     else:
-        found = _nearest(record, logged)
-        if found is None:
+        nearest = _nearest(record, logged)
+        if nearest is None:
             return None
-        own = law_torque(found)
+        torque = law_torque(nearest)
+    # Rows before which the filters of the law have read no bridged count for a while.
     lost = np.cumsum(record.valid == 0)
-    # whose filters have seen no bridged count
     rows = FADED + np.flatnonzero(lost[FADED:] == lost[:-FADED])
     if not rows.size:
         return None
-    off, size = (np.sqrt(np.mean(each[rows] ** 2, axis=0)) for each in (own - logged, logged))
-    return np.asarray(off / np.maximum(size, 1e-9 * max(size.max(), 1e-300)))
+    distance = np.sqrt(np.mean((torque - logged)[rows] ** 2, axis=0))
+    size = np.sqrt(np.mean(logged[rows] ** 2, axis=0))
+    # A joint without torque has no share of it.
+    return np.asarray(distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300)))
 
 
 def begun(record: Record) -> Record:
-    """The record with its law and arm going on from where its logged torque says that they were.
+    """The record with its law and arm in the state of the first sample, by its logged torque.
 
-    As it is where the torque does not tell: nothing logged, no memory, or a law that began with the
-    log.
+    It stays as it is where that cannot be found: nothing logged, no memory, or a law that began
+    with the log.
     """
     law = record.law
-    if (
-        law is None
-        or not _comparable(record)
-        or not law.has_memory(record.n)
-        or isinstance(law, Resumed)
-    ):
+    if law is None or isinstance(law, Resumed) or not _comparable(record):
+        return record
+    if not law.has_memory(record.n):
         return record
     logged = logged_torque(record)
-    rows = np.flatnonzero(record.valid > 0)
-    found = _nearest(record, logged)
-    if found is None:
+    nearest = _nearest(record, logged)
+    if nearest is None:
         return record
-    anew = reading(record, Resumed(law=law, state=law.initial_state(record.n)))
-    off = [
-        np.sqrt(np.mean((law_torque(each) - logged)[rows[rows >= FADED]] ** 2))
-        for each in (anew, found)
+
+    # A law that begins with the log explains the torque about as well: then nothing came before.
+    valid = np.flatnonzero(record.valid > 0)
+    rows = valid[valid >= FADED]
+    beginning = reading(record, Resumed(law=law, state=law.initial_state(record.n)))
+    distances = [
+        np.sqrt(np.mean((law_torque(candidate) - logged)[rows] ** 2))
+        for candidate in (beginning, nearest)
     ]
-    if off[0] <= _BEGAN * off[1] + _EQUAL * np.abs(logged).max():
+    negligible = SETTINGS.equal * np.abs(logged).max()
+    if distances[0] <= SETTINGS.ratio * distances[1] + negligible:
         return record
-    state: Any = found.law.state  # type: ignore[union-attr]  # AlongLog
+    state: Any = nearest.law.state  # type: ignore[union-attr]  # AlongLog
     start = np.array(start_of(record, path_of(record)))
     return dataclasses.replace(record, law=Resumed(law=law, state=state), initial=start)
 
@@ -85,20 +102,17 @@ def _comparable(record: Record) -> bool:
 
     Counts that were moved (`without_delay`) are not those that the law read.
     """
-    if (
-        record.law is None
-        or record.law.replays
-        or (record.torque is None and record.current is None)
-    ):
+    if record.law is None or record.law.replays:
+        return False
+    if record.torque is None and record.current is None:
         return False
     return record.rig.encoder.smooth or bool((record.counts == np.trunc(record.counts)).all())
 
 
 def _nearest(record: Record, logged: Floats) -> Record | None:
-    """The record with its law reading the log, from the state with which it is nearest to the
-    logged torque (N, n).
+    """The record with its law reading the log, from the state nearest to the logged torque (N, n).
 
-    None where its reference does not tell its torque, and of fast hardware.
+    None where its reference does not determine its torque, and of fast hardware.
     """
     law: Any = record.law
     if law.period is None:
@@ -106,17 +120,18 @@ def _nearest(record: Record, logged: Floats) -> Record | None:
     try:
         followed, usual = at_work(record, Resumed(law=law, state=law.initial_state(record.n)))
     except ValueError:
+        # The rounding of its reference hides the torque.
         return None
-    for _ in range(_ROUNDS):
+    for _ in range(SETTINGS.rounds):
         run = run_law(followed)
         memory, columns = state_directions(followed, run, usual)
         if not len(columns):
             break
+        # The first samples are left out: there a state looks like another start of the arm.
         missing = (logged - law_torque(followed, run))[FADED:].ravel()
-        own: Any = followed.law
-        change = np.linalg.lstsq(
-            columns[:, FADED:].reshape(len(columns), -1).T, missing, rcond=None
-        )[0]
+        rows = columns[:, FADED:].reshape(len(columns), -1).T
+        change = np.linalg.lstsq(rows, missing, rcond=None)[0]
         state = memory.at(np.asarray(change, float))
-        followed = dataclasses.replace(followed, law=dataclasses.replace(own, state=state))
+        reader: Any = followed.law
+        followed = dataclasses.replace(followed, law=dataclasses.replace(reader, state=state))
     return followed

@@ -1,6 +1,4 @@
-"""The torque equations of several logs in any band and above any speeds, of the joints whose
-torque is known.
-"""
+"""The torque equations of several logs, in any band and above any speeds."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
@@ -17,18 +15,34 @@ from plant import Dynamics, Rig
 from plant.parts.arguments import choice, instance, real
 from plant.parts.fields import Floats
 
-# further columns by name: (q, qd, qdd) -> torque (N, n) per unit
+# Further columns by name: (q, qd, qdd) -> torque (N, n) per unit.
 Columns = Mapping[str, Callable[..., ArrayLike]]
 
-_LOWEST = 0.5  # narrowest pass band that is tested [Hz]; then by half octaves
 
-_PERIODS = 4.0  # periods of a band that the longest log must hold
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TorqueEquationSettings:
+    """Bands that are tested; chosen by hand.
 
-_MOTION = 10.0  # highest frequency of what counts as the motion of a joint [Hz]
+    Parameters
+    ----------
+    lowest : float
+        Narrowest pass band that is tested [Hz]; then by half octaves.
+    periods : float
+        Periods of a band that the longest log must hold.
+    motion : float
+        Highest frequency of the motion of a joint [Hz]: faster signals are vibration and rounding.
+    """
+
+    lowest: float = 0.5
+    periods: float = 4.0
+    motion: float = 10.0
+
+
+SETTINGS = TorqueEquationSettings()
 
 
 def cutoff_of(band: float, cutoff: float | None) -> float:
-    """Of the low-pass before differentiation [Hz], as stated or as the band asks for."""
+    """Cutoff of the low-pass before differentiation [Hz], as stated or by the band."""
     return CUTOFF * band if cutoff is None else cutoff
 
 
@@ -39,7 +53,7 @@ def every_of(band: float, period: float, every: int | None) -> int:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueEquations:
-    """What `fit_torque` was given.
+    """The checked arguments of `fit_torque`.
 
     `names`: of the columns, without the further ones: unknown or known. `extra`: further columns.
     `known`: values of some columns. `used` (R, n): of which logs and joints the torque is used.
@@ -61,26 +75,27 @@ class TorqueEquations:
         *,
         thin: bool = False,
     ) -> tuple[tuple[str, ...], list[System]]:
-        """Names of what is unknown, and one system per log in these alone."""
-        found = []
+        """Names of the unknowns, and one system per log in these alone."""
+        systems = []
         names = (*self.names, *self.extra)
-        for log, used in zip(self.logs, self.used, strict=True):
-            kept = thinned(log, cutoff_of(band, cutoff)) if thin else log
-            step = every_of(band, kept.rig.period, every)
-            if every is not None and kept is not log:
-                step = max(1, round(every * log.rig.period / kept.rig.period))
+        for whole, used in zip(self.logs, self.used, strict=True):
+            log = thinned(whole, cutoff_of(band, cutoff)) if thin else whole
+            step = every_of(band, log.rig.period, every)
+            # A stated step counts rows of the whole log.
+            if every is not None and log is not whole:
+                step = max(1, round(every * whole.rig.period / log.rig.period))
             system = regressor_and_torque(
                 self.dynamics,
-                kept.q,
-                kept.torque,
-                kept.rig,
+                log.q,
+                log.torque,
+                log.rig,
                 Filtering(cutoff_of(band, cutoff), band, step, slowest),
                 self.names,
                 self.extra,
-                kept.valid,
+                log.valid,
             )
-            found.append(dataclasses.replace(system, used=system.used & used))
-        return without_known(names, self.known, found)
+            systems.append(dataclasses.replace(system, used=system.used & used))
+        return without_known(names, self.known, systems)
 
     @property
     def seconds(self) -> Floats:
@@ -89,32 +104,35 @@ class TorqueEquations:
 
     def bands(self, cutoff: float | None) -> list[float]:
         """Pass bands to choose from [Hz]."""
-        most = BAND_MOST / max(log.rig.period for log in self.logs) if cutoff is None else cutoff
-        least = _PERIODS / self.seconds.max()
-        octaves = (float(f"{band:.3g}") for band in _LOWEST * 2 ** np.arange(0, 30, 0.5))
-        return [band for band in octaves if least < band < most]
+        highest = cutoff
+        if highest is None:
+            highest = BAND_MOST / max(log.rig.period for log in self.logs)
+        lowest = SETTINGS.periods / self.seconds.max()
+        # Three digits: a band is printed, and can be stated again.
+        half_octaves = SETTINGS.lowest * 2 ** np.arange(0, 30, 0.5)
+        bands = [float(f"{band:.3g}") for band in half_octaves]
+        return [band for band in bands if lowest < band < highest]
 
     def usual_speed(self) -> Floats:
-        """Root mean square of each joint's speed (n,) [rad/s] in all logs, without what is
-        faster than motions are.
-        """
-        logs = [(log.q, log.rig.period) for log in self.logs]
-        speeds = [derivatives(q, period, min(_MOTION, BAND_MOST / period)).qd for q, period in logs]
+        """Root mean square of each joint's speed (n,) [rad/s] in all logs, without vibration."""
+        speeds = []
+        for log in self.logs:
+            period = log.rig.period
+            cutoff = min(SETTINGS.motion, BAND_MOST / period)
+            speeds.append(derivatives(log.q, period, cutoff).qd)
         return np.asarray(np.sqrt(np.mean(np.concatenate(speeds) ** 2, axis=0)))
 
     def least(self, usual: Floats, share: float, band: float) -> Floats:
-        """Least speeds (n,) [rad/s]: a share of the usual ones, and more than the rounding of
-        counts makes.
-        """
+        """Least speeds (n,) [rad/s]: a share of the usual ones, and those that rounding makes."""
         noise = [speed_noise(log.rig, band) for log in self.logs if log.counted]
         return np.max([share * usual, *noise], axis=0)
 
     def left_out(self, stated: bool) -> dict[str, str]:
-        """Joint -> why its equations are not used."""
-        found = dict[str, str]()
+        """Joint -> reason for which its equations are not used; `stated`: joints were stated."""
+        messages = dict[str, str]()
         for j, label in enumerate(self.dynamics.chain.joint_labels):
             if stated and not self.used[:, j].any():
-                found[label] = "as stated"
+                messages[label] = "as stated"
                 continue
             reasons = [
                 dead_columns(log)[j]
@@ -122,8 +140,8 @@ class TorqueEquations:
                 if not used[j]
             ]
             if reasons:
-                found[label] = "; ".join(reasons)
-        return found
+                messages[label] = "; ".join(reasons)
+        return messages
 
 
 def equations_of(
@@ -136,7 +154,8 @@ def equations_of(
     known: Mapping[str, float] | None,
     joints: Iterable[int | str] | None,
 ) -> TorqueEquations:
-    """What a user gave to `fit_torque`, or a refusal."""
+    """The arguments of `fit_torque`, checked."""
+    # 1. Names: known ones may be short, and f that is neither unknown nor known is forgotten.
     instance("dynamics", dynamics, Dynamics, "Pass the equations with f open.")
     if isinstance(unknown, str):
         raise ValueError(
@@ -149,9 +168,9 @@ def equations_of(
         name if name in extra else long.get(name, name): value
         for name, value in (known or {}).items()
     }
-    searched = tuple(
-        (name for name in dynamics.names if name not in values) if unknown is None else unknown
-    )
+    if unknown is None:
+        unknown = [name for name in dynamics.names if name not in values]
+    searched = tuple(unknown)
     for name, value in values.items():
         if name not in extra and not name.startswith(LINEAR):
             choice("a name in known", name, dynamics.names)
@@ -165,15 +184,16 @@ def equations_of(
     names = (*searched, *(name for name in values if name not in searched and name not in extra))
     if not set(names) | set(extra) > set(values):
         raise ValueError("a fit needs something unknown; all names are in known. Leave one out.")
+
+    # 2. Logs, and the joints whose torque is used in each.
     logs = torque_logs(dynamics, q, torque, rig)
     used = np.ones((len(logs), dynamics.n), bool)
     if joints is None:
         for k, log in enumerate(logs):
             used[k, list(dead_columns(log))] = False
     else:
-        places = [
-            _joint(dynamics, joint) for joint in ((joints,) if isinstance(joints, str) else joints)
-        ]
+        labels = (joints,) if isinstance(joints, str) else joints
+        places = [_joint(dynamics, joint) for joint in labels]
         used[:, [j for j in range(dynamics.n) if j not in places]] = False
         for log in logs:
             for j in places:
@@ -184,11 +204,12 @@ def equations_of(
                         " out."
                     )
     if not used.any():
-        why = "; ".join(
-            f"{dynamics.chain.joint_labels[j]}: {why}" for j, why in dead_columns(logs[0]).items()
+        reasons = "; ".join(
+            f"{dynamics.chain.joint_labels[j]}: {reason}"
+            for j, reason in dead_columns(logs[0]).items()
         )
         raise ValueError(
-            f"some joint must have a torque; none has ({why}). Check which columns were read."
+            f"some joint must have a torque; none has ({reasons}). Check which columns were read."
         )
     return TorqueEquations(
         dynamics=dynamics, logs=tuple(logs), names=names, extra=extra, known=values, used=used
@@ -196,11 +217,10 @@ def equations_of(
 
 
 def _joint(dynamics: Dynamics, joint: Any) -> int:
+    """Place of a joint that is given by its place, from either end, or by its label."""
     labels = dynamics.chain.joint_labels
-    if (
-        isinstance(joint, (int, np.integer))
-        and not isinstance(joint, bool)
-        and -dynamics.n <= joint < dynamics.n
-    ):
+    # True is an int in Python, and no joint.
+    number = isinstance(joint, (int, np.integer)) and not isinstance(joint, bool)
+    if number and -dynamics.n <= joint < dynamics.n:
         return int(joint) % dynamics.n
     return labels.index(choice("a joint", joint, labels))

@@ -29,24 +29,40 @@ from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned, inside
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
-# relative torque error above which something is wrong with the log rather than with the arm
-_POOR = 0.3
 
-_APART = 4.0  # standard deviations of a log by which f, which is the arm's, may differ between logs
-# Standard deviations, and share of the larger, by which a known number differs from what the
-# torques ask for where it is doubted.
-_DOUBTED = 5.0
-_OTHERWISE = 0.2
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TorqueWarningSettings:
+    """When a fit of the torque warns; chosen by hand.
+
+    Parameters
+    ----------
+    poor : float
+        Relative torque error above which something is wrong with the log rather than with the arm.
+    apart : float
+        Standard deviations of a log by which f, which is the arm's, may differ between logs.
+    doubted : float
+        Standard deviations by which a known number must differ from its estimate to be doubted.
+    different : float
+        Relative difference by which it must differ as well.
+    """
+
+    poor: float = 0.3
+    apart: float = 4.0
+    doubted: float = 5.0
+    different: float = 0.2
+
+
+SETTINGS = TorqueWarningSettings()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TorqueFit(Shown, Frozen):
-    """What a fit of the torque found.
+    """Values of f and of linear numbers of the drive, fitted to torques.
 
     Attributes
     ----------
     dynamics : Dynamics
-        What its names of f mean.
+        The equations, whose f is fitted.
     names : tuple of str
     values : (k,) numpy.ndarray
     covariance : (k, k) numpy.ndarray
@@ -59,19 +75,19 @@ class TorqueFit(Shown, Frozen):
         Standard deviation of each joint's residual [N m]; the weights of the fit are 1 / sigma, or
         as stated. NaN of a joint without equations.
     relative_error : float
-        Length of the residual over length of the torque, all rows that were used; what is known is
-        part of the torque.
+        Length of the residual over length of the torque, all rows that were used; the torque of
+        known numbers is part of it.
     rows : int
         Equations that were used.
     condition : float
         Condition number of the weighted columns, scaled to one length.
     known : dict of str to float
-        What was not searched but given.
+        Numbers that were stated and not fitted.
     freed : dict of str to (float, float)
-        What the torques ask for where this one of the known numbers is not taken as known, and its
-        standard deviation; without those that they do not tell from the unknowns.
+        Estimate of a known number that is fitted like the unknowns, and its standard deviation;
+        without numbers that are not separately identifiable.
     left_out : dict of str to str
-        Joint -> why its equations were not used.
+        Joint -> reason for which its equations were not used.
     cutoff, band : float or None
         Low-pass before differentiation, and pass band in which both sides were compared [Hz].
     every : tuple of int
@@ -79,14 +95,14 @@ class TorqueFit(Shown, Frozen):
     least_speed : (n,) numpy.ndarray or None
         Joint speed below which equations were left out [rad/s].
     bands : tuple of FitTrial
-        What the choice of the band rests on, narrowest first; empty where the band was stated.
+        Trials on which the choice of the band rests, narrowest first; empty where it was stated.
     least_speeds : tuple of FitTrial
         The same of the least speed, most cautious first.
     between : BetweenRuns or None
         How two logs or more agree, and what their differences add to the covariance.
     friction : tuple of FrictionTrial
-        Kinds of friction beyond what is fitted, by what they predict of blocks kept aside, best
-        first; none where no Coulomb friction is unknown. They are told, not fitted.
+        Kinds of friction beside the fitted ones, by their prediction of blocks kept aside, best
+        first; none where no Coulomb friction is unknown. They are reported, not fitted.
     """
 
     dynamics: Dynamics
@@ -133,26 +149,24 @@ class TorqueFit(Shown, Frozen):
         )
 
     def _shown(self) -> Iterator[Piece]:
-        said = (
+        summary = (
             f"{self.rows} equations, relative torque error {self.relative_error:.2%}, condition"
             f" {self.condition:.0f}"
         )
-        yield Verdict(said, not self.warnings)
+        yield Verdict(summary, not self.warnings)
         yield Warned(self.warnings)
-        found = zip(short_names(self.dynamics, self.names), self.values, self.std, strict=True)
-        rows = [(name, f"{value:.5g}", f"+- {std:.2g}") for name, value, std in found]
-        yield Table(
-            (),
-            rows + [(name, f"{value:.5g}", "known") for name, value in self._short_known()],
-            words=(2,),
-        )
+        names = short_names(self.dynamics, self.names)
+        rows = [
+            (name, f"{value:.5g}", f"+- {std:.2g}")
+            for name, value, std in zip(names, self.values, self.std, strict=True)
+        ]
+        rows += [(name, f"{value:.5g}", "known") for name, value in self._short_known()]
+        yield Table((), rows, words=(2,))
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
         yield from choices(self)
-        yield from (
-            f"of other friction, the nearest to help is {trial}"
-            for trial in self.friction[:1]
-            if not trial.clear
-        )
+        # A clear one is a warning already.
+        if self.friction and not self.friction[0].clear:
+            yield f"of other friction, the nearest to help is {self.friction[0]}"
         yield from [ONE_LOG] if self.between is None else inside(self.between)
         yield Aside("What the parameters mean", self.dynamics.legend.splitlines())
 
@@ -161,36 +175,43 @@ class TorqueFit(Shown, Frozen):
 
     @property
     def warnings(self) -> list[str]:
-        """What looks wrong, one line each."""
+        """Doubts about the fit, one line each."""
+        # 1. The fit as a whole.
         negative = [
             name
             for name, value in zip(self.names, self.values, strict=True)
             if name.startswith(("drive.viscous", "drive.coulomb")) and value < 0
         ]
-        found = (
-            [f"friction must not be negative; check signs and units ({', '.join(negative)})"]
-            if negative
-            else []
-        )
-        if self.relative_error > _POOR:
-            found.append(
+        lines = []
+        if negative:
+            lines.append(
+                f"friction must not be negative; check signs and units ({', '.join(negative)})"
+            )
+        if self.relative_error > SETTINGS.poor:
+            lines.append(
                 f"{self.relative_error:.0%} of the torque is not explained; check units (rad, joint"
                 " side N m), signs and the order of the joints"
             )
-        found += [trial.advice for trial in self.friction[:1] if trial.clear]
-        if self.between is not None and (apart := self.between.groups.get("f", 0.0)) > _APART:
-            why = (
-                "the model lacks something, or a load (find_load), or another robot; fit each alone"
+        lines += [trial.advice for trial in self.friction[:1] if trial.clear]
+
+        # 2. Logs that differ in numbers of the arm, which are the same in all of them.
+        apart = 0.0 if self.between is None else self.between.groups.get("f", 0.0)
+        if apart > SETTINGS.apart:
+            lines.append(
+                f"the logs differ in f by {apart:.2g} standard deviations of one: the model lacks"
+                " something, or a load (find_load), or another robot; fit each alone"
             )
-            found.append(f"the logs differ in f by {apart:.2g} standard deviations of one: {why}")
+
+        # 3. Stated numbers that the torques contradict: in their error, and in size.
         for (label, value), name in zip(self._short_known(), self.known, strict=True):
-            asked, std = self.freed.get(name, (value, 0.0))
-            if abs(asked - value) > max(_DOUBTED * std, _OTHERWISE * max(abs(asked), abs(value))):
-                found.append(
-                    f"{label} is stated as {value:.4g}, but these torques ask for {asked:.4g} +-"
+            estimate, std = self.freed.get(name, (value, 0.0))
+            size = max(abs(estimate), abs(value))
+            if abs(estimate - value) > max(SETTINGS.doubted * std, SETTINGS.different * size):
+                lines.append(
+                    f"{label} is stated as {value:.4g}, but these torques ask for {estimate:.4g} +-"
                     f" {std:.2g}: check it, its unit and its sign"
                 )
-        return found
+        return lines
 
 
 def choices(fit: TorqueFit) -> Iterator[Piece]:
@@ -232,11 +253,11 @@ def weighted(
     rows (m, k) and target (m,) of further equations, of standard deviation 1. `report`: further
     fields of the result.
     """
+    # 1. The equations of all logs.
     systems = tuple(systems)
-    regressor, torque, used = (
-        np.concatenate([getattr(system, part) for system in systems])
-        for part in ("regressor", "torque", "used")
-    )
+    regressor = np.concatenate([system.regressor for system in systems])
+    torque = np.concatenate([system.torque for system in systems])
+    used = np.concatenate([system.used for system in systems])
     if used.sum() <= len(names):
         raise ValueError(
             f"a fit of {len(names)} numbers needs more equations; {used.sum()} are left. "
@@ -246,39 +267,54 @@ def weighted(
     joint = places.joint
     rows = regressor[used]
     target = torque[used]
+
+    # 2. Values, with the weights of the previous round's residual. A prior has a scale of its own,
+    # so that the weights decide the values, and more rounds are needed; it starts from torques that
+    # are all noise.
     weight = np.ones(len(target)) if weights is None else weights[places.record, joint]
-    if prior is not None:  # torques that are all noise, to begin with
+    if prior is not None:
         weight /= norm(target) / np.sqrt(len(target))
-    for _ in range((2 if weights is None else 1) + (2 if prior is not None else 0)):
-        given = rows * weight[:, None], target * weight
+    rounds = 2 if weights is None else 1
+    if prior is not None:
+        rounds += 2
+    for _ in range(rounds):
+        columns = rows * weight[:, None]
+        torques = target * weight
         if prior is not None:
-            given = np.vstack([given[0], prior[0]]), np.append(given[1], prior[1])
-        values, covariance, condition = least_squares(names, *given)
+            columns = np.vstack([columns, prior[0]])
+            torques = np.append(torques, prior[1])
+        values, covariance, condition = least_squares(names, columns, torques)
         residual = target - product(rows, values)
-        freedom = 1 - len(values) / len(target)  # degrees of freedom that are left, per equation
+        # Degrees of freedom that remain, per equation.
+        freedom = 1 - len(values) / len(target)
         sigma = _deviations(residual, joint, torque.shape[1], freedom)
         if weights is None:
             weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
+
+    # 3. Stated weights need not be the inverse noise: the covariance is White's, with the scatter
+    # of each log and joint.
     if weights is not None:
-        spread = _deviations(
-            residual, places.record * torque.shape[1] + joint, weights.size, freedom
-        )
+        group = places.record * torque.shape[1] + joint
+        spread = _deviations(residual, group, weights.size, freedom)
         scores = rows * (weight**2 * spread.reshape(weights.shape)[places.record, joint])[:, None]
         covariance = covariance @ product(scores.T, scores) @ covariance
-    whole = [each.torque if each.measured is None else each.measured for each in systems]
-    length = norm(np.concatenate(whole)[used])
     noise = covariance
+
+    # 4. Residuals are no white noise: the covariance is at least that by segments, and of several
+    # logs that by their differences.
     between = None
     if seconds is not None:
-        by_weight = rows * weight[:, None], residual * weight
+        columns = rows * weight[:, None]
         blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
         if len(seconds) > 1:
             blocks = np.unique(blocks, return_inverse=True)[1]
             between, covariance = between_runs(
-                names, values, covariance, *by_weight, places.record, blocks
+                names, values, covariance, columns, residual * weight, places.record, blocks
             )
         else:
-            covariance = at_least(covariance, group_std(*by_weight, blocks))
+            covariance = at_least(covariance, group_std(columns, residual * weight, blocks))
+    measured = [system.torque if system.measured is None else system.measured for system in systems]
+    length = norm(np.concatenate(measured)[used])
     return TorqueFit(
         dynamics=dynamics,
         names=names,
@@ -296,7 +332,7 @@ def weighted(
 
 def _deviations(residual: Floats, group: NDArray[np.intp], groups: int, freedom: float) -> Floats:
     """Standard deviation of the residual in each group (groups,); NaN of an empty one."""
-    found = np.full(groups, np.nan)
+    deviations = np.full(groups, np.nan)
     for g in np.unique(group):
-        found[g] = np.sqrt(np.mean(residual[group == g] ** 2) / freedom)
-    return found
+        deviations[g] = np.sqrt(np.mean(residual[group == g] ** 2) / freedom)
+    return deviations

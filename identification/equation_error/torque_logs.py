@@ -1,6 +1,4 @@
-"""Positions and torques of logs, whichever way they come: the torque of a record's motors; dead
-columns of torque.
-"""
+"""Positions and torques of logs, from records or arrays: the torque that acted at each sample."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -31,6 +29,8 @@ def torque_of(record: Record) -> Floats:
     if isinstance(record.law, Resumed):
         return law_torque(dataclasses.replace(record, law=record.law.along(record.rig)))
     commanded = commanded_torque(record)
+    # Without memory the law gives the torque as exactly as the counts are known: it comes before a
+    # column, which has the noise of its sensor.
     if commanded is not None:
         return driven(record, record.rig.drive.limited(commanded))
     return logged_torque(record)
@@ -43,9 +43,8 @@ def measured_torque(record: Record) -> Floats:
     if record.torque is not None:
         return record.torque
     if record.current is not None:
-        return np.asarray(
-            record.rig.drive.joint_torque(record.rig.drive.motor_gain * record.current)
-        )
+        drive = record.rig.drive
+        return np.asarray(drive.joint_torque(drive.motor_gain * record.current))
     raise ValueError(
         f"the record must hold torques or currents; the counts under {type(record.law).__name__} do"
         " not give them. Log one of them, state what the law remembered (Resumed), or use"
@@ -59,6 +58,7 @@ def logged_torque(record: Record) -> Floats:
     """
     law = record.law
     logged = measured_torque(record)
+    # Fast hardware changes its torque between samples: the logged one is that of the instant.
     if law is None or (law.period is None and not law.replays):
         return logged
     return _held(logged)
@@ -73,12 +73,12 @@ def law_torque(record: Record, run: LawRun | None = None) -> Floats:
     return driven(record, run.around(clock.t[clock.rows], record.rig.period))
 
 
-def driven(record: Record, own: Floats) -> Floats:
-    """Torque (N, n) [N m] of the motors: its law's own, and what was injected, within the
-    amplifier's limit.
-    """
-    added = injected_beside(record)
-    return own if added is None else record.rig.drive.limited(own + _held(added))
+def driven(record: Record, commanded: Floats) -> Floats:
+    """Torque (N, n) [N m] of the motors: commanded and injected, within the amplifier's limit."""
+    injected = injected_beside(record)
+    if injected is None:
+        return commanded
+    return record.rig.drive.limited(commanded + _held(injected))
 
 
 def _held(torque: Floats) -> Floats:
@@ -88,19 +88,23 @@ def _held(torque: Floats) -> Floats:
     return (torque + np.vstack([torque[:1], torque[:-1]])) / 2
 
 
-# deviation of a sample's time from the even ones, in periods, from which on a record is resampled
+# Deviation of a sample's time from the even ones, in periods, from which on a record is resampled;
+# chosen by hand: time stamps are rounded.
 _UNEVEN = 1e-3
 
-_FINE = 16.0  # samples per second that a search of the band needs, per Hz of the cutoff
+# Samples per second that a search of the band needs, per Hz of the cutoff; chosen by hand, at eight
+# times the least that could carry the cutoff.
+_FINE = 16.0
 
-_SAMPLES = 100  # samples that a log keeps at least
+# Least samples of a thinned log, chosen by hand: the low-pass takes a part of them at its ends.
+_SAMPLES = 100
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueLog:
     """One log: joint positions and torques at even times.
 
-    `label`: what messages call it; "" of a single one. `q`, `torque` (N, n): joint side [rad, N m];
+    `label`: its name in messages; "" of a single log. `q`, `torque` (N, n): joint side [rad, N m];
     NaN in a column of torque that was not measured. `rig`: with the log's period. `valid` (N,) or
     None: weight of each sample; rows near one without weight do not count. `counted`: whether the
     positions are counts of the rig's encoders.
@@ -119,10 +123,10 @@ def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> lis
     records = (q,) if isinstance(q, Record) else tuple(q) if isinstance(q, (tuple, list)) else ()
     if records and all(isinstance(record, Record) for record in records):
         if torque is not None or rig is not None:
-            what = "torque" if torque is not None else "rig"
+            argument = "torque" if torque is not None else "rig"
             raise ValueError(
-                f"{what} must be left out beside records, which have their own; got one. Leave it"
-                " out."
+                f"{argument} must be left out beside records, which have their own; got one. Leave"
+                " it out."
             )
         return _of_records(dynamics, records)
     rig = instance("rig", cast(Rig, rig), Rig, "Pass the rig of the log.")
@@ -134,18 +138,17 @@ def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> lis
         )
     if not (isinstance(q, (tuple, list)) and len(q) and np.ndim(q[0]) == 2):
         return [_of_arrays(dynamics, "", q, torque, rig)]
-    if not isinstance(torque, (tuple, list)) or len(torque) != len(q):
-        got = (
-            len(torque)
-            if isinstance(torque, (tuple, list))
-            else f"one of type {type(torque).__name__}"
-        )
+    several = isinstance(torque, (tuple, list))
+    if not several or len(torque) != len(q):
+        got = len(torque) if several else f"one of type {type(torque).__name__}"
         raise ValueError(
             f"torque must be given for each of the {len(q)} logs of q; got {got}. Give as many."
         )
-    some = len(q) > 1
-    pairs = enumerate(zip(q, torque, strict=True))
-    return [_of_arrays(dynamics, f"logs[{k}]" if some else "", *pair, rig) for k, pair in pairs]
+    logs = []
+    for k, (positions, torques) in enumerate(zip(q, torque, strict=True)):
+        label = f"logs[{k}]" if len(q) > 1 else ""
+        logs.append(_of_arrays(dynamics, label, positions, torques, rig))
+    return logs
 
 
 def _of_arrays(
@@ -165,6 +168,7 @@ def _of_arrays(
         advice="Give one row per sample, one column per joint [N m].",
         finite=False,
     )
+    # A joint without a sensor is NaN throughout; a NaN among numbers is a fault.
     wrong = ~np.isfinite(torque) & ~np.isnan(torque).all(axis=0)
     if wrong.any():
         row, joint = (int(i) for i in np.argwhere(wrong)[0])
@@ -189,6 +193,7 @@ def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog
         with about:
             record.rig.require_fit(dynamics.chain)
             record = bridged(record)
+            # Before resampling: the law read the counts at its own samples.
             if record.torque is None and record.current is None:
                 record = dataclasses.replace(record, torque=torque_of(record), law=None)
             record = evened(record)
@@ -204,15 +209,16 @@ def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog
 
 
 def dead_columns(log: TorqueLog) -> dict[int, str]:
-    """Joints whose torque says nothing, and why."""
-    found = dict[int, str]()
-    where = f" in {log.label}" if log.label else ""
+    """Joints whose torque was not measured, with the reason."""
+    reasons = dict[int, str]()
+    label = f" in {log.label}" if log.label else ""
     for joint, column in enumerate(log.torque.T):
         if np.isnan(column).all():
-            found[joint] = f"its torque is missing{where}"
+            reasons[joint] = f"its torque is missing{label}"
+        # A sensor has noise: one constant is a column that nothing was written to.
         elif np.ptp(column) == 0:
-            found[joint] = f"its torque is {column[0]:g} in every sample{where}"
-    return found
+            reasons[joint] = f"its torque is {column[0]:g} in every sample{label}"
+    return reasons
 
 
 def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
@@ -222,13 +228,12 @@ def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
     every = int(1 / (_FINE * cutoff * log.rig.period))
     if every < 2 or len(log.q) < _SAMPLES * every:
         return log
+    # Below half of the new sample rate, so that faster signals do not come back as slow ones.
     period = log.rig.period
-    kept = slice(None, None, every)
-    q, torque = (low_pass(x, period, 0.4 / (every * period))[kept] for x in (log.q, log.torque))
-    valid = (
-        None
-        if log.valid is None
-        else np.minimum.reduceat(log.valid, np.arange(0, len(log.q), every))
-    )
+    cutoff = 0.4 / (every * period)
+    q, torque = (low_pass(signal, period, cutoff)[::every] for signal in (log.q, log.torque))
+    valid = log.valid
+    if valid is not None:
+        valid = np.minimum.reduceat(valid, np.arange(0, len(log.q), every))
     rig = dataclasses.replace(log.rig, period=every * period)
     return dataclasses.replace(log, q=q, torque=torque, rig=rig, valid=valid)
