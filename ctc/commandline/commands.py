@@ -1,6 +1,4 @@
-"""What each command does with its options; `ctc.commandline.main` reads them and prints the
-answers.
-"""
+"""The commands of ``onepulse``: options in, an `Answer` out; `main` parses and prints."""
 
 import dataclasses
 import shutil
@@ -35,232 +33,257 @@ from plant.models.new_robot import MISSING, new_robot_file
 from plant.models.robot_file import FOLDER, read_robot
 from plant.parts.files import write_whole
 
-# what a robot file says of the logs' columns, to be filled in
+# The table [log] of a robot file, for its owner to complete.
 _COLUMNS = Path(__file__).with_name("columns.toml")
-# What the JSON has of each finding of a checkup.
+# Attributes of a finding that the JSON output holds.
 _OF_FINDINGS = ("check", "joint", "value", "unit", "verdict", "advice")
 
 
-def run_demo(given: Namespace) -> Answer:
+def run_demo(options: Namespace) -> Answer:
     """The paper from end to end."""
-    if given.figures.exists() and not given.figures.is_dir():
+    if options.figures.exists() and not options.figures.is_dir():
         raise ValueError(
-            f"{given.figures} must be a folder for figures; it is a file. Name another with"
+            f"{options.figures} must be a folder for figures; it is a file. Name another with"
             " --figures."
         )
-    good = demo(given.seed, given.figures)
+    good = demo(options.seed, options.figures)
     return Answer("", {"within one pulse": good}, good)
 
 
-def run_robots(given: Namespace) -> Answer:
-    """Robot files: a list of the package's, one of them to start from, or a new one of a URDF
-    file, to complete.
-    """
+def run_robots(options: Namespace) -> Answer:
+    """List the robot files of the package, print one, or begin one from a URDF file."""
     names = sorted(path.stem for path in FOLDER.glob("*.toml"))
-    new = given.name == "new"
-    if new and given.model is None:
+    new = options.name == "new"
+    if new and options.model is None:
         raise ValueError(
             "a new robot file must be of a URDF file; got none. Write: onepulse robots new"
             " ROBOT.urdf."
         )
-    if not new and (given.model or given.base or given.tip):
+    if not new and (options.model or options.base or options.tip):
         raise ValueError(
             "a model file, --base and --tip go with new: onepulse robots new ROBOT.urdf. Write so."
         )
-    if given.name is None:
+    if options.name is None:
         titles = {name: read_robot(name).name for name in names}
         width = max(map(len, names))
         return Answer(
             "\n".join(f"{name:{width}}  {title}" for name, title in titles.items()),
             {"robots": titles},
         )
-    if not new and given.name not in names:
+    if not new and options.name not in names:
         raise ValueError(
-            f"a robot of the package is one of {', '.join(names)}; got {given.name!r}. Choose one."
+            f"a robot of the package is one of {', '.join(names)}; got {options.name!r}. Choose"
+            " one."
         )
-    inputs, model = ([given.model], None) if new else ([], read_robot(given.name).model)
-    place = None if given.output is None else new_place(given.output, given.force, inputs)
+    model = None
+    place = None
+    if options.output is not None:
+        place = new_place(options.output, options.force, [options.model] if new else ())
     if new:
-        text = new_robot_file(given.model, place or Path("robot.toml"), given.base, given.tip)
+        text = new_robot_file(options.model, place or Path("robot.toml"), options.base, options.tip)
     else:
-        text = (FOLDER / f"{given.name}.toml").read_text(encoding="utf-8")
+        model = read_robot(options.name).model
+        text = (FOLDER / f"{options.name}.toml").read_text(encoding="utf-8")
     text += _COLUMNS.read_text(encoding="utf-8")
     if place is None:
-        return Answer(text.rstrip(), {"robot": given.name, "toml": text})
+        return Answer(text.rstrip(), {"robot": options.name, "toml": text})
     places = [place]
     if model is not None:  # stands beside its robot file
-        places.append(new_place(str(place.with_name(model.name)), given.force))
+        places.append(new_place(str(place.with_name(model.name)), options.force))
         shutil.copyfile(model, places[1])
     write_whole(place, [text])
-    said = f"wrote {', '.join(map(str, places))}" + f'; replace each "{MISSING}" in it' * new
-    return Answer(said, {"robot": given.name, "files": [*map(str, places)]})
+    message = f"wrote {', '.join(map(str, places))}"
+    if new:
+        message += f'; replace each "{MISSING}" in it'
+    return Answer(message, {"robot": options.name, "files": [*map(str, places)]})
 
 
-def run_check(given: Namespace) -> Answer:
+def run_check(options: Namespace) -> Answer:
     """Logs examined before anything is identified."""
-    robot = None if given.robot is None else read_robot(given.robot)
+    robot = None if options.robot is None else read_robot(options.robot)
     texts = []
     data = {}
     good = True
-    for record in records_of(given.logs, robot, given.cut):
+    for record in records_of(options.logs, robot, options.cut):
         checkup = record.check()
         texts.append(f"{record}\n{checkup}")
         findings = [
-            {name: getattr(each, name) for name in _OF_FINDINGS} for each in checkup.findings
+            {name: getattr(finding, name) for name in _OF_FINDINGS} for finding in checkup.findings
         ]
-        data[record.name] = [each | {"value": plain_number(each["value"])} for each in findings]
+        data[record.name] = [
+            finding | {"value": plain_number(finding["value"])} for finding in findings
+        ]
         good &= checkup.ok
     return Answer("\n\n".join(texts), {"good": good, "logs": data}, good)
 
 
-def run_identify(given: Namespace) -> Answer:
-    """The parameters that reproduce the logs, with their intervals, in a file for `certify` and
-    `report`.
-    """
-    place = _place(given)
-    robot = read_robot(given.robot)
-    records = records_of(given.logs, robot, given.cut)
-    held_out = records_of(given.held_out, robot, given.cut) if given.held_out else None
-    found = identify(
+def run_identify(options: Namespace) -> Answer:
+    """Identify the parameters with intervals, and save them for `certify` and `report`."""
+    place = _place(options)
+    robot = read_robot(options.robot)
+    records = records_of(options.logs, robot, options.cut)
+    held_out = records_of(options.held_out, robot, options.cut) if options.held_out else None
+    identification = identify(
         cast(Dynamics, robot.dynamics),
         records if len(records) > 1 else records[0],
-        seed=given.seed,
-        method=given.method,
-        unknown=given.unknown and ("f", *given.unknown),
+        seed=options.seed,
+        method=options.method,
+        unknown=options.unknown and ("f", *options.unknown),
         held_out=held_out,
-        elasticity=given.elasticity,
-        prior=given.prior,
-        checkpoint=given.checkpoint,
-        progress=not given.quiet,
+        elasticity=options.elasticity,
+        prior=options.prior,
+        checkpoint=options.checkpoint,
+        progress=not options.quiet,
     )
-    found.save(place)
-    good = not doubts(found)
+    # Saved before anything is printed: a search of minutes is not lost to a closed terminal.
+    identification.save(place)
+    good = not doubts(identification)
     return Answer(
-        f"{found.summary()}\n\nwrote {place}", _identified(found) | {"file": str(place)}, good
+        f"{identification.summary()}\n\nwrote {place}",
+        _identified(identification) | {"file": str(place)},
+        good,
     )
 
 
-def _identified(found: Identification) -> dict[str, Any]:
-    std = [None] * len(found.fit.values) if found.covariance is None else found.fit.std
+def _identified(identification: Identification) -> dict[str, Any]:
+    std = (
+        [None] * len(identification.fit.values)
+        if identification.covariance is None
+        else identification.fit.std
+    )
     return {
-        "method": found.search.method,
-        "seed": found.search.seed,
-        "doubts": doubts(found),
-        "warnings": list(found.warnings),
+        "method": identification.search.method,
+        "seed": identification.search.seed,
+        "doubts": doubts(identification),
+        "warnings": list(identification.warnings),
         "values": {
             name: {"value": float(value), "std": plain_number(s)}
-            for name, value, s in zip(found.fit.unknown, found.fit.values, std, strict=True)
+            for name, value, s in zip(
+                identification.fit.unknown, identification.fit.values, std, strict=True
+            )
         },
     }
 
 
-def run_certify(given: Namespace) -> Answer:
-    """The probability that computed torque on what was found exceeds a pulse limit."""
-    place = _place(given)
-    found = Identification.load(given.found)
-    law = _law(found, given)
-    motions = motions_asked(found, given.path, given.everyday)
-    certificate = certify(found, found.rig, law, motions, _uncertainty(given, found), **_run(given))
-    if given.hold:
-        certificate = certificate.from_hold(samples=given.samples)
-    said = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
-    return _certified(found, certificate, said, {"bandwidth": law.bandwidth}, place)
+def run_certify(options: Namespace) -> Answer:
+    """Probability that computed torque from an identification exceeds a pulse limit."""
+    place = _place(options)
+    identification = Identification.load(options.found)
+    law = _law(identification, options)
+    motions = motions_asked(identification, options.path, options.everyday)
+    certificate = certify(
+        identification,
+        identification.rig,
+        law,
+        motions,
+        _uncertainty(options, identification),
+        **_run(options),
+    )
+    # From a hold, static friction may be anywhere inside its cone at the start.
+    if options.hold:
+        certificate = certificate.from_hold(samples=options.samples)
+    messages = [str(certificate), f"computed torque with a bandwidth of {law.bandwidth:g} rad/s"]
+    return _certified(identification, certificate, messages, {"bandwidth": law.bandwidth}, place)
 
 
-def run_tune(given: Namespace) -> Answer:
-    """The controller of least chatter that stays within the limit on what was found."""
-    place = _place(given)
-    found = Identification.load(given.found)
-    motions = motions_asked(found, given.path, given.everyday)
-    tuning = tune(found, found.rig, motions, _uncertainty(given, found), **_run(given))
+def run_tune(options: Namespace) -> Answer:
+    """The controller of least chatter that stays within the limit over the uncertainty."""
+    place = _place(options)
+    identification = Identification.load(options.found)
+    motions = motions_asked(identification, options.path, options.everyday)
+    tuning = tune(
+        identification,
+        identification.rig,
+        motions,
+        _uncertainty(options, identification),
+        **_run(options),
+    )
+    # The law of the result is that of the best trial, whose numbers the answer lists.
     best = min(tuning.trials, key=lambda trial: trial.rank)
     kind = type(tuning.law).__name__
-    said = [
+    messages = [
         str(tuning),
         f"the controller: {kind} ({best.tuned}); in Python, Certificate.load(FILE).law",
     ]
     return _certified(
-        found, tuning.certificate, said, {"law": kind, "numbers": best.numbers}, place
+        identification, tuning.certificate, messages, {"law": kind, "numbers": best.numbers}, place
     )
 
 
-def _place(given: Namespace) -> Any:
-    """Where the answer is to be written, none of the files that the command reads; None to print
-    it alone.
-    """
-    every = [
-        vars(given).get(name)
-        for name in ("logs", "held_out", "robot", "found", "certificate", "path")
-    ]
-    read = [path for each in every if each for path in (each if isinstance(each, list) else [each])]
-    return None if given.output is None else new_place(given.output, given.force, read)
+def _place(options: Namespace) -> Any:
+    """Path of the output file, never a file that the command reads; None to print alone."""
+    if options.output is None:
+        return None
+    inputs: list[str] = []
+    for name in ("logs", "held_out", "robot", "found", "certificate", "path"):
+        value = vars(options).get(name)
+        if value is not None:
+            inputs += value if isinstance(value, list) else [value]
+    return new_place(options.output, options.force, inputs)
 
 
-def _uncertainty(given: Namespace, found: Identification) -> Uncertainty:
-    """What the robot file states, with what the options state in its place."""
-    stated = None if given.robot is None else read_robot(given.robot).uncertainty
-    if given.robot is not None and stated is None:
+def _uncertainty(options: Namespace, identification: Identification) -> Uncertainty:
+    """The uncertainty of the robot file; options replace its fields."""
+    stated = None if options.robot is None else read_robot(options.robot).uncertainty
+    if options.robot is not None and stated is None:
         raise ValueError(
-            f"{given.robot} must have a table [uncertainty]; it has none. Add it, or leave out"
+            f"{options.robot} must have a table [uncertainty]; it has none. Add it, or leave out"
             " --robot."
         )
     fields = {
-        field.name: getattr(given, field.name, None) for field in dataclasses.fields(Uncertainty)
+        field.name: getattr(options, field.name, None) for field in dataclasses.fields(Uncertainty)
     }
+    # An option that was not given leaves the value of the robot file.
     named: Any = {name: value for name, value in fields.items() if value is not None}
     uncertainty = dataclasses.replace(cast(Uncertainty, stated or Uncertainty()), **named)
-    if found.covariance is None and uncertainty.resonance is None:
-        why = found.fit.fallback_reason or f"--method {found.search.method} gives none"
+    # Without a covariance there is nothing to draw samples from, except gears of a range.
+    if identification.covariance is None and uncertainty.resonance is None:
+        why = (
+            identification.fit.fallback_reason
+            or f"--method {identification.search.method} gives none"
+        )
         raise ValueError(
-            f"{given.found} must have intervals; it has none: {why}. Identify with --method seeded."
+            f"{options.found} must have intervals; it has none: {why}. Identify with --method"
+            " seeded."
         )
     return uncertainty
 
 
-def _run(given: Namespace) -> dict[str, Any]:
-    """How it is simulated, as the options of `certify` and `tune`."""
-    names = (
-        "samples",
-        "seed",
-        "within",
-        "checkpoint",
-        *(["after"] if given.after is not None else []),
-    )
-    return {name: getattr(given, name) for name in names} | {"progress": not given.quiet}
+def _run(options: Namespace) -> dict[str, Any]:
+    """Arguments of `certify` and `tune` that say how to simulate."""
+    names = ["samples", "seed", "within", "checkpoint"]
+    # Without --after the library's own default applies.
+    if options.after is not None:
+        names.append("after")
+    return {name: getattr(options, name) for name in names} | {"progress": not options.quiet}
 
 
 def _certified(
-    found: Identification,
+    identification: Identification,
     certificate: Certificate | Certificates,
-    said: list[str],
+    messages: list[str],
     of_law: dict[str, Any],
     place: Path | None,
 ) -> Answer:
-    """The answer that a certificate gives, kept in its file; no good one where what was found is
-    unreliable.
-    """
-    doubtful = doubts(found)
+    """Save a certificate and answer with it; negative if the identification is doubtful."""
+    doubtful = doubts(identification)
     if doubtful:
         count = "a warning" if len(doubtful) == 1 else f"{len(doubtful)} warnings"
-        said = [
-            (
-                f"The identification is unreliable ({count} of identify); what follows takes it for"
-                " right."
-            ),
-            *said,
-        ]
+        doubt = f"The identification is unreliable ({count} of identify)"
+        messages = [f"{doubt}; what follows takes it for right.", *messages]
     if place is not None:
         certificate.save(place)
     data = _data(certificate) | {"verdict": certificate.verdict, "doubts": doubtful, **of_law}
     if isinstance(certificate, Certificates):
         data |= {
             "worst": certificate.worst,
-            "motions": {name: _data(each) for name, each in certificate.items()},
+            "motions": {name: _data(motion) for name, motion in certificate.items()},
         }
     else:
         data["lowest_resonance"] = plain_number(certificate.lowest_resonance)
-    text = "\n".join([*said, *([] if place is None else [f"\nwrote {place}"])])
-    return Answer(text, data, certificate.holds and not doubtful)
+    if place is not None:
+        messages = [*messages, f"\nwrote {place}"]
+    return Answer("\n".join(messages), data, certificate.holds and not doubtful)
 
 
 def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
@@ -280,44 +303,47 @@ def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
     return data | {"beyond_log": [] if seen is None else list(seen.beyond)}
 
 
-def _law(found: Identification, given: Namespace) -> ComputedTorque:
-    return ComputedTorque(
-        found, **({} if given.bandwidth is None else {"bandwidth": given.bandwidth})
+def _law(identification: Identification, options: Namespace) -> ComputedTorque:
+    # A bandwidth of None is the default that the identification allows.
+    return ComputedTorque(identification, bandwidth=options.bandwidth)
+
+
+def run_report(options: Namespace) -> Answer:
+    """One page of an identification, and of its controller where a path can be followed."""
+    if not options.output.endswith((".html", ".htm")):
+        raise ValueError(f"the page must be an .html file; got {options.output}. Name it so.")
+    place = _place(options)
+    identification = Identification.load(options.found)
+    certificate: Any = (
+        None if options.certificate is None else Certificate.load(options.certificate)
     )
-
-
-def run_report(given: Namespace) -> Answer:
-    """One page of an identification, and of computed torque on it where there is a path to
-    follow.
-    """
-    if not given.output.endswith((".html", ".htm")):
-        raise ValueError(f"the page must be an .html file; got {given.output}. Name it so.")
-    place = _place(given)
-    found = Identification.load(given.found)
-    certificate: Any = None if given.certificate is None else Certificate.load(given.certificate)
-    if isinstance(certificate, Certificates):  # a page is of one path
+    if isinstance(certificate, Certificates):  # a page shows one path: the worst
         certificate = certificate[certificate.worst]
-    if certificate is not None and given.bandwidth is not None:
+    if certificate is not None and options.bandwidth is not None:
         raise ValueError(
             "the controller must be the certificate's; got --bandwidth beside it. Leave it out."
         )
-    law = _law(found, given) if certificate is None else certificate.law
+    law = _law(identification, options) if certificate is None else certificate.law
+    # A log without a path gives a page without a controller; a wrong --path is an error.
     evaluation = None
     try:
-        own = certificate is not None and given.path is None
-        path = certificate.reference if own else path_of(found, given.path)
+        follows_certificate = certificate is not None and options.path is None
+        path = (
+            certificate.reference if follows_certificate else path_of(identification, options.path)
+        )
     except ValueError:
-        if given.path is not None:
+        if options.path is not None:
             raise
     else:
-        evaluation = evaluate(found.arm, found.rig, law, path)
-    results = [each for each in (evaluation, certificate) if each is not None]
-    write_report(found, *results, path=place, overwrite=given.force)
+        evaluation = evaluate(identification.arm, identification.rig, law, path)
+    results = [result for result in (evaluation, certificate) if result is not None]
+    write_report(identification, *results, path=place, overwrite=options.force)
+    # The page speaks of options, not of Python's keyword arguments.
     write_whole(place, [page_in_the_shell(place.read_text(encoding="utf-8"))])
-    return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(found)})
+    return Answer(f"wrote {place}", {"file": str(place), "doubts": doubts(identification)})
 
 
-# Name of each command -> what it does.
+# Name of each command -> its function.
 COMMANDS = {
     "demo": run_demo,
     "robots": run_robots,

@@ -1,4 +1,4 @@
-"""What commands read: robot files, logs, results; and the places that they may write."""
+"""Inputs of the commands (logs, paths) and the output files that they may write."""
 
 import dataclasses
 import math
@@ -30,40 +30,57 @@ def plain_number(value: Any) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-_KNOTS = 0.02  # time between the points of a logged path that a spline goes through [s]
-# times the log's duration, and its angles, from which on a path looks like other units
-_LONGER = 100.0
-_WIDER = 10.0
-_AT_REST = 0.02  # speed of a joint [rad/s] below which a path begins at rest
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PathSettings:
+    """How a table of positions becomes a path; chosen by hand.
+
+    Parameters
+    ----------
+    knots : float
+        Time between the points that the spline goes through [s]: closer points would follow the
+        rounding of the counts.
+    longer, wider : float
+        Duration and angles, as multiples of the log's, from which on the units look wrong
+        (milliseconds, degrees).
+    at_rest : float
+        Speed of a joint [rad/s] below which the path begins and ends at rest.
+    """
+
+    knots: float = 0.02
+    longer: float = 100.0
+    wider: float = 10.0
+    at_rest: float = 0.02
+
+
+PATHS = PathSettings()
 
 
 def records_of(
     paths: list[str], robot: Robot | None, cut: tuple[float, float] | None = None
 ) -> tuple[Record, ...]:
     """Logs as records: with the columns of a robot's file, or such as the library wrote."""
-    of_robot: Any = (
-        {}
-        if robot is None
-        else {name: getattr(robot, name) for name in ("rig", "law", "columns", "units")}
-    )
-    records = read_records(paths, **of_robot)
+    options: dict[str, Any] = {}
+    if robot is not None:
+        options = {name: getattr(robot, name) for name in ("rig", "law", "columns", "units")}
+    records = read_records(paths, **options)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
 
 
-def path_of(found: Identification, given: str | None = None) -> Reference:
+def path_of(identification: Identification, file: str | None = None) -> Reference:
     """The path that a controller is to follow: the file given, or that of the first log.
 
     A table of positions becomes a spline through one point every 20 ms. So do the commanded counts
     of a log that has no more, as the smoothest motion that their rounding allows. A log without a
     path is refused.
     """
-    if given is not None and not Path(given).is_file():
-        there = "a CSV file that is there"
+    if file is not None and not Path(file).is_file():
         raise ValueError(
-            f"the path to follow must be {there}; {given} is not. Its columns: t, q_1, ..."
+            f"the path to follow must be a CSV file that is there; {file} is not. Its columns: t,"
+            " q_1, ..."
         )
-    record = found.records[0]
-    path = _table(given, found) if given is not None else record.reference
+    record = identification.records[0]
+    path = _table(file, identification) if file is not None else record.reference
+    # Without a reference the commanded counts are the path, smoothed within their rounding.
     if path is None:
         if not np.ptp(record.reference_pulses):
             raise ValueError(
@@ -77,71 +94,72 @@ def path_of(found: Identification, given: str | None = None) -> Reference:
         points = np.array(path.points)
     else:
         return path
-    step = max(1, round(_KNOTS / float(np.median(np.diff(times)))))
-    kept = np.unique([*range(0, len(times), step), len(times) - 1])
+    # The spline begins and ends at rest only where the table does.
+    step = max(1, round(PATHS.knots / float(np.median(np.diff(times)))))
+    knots = np.unique([*range(0, len(times), step), len(times) - 1])
     ends = np.abs(
         [(points[1] - points[0]) / times[1], (points[-1] - points[-2]) / (times[-1] - times[-2])]
     )
-    return Spline(times=times[kept], points=points[kept], at_rest=bool(ends.max() < _AT_REST))
+    return Spline(
+        times=times[knots], points=points[knots], at_rest=bool(ends.max() < PATHS.at_rest)
+    )
 
 
 def motions_asked(
-    found: Identification, path: str | None, everyday: bool
+    identification: Identification, path: str | None, everyday: bool
 ) -> Reference | Mapping[str, Reference]:
     """The path of `path_of`, or everyday motions, with the path of a file as one more."""
     if not everyday:
-        return path_of(found, path)
-    return everyday_motions(found.arm, found.rig) | (
-        {} if path is None else {Path(path).stem: path_of(found, path)}
-    )
+        return path_of(identification, path)
+    motions = everyday_motions(identification.arm, identification.rig)
+    if path is None:
+        return motions
+    return motions | {Path(path).stem: path_of(identification, path)}
 
 
-def _table(given: str, found: Identification) -> Table:
-    """A path from a file, with a warning where its numbers look like other units, or leave much
-    to the spline.
-    """
-    record = found.records[0]
+def _table(file: str, identification: Identification) -> Table:
+    """A path from a file; warns where its units look wrong or its rows are far apart."""
+    record = identification.records[0]
     path = Table.from_csv(
-        given, joints=[link.name or "" for link in found.arm.dynamics.chain.links]
+        file, joints=[link.name or "" for link in identification.arm.dynamics.chain.links]
     )
-    n = found.arm.n
+    n = identification.arm.n
     if path.n != n:
         columns = ", ".join(f"q_{i + 1}" for i in range(n))
-        has = (
-            f"it has {path.n} columns beside t. Give those alone; the log's own path is followed"
-            " without --path"
+        raise ValueError(
+            f"{file} must have the columns t [s], {columns} [rad]; it has {path.n} columns beside"
+            " t. Give those alone; the log's own path is followed without --path."
         )
-        raise ValueError(f"{given} must have the columns t [s], {columns} [rad]; {has}.")
     times = np.asarray(path.times)
     points = np.asarray(path.points)
-    apart = float(np.median(np.diff(times)))
-    if np.ptp(times) > _LONGER * np.ptp(record.t):
+    spacing = float(np.median(np.diff(times)))
+    if np.ptp(times) > PATHS.longer * np.ptp(record.t):
         warn(
-            f"{given} lasts {np.ptp(times):.4g} s, the log {np.ptp(record.t):.3g} s: is its t"
-            " in ms?"
+            f"{file} lasts {np.ptp(times):.4g} s, the log {np.ptp(record.t):.3g} s: is its t in ms?"
         )
-    elif apart > 2 * _KNOTS:
+    elif spacing > 2 * PATHS.knots:
         warn(
-            f"{given} has rows {apart:.3g} s apart; a spline goes through them. Give one every"
-            f" {_KNOTS:g} s or less."
+            f"{file} has rows {spacing:.3g} s apart; a spline goes through them. Give one every"
+            f" {PATHS.knots:g} s or less."
         )
+    # Degrees are 57 times as large as radians; a slow log may move by a tenth of its path.
     largest = max(float(np.abs(points).max()), 1e-9)
-    if largest > _WIDER * max(float(np.abs(record.rig.cell_centre(record.counts)).max()), 1.0):
+    if largest > PATHS.wider * max(float(np.abs(record.rig.cell_centre(record.counts)).max()), 1.0):
         warn(
-            f"{given} has angles of up to {largest:.3g} rad, many times those of the log: are they"
+            f"{file} has angles of up to {largest:.3g} rad, many times those of the log: are they"
             " in degrees?"
         )
     return path
 
 
 def new_place(path: str, force: bool, inputs: Sequence[str] = ()) -> Path:
-    """Where a file is to be written, before the work begins.
+    """Check an output path before the work begins.
 
-    Refused are a file that is there, without force, or that is read; a folder that is not there, or
-    not to be written.
+    It refuses a file that exists (without force) or that the command reads, and a folder that does
+    not exist or cannot be written.
     """
     place = Path(path)
-    if any(Path(each).exists() and place.exists() and place.samefile(each) for each in inputs):
+    if any(Path(file).exists() and place.exists() and place.samefile(file) for file in inputs):
         raise ValueError(f"{path} is what is read. Name another file to write.")
     if place.exists() and not force:
         raise ValueError(f"{path} is there. Name another file, or pass --force.")

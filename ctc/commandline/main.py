@@ -17,31 +17,32 @@ from ctc.commandline.words import in_the_shell
 from identification.results.summary import IdentificationWarning
 from plant.version import __version__
 
-_CODES = """exit codes: 0 fine; 1 the verdict is negative: a finding of the checkup, an unreliable identification, a
-plant that exceeds the limit, a path that begins in motion; 2 bad input, reported in one line; 3 a defect of the
-library; 130 interrupted"""
+_CODES = (
+    "exit codes: 0 fine; 1 the verdict is negative: a finding of the checkup, an unreliable"
+    " identification, a plant that exceeds the limit, a path that begins in motion; 2 bad input,"
+    " reported in one line; 3 a defect of the library; 130 interrupted"
+)
 
 
 _PLACES = {"command", "found", "logs", "name", "model", "plan"}  # arguments that are no options
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
+    """A parser that reports a wrong option in one line and exits with code 2."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """An argument that a command does not know is refused by the command, with the option
-        that speaks of it.
-        """
-        given, rest = super().parse_known_args(args, namespace)
-        if not rest:
-            return given, rest
-        word = rest[0].lstrip("-")
-        near = [
-            f"; {each.option_strings[-1]} is: {each.help}"
-            for each in self._actions
-            if each.option_strings and word in re.findall(r"\w+", each.help or "")
-        ]
-        self.error(f"unrecognized arguments: {' '.join([*rest, *near[:1]]).replace(' ;', ';')}")
+        """Refuse an unknown argument, with a hint at the option whose help mentions it."""
+        options, unknown = super().parse_known_args(args, namespace)
+        if not unknown:
+            return options, unknown
+        # The help of an option may use the word that the user took for its name.
+        word = unknown[0].lstrip("-")
+        hint = ""
+        for action in self._actions:
+            if action.option_strings and word in re.findall(r"\w+", action.help or ""):
+                hint = f"; {action.option_strings[-1]} is: {action.help}"
+                break
+        self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
 
     def error(self, message: str) -> NoReturn:
         print(f"onepulse: {message}. See: {self.prog} --help", file=sys.stderr)
@@ -50,42 +51,40 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command, by default that of the process, and give its exit code (`_CODES`)."""
-    given = _parser().parse_args(arguments)
+    options = _parser().parse_args(arguments)
+    # Every way in which a command may end has its own exit code (`_CODES`).
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", IdentificationWarning)  # they are part of the answer
-            # numpy's, of numbers whose finiteness is checked
+            warnings.simplefilter("ignore", IdentificationWarning)  # printed in the answer
+            # numpy warns of overflow in runs that diverge; the library checks its results itself.
             warnings.simplefilter("ignore", RuntimeWarning)
             warnings.showwarning = _said
-            if given.command == "campaign":
-                answer = run_campaign(given, _parser().parse_args)
+            if options.command == "campaign":
+                answer = run_campaign(options, _parser().parse_args)
             else:
-                answer = COMMANDS[given.command](given)
+                answer = COMMANDS[options.command](options)
     except KeyboardInterrupt:
-        kept = (
-            f" What was finished is in {given.checkpoint}: call again."
-            if getattr(given, "checkpoint", None)
-            else ""
-        )
-        kept = (
-            " What was finished is kept: go on with --resume."
-            if given.command == "campaign"
-            else kept
-        )
-        return _failed(f"interrupted.{kept}", 130)
+        advice = ""
+        if options.command == "campaign":
+            advice = " What was finished is kept: go on with --resume."
+        elif getattr(options, "checkpoint", None):
+            advice = f" What was finished is in {options.checkpoint}: call again."
+        return _failed(f"interrupted.{advice}", 130)
     except (ValueError, OSError, ImportError, MemoryError) as error:
-        said = in_the_shell(" ".join(str(error).split()), set(vars(given)) - _PLACES)
-        return _failed(said or type(error).__name__, 2)
+        message = in_the_shell(" ".join(str(error).split()), set(vars(options)) - _PLACES)
+        return _failed(message or type(error).__name__, 2)
+    # What no shell check foresaw is a defect: its traceback is what its report needs.
     except Exception:
         traceback.print_exc()
         return _failed("this is a defect of the library; please report the lines above", 3)
-    text = json.dumps(answer.data, indent=1, allow_nan=False) if given.json else answer.text
+    text = json.dumps(answer.data, indent=1, allow_nan=False) if options.json else answer.text
     try:
-        _print(in_the_shell(text, set(vars(given)) - _PLACES))
+        _print(in_the_shell(text, set(vars(options)) - _PLACES))
     except OSError as error:
-        # nothing is left for Python's own last flush
+        # A full disk, or a closed pipe.
+        # Python flushes standard output once more at its end, which would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not isinstance(error, BrokenPipeError):  # whoever reads a pipe may have seen enough
+        if not isinstance(error, BrokenPipeError):  # `| head` closes the pipe early
             return _failed(
                 f"the answer must be printed; {error.strerror}. Make room, or print it elsewhere.",
                 2,
@@ -94,7 +93,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _print(text: str) -> None:
-    """Print, with what the output's encoding does not have as "?"."""
+    """Print a text; characters that the output's encoding lacks become "?"."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     if text:
         print(
@@ -124,8 +123,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         dest="command", required=True, metavar="COMMAND", parser_class=_Parser
     )
-    for name, (said, options) in _COMMANDS.items():
-        command = commands.add_parser(name, help=said, description=said.capitalize() + ".")
+    for name, (message, options) in _COMMANDS.items():
+        command = commands.add_parser(name, help=message, description=message.capitalize() + ".")
         for names, settings in (*_EVERY, *options):
             command.add_argument(*names, **settings)
     return parser
@@ -141,16 +140,17 @@ def _output(about: str, *, required: bool = True) -> Any:
     return _option("-o", "--output", metavar="FILE", required=required, help=about), force
 
 
+# argparse has no type that takes one number or two.
 class _Ends(argparse.Action):
     """One number, or the two ends of a range."""
 
-    def __call__(self, parser: Any, given: Any, values: Any, option: Any = None) -> None:
+    def __call__(self, parser: Any, options: Any, values: Any, option: Any = None) -> None:
         if len(values) > 2:
             parser.error(
                 f"argument {option}: expected one number, or the two ends of a range; got"
                 f" {len(values)}"
             )
-        setattr(given, self.dest, values[0] if len(values) == 1 else tuple(values))
+        setattr(options, self.dest, values[0] if len(values) == 1 else tuple(values))
 
 
 def _seed(text: str) -> int:
@@ -159,12 +159,14 @@ def _seed(text: str) -> int:
     return int(text)
 
 
+# Options of every command.
 _EVERY = (
     _option("--json", action="store_true", help="answer in JSON, for programs"),
     _option(
         "--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)"
     ),
 )
+# Arguments that several commands share.
 _LOGS = (
     _option("logs", nargs="+", metavar="LOG", help="CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2"),
     _option("--cut", nargs=2, type=float, metavar=("BEGIN", "END"), help="this part alone [s]"),
@@ -180,9 +182,11 @@ _BANDWIDTH = _option(
 _CHECKPOINT = _option(
     "--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on"
 )
+# Settings of options that several commands word differently.
 _ROBOT: Any = {"metavar": "TOML"}
 _ENDS: Any = {"nargs": "+", "type": float, "action": _Ends, "metavar": "X"}
 _PLACE: Any = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
+# What `certify` and `tune` share: the uncertainty, the limit, the samples.
 _UNCERTAIN = (
     _SEED,
     _FOUND,
@@ -197,6 +201,7 @@ _UNCERTAIN = (
     _option("--load", **_ENDS, help="in the gripper [kg]"),
     _option("--load-position", **_PLACE, help="its centre in the last link's frame [m]"),
     _option("--delay", **_ENDS, help="of the torque [s]"),
+    # A new row of the table of imperfections is an option of its own at once.
     *(
         _option(f"--{name.replace('_', '-')}", **_ENDS, help=f"{row.words} [{row.unit}]")
         for name, row in IMPERFECTIONS.items()

@@ -1,5 +1,4 @@
-"""``onepulse campaign PLAN.toml``: the other commands over the logs of many robots, kept in a
-folder as they end.
+"""``onepulse campaign PLAN.toml``: the other commands over the logs of many robots.
 
 A plan names robots, each with a robot file and a pattern of logs; what to `do`, of check, identify,
 certify, report; and the options of these commands, a table for each. Every log is a task,
@@ -36,21 +35,33 @@ from plant.parts.arguments import choice, instance
 _DO = ("check", "identify", "certify", "report")
 _KEYS = ("folder", "do", "robots", "executor", "fleet", "notes", *_DO)
 _ROBOT_KEYS = ("robot", "logs")
-_OWN = {"checkpoint", "certificate", "force", "found", "help", "json", "output", "quiet", "robot"}
+# Options that the plan sets itself for every log.
+_RESERVED = {
+    "checkpoint",
+    "certificate",
+    "force",
+    "found",
+    "help",
+    "json",
+    "output",
+    "quiet",
+    "robot",
+}
 _EXECUTORS = "threads, processes or dask:ADDRESS, such as dask:tcp://10.0.0.5:8786"
 
 Parse = Callable[[list[str]], Namespace]
 
 
-def run_campaign(given: Namespace, parse: Parse) -> Answer:
-    """What a plan asks for; `parse` reads the options of the other commands."""
-    plan = _read(Path(given.plan))
-    folder = Path(given.plan).parent / plan["folder"]
+def run_campaign(options: Namespace, parse: Parse) -> Answer:
+    """Run the plan; `parse` reads the options of the other commands."""
+    plan = _read(Path(options.plan))
+    folder = Path(options.plan).parent / plan["folder"]
     ledger = folder / "ledger.sqlite"
-    logs = _tasks(plan, Path(given.plan), folder, parse)
-    if given.status:
+    logs = _tasks(plan, Path(options.plan), folder, parse)
+    if options.status:
         return _status(ledger, logs)
-    if ledger.exists() and not given.resume:
+    # A folder that holds another campaign is not continued by mistake.
+    if ledger.exists() and not options.resume:
         raise ValueError(
             f"{folder} holds a campaign. Pass --resume to go on with it, or name another folder."
         )
@@ -62,29 +73,30 @@ def run_campaign(given: Namespace, parse: Parse) -> Answer:
                 " files."
             )
         tasks[name] = _worked, (steps, stamp), {}
-    if ledger.exists():  # what is new comes after what it knows
-        known: dict[str, int] = dict(rows_of(ledger, "select name, number from tasks"))
-        tasks = dict(sorted(tasks.items(), key=lambda task: known.get(task[0], len(known))))
-    where = given.executor or plan.get("executor", "threads")
-    with _executor(where) as executor:
+    if ledger.exists():
+        # A campaign that is resumed must list its tasks in their old order, new ones behind them.
+        numbers: dict[str, int] = dict(rows_of(ledger, "select name, number from tasks"))
+        tasks = dict(sorted(tasks.items(), key=lambda task: numbers.get(task[0], len(numbers))))
+    # A failed log is reported, and tried again by the next --resume.
+    with _executor(options.executor or plan.get("executor", "threads")) as executor:
         done = campaign(
-            tasks, executor=executor, folder=folder, retries=0, progress=not given.quiet
+            tasks, executor=executor, folder=folder, retries=0, progress=not options.quiet
         )
     results = dict(done.results)
-    judged = _fleet(plan, Path(given.plan), tasks, results) if "fleet" in plan else {}
+    judged = _fleet(plan, Path(options.plan), tasks, results) if "fleet" in plan else {}
     negative = [
         name
         for name, result in results.items()
-        if not all(each["good"] for each in result.values())
+        if not all(answer["good"] for answer in result.values())
     ]
-    said = [
-        f"{name}: {command}: {each['said']}"
+    lines = [
+        f"{name}: {command}: {answer['said']}"
         for name in negative
-        for command, each in results[name].items()
-        if not each["good"]
+        for command, answer in results[name].items()
+        if not answer["good"]
     ]
-    said += [f"{name}: failed: {error}" for name, error in done.errors.items()]
-    said += [f"{name}: {each}" for name, each in judged.items()]
+    lines += [f"{name}: failed: {error}" for name, error in done.errors.items()]
+    lines += [f"{name}: {verdict}" for name, verdict in judged.items()]
     counts = (
         f"{len(results)} logs done, {len(negative)} with a negative verdict, {len(done.errors)}"
         " failed"
@@ -95,8 +107,9 @@ def run_campaign(given: Namespace, parse: Parse) -> Answer:
         "negative": negative,
         "folder": str(folder),
     }
-    data |= {"fleet": judged} if "fleet" in plan else {}
-    return Answer("\n".join([counts, *said, f"results are in {folder}"]), data, not said)
+    if "fleet" in plan:
+        data["fleet"] = judged
+    return Answer("\n".join([counts, *lines, f"results are in {folder}"]), data, not lines)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -104,8 +117,8 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         plan = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        said = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
-        raise ValueError(f"{path} must be a plan in TOML; {said}. Correct it.") from None
+        reason = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
+        raise ValueError(f"{path} must be a plan in TOML; {reason}. Correct it.") from None
     for key, value in plan.items():
         choice(f"a key of {path}", key, _KEYS)
         if isinstance(value, dict) != (key in ("robots", *_DO)):
@@ -115,8 +128,9 @@ def _read(path: Path) -> dict[str, Any]:
             )
         if key == "executor":
             instance(key, value, str, f"Give {_EXECUTORS}.")
+    # Options that the plan sets per log cannot be set for all logs.
     for command in _DO:
-        for key in _OWN & set(plan.get(command, {})):
+        for key in _RESERVED & set(plan.get(command, {})):
             raise ValueError(
                 f"[{command}] of {path} must not have {key!r}, which the plan gives itself."
                 " Drop it."
@@ -127,7 +141,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise ValueError(
             f'{path} must have folder = "..." and a table [robots.NAME] for each robot. Add them.'
         )
-    if not isinstance(do, list) or not do or [each for each in _DO if each in do] != do:
+    if not isinstance(do, list) or not do or [command for command in _DO if command in do] != do:
         raise ValueError(
             f"do of {path} must be some of {', '.join(_DO)}, in this order; got {do!r:.80}."
             " Correct it."
@@ -143,6 +157,7 @@ def _read(path: Path) -> dict[str, Any]:
                 f"{key} of {path} must come with {asked}; got {plan[key]!r:.60}. Add what is"
                 " missing."
             )
+    # Every robot must have its file and at least one pattern of logs.
     for name, robot in robots.items():
         sound = (
             isinstance(robot, dict)
@@ -163,10 +178,11 @@ def _read(path: Path) -> dict[str, Any]:
 def _tasks(
     plan: dict[str, Any], path: Path, folder: Path, parse: Parse
 ) -> Iterator[tuple[str, Any, Any]]:
-    """Name, arguments of its commands, and size and time of the log, of each log."""
+    """For each log: the name of its task, the options of its commands, its digest."""
     for name, of_robot in plan["robots"].items():
-        own = path.parent / of_robot["robot"]
-        robot = str(own) if own.is_file() else of_robot["robot"]
+        # Beside the plan, or the name of a robot of the package.
+        file = path.parent / of_robot["robot"]
+        robot = str(file) if file.is_file() else of_robot["robot"]
         read_robot(robot)
         patterns = of_robot["logs"] if isinstance(of_robot["logs"], list) else [of_robot["logs"]]
         for pattern in patterns:
@@ -180,7 +196,8 @@ def _tasks(
                 if "notes" in plan:
                     seconds_of(notes_of(plan["notes"], log).get("time", 1e9))
                 steps = [
-                    vars(parse(_arguments(each, plan, robot, log, place))) for each in plan["do"]
+                    vars(parse(_arguments(command, plan, robot, log, place)))
+                    for command in plan["do"]
                 ]
                 with open(log, "rb") as content:
                     yield (
@@ -193,58 +210,56 @@ def _tasks(
 def _fleet(
     plan: dict[str, Any], path: Path, tasks: dict[str, Any], results: dict[str, Any]
 ) -> dict[str, str]:
-    """What was identified, into the fleet and onto its page; robots that changed, and logs that
-    are no part of it.
-    """
+    """Add the identifications to the fleet; verdicts of changed robots, reasons of exclusions."""
     place = path.parent / plan["fleet"]
-    said = {}
+    excluded = {}
     fleet = Fleet(place)
+    # A log that the fleet refuses (no intervals, another robot) does not end the campaign.
     for name in results:
-        step = next(each for each in tasks[name][1][0] if each["command"] == "identify")
+        steps = tasks[name][1][0]
+        step = next(step for step in steps if step["command"] == "identify")
         try:
             notes = notes_of(plan.get("notes", {}), step["logs"][0]) | {"robot": name.split("/")[0]}
             fleet.add(Identification.load(step["output"]), notes=notes)
         except ValueError as error:
-            said[name] = f"not in the fleet: {error}"
+            excluded[name] = f"not in the fleet: {error}"
     if len(fleet):
         fleet.report(place.with_suffix(".html"), overwrite=True)
-    return {each.robot: each.verdict for each in fleet if each.changes} | said
+    changes = {judgement.robot: judgement.verdict for judgement in fleet if judgement.changes}
+    return changes | excluded
 
 
 def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:
     """One command as it would be typed."""
     found = str(place / "found.json")
     certificate = str(place / "certificate.json")
-    own = {
+    arguments = {
         "check": [log, "--robot", robot],
         "identify": [log, "--robot", robot, "-o", found, "--force"],
         "certify": [found, "-o", certificate, "--force"],
-        "report": [
-            found,
-            "-o",
-            str(place / "page.html"),
-            "--force",
-            *(["--certificate", certificate] if "certify" in plan["do"] else []),
-        ],
-    }
-    more = []
+        "report": [found, "-o", str(place / "page.html"), "--force"],
+    }[command]
+    if command == "report" and "certify" in plan["do"]:
+        arguments += ["--certificate", certificate]
+    # The table of the command in the plan: true is a flag, false leaves it out.
     for key, value in plan.get(command, {}).items():
         if value is False:
             continue
-        values = [] if value is True else value if isinstance(value, list) else [value]
-        more += [f"--{key.replace('_', '-')}", *map(str, values)]
-    return [command, *own[command], *more, "--quiet"]
+        arguments.append(f"--{key.replace('_', '-')}")
+        if value is not True:
+            arguments += map(str, value if isinstance(value, list) else [value])
+    return [command, *arguments, "--quiet"]
 
 
 def _worked(steps: list[dict[str, Any]], stamp: Any) -> dict[str, Any]:
-    """What a worker does with a log: each command, and what it answers."""
+    """Run the commands of one log in a worker, and return their answers."""
     answers = {}
     for step in steps:
         if step.get("output"):
             Path(step["output"]).parent.mkdir(parents=True, exist_ok=True)
         answer = COMMANDS[step["command"]](Namespace(**step))
-        said = " ".join(answer.text.split()).partition(". ")[0]
-        answers[step["command"]] = answer.data | {"good": bool(answer.good), "said": said}
+        sentence = " ".join(answer.text.split()).partition(". ")[0]
+        answers[step["command"]] = answer.data | {"good": bool(answer.good), "said": sentence}
     return answers
 
 
@@ -255,6 +270,7 @@ def _executor(where: str) -> Iterator[Any]:
         yield None
     elif where == "processes":
         methods = multiprocessing.get_all_start_methods()
+        # A fork of a process with threads may hang; the server forks before there are any.
         context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
         if hasattr(context, "set_forkserver_preload"):
             context.set_forkserver_preload(["ctc.commandline.plan"])
@@ -268,6 +284,7 @@ def _executor(where: str) -> Iterator[Any]:
             raise ValueError(
                 "executor dask needs distributed: pip install 'onepulse[dask]'."
             ) from None
+        # A scheduler that does not answer must not hang the command.
         try:
             client = Client(where.removeprefix("dask:"), timeout=10)
         except (OSError, ValueError) as error:
@@ -281,13 +298,13 @@ def _executor(where: str) -> Iterator[Any]:
 
 
 def _ends_with_its_parent() -> None:
-    """A worker waits for tasks for ever; one whose campaign was killed ends, too."""
+    """End this worker when its campaign is killed; by itself it would wait for tasks for ever."""
     parent: Any = multiprocessing.parent_process()
     threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
 
 
 def _status(ledger: Path, logs: Iterator[Any]) -> Answer:
-    """How many tasks are in which state, from the ledger, of how many."""
+    """Number of tasks in each state, from the ledger, and of logs."""
     if not ledger.is_file():
         raise ValueError(
             f"{ledger.parent} must hold a campaign; there is none. Run it without --status first."
