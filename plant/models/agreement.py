@@ -85,6 +85,7 @@ def mirrored(inertial: Inertial, plane: Floats) -> Inertial:
 def coincides(inertial: Inertial, link: CheckedLink) -> bool:
     """Whether an inertial is exactly that of the other side, or of the shape uniformly filled."""
     for partner, plane in link.partners:
+        # A partner with a mistake of its own is no evidence.
         if partner.physical() and same(inertial, mirrored(partner, plane)):
             return True
     return uniform(inertial, link.shape)
@@ -99,6 +100,7 @@ def uniform(inertial: Inertial, shape: Shape | None) -> bool:
     """Whether an inertial is that of the shape uniformly filled."""
     if shape is None:
         return False
+    # Relative to the size of the shape.
     size = float(np.trace(shape.spread))
     off = np.abs(inertial.spread / inertial.mass - shape.spread).max()
     shift = np.linalg.norm(inertial.com - shape.centre)
@@ -112,6 +114,7 @@ def impossible(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLi
     is where all other links of the file (at least `faithful`) are as large as theirs.
     """
     spread = inertial.spread / inertial.mass
+    # No matter is so dense: that needs no shape.
     if inertial.density() > HEAVIEST:
         return True
     if link.shape is None:
@@ -121,6 +124,7 @@ def impossible(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLi
         return bool(reach) and bool(size > 2.0 * reach)
     if not SETTINGS.lightest < inertial.mass / link.shape.volume < HEAVIEST:
         return True
+    # Do the other links fit their shapes? The link itself is what is in question.
     fits = [
         one.shape.holds(one.stated.com, one.stated.spread / one.stated.mass, SETTINGS.slack)
         for one in links.values()
@@ -136,6 +140,7 @@ def cost_of(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]
     if not inertial.physical():
         return np.inf
     if link.shape is not None:
+        # A shape says more than the joints.
         cost = _cost_of_shape(inertial, link.shape)
     else:
         cost = _cost_of_joints(inertial, link, links)
@@ -147,6 +152,7 @@ def cost_of(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]
         ]
         # The two sides may differ by design, so this evidence has half of the cap.
         cost += min([SETTINGS.cap / 2, *(SETTINGS.apart * value for value in distances)])
+        # Exactly the same numbers do not come about by chance.
         if distances and min(distances) < SETTINGS.same:
             cost -= SETTINGS.coincidence
     return cost
@@ -168,6 +174,7 @@ def _cost_of_shape(inertial: Inertial, shape: Shape) -> float:
     cost += 0.5 * _capped(density**2)
     if not shape.holds(inertial.com, spread, SETTINGS.slack):
         cost += SETTINGS.outside
+    # CAD programs write the inertial of a uniform body.
     if uniform(inertial, shape):
         cost -= SETTINGS.coincidence
     return cost
@@ -216,6 +223,7 @@ def distance(inertial: Inertial, reference: Inertial) -> float:
         np.trace(np.abs(reference.spread)) / abs(reference.mass),
         1e-12,
     )
+    # Masses by their ratio, centres and widths relative to the size of the bodies.
     mass = np.log(inertial.mass / abs(reference.mass)) ** 2
     shift = inertial.com - reference.com
     widths = inertial.spread / inertial.mass - reference.spread / reference.mass

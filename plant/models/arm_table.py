@@ -31,9 +31,11 @@ def _names(chain: Chain) -> list[str]:
 def lumping_table(lumping: Lumping, chain: Chain) -> dict[str, dict[str, Any]]:
     """Name of f -> its sum, ``{Izz3 = 1.0, J3 = 1.0, torque = "inertial"}``."""
     names = _names(chain)
+    # The words are unique, so they can be looked up in both directions.
     words = {flags: word for word, flags in _TORQUES.items()}
     table: dict[str, dict[str, Any]] = {}
     for i, name in enumerate(lumping.names):
+        # A sum has few terms: only those that are not zero are written.
         row = np.array(lumping.matrix[i])
         table[name] = {names[k]: float(row[k]) for k in np.flatnonzero(row)}
         table[name]["torque"] = words[lumping.inertial[i], lumping.gravitational[i]]
@@ -47,6 +49,7 @@ def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
     flags = []
     for name, sum_table in table.items():
         label = f"{name} of [arm.parameters]"
+        # A copy, from which the word of the torque is taken out.
         terms = dict(instance(label, sum_table, dict, "Write {Izz2 = 1.0, torque = 'both'}."))
         torque = choice(f"torque of {label}", terms.pop("torque", "both"), tuple(_TORQUES))
         flags.append(_TORQUES[torque])
@@ -56,6 +59,7 @@ def lumping_of(table: Mapping[str, Any], chain: Chain) -> Lumping:
             number = real(f"{parameter} in {label}", coefficient, "Give a number.")
             row[names.index(parameter)] = number
         matrix.append(row)
+    # An empty table has no columns to unpack.
     inertial, gravitational = zip(*flags, strict=True) if flags else ((), ())
     return Lumping(
         names=tuple(table), matrix=np.array(matrix), inertial=inertial, gravitational=gravitational
@@ -88,9 +92,11 @@ def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics
     rotors = table.get("rotors")
     if rotors is not None:
         choice("rotors of [arm]", rotors, ("drive",))
+        # The rotors of the drive belong to the equations of motion.
         chain = chain.with_rotors(rig.drive)
     parameters = table.get("parameters", _BASE)
     ranges: Any = table.get("ranges")
+    # Sums of the user, or base parameters by a word.
     if isinstance(parameters, Mapping):
         dynamics = Dynamics(chain=chain, lumping=lumping_of(parameters, chain), ranges=ranges)
     else:
@@ -133,6 +139,7 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
 
         # 3. Standard rows are converted, with the bodies in their frames.
         bodies = [part_of(body, "plant.Body", "arm.bodies") for body in table.get("bodies", ())]
+        # Fields that the conversion does not take are set afterwards.
         chain = Chain.standard(table["links"], bodies=tuple(bodies))
         if "limits" in table:
             changes["limits"] = part_of(table["limits"], "plant.Limits", "arm.limits")
@@ -169,6 +176,7 @@ def arm_table(dynamics: Dynamics, arm: Arm | None) -> dict[str, Any]:
             break
     else:
         table["parameters"] = lumping_table(dynamics.lumping, chain)
+    # Bodies give f to the last bit, so f is written only if it differs.
     if arm is not None and not (chain.bodies and np.array_equal(arm.f, dynamics.f())):
         table["f"] = arm.f.tolist()
     return table

@@ -120,11 +120,13 @@ class ModelCheck(Shown):
     @known_options
     def write(self, target: str | Path, *, overwrite: bool = False) -> None:
         """Write a new file with the repairs; every other byte stays."""
+        # Refuse the target before the file is read, and read the file anew: its bytes are edited.
         path = require_new(target, overwrite)
         robot, data = parsed(self.path, "robot", "URDF")
         links = {link.attributes.get("name", ""): link for link in robot.all("link")}
         edits = []
         for finding in self.findings:
+            # A finding without a certain repair leaves the link as it is.
             if finding.repair is not None:
                 edits += urdf_inertial(data, links[finding.link], finding.repair)
         write_whole(path, [spliced(data, edits)])
@@ -167,9 +169,11 @@ def check_model(path: str | Path) -> ModelCheck:
     False
     """
     robot, _ = parsed(path, "robot", "URDF")
+    # 1. What the file states of each link.
     links = _checked_links(robot)
     joints = [joint for joint in robot.all("joint") if joint.attributes.get("type") in MOVING]
     moving = {end.attributes.get("link") for joint in joints for end in joint.all("child")}
+    # 2. Each link by itself, beside its partner.
     findings: dict[str, ModelFinding] = {}
     for name, link in links.items():
         # A link that moves needs an inertial; a fixed one may do without.
@@ -177,6 +181,7 @@ def check_model(path: str | Path) -> ModelCheck:
         finding = _missing(link, links) if missing else _judged(link, links)
         if finding is not None:
             findings[name] = finding
+    # 3. A mistake on one side makes the other side look wrong, too.
     _keep_one_side(findings, links)
     return ModelCheck(path=Path(path), findings=tuple(findings.values()))
 
@@ -189,6 +194,7 @@ def _checked_links(robot: Element) -> dict[str, CheckedLink]:
         joints = joint_positions(robot, name)
         links[name] = CheckedLink(name, _stated(element, name), shape_of(element), joints)
     for name, link in links.items():
+        # Partners need the links of the whole file, hence a second pass.
         partner_name = partner_of(name, list(links))
         if partner_name is None:
             continue
@@ -212,6 +218,7 @@ def _keep_one_side(findings: dict[str, ModelFinding], links: dict[str, CheckedLi
             continue
         if finding.mistake == other_finding.mistake and _alike(links[name]):
             continue  # the same mistake in both
+        # The finding that the link alone supports less is the one to remove.
         gains = {side: _gain_alone(links[side], findings[side], links) for side in (name, partner)}
         del findings[min((name, partner), key=gains.__getitem__)]
 
@@ -226,6 +233,7 @@ def _alike(link: CheckedLink) -> bool:
 
 def _gain_alone(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:
     """Evidence for a repair without the link on the other side."""
+    # The other side is what is in question.
     alone = dataclasses.replace(link, partners=())
     body = finding.repair
     if link.stated is None or body is None:
@@ -244,6 +252,7 @@ def _stated(link: Element, name: str) -> Inertial | None:
     mass = numbers_of(element.find("mass"), "value", 1, "0", label)[0]
     entries = [numbers_of(element.find("inertia"), key, 1, "0", label)[0] for key in INERTIA]
     inertia = inertia_matrix(entries)
+    # Exporters write empty inertials for links without a mass.
     if not mass and not inertia.any():
         return None
     return Inertial(float(mass), np.array(pose.position), np.array(pose.rotation), inertia)
@@ -263,12 +272,15 @@ def _judged(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | 
     if stated is None:
         return None
     trials = [
+        # Any mistake competes with none, which is more frequent.
         _Trial(cost_of(inertial, link, links) + SETTINGS.rare, mistake, inertial)
         for mistake, inertial in without_mistakes(stated)
     ]
     if not stated.physical() or stated.density() > HEAVIEST:
         return _impossible(link, links, trials)
     best = min(trials, key=lambda trial: trial.cost)
+    # A proof, a visible difference and a possible repair: evidence alone names no mistake, since
+    # weights of evidence are rough.
     exact = np.isfinite(best.cost) and coincides(best.inertial, link)
     proven = (exact and not coincides(stated, link)) or impossible(stated, link, links)
     differs = distance(stated, best.inertial) > SETTINGS.difference
@@ -298,8 +310,10 @@ def _impossible(
         ]
         possible = len(remaining) > 0
         trials = remaining or trials
+        # If every mistake leaves a body that is too dense, none of them has a name.
         no_mistake = _Trial(np.inf, "", best.inertial)
         best = min(remaining, key=lambda trial: trial.cost, default=no_mistake)
+    # A negative number is its own proof; otherwise the repair must be exact or far ahead.
     exact = possible and coincides(best.inertial, link)
     negative = possible and best.mistake.startswith("a negative")
     certain = exact or negative or _unrivalled(trials, best.inertial)
@@ -325,6 +339,7 @@ def _unrivalled(trials: list[_Trial], best: Inertial) -> bool:
 
 def _missing(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | None:
     """The finding about a link with a shape or a partner, and without an inertial."""
+    # Without a shape or a partner the link may be a frame, which has no mass.
     if link.shape is None and not link.partners:
         return None
     return ModelFinding(
@@ -336,6 +351,7 @@ def _guess(link: CheckedLink, links: dict[str, CheckedLink]) -> Body | None:
     """The partner's body mirrored; or the link's shape filled, if all others are filled alike."""
     for partner, plane in link.partners:
         if partner.physical():
+            # The link on the other side is better evidence than any density.
             return _body(mirrored(partner, plane))
     densities = []
     for one in links.values():

@@ -21,8 +21,10 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
     """
     inertial = link.find("inertial")
     if inertial is None:
+        # A new inertial has the axes of the link.
         parts = f'<origin xyz="{_text(body.com)}"/><mass value="{_text(body.mass)}"/>'
         return [link.child_edit(data, f"<inertial>{parts}{_matrix(body)}</inertial>", first=True)]
+    # 1. Centre of mass and mass.
     edits: list[Edit] = []
     for tag, name, value in (("origin", "xyz", body.com), ("mass", "value", body.mass)):
         element = inertial.find(tag)
@@ -31,6 +33,7 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
             edits.append(inertial.child_edit(data, text, first=tag == "origin"))
         else:
             edits.append(element.attribute_edit(data, name, _text(value)))
+    # 2. The inertia, in the axes that the file states.
     placement = Placement(rotation=origin_of(inertial, "inertial").rotation)
     turned = body.seen_from(placement.inverse())
     matrix = inertial.find("inertia")
@@ -52,6 +55,7 @@ def _matrix(body: Body) -> str:
 def urdf_friction(data: bytes, joint: Element, viscous: float, coulomb: float) -> list[Edit]:
     """Edits that give a URDF joint this damping and friction."""
     dynamics = joint.find("dynamics")
+    # Joints without friction often have no such element.
     if dynamics is None:
         text = f'<dynamics damping="{_text(viscous)}" friction="{_text(coulomb)}"/>'
         return [joint.child_edit(data, text)]
@@ -80,6 +84,7 @@ def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
 
 def _mjcf_inertial_text(body: Body) -> str:
     full = _text(body.inertia[list(FULL)])
+    # MJCF has the diagonal first, then the products of inertia.
     return f'<inertial pos="{_text(body.com)}" mass="{_text(body.mass)}" fullinertia="{full}"/>'
 
 
@@ -102,6 +107,7 @@ def mjcf_text(
     """
     lines = [
         f"<mujoco model={quoteattr(model.path.stem)}>",
+        # Angles of URDF are radians, and limits hold where they are stated.
         '  <compiler angle="radian" autolimits="true"/>',
         f'  <option gravity="{_text(gravity)}"/>',
         "  <worldbody>",
@@ -127,6 +133,7 @@ def mjcf_text(
         if in_world:
             lines.append(f"{indent}</body>")
 
+    # Roots are links that no joint carries.
     children = {joint.child for joint in model.joints.values()}
     for root in (link for link in model.bodies if link not in children):
         add(root, "", None, 2)
@@ -139,6 +146,7 @@ def mjcf_text(
 def mjcf_motors(joints: Sequence[str], drive: Drive) -> str:
     """The section of actuators: each motor is commanded by its torque on the motor side [N m]."""
     motors = []
+    # Limits of the amplifiers as motor torque [N m].
     limits = drive.motor_gain * drive.current_limit
     for joint, gear, limit in zip(joints, drive.gear, limits, strict=True):
         control = ""
@@ -154,6 +162,7 @@ def _mjcf_joint_text(joint: ModelJoint, values: Mapping[str, float]) -> str:
     kind = "slide" if MOVING[joint.kind] else "hinge"
     parts = [f'<joint name={quoteattr(joint.name)} type="{kind}" axis="{_text(joint.axis)}"']
     lower, upper, _, effort = joint.limits
+    # Continuous joints have no limits.
     if np.isfinite([lower, upper]).all():
         parts.append(f'range="{_text((lower, upper))}"')
     if np.isfinite(effort):

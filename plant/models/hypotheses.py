@@ -77,6 +77,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
 
     # 1. Signs of mass and moments.
     if m < 0 or (np.diag(I) < 0).any():
+        # The whole matrix has the wrong sign if its trace has.
         inertia = I * (1 - 2 * (np.trace(I) < 0))
         yield (
             "a negative mass or inertia",
@@ -96,8 +97,10 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
         )
 
     # 3. The point about which the inertia is stated (Steiner).
+    # The offset of the centre of mass in the axes of the inertia.
     shift = stated.rotation.T @ c
     steiner = m * (shift @ shift * np.eye(3) - np.outer(shift, shift))
+    # At the origin of the frame both points are the same.
     if np.abs(steiner).max() > 1e-9 * np.abs(I).max():
         yield (
             "inertia about the link's frame, not the centre of mass",
@@ -107,6 +110,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
     # 4. Signs, order and size of single entries.
     products = np.array([I[entry] for entry in _PRODUCTS])
     if products.any():
+        # All combinations of signs but the stated one.
         for signs in [*itertools.product((1, -1), repeat=3)][1:]:
             yield (
                 "products of inertia of the wrong sign",
@@ -117,6 +121,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
     for order in orders:
         inertia = I - moments + np.diag(np.diag(I)[order])
         yield "moments of inertia in another order", dataclasses.replace(stated, inertia=inertia)
+    # One or two places to the left or right.
     for k, factor in itertools.product(range(3), (0.1, 0.01, 10.0, 100.0)):
         inertia = I.copy()
         inertia[k, k] *= factor
@@ -129,6 +134,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
     for axis in range(3):
         plane = np.eye(3)
         plane[axis, axis] = -1.0
+        # Mirrored twice, a rotation stays a rotation.
         rotation = plane @ stated.rotation @ plane
         yield (
             f"a link mirrored in {'xyz'[axis]}",
@@ -183,6 +189,7 @@ class Shape:
         (b - mean)(mean - a) (R. Bhatia, C. Davis, 2000). The box is taken larger by a share `slack`
         of its edges, since shapes in files are approximate.
         """
+        # Distances of the centre from the sides of the larger box.
         wider = slack * (self.corners[1] - self.corners[0])
         below = com - self.corners[0] + wider
         above = self.corners[1] - com + wider
@@ -199,6 +206,7 @@ def shape_of(link: Element) -> Shape | None:
     for tag in ("collision", "visual"):
         elements = link.all(tag)
         shapes = [shape for element in elements if (shape := _primitive(element)) is not None]
+        # A part of the geometry would give too small a shape.
         if shapes and len(shapes) == len(elements):
             return _united(shapes)
     return None
@@ -206,6 +214,7 @@ def shape_of(link: Element) -> Shape | None:
 
 def _united(shapes: list[Shape]) -> Shape:
     """One body of several shapes; where they overlap their mass counts twice."""
+    # Parallel axes: moments of each shape about the common centre.
     volume = sum(shape.volume for shape in shapes)
     centre = sum((shape.volume * shape.centre for shape in shapes), np.zeros(3)) / volume
     spread = np.zeros((3, 3))
@@ -219,6 +228,7 @@ def _united(shapes: list[Shape]) -> Shape:
 
 def _primitive(element: Element) -> Shape | None:
     geometry = element.find("geometry")
+    # Some files have empty geometries.
     if geometry is None or not geometry.children:
         return None
     form = geometry.children[0]
@@ -242,6 +252,7 @@ def _primitive(element: Element) -> Shape | None:
         half = np.array([radius, radius, length / 2])
     else:
         return None
+    # A plane, or NaN, is no body.
     if not volume > 0:
         return None
     rotation = np.array(pose.rotation)
@@ -257,6 +268,7 @@ def joint_positions(robot: Element, name: str) -> Floats:
     positions = []
     for joint in robot.all("joint"):
         parent = joint.find("parent")
+        # A URDF joint has the origin of its child in the frame of its parent.
         if parent is not None and parent.attributes.get("link") == name:
             label = f"joint {joint.attributes.get('name', '')}"
             positions.append(origin_of(joint, label).position)
@@ -269,6 +281,7 @@ def partner_of(name: str, names: list[str]) -> str | None:
         for mine, theirs in (sides, sides[::-1]):
             # A short abbreviation must be a word of its own: "l" is in many words.
             border, end = (r"(?<![a-zA-Z])", r"(?![a-zA-Z])") if len(mine) < 3 else ("", "")
+            # Names are written in one of these cases: left, LEFT, Left.
             for case in (str.lower, str.upper, str.capitalize):
                 pattern = f"{border}{case(mine)}{end}"
                 partner = re.sub(pattern, case(theirs), name, count=1)

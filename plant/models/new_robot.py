@@ -29,6 +29,7 @@ _PARTS: dict[str, type] = {"rig": Rig, "drive": Drive, "encoder": Encoder, "law"
 
 def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -> str:
     """Text of a robot file, to stand at `target`, for the arm of `Chain.from_urdf`."""
+    # The joints between base and tip, in their order.
     chosen = read_urdf(path).chain_joints(None, base, tip)
     names = [joint.name for joint in chosen]
     Chain.from_urdf(path, names)  # raises a ValueError for a tree that is no arm
@@ -43,6 +44,7 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
             drive[key] = _STATED
             numbers = ", ".join(f"{value:g}" for value in values)
             comments[key] = f"the file's {numbers} {unit}, on the joints"
+    # The path of the model is relative to the new file, so that both can move together.
     tables: dict[str, Any] = {
         "name": Path(path).stem,
         "rig": {"period": MISSING},
@@ -53,6 +55,7 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
     }
 
     def comment(path: tuple[str, ...], key: str) -> str:
+        # A missing number is explained; a number of the file shows its value.
         if path and tables[path[0]][key] == MISSING:
             return meaning_of(_PARTS[path[0]], key)
         return comments.get(key, "")
@@ -78,12 +81,14 @@ def _missing(table: Mapping[str, Any], path: str = "") -> Iterator[str]:
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _missing(value, f"{path}{key}.")
+        # In a list a single number may be missing.
         elif value == MISSING or (isinstance(value, list) and MISSING in value):
             yield f"{path}{key}"
 
 
 def per_joint_table(table: Any, cls: type[Part], n: int) -> Any:
     """A table with one number for all joints written out."""
+    # `check_keys` refuses what is no table, with its heading.
     if not isinstance(table, Mapping):
         return table
     complete = dict(table)
@@ -107,6 +112,7 @@ def drive_table(table: dict[str, Any], arm: dict[str, Any], folder: Path) -> dic
     of_urdf = [key for key in _OF_URDF if table.get(key) == _STATED]
     if not of_urdf:
         return table
+    # Misspelt keys first: the conversion would not find the numbers.
     check_keys(table, Drive, "drive")
     if "urdf" not in arm:
         raise ValueError(

@@ -82,6 +82,7 @@ class Robot(Frozen):
             if getattr(self, key) is not None:
                 advice = f"Give one {kind.__name__}, or leave it out."
                 instance(key, getattr(self, key), kind, advice)
+        # An arm has its dynamics: stated twice they may contradict each other.
         if self.dynamics is None:
             if self.arm is None:
                 raise ValueError(
@@ -90,6 +91,7 @@ class Robot(Frozen):
             object.__setattr__(self, "dynamics", self.arm.dynamics)
         if self.arm is not None and self.arm.dynamics != self.dynamics:
             raise ValueError("dynamics must be those of the arm; got others. Leave them out.")
+        # The number of joints, and the kind of each.
         self.rig.require_fit(self.dynamics.chain)  # type: ignore[union-attr]  # set above
         if self.columns is not None:
             mapped_names(self.columns, self.units)
@@ -146,11 +148,13 @@ def read_robot(path: str | Path) -> Robot:
         )
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
+    # Bytes that are no text and nesting without end are mistakes of the file, too.
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(
             f"{path} must be TOML; {str(error).splitlines()[0]}. Correct it there."
         ) from None
     try:
+        # Every refusal names the file; relative paths start in its folder.
         return _robot(data, file.parent)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
@@ -191,6 +195,7 @@ def _robot(data: dict[str, Any], folder: Path) -> Robot:
     law = None
     if "law" in data:
         table = data["law"]
+        # A law may have numbers per joint, which only its own class knows.
         kind = class_of(table.get("kind", ""), "law") if isinstance(table, dict) else Law
         law = part_of(per_joint_table(table, kind, chain.n), "", "law", parts)
     uncertainty = None

@@ -56,6 +56,7 @@ def class_of(kind: Any, heading: str) -> type[Part]:
     """
     if isinstance(kind, str) and kind in PARTS:
         return PARTS[kind]
+    # A law of a package that is not imported is unknown, however well it is spelt.
     package = str(kind).split(".")[0]
     hint = near(kind, PARTS, "Write it like 'plant.P'.", cutoff=0.6)
     imported = any(name.startswith(f"{package}.") for name in PARTS)
@@ -73,6 +74,7 @@ def check_keys(table: Any, cls: type[Part], heading: str) -> None:
         )
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for key in table:
+        # The nearest field with its meaning, or all of them.
         if key not in fields and key != "kind":
             hint = f"It has {', '.join(fields)}."
             close = difflib.get_close_matches(key, fields, n=1, cutoff=0.5)
@@ -114,8 +116,10 @@ def part_of(table: Any, kind: str, heading: str, parts: Mapping[str, Part] | Non
             return parts[value]
         return from_plain(value)
 
+    # The kind has chosen the class, and is no field.
     values = {key: value_of(key, value) for key, value in table.items() if key != "kind"}
     try:
+        # The part checks its own numbers; the heading says where they stand.
         return cls(**values)
     except ValueError as error:
         raise ValueError(f"[{heading}]: {error}") from None
@@ -138,8 +142,10 @@ def table_of(part: Part, kind: str, parts: Mapping[str, Part] | None = None) -> 
             return [table_of(row, kinds.get(key, ""), parts) for row in value]
         return plain
 
+    # Plain numbers and lists of each field, as in all files of the library.
     described = part.describe()
     part_kind = kind_of(type(part))
+    # An implied kind is left out.
     table: dict[str, Any] = {} if part_kind == kind else {"kind": part_kind}
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
@@ -187,6 +193,7 @@ def toml_lines(
     for key, value in nested.items():
         nested_path = (*path, key)
         heading = ".".join(map(_key, nested_path))
+        # A list of tables has double brackets, and a heading per row.
         several = isinstance(value, (list, tuple))
         for row in value if several else (value,):
             yield ""
@@ -221,6 +228,7 @@ def _value(value: Any) -> str:
     if isinstance(value, (bool, int, str)):
         return _text(value)
     if isinstance(value, float):
+        # TOML has nan, but no number of a robot is one.
         if math.isnan(value):
             raise ValueError("a robot file must hold numbers; got NaN. Give its value.")
         return repr(value)
