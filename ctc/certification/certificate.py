@@ -79,6 +79,8 @@ class Certificate(Certified):
     settings: dict[str, Any]
     seen: Seen | None = None
 
+    # Cached properties are simulations that not every user needs: they run when they are read.
+
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:
         """Elastic gears on which the nominal arm stays within the limit; None where the gears are
@@ -198,6 +200,7 @@ class Certificate(Certified):
         """The sample with the largest encoder error; among equals, with the largest before
         rounding.
         """
+        # Whole pulses tie often; the error before rounding decides among equals.
         peak = self.runs.peak.max(axis=1)
         unrounded = self.runs.unrounded.max(axis=1)
         return self.plant(int(np.lexsort((unrounded, peak))[-1]))
@@ -208,6 +211,7 @@ class Certificate(Certified):
             raise ValueError(
                 f"index must be a whole number from 0 to {len(self.plants) - 1}; got {index!r}."
             )
+        # Lost counts are drawn by blocks of the kernel's width: the same are lost again.
         arm, rig = self.plants.plant(index, LANES, self.settings["law_steps"])
         values = dict(zip(self.plants.names, self.plants.values[index].tolist(), strict=True))
         return Worst(

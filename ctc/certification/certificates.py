@@ -52,6 +52,7 @@ class Certificates(Certified, Mapping[str, Certificate]):
     def __len__(self) -> int:
         return len(self.motions)
 
+    # A sample of the set is its runs in all motions: the largest errors, the sum of violations.
     @functools.cached_property
     def runs(self) -> Runs:  # type: ignore[override]  # follows from the motions
         """All motions of each sample as one."""
@@ -66,6 +67,7 @@ class Certificates(Certified, Mapping[str, Certificate]):
     @property
     def worst(self) -> str:
         """Name of the motion with the most failures; among equals, with the largest error."""
+        # Where no sample fails, the largest error before rounding is still the worst.
         return max(self, key=lambda name: (self[name].failures, self[name].runs.unrounded.max()))
 
     @property
@@ -84,6 +86,7 @@ class Certificates(Certified, Mapping[str, Certificate]):
         """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on
         gears, in all motions.
         """
+        # All motions are on the same gears, so none or all of them have a number.
         numbers = [certificate.lowest_resonance for certificate in self.values()]
         return max((hz for hz in numbers if hz is not None), default=None)
 

@@ -37,6 +37,8 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
     """
     from scipy.special import betaincinv
 
+    # The ends are quantiles of beta distributions; without a failure, or a success, one end is
+    # certain.
     tail = (1 - confidence) / 2
     low = betaincinv(failures, samples - failures + 1, tail) if failures else 0.0
     high = betaincinv(failures + 1, samples - failures, 1 - tail) if failures < samples else 1.0
@@ -63,8 +65,10 @@ class CertifiedSettings:
         Rank correlation above which a number has one direction.
     """
 
+    # Cells of the stated resonances
     cell_ratio: float = 1.1
     damping_cells: int = 3
+    # Sensitivities
     groups: int = 10
     loops_per_group: int = 20
     negligible_share: float = 0.005
@@ -123,6 +127,7 @@ def cells(
     lightest, heaviest = ranges.damping_ratio or (0.0, 0.0)
     for i, (low, high) in enumerate(pairs):
         name = "resonance" if len(pairs) == 1 else f"resonance[{i}]"
+        # Cells of equal ratio, since samples are uniform in the logarithm.
         count = max(1, int(np.ceil(np.log(high / low) / np.log(SETTINGS.cell_ratio))))
         edges = np.geomspace(low, high, count + 1).tolist()
         dampings = SETTINGS.damping_cells if lightest < heaviest else 1
@@ -199,13 +204,14 @@ def influences(
     total = ranks.var() * count
     result = []
     for name, column in zip(names, values.T, strict=True):
+        # 1. Cut the loops into groups of equal size by the number.
         column_ranks = rankdata(column)
         group = np.minimum((column_ranks - 0.5) * groups / count, groups - 1).astype(int)
+        # 2. The variance between the groups' means. Ties may leave a group empty.
         size = np.bincount(group, minlength=groups)
-        # Ties may leave a group empty.
         means = np.bincount(group, weights=ranks, minlength=groups) / np.maximum(size, 1)
         between = (size * (means - ranks.mean()) ** 2).sum() / total
-        # Groups cut at random lie apart, too: that part is expected by chance and taken off.
+        # 3. Groups cut at random lie apart, too: the part expected by chance is taken off.
         share = 1 - (1 - between) * (count - 1) / (count - groups)
         direction = np.corrcoef(column_ranks, ranks)[0, 1]
         result.append(Influence(name, max(0.0, float(share)), float(direction)))
@@ -269,6 +275,7 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
         """One-sided upper bound of that probability at the confidence; where resonances are stated,
         that of their worst cell.
         """
+        # Resonances are known as a range without a distribution, so no average over it is a bound.
         if self.worst_cell is not None:
             return self.worst_cell.upper(self.confidence)
         return clopper_pearson(self.failures, len(self.plants), 2 * self.confidence - 1)[1]
@@ -313,6 +320,7 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
         """
         names = self.plants.names
         values = self.plants.values - self.plants.expected
+        # Lost counts are no number of a plant, but the number of losses is one.
         if self.plants.dropped:
             names = (*names, "lost samples")
             values = np.column_stack([values, self.runs.lost])

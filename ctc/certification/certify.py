@@ -85,19 +85,8 @@ class Task:
         self.within = real("within", within, "Give pulses, such as 1.")
         self.motions = dict[str, tuple[Reference, float]]()
         for name, motion in motions.items():
-            seconds = motion.duration if duration is None else duration
-            with naming(name):
-                advice = "Leave it out for one period of the reference."
-                seconds = real("duration", seconds, advice, positive=True)
-                if (
-                    after is not None
-                    and not 0 <= real("after", after, "Give seconds, or 0.") < seconds
-                ):
-                    raise ValueError(
-                        f"after must be from 0 to below the duration {seconds:g} s; got {after:g}."
-                        " Give less."
-                    )
-            self.motions[name] = motion, seconds
+            with naming(name):  # errors name the motion
+                self.motions[name] = motion, _seconds(motion, duration, after)
 
         # 3. The uncertainty, which sub-steps of this length must be able to follow.
         self.uncertainty = Uncertainty() if uncertainty is None else uncertainty
@@ -106,6 +95,7 @@ class Task:
         )
         if self.uncertainty.resonance is not None:
             require_followed("resonance", self.uncertainty.resonance, rig.period / steps_per_sample)
+        # A probability is no better than the covariance that it comes from.
         if isinstance(found, Identification):
             warn_of_doubts(found, work)
         self.found = found
@@ -131,6 +121,7 @@ class Task:
 
         `further`: added to the seed. `normals`: as of `draw`.
         """
+        # The resonance of a gear depends on the pose, but all motions share the gears.
         pose = self.reference(np.zeros(1)).q[0]
         return draw(
             self.uncertainty,
@@ -145,6 +136,19 @@ class Task:
         )
 
 
+def _seconds(motion: Reference, duration: float | None, after: float | None) -> float:
+    """Checked duration [s] of a motion, which must exceed `after`."""
+    seconds = motion.duration if duration is None else duration
+    advice = "Leave it out for one period of the reference."
+    seconds = real("duration", seconds, advice, positive=True)
+    if after is not None and not 0 <= real("after", after, "Give seconds, or 0.") < seconds:
+        raise ValueError(
+            f"after must be from 0 to below the duration {seconds:g} s; got {after:g}. Give less."
+        )
+    return seconds
+
+
+# The type of the result follows from that of the reference: one certificate, or a set.
 @overload
 def certify(
     found: Identification | Arm,
@@ -321,8 +325,10 @@ def certify(
         steps_per_sample=steps_per_sample,
         executor=executor,
         inputs={"law": law, "number of samples": samples},
+        # Only a setting that was stated changes the checkpoint of a call.
         settings=() if rare is None else (rare,),
     )
+    # A bound below 50 % confidence would lie below the estimate.
     confidence = real("confidence", confidence, "Give a share, such as 0.95.")
     if task.within < 0 or not 0.5 < confidence < 1:
         raise ValueError(
@@ -348,6 +354,7 @@ def certify(
             }
             driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
+            # A single motion has no name, and its stages no prefix.
             runs = population.run(
                 task.threads,
                 stages.part(name) if name else stages,
@@ -358,6 +365,7 @@ def certify(
             of_log = seen(found, path, seconds) if isinstance(found, Identification) else None
             settings_of_runs = settings | {"law_steps": population.law_steps}
             motions[name] = path, runs, settings_of_runs, of_log
+        # Subset simulation draws samples of its own, and drives them along the same motions.
         if rare is not None:
             probability = stages.stage(
                 "rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence))
@@ -372,6 +380,7 @@ def certify(
         threads=task.threads,
         seconds=time.perf_counter() - started,
     )
+    # In a set, the probability of rare failures is that of any motion; of one motion it is its own.
     if task.several:
         return certificates
     return dataclasses.replace(certificates[""], rare=probability)

@@ -37,9 +37,11 @@ class FigureSettings:
         Letters of a line below the panels, and of a line of the title.
     """
 
+    # Contents
     influences: int = 8
     bars: int = 4
     numbered_joints: int = 3
+    # Sizes
     width: float = 11
     panel_height: float = 3.9
     strip_height: float = 2.3
@@ -72,6 +74,7 @@ def plot_certificate(certificate: Any, ax: Any = None) -> NDArray[Any]:
     axes = axes_of(ax, (panels,), lambda: _new_axes(certificate, labels, drawn))
     for axis in axes:
         dressed(axis)
+    # What happened, the worst case, why, and for which gears.
     _peaks(axes[0], certificate, labels)
     _worst(axes[1], certificate, labels)
     _sensitivities(axes[2], certificate, labels, drawn)
@@ -165,6 +168,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     within = certificate.within
     options = {name: settings[name] for name in ("steps_per_sample", "duration")}
     axis.set(xlabel="time [s]", ylabel="error [pulses]")
+    # Runs of a population have no time series; the worst one is simulated again.
     try:
         run = evaluate(
             worst.arm, worst.rig, certificate.law, certificate.reference, backend="numba", **options
@@ -245,6 +249,7 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
             if worst.name == name and worst.hz == (low, high):
                 axis.axvspan(low, high, color=BAND, zorder=0, label="worst part")
     axis.set_xscale("log")
+    # Whole numbers of Hz in place of powers of ten.
     lowest = min(cell.hz[0] for cell in certificate.cells)
     highest = max(cell.hz[1] for cell in certificate.cells)
     ticks = np.unique(np.round(np.geomspace(lowest, highest, 7)))

@@ -87,7 +87,7 @@ _STORE: weakref.WeakKeyDictionary[Identification, dict[Any, Refits | None]] = (
 
 
 def refits(
-    found: Identification,
+    identification: Identification,
     resonance: Any,
     damping_ratio: Any,
     pose: ArrayLike,
@@ -104,12 +104,12 @@ def refits(
     ratio = float(np.mean(damping_ratio))
     pose = np.asarray(pose, float)
     key = (ranges.shape, ranges.tobytes(), ratio, pose.tobytes())
-    stored = _STORE.setdefault(found, {})
+    stored = _STORE.setdefault(identification, {})
     # A range that is used again becomes the latest, so the oldest unused one is deleted.
     result = (
         stored.pop(key)
         if key in stored
-        else _fitted(found, ranges, ratio, pose, progress, Checkpoint(checkpoint, ""))
+        else _fitted(identification, ranges, ratio, pose, progress, Checkpoint(checkpoint, ""))
     )
     stored[key] = result
     if len(stored) > SETTINGS.stored:
@@ -118,7 +118,7 @@ def refits(
 
 
 def _fitted(
-    found: Identification,
+    identification: Identification,
     ranges: NDArray[np.float64],
     ratio: float,
     pose: NDArray[np.float64],
@@ -130,21 +130,21 @@ def _fitted(
     steps = np.ceil((high - low).max() / np.log(SETTINGS.ratio))
     fewest = 1 if (high == low).all() else 2
     count = int(np.clip(steps + 1, fewest, SETTINGS.fits))
-    arm = found.arm
+    arm = identification.arm
     fits = dict[float, Fit]()
     rounds = SETTINGS.first_rounds
     with progress_bar(count + rounds - 1, "fits on gears", "fit", progress) as bar:
-        for place in np.linspace(0, 1, count) if count > 1 else [0.5]:
-            hz = np.exp(low + place * (high - low))
+        for fraction in np.linspace(0, 1, count) if count > 1 else [0.5]:
+            hz = np.exp(low + fraction * (high - low))
             for i in range(1 if fits else rounds):
-                make = functools.partial(_on_gears, found, arm, hz, ratio, pose)
-                fitted = checkpoint.stage(f"fit {i} on gears at {place}", make)
+                make = functools.partial(_on_gears, identification, arm, hz, ratio, pose)
+                fitted = checkpoint.stage(f"fit {i} on gears at {fraction}", make)
                 bar.update()
                 if fitted is None:
                     # Without its second round the first resonance has no fit either.
-                    fits.pop(place, None)
+                    fits.pop(fraction, None)
                     break
-                arm, fits[place] = fitted
+                arm, fits[fraction] = fitted
     if not fits:
         return None
     places = np.array([*fits])
@@ -156,29 +156,29 @@ def _fitted(
 
 
 def _on_gears(
-    found: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike
+    identification: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike
 ) -> tuple[Arm, Fit] | None:
     """Arm and fit of the records on gears with this resonance [Hz]; None where they cannot be
     fitted.
     """
     try:
-        gears = Elasticity.from_resonance(arm, hz, ratio, drive=found.rig.drive, q=pose)
+        gears = Elasticity.from_resonance(arm, hz, ratio, drive=identification.rig.drive, q=pose)
         records = [
             dataclasses.replace(record, rig=with_gears(record.rig, gears))
-            for record in found.records
+            for record in identification.records
         ]
         problem = prepare(
-            found.arm.dynamics,
+            identification.arm.dynamics,
             records,
-            found.fit.unknown,
+            identification.fit.unknown,
             (),
             "prediction_error",
-            found.search.ranges,
+            identification.search.ranges,
             None,
-            found.search.seed,
+            identification.search.seed,
             False,
             {},
-            prior=found.fit.prior,
+            prior=identification.fit.prior,
         )
         fit = search(problem, False).fit
     except ValueError:  # the log contradicts such gears, or they cannot carry the arm

@@ -34,17 +34,17 @@ class Imperfection:
     """One imperfection that `certify` takes a range for.
 
     `words`, `unit`: as printed. `place`: path of fields in the rig. `number`: its name in the
-    closed loop. `made`: value -> the part at the place; with `each` the value is (n,), sampled for
-    each joint. `signed`: it may be negative. `follows`: (random, plants, joints) -> names and
-    values (P, L) of numbers that accompany it.
+    closed loop. `build`: value -> the part at the place; with `per_joint` the value is (n,),
+    sampled for each joint. `signed`: it may be negative. `follows`: (random, plants, joints) ->
+    names and values (P, L) of numbers that accompany it.
     """
 
     words: str
     unit: str
     place: str
     number: str
-    made: Callable[[Any], Any] = lambda value: value
-    each: bool = True
+    build: Callable[[Any], Any] = lambda value: value
+    per_joint: bool = True
     signed: bool = False
     follows: Callable[[Any, int, int], tuple[list[str], NDArray[np.float64]]] | None = None
 
@@ -62,7 +62,7 @@ class Imperfection:
                 f"{self.words} needs elastic joints; got a rigid rig. State their resonance= too"
                 " [Hz]."
             )
-        part = self.made(np.full(rig.n, value) if self.each else value)
+        part = self.build(np.full(rig.n, value) if self.per_joint else value)
         return _replaced(rig, self.place.split("."), part)
 
 
@@ -90,29 +90,32 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         place="drive.elasticity.backlash",
         number="drive.elasticity.backlash",
     ),
+    # All amplifiers of a rig are alike: one time constant.
     "lag": Imperfection(
         words="current lag",
         unit="s",
         place="drive.current_lag",
         number="drive.current_lag.time",
-        each=False,
+        per_joint=False,
     ),
+    # One clock samples all joints.
     "jitter": Imperfection(
         words="jitter",
         unit="of the period",
         place="jitter",
         number="jitter.share",
-        each=False,
-        made=lambda value: Jitter(share=value),
+        per_joint=False,
+        build=lambda value: Jitter(share=value),
         # Each plant has its own stream of jitter.
         follows=lambda random, count, n: (["jitter.stream"], np.arange(float(count))[:, None]),
     ),
+    # Friction falls while gears warm up, and rises as they cool.
     "friction_drift": Imperfection(
         words="drift of friction",
         unit="of it",
         place="drive.friction_drift",
         number="drive.friction_drift.amount",
-        made=lambda value: FrictionDrift(amount=value, time=np.full(len(value), _DRIFT_TIME)),
+        build=lambda value: FrictionDrift(amount=value, time=np.full(len(value), _DRIFT_TIME)),
         signed=True,
     ),
     "presliding": Imperfection(
@@ -120,7 +123,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         unit="rad of the motor",
         place="drive.presliding",
         number="drive.presliding.distance",
-        made=lambda value: Presliding(distance=value),
+        build=lambda value: Presliding(distance=value),
     ),
     "load_friction": Imperfection(
         words="load-dependent friction",
@@ -128,12 +131,13 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         place="drive.load_friction",
         number="drive.load_friction.share",
     ),
+    # The phase of an error within one turn, or one pitch, is unknown of any machine.
     "ripple": Imperfection(
         words="torque ripple",
         unit="N m of the motor",
         place="drive.ripple",
         number="drive.ripple.amplitude",
-        made=lambda value: TorqueRipple(
+        build=lambda value: TorqueRipple(
             amplitude=value, cycles=np.full(len(value), _CYCLES), phase=0 * value
         ),
         follows=_phases("drive.ripple.phase"),
@@ -143,7 +147,7 @@ IMPERFECTIONS: dict[str, Imperfection] = {
         unit="pulses",
         place="encoder.quadrature",
         number="encoder.quadrature.amplitude",
-        made=lambda value: QuadratureError(amplitude=value, phase=0 * value),
+        build=lambda value: QuadratureError(amplitude=value, phase=0 * value),
         follows=_phases("encoder.quadrature.phase"),
     ),
 }
@@ -169,7 +173,7 @@ def drawn_of(ranges: Mapping[str, tuple[float, float]], random: Any, count: int,
         if not any(ends):
             continue
         row = IMPERFECTIONS[name]
-        numbers = [f"{row.number}[{i}]" for i in range(n)] if row.each else [row.number]
+        numbers = [f"{row.number}[{i}]" for i in range(n)] if row.per_joint else [row.number]
         names += numbers
         values.append(random.uniform(*ends, (count, len(numbers))))
         if row.follows:

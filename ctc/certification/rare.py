@@ -48,11 +48,14 @@ class SubsetSettings:
         Width of a step sqrt(1 - rho^2): the first, and its limits.
     """
 
+    # Levels
     population: int = 1000
     level_share: float = 0.1
+    # Chains
     moves: float = 0.88
     trial_steps: int = 10
     stuck_rate: float = 0.02
+    # Width of their steps
     acceptance: float = 0.44
     initial_width: float = 0.6
     narrowest: float = 0.25
@@ -261,6 +264,7 @@ class Normals:
 
     def standard_normal(self, shape: Any) -> Floats:
         """The next columns."""
+        # The first dimension of a shape counts the samples, which are the rows of u.
         count = int(np.prod(np.atleast_1d(shape)[1:]))
         if self._random is not None:
             self.u = np.hstack([self.u, self._random.standard_normal((len(self.u), count))])
@@ -296,6 +300,7 @@ def rare_failure(
         normals = Normals(u)
         plants = task.sampled(len(u), normals=normals)
         worst = np.full(len(u), -np.inf)
+        # Failure is to exceed the limit in any motion, so the worst motion counts.
         for path, settings in motions.values():
             runs = plants.under(law, path, within=task.within, **settings).run(task.threads)
             worst = np.maximum(worst, runs.unrounded.max(axis=1))

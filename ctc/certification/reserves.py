@@ -106,6 +106,7 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
         return failures <= allowed * len(plants)
 
     rig = plants.rig
+    # A law may have no bandwidth, such as P, or no period, if it is continuous.
     bandwidth = getattr(law, "bandwidth", None)
     period = rig.period if law.period else None
     # 1. As designed: a controller that fails already has no reserves.
@@ -114,6 +115,7 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
     # 2. Ever lower bandwidths, then 3. ever longer periods, each until one fails.
     for share in SETTINGS.bandwidths if as_designed and bandwidth else ():
         lower = law.bandwidth * share
+        # The first that fails ends it: lower ones may hold again, but are no reserve.
         if not holds("bandwidth", lower, dataclasses.replace(law, bandwidth=lower), plants):
             break
         bandwidth = lower
@@ -172,8 +174,11 @@ def held(certificate: Any, samples: int | None) -> Any:
     shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (len(plants), arm.n))
     # At rest the regressor is that of gravity alone.
     weight = np.asarray(arm.dynamics.Y(motion.q[0], still, still))
+    # In a hold static friction balances any torque within its cone.
     friction = [drive.coupling.joint_torque(row) for row in shares * drive.joint_coulomb()]
     lacking = (plants.f - law.arm.f) @ weight.T + friction
+    # The disturbance torque is part of the law's state, from which the runs resume: each sample has
+    # its own, as a number of the loop.
     begun = dataclasses.replace(
         plants,
         derived_names=(*plants.derived_names, *(f"law.state[{i}]" for i in errors[0])),

@@ -71,29 +71,29 @@ def draw(
     instance("rig", rig, Rig, "The order is found, rig, law, reference.")
     pose = np.zeros(rig.n) if pose is None else pose
     _require_possible(uncertainty, rig)
-    known = identified(uncertainty, found, pose, progress, checkpoint)
-    arm = known.arm
+    distribution = identified(uncertainty, found, pose, progress, checkpoint)
+    arm = distribution.arm
     random = normals or np.random.default_rng(seed)
     # Places in the ranges have a stream of their own, so that they do not depend on rejections.
     places_random = normals or np.random.default_rng((seed, 2))
     shape = samples, 1 + len(uncertainty.resonance or ())
     places = places_random.uniform(0, 1, shape)
-    identified_values = dict(zip(known.names, known.values, strict=True))
+    identified_values = dict(zip(distribution.names, distribution.values, strict=True))
     of_rig = {n: v for n, v in identified_values.items() if n not in arm.dynamics.names}
     rig = _with_identified(rig, of_rig)
     # The order of the draws is part of the result: it decides all bits of a seed.
-    arms = _arms(uncertainty, known, rig, random, places)
-    own, of_hardware, hardware = _hardware(uncertainty, random, rig, samples)
-    rig = placed_in(_with_middle(uncertainty, arm, own, pose), uncertainty.imperfections)
+    arms = _arms(uncertainty, distribution, rig, random, places)
+    nominal, of_hardware, hardware = _hardware(uncertainty, random, rig, samples)
+    rig = placed_in(_with_middle(uncertainty, arm, nominal, pose), uncertainty.imperfections)
     gears = _gears(uncertainty, random, arm, rig, arms.f, pose, places)
     names = (*arms.names, *of_hardware, *gears.names)
     values = np.hstack([arms.values, hardware, gears.values])
     # Sensitivities are asked of numbers that differ alone.
     varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
     expected = np.zeros_like(values)
-    if known.refits is not None:
-        columns = [names.index(name) for name in known.names]
-        expected[:, columns] = known.centres(places[:, :-1])
+    if distribution.refits is not None:
+        columns = [names.index(name) for name in distribution.names]
+        expected[:, columns] = distribution.centres(places[:, :-1])
     return Plants(
         arm=arm,
         rig=rig,
@@ -104,11 +104,11 @@ def draw(
         redrawn=arms.redrawn,
         projected=arms.projected,
         seed=seed,
-        own=own,
+        own=nominal,
         uncertainty=uncertainty,
         derived_names=gears.derived_names,
         derived=gears.derived,
-        said=statement(uncertainty, own, known),
+        said=statement(uncertainty, nominal, distribution),
         expected=expected[:, varying],
     )
 
@@ -140,18 +140,20 @@ class _Arms(NamedTuple):
     projected: int
 
 
-def _arms(uncertainty, known, rig, random, places):
+def _arms(uncertainty, distribution, rig, random, places):
     """`_Arms` whose resonances are at these places (P, m + 1) of their ranges."""
-    dynamics = known.arm.dynamics
+    dynamics = distribution.arm.dynamics
     samples = len(places)
     stated = None if uncertainty.plants is None else _possible(dynamics, rig, uncertainty.plants)
     direction = _load_direction(uncertainty, dynamics)
-    friction = _friction(uncertainty, rig, known.names)
+    friction = _friction(uncertainty, rig, distribution.names)
 
     def drawn(rows):
         """New values of these samples, name -> (count,)."""
         count = len(rows)
-        values = dict(zip(known.names, known.draw(random, places[rows, :-1]).T, strict=True))
+        values = dict(
+            zip(distribution.names, distribution.draw(random, places[rows, :-1]).T, strict=True)
+        )
         if stated is not None:
             values = dict(zip(dynamics.names, stated[rows % len(stated)].T, strict=True))
         for name, level in friction.items():
@@ -160,10 +162,12 @@ def _arms(uncertainty, known, rig, random, places):
 
     def arms(values):
         """Their f with the load (count, p), and whether each is an arm."""
-        f = np.tile(known.arm.f, (len(values["load"]), 1))
+        # Parameters that were not identified are those of the arm.
+        f = np.tile(distribution.arm.f, (len(values["load"]), 1))
         for i, name in enumerate(dynamics.names):
             f[:, i] = values.get(name, f[:, i])
         f = f + values["load"][:, None] * direction
+        # No arm has a D(q) that is below its rotors' inertia at some pose.
         sound = least_inertia_margin(dynamics, rig, f) >= 0
         for name in values:
             sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
@@ -177,7 +181,7 @@ def _arms(uncertainty, known, rig, random, places):
         random.sound = sound
         rows = np.where(sound, np.arange(len(f)), sound.argmax())
         return _Arms(tuple(values), np.column_stack([*values.values()])[rows], f[rows], 0, 0)
-    middle = dict(zip(known.names, known.values, strict=True)) | friction
+    middle = dict(zip(distribution.names, distribution.values, strict=True)) | friction
     redrawn = 0
     projected = 0
     while not sound.all():
@@ -255,6 +259,7 @@ def _gears(uncertainty, random, arm, rig, f, pose, places):
     if uncertainty.resonance is None:
         return imperfections
     low, high = np.log(uncertainty.resonance).T
+    # Uniform in the logarithm, as the cells of the bounds are.
     hz = np.exp(low + places[:, :-1] * (high - low))
     ratio = uncertainty.damping_ratio[0] + places[:, -1:] * np.ptp(uncertainty.damping_ratio)
     # The gear of each sample follows from the inertia of its link: the resonance is what is stated.
@@ -294,6 +299,7 @@ def _load_direction(uncertainty, dynamics):
 
 def _with_identified(rig, values):
     """The rig with the identified values of its numbers."""
+    # An elastic drive, for example, may have been identified, and another rig be given.
     missing = [name for name in values if name not in rig.number_names()]
     if missing:
         raise ValueError(
@@ -309,6 +315,7 @@ def _possible(dynamics, rig, plants):
     plants = array("plants", plants, ("M", dynamics.p), advice=advice)
     if not len(plants):
         raise ValueError("plants must hold at least one arm; got none. Give f of one arm per row.")
+    # One wrong row would make its samples fail under any controller.
     wrong = np.flatnonzero(least_inertia_margin(dynamics, rig, plants) < 0)
     if len(wrong):
         row = f"row {wrong[0]} has D(q) below the motors' own inertia"
@@ -317,14 +324,14 @@ def _possible(dynamics, rig, plants):
 
 
 def statement(
-    uncertainty: Uncertainty, rig: Rig, known: Identified
+    uncertainty: Uncertainty, rig: Rig, distribution: Identified
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Effects that are sampled from an `Uncertainty` with these identified numbers, and those that
     are not.
     """
     u = uncertainty
     sampled = []
-    friction_names = [name for name in known.names if name.startswith(_FRICTION)]
+    friction_names = [name for name in distribution.names if name.startswith(_FRICTION)]
     complete = len(friction_names) == 2 * rig.n
     friction = (
         f"friction{' that was not identified' * bool(friction_names)} ±{100 * u.friction:.3g} %"
@@ -334,17 +341,17 @@ def statement(
         friction = "friction as identified (friction= is of what was not)"
     if u.plants is not None:
         sampled.append("f of given arms")
-    elif known.refits is not None:
-        resonances = len(known.refits.places)
+    elif distribution.refits is not None:
+        resonances = len(distribution.refits.places)
         sampled.append(f"what the log says on gears of {resonances} resonances of the range")
-    elif known.names:
+    elif distribution.names:
         sampled.append("what was identified")
     pairs = u.resonance or ()
     hz = ", ".join(f"{low:g} to {high:g}" for low, high in pairs)
     alike = "all joints alike" if len(pairs) == 1 else "of each joint"
     gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
     stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
-    # Whether it is sampled, its words if so, and its words if not.
+    # Rows: whether it is sampled, its words if so, and its words if not.
     rows = [
         (u.resonance is not None, gears, stiff),
         (complete or u.friction > 0, friction, "friction"),

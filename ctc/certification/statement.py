@@ -55,6 +55,7 @@ def _exceeding(certificate: Any, failing: str, holding: str) -> str:
 
     `failing` follows the limit where samples exceed it, `holding` where none does.
     """
+    # 1. The phrases.
     samples = f"{len(certificate.plants):,} Monte Carlo samples"
     within = certificate.within
     limit = f"±{within:g} pulse{'s' * (within != 1)}"
@@ -62,6 +63,7 @@ def _exceeding(certificate: Any, failing: str, holding: str) -> str:
     bound = percent(certificate.upper, up=True)
     cell = certificate.worst_cell
     population = "of all would" if cell is None else f"would at the worst resonance ({cell})"
+    # 2. What was counted, and the bound of the whole distribution.
     if certificate.failures:
         count = f"{percent(certificate.probability)} of {samples} exceed {limit} {failing}"
         bounded = f"; {confidence}, at most {bound} {population}"
@@ -71,6 +73,7 @@ def _exceeding(certificate: Any, failing: str, holding: str) -> str:
     if bound == percent(1.0):  # 100 % is no bound
         bounded = _worst(cell)
     sentence = f"{count}{bounded}."
+    # 3. What `after` hides.
     if certificate.failures_before:
         early = percent(certificate.failures_before / len(certificate.plants))
         with_start = percent(certificate.failures_with_start / len(certificate.plants))
@@ -101,6 +104,7 @@ def verdict(certificate: Any) -> str:
     if certificate.from_rest is not None:
         from_rest = str(certificate.from_rest)
         sentence = f"{sentence} {from_rest[:1].upper()}{from_rest[1:]}."
+    # `_against_the_log` names the joints.
     if certificate.seen is not None and certificate.seen.beyond:
         sentence = f"{sentence} The path exceeds what the log shows."
     gears = certificate.on_gears
@@ -171,6 +175,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
         (title, *(format(value, form) for value in values)) for title, values, form in quantities
     ]
     texts.append(("samples that reach the torque limit", *map(percent, certificate.saturation)))
+    # The verdict first, then what it rests on, then what to do.
     yield Verdict(f"{type(certificate.law).__name__}: {certificate.verdict}", certificate.holds)
     yield Table((), rows)
     if certificate.rare is not None:
@@ -212,6 +217,7 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
     if certificates.rare is not None:
         yield str(certificates.rare)
     yield from _explained(certificates)
+    # The certificate of each motion has the ranges.
     beyond = [
         name
         for name, certificate in certificates.items()
@@ -219,6 +225,7 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
     ]
     if beyond:
         yield f"motions that exceed angles or speeds of the log: {', '.join(beyond)}"
+    # The run from rest is one of each path.
     for name, certificate in certificates.items():
         if certificate.from_rest is not None:
             yield f"{name}: {certificate.from_rest}"
@@ -237,6 +244,7 @@ def _explained(certificate: Any) -> Iterator[Piece]:
     plants = certificate.plants
     dynamics = plants.arm.dynamics
     short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
+    # Short names of f, and words for offsets; all other names are printed as they are.
     zeros = {name: name.replace("encoder.phase.shift", "encoder zero") for name in plants.names}
     labels = {**zeros, **short}
     rows = influences[: SETTINGS.influences]
@@ -273,7 +281,8 @@ def _advice(certificate: Any) -> Iterator[str]:
         )
         yield f"uncertain friction decides: known as this log would identify it, {advice}"
         return
-    # 3. Better f needs more logs; 4. another controller is a search.
+    # 3. Better f needs more logs, or 4. another controller a search. f decides if it explains
+    # both most of the explained variance and enough of the whole.
     influences = certificate.sensitivities
     names = certificate.plants.arm.dynamics.names
     of_f = sum(x.share for x in influences if x.name in names)
@@ -330,6 +339,7 @@ def _against_the_log(certificate: Any) -> Iterator[str]:
             f"the path exceeds the log: {ranges}. What only shows there (friction, cables, stops)"
             " is not sampled"
         )
+    # Samples on gears that the log excludes are of another arm.
     lowest = min((cell.hz[0] for cell in certificate.cells), default=np.inf)
     if seen.resonance is not None and lowest < seen.resonance:
         yield (

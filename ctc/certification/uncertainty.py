@@ -115,7 +115,7 @@ class Uncertainty(Shown, Part):
 
     def __post_init__(self) -> None:
         # Values as they are stored: pairs of numbers in place of one, arrays in place of lists.
-        made: dict[str, Any] = {
+        values: dict[str, Any] = {
             name: between(name, getattr(self, name), unit, signed)
             for name, (unit, signed) in _RANGES.items()
         }
@@ -127,23 +127,26 @@ class Uncertainty(Shown, Part):
             raise ValueError(
                 f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability."
             )
-        if made["load"][1] > 0 and self.load_position is None:
+        if values["load"][1] > 0 and self.load_position is None:
             raise ValueError(f"load_position must be given with a load; got None. {_PLACE}")
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
+        # Shapes as far as they are known here: the names of the unknowns come with `found`.
         for name, shape, advice in _ARRAYS:
             if getattr(self, name) is not None:
-                made[name] = array(name, getattr(self, name), shape, advice=advice)
-        made["resonance"] = None if self.resonance is None else _pairs(self.resonance)
+                values[name] = array(name, getattr(self, name), shape, advice=advice)
+        values["resonance"] = None if self.resonance is None else _pairs(self.resonance)
         damping = self.damping_ratio
         # Stated resonances need a damping; gears of the rig have theirs.
         if damping is None and self.resonance is not None:
             damping = _DAMPING
         if damping is not None:
             damping = between("damping_ratio", damping, "a ratio")
-        made["damping_ratio"] = damping
-        require_swinging(max(made["damping_ratio"] or (0.0,)))
-        for name, value in made.items():
+        values["damping_ratio"] = damping
+        # The higher end decides: an overdamped gear has no resonance to be stated.
+        require_swinging(max(values["damping_ratio"] or (0.0,)))
+        # The part is frozen, and has checked its own values.
+        for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -200,6 +203,7 @@ def _pairs(resonance: Any) -> tuple[tuple[float, float], ...]:
         raise ValueError(
             f"resonance must be (lowest, highest) [Hz]; got {resonance!r:.60}. Give a range."
         )
+    # One pair is a range for all joints alike.
     pairs = np.atleast_2d(np.asarray(resonance, float))
     pairs = array("resonance", pairs, ("m", 2), advice="Give the lowest and the highest [Hz].")
     good = (pairs[:, 0] > 0) & (pairs[:, 0] <= pairs[:, 1])

@@ -247,13 +247,16 @@ def margins(
     omega = np.geomspace(1e-4, 1, 4000, endpoint=False) * np.pi / period
     rows = []
     for joint in range(len(C)):
+        # 1. The response of the open loop on the unit circle.
         a, b, c = opened(A, B, C, joint)
         z = np.exp(1j * omega * period)[:, None, None] * np.eye(len(a))
         response = -(c @ np.linalg.solve(z - a, b + 0j))[:, 0, 0]
+        # 2. All crossings: a controller with integral action has margins downwards, too.
         gain, phase, _, _, crossing, _ = control.stability_margins(
             control.frd(response, omega), returnall=True
         )
-        # The lag that is missing to -180 degrees; a negative phase margin is a lag of nearly 360.
+        # 3. The lag that is missing to -180 degrees; a negative phase margin is a lag of nearly
+        # 360.
         lag = np.mod(phase, 360)
         rows.append(
             {
@@ -285,6 +288,7 @@ def _lowest_resonance(
     damping_ratio: float,
 ) -> float | None:
     """Resonance [Hz] of elastic gears above which the loops stay stable; see `Margins`."""
+    # The model is linear, so its poles decide; no simulation is needed.
     ratio = damping_of(damping_ratio)
     if rig.drive.elasticity is not None:
         return None

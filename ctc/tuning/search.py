@@ -85,10 +85,12 @@ class SearchSettings:
         Of the genetic algorithm: `GeneticSettings`.
     """
 
+    # Samples and motions
     initial_samples: int = 16
     initial_samples_allowed: int = 80
     validation_samples: int = 2000
     shared_motions: int = 4
+    # Searches until a tuning holds
     rounds: tuple[tuple[int, float], ...] = (
         (24, np.inf),
         (12, np.inf),
@@ -97,12 +99,14 @@ class SearchSettings:
         (12, 0.95),
         (12, 0.85),
     )
+    # Searches for a quieter tuning
     quieter_searches: int = 4
     quieter_gain: float = 0.9
     quieter_radius: float = 0.5
     quieter_aim: float = 1.05
     between_trials: int = 2
     between_points: int = 5
+    # Simulation and checks
     search_steps: int = 4
     check_steps: int = 8
     checked_tunings: int = 2
@@ -110,12 +114,16 @@ class SearchSettings:
     screening_samples: int = 200
     initial_motions: int = 2
     reference_variables: int = 5
+    # Families that are given up
     louder: float = 2.0
+    # Cost of a tuning
     failure_weight: float = 20.0
     excess_weight: float = 5.0
     cap: float = 20.0
+    # Searches that are given up
     hope_generation: int = 8
     hopeless_share: float = 0.5
+    # Genetic algorithm
     individuals: int = 20
     subpopulations: int = 2
     bits_per_variable: int = 10
@@ -155,6 +163,7 @@ class Tunings:
     def runs(self, values: Floats, plants: Floats, steps: int) -> tuple[Runs, tuple[int, int]]:
         """Samples (P, L) under tunings (T, k), tuning by tuning, and the shape (T, P)."""
         shape = len(values), len(plants)
+        # The family converts variables of all tunings at once to numbers of the law.
         variables = dict(zip(self.family.variables, values.T, strict=True))
         law_numbers = self.family.numbers(variables)
         # One lane of the kernel for each pair of tuning and sample; samples vary fastest, so a
@@ -163,6 +172,7 @@ class Tunings:
         lanes = np.hstack([of_law, np.tile(plants, (shape[0], 1))])
         numbers = ((*law_numbers, *self.plants.numbers()[0]), lanes)
         options = self.options | {"steps_per_sample": steps}
+        # A sample makes all motions, one after the other; their runs are joined into one.
         runs = []
         for path, duration in self.motions:
             population = self.plants.under(
@@ -183,6 +193,7 @@ class Tunings:
         # Under an infinite aim the excess still begins at the limit, else it would be zero and
         # give the search no direction.
         excess = np.clip(peak - min(aim, 1.0) * within, 0, settings.cap).reshape(shape)
+        # Both are capped: one loop that diverges must not hide the mean of all others.
         noise = np.minimum(self._noise(runs).reshape(shape), settings.cap)
         # The worst samples, as many as may fail, do not count.
         counted = shape[1] - int(self.allowed * shape[1])
@@ -231,6 +242,7 @@ class Tunings:
             )
             return checked(population[: settings.checked_tunings])
 
+        # A family that is louder than one that holds, whatever its tuning, gets a check alone.
         if np.isfinite(beat) and self._quietest(population, plants, hard[0]) > (
             settings.louder * beat
         ):
@@ -297,6 +309,7 @@ class Tunings:
         The logarithms of the variables are searched, at most `radius` from the first tuning.
         """
         settings = self.settings
+        # Bandwidths and damping ratios act by their ratios, so the search is in logarithms.
         bounds = np.log(np.array(list(self.family.variables.values())))
         centre = np.log(values[0])
         bounds = np.clip(bounds.T, centre - radius, centre + radius).T
@@ -368,6 +381,7 @@ class Tunings:
             errors = np.where(failed, runs.unrounded.max(axis=1), -1.0)
             worst = np.argsort(-errors, kind="stable")
             count = 0 if self.allowed else min(self.settings.joining_samples, failed.sum())
+            # Where some may fail, those that do are no mistake of the search.
             joining.append(plants[worst[:count]])
             failing |= {i for i, alone in enumerate(by_motion) if (alone.outside > 0).any()}
             if trials[-1].holds:

@@ -110,6 +110,7 @@ def tune(
     >>> print(tuning.law.bandwidth > 0, tuning.certificate.failures)
     True 0
     """
+    # 1. Arguments and samples.
     task = Task(
         "tune",
         found,
@@ -141,6 +142,7 @@ def tune(
     validated = SETTINGS.validation_samples // min(len(task.motions), SETTINGS.shared_motions)
     searching = task.sampled(searched, 0)
     fresh = task.sampled(validated, 1)
+    # 2. The best tuning of each family.
     laws = families(found, fresh.arm, fresh.own, task.reference)
     trials = list[Trial]()
     context = contextlib.nullcontext() if executor is None else Executor(executor)
@@ -168,6 +170,7 @@ def tune(
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, beat))
             # A search that ended early leaves its bar where the next family begins.
             bar.update((i + 1) * generations - bar.n)
+    # 3. The quietest that holds, and its certificate.
     best = min(trials, key=lambda trial: trial.rank)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentificationWarning)  # `tune` has given it already
@@ -198,5 +201,6 @@ def _scale(arm: Arm, rig: Rig, motions: dict[str, tuple[Reference, float]]) -> N
         np.array(path(np.linspace(0, duration, instants))).swapaxes(0, 1)
         for path, duration in motions.values()
     ]
+    # Springs of the rig carry their part of the load without the motors.
     torque = [arm.inverse(*row) - rig.spring_torque(row[0]) for row in np.concatenate(rows)]
     return np.sqrt(np.mean(np.square(torque), axis=0))

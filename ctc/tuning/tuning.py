@@ -83,6 +83,7 @@ def families(found: Any, arm: Arm, rig: Rig, reference: Reference) -> list[Famil
 
 
 def _with_observer(arm: Arm, rig: Rig, default: ComputedTorque, fastest: float) -> Family:
+    # The default is for the arm as identified; stated gears may allow far less.
     slower = [{"bandwidth": w, "observer_ratio": 1.5} for w in (20.0, 60.0, 100.0, 150.0, 200.0)]
     return Family(
         name="computed torque with observer",
@@ -128,6 +129,7 @@ def _feed_forward(
     arm: Arm, rig: Rig, reference: Reference, fastest: float, corner: float
 ) -> Family:
     inertia = np.diag(arm.D(reference(np.zeros(1)).q[0]))
+    # Motor torque per pulse for an acceleration of 1 rad/s^2 per rad, for each joint.
     unit = motor_gain(rig, inertia, 1.0)
     pd = PD(gain=unit * 150.0**2, derivative=unit * 300.0, filter=corner, period=rig.period)
 
@@ -184,6 +186,7 @@ class Trial(Shown, Frozen):
         """Smaller is better: the share of the samples that fails beyond those that may, then the
         noise.
         """
+        # A share, since a check that ends early has fewer samples.
         return max(self.left - self.allowed, 0) / self.of, self.noise
 
     @property

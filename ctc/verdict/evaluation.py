@@ -78,6 +78,7 @@ class Evaluation(Shown):
 
     @property
     def link_error(self) -> NDArray[np.float64]:
+        # A reference is of the motors; `links` is the motion of the links that it was made for.
         record: Any = self.record
         return record.reference.links(record.t).q - record.true_q
 

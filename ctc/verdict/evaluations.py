@@ -80,6 +80,7 @@ class Evaluations(Shown, Mapping[str, Evaluation]):
     @property
     def worst(self) -> str:
         """Name of the motion with the largest encoder error, then the largest true error."""
+        # Whole pulses tie often; the true error decides among equals.
         errors = {
             name: (e.max_error_pulses.max(), e.max_true_error_pulses.max())
             for name, e in self.items()
@@ -197,6 +198,7 @@ def evaluate(
     """
     choice("backend", backend, ("casadi", "numba"))
 
+    # The same loop along one motion, or each of a set.
     def along(motion: Reference) -> Evaluation:
         trace = run(
             arm, rig, law, motion, duration, steps_per_sample, initial, backend, injected=injected
@@ -328,6 +330,7 @@ def compare(
                 steps_per_sample=steps_per_sample,
                 initial=initial,
             )
+        # Controllers are compared to find such ones, so a divergence is a result and no error.
         except DivergenceError as error:
             diverged[name] = str(error)
     return Comparison(evaluations=evaluations, diverged=diverged)

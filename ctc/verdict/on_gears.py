@@ -67,10 +67,10 @@ def damping_of(damping_ratio: Any) -> float:
     return ratio
 
 
-def arm_of(arm: Any, others: str = "") -> Arm:
-    """The arm itself, or that of an identification; `others` names what else the message allows."""
+def arm_of(arm: Any, alternatives: str = "") -> Arm:
+    """The arm itself, or that of an identification; `alternatives` are for the message."""
     controlled: Any = arm.arm if isinstance(arm, Identification) else arm
-    advice = f"Pass the arm that is controlled, or an identification{others}."
+    advice = f"Pass the arm that is controlled, or an identification{alternatives}."
     return instance("arm", controlled, Arm, advice)
 
 
@@ -111,6 +111,7 @@ def on_gears(
         raise ValueError(
             "the rig must have rigid gears; got elastic ones. Evaluate it as it is instead."
         )
+    # Any elasticity makes the kernel one of elastic gears; its numbers are those of each lane.
     gears: Any = Elasticity.from_resonance(arm, RIGID, damping_ratio, q=reference(np.zeros(1)).q[0])
     loop = (arm, with_gears(rig, gears), law, reference)
     return lambda hz: Population(*loop, *gear_numbers(gears, rig.drive, hz), **options).run(threads)
@@ -307,6 +308,7 @@ def from_rest(
             record = run(arm, rig, law, reference, min(duration, _RECOVERY), **settings).record
         except DivergenceError:
             return FromRest(begins=begins, peak=np.inf, back=np.nan, within=within)
+    # The arm lags behind its reference first; it is back when it stays within the limit.
     error = np.abs(record.error_pulses).max(axis=1)
     if error.max() <= within:
         return None

@@ -156,6 +156,7 @@ def sweep_resonance(
     controlled = arm_of(arm)
     shares = {}
     for name, law in laws.items():
+        # One kernel for each law, all its resonances side by side.
         loop = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)
         runs = loop([*resonances, RIGID])
         shares[name] = 1 - runs.outside / runs.samples
