@@ -239,11 +239,10 @@ def identified(
         names = arm.dynamics.names
         values = arm.f
         covariance = None
-    # Stated arms replace the distribution of the identified numbers altogether.
+    # 1. The distribution: stated arms, a stated covariance, fits on gears, or that of the log.
     if uncertainty.plants is not None:
         return Identified(arm=arm, names=(), values=np.empty(0), roots=np.empty((1, 0, 0)))
     fits = None
-    # A stated covariance has precedence over that of the log, and over fits on gears.
     if uncertainty.covariance is not None:
         covariance = np.asarray(uncertainty.covariance)
     elif (
@@ -272,6 +271,7 @@ def identified(
             " Uncertainty(covariance=...), such as found.assumed().covariance(1.0) of one that"
             " follows its log, or plants=found.candidates."
         )
+    # 2. The numbers of it that belong to the plant.
     # Numbers of the logged law are no property of the plant.
     plant = [i for i, name in enumerate(names) if not name.startswith("law.")]
     for i in plant:

@@ -173,6 +173,7 @@ def _arms(uncertainty, distribution, rig, random, places):
             sound &= not _NOT_NEGATIVE.match(name) or values[name] >= 0
         return f, sound
 
+    # 1. A first draw of all samples.
     values = drawn(np.arange(samples))
     f, sound = arms(values)
     # Samples that are a function of given numbers are not drawn again. The first arm takes the
@@ -181,6 +182,7 @@ def _arms(uncertainty, distribution, rig, random, places):
         random.sound = sound
         rows = np.where(sound, np.arange(len(f)), sound.argmax())
         return _Arms(tuple(values), np.column_stack([*values.values()])[rows], f[rows], 0, 0)
+    # 2. Others in place of those that are no arms, until all are.
     middle = dict(zip(distribution.names, distribution.values, strict=True)) | friction
     redrawn = 0
     projected = 0

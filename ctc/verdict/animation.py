@@ -130,6 +130,7 @@ def animate(
     """
     instance("evaluation", evaluation, Evaluation, "Pass what evaluate(...) returned.")
     instance("arm", arm, Arm, "Pass the arm that was evaluated.")
+    # 1. The samples that are shown.
     record = evaluation.record
     q = np.asarray(record.true_q)
     if arm.n != record.n:
@@ -150,6 +151,7 @@ def animate(
     from matplotlib.animation import PillowWriter
 
     scene = _Scene(arm, tip)
+    # 2. One figure, whose lines move from picture to picture.
     # The arm on the left over the whole height; errors on the right, one below the other.
     figure = plt.figure(figsize=(8.5, max(3.6, 1.1 * record.n)), layout="constrained")
     grid = figure.add_gridspec(record.n, 2, width_ratios=(1, 1) if scene.projection else (1, 1.25))
@@ -159,6 +161,7 @@ def animate(
     scene.draw(q[0])
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # a layout for every picture would take most of the time
+    # 3. A picture for each of them.
     writer = PillowWriter(fps=fps)
     with writer.saving(figure, str(path), dpi=80):
         for k in samples:

@@ -78,7 +78,7 @@ class Evaluation(Shown):
 
     @property
     def link_error(self) -> NDArray[np.float64]:
-        # A reference is of the motors; `links` is the motion of the links that it was made for.
+        # On elastic gears the reference of the motors differs from the motion of the links.
         record: Any = self.record
         return record.reference.links(record.t).q - record.true_q
 
