@@ -17,6 +17,8 @@ Dynamics + Record(s) -> Arm, the same arm with f found. The rooms, each above al
 from importlib.util import find_spec
 from pathlib import Path
 
+# The packages of this project import each other by name: a `plant` of another distribution that
+# comes first on the path would be imported silently, and fail later.
 _home = Path(__file__).resolve().parent.parent
 _found = find_spec("plant")
 if _found is None or _found.origin is None or Path(_found.origin).resolve().parent.parent != _home:

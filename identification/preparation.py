@@ -254,6 +254,7 @@ def _require_room(
     """Refuse logs that memory does not hold."""
     n = dynamics.n
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
+    # Records held out are simulated, and count as well.
     samples = sum(len(record) for record in records)
     # Peak of a sample, measured for two and for six joints: tables and two copies of the regressor,
     # or, with methods that follow the counts, about three of all sensitivities.

@@ -144,6 +144,7 @@ def spread(
             runs = tuple(run(seed, checkpoint=stored.part(f"seed {seed}")) for seed in seeds)
     else:
         runs = tuple(mapped(run, seeds, executor))
+    # Of f alone: further unknowns are in the runs.
     f = np.array([run.f for run in runs])
     return Spread(
         names=dynamics.names, runs=runs, f=f, alteration=alteration(f), published=published

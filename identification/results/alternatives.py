@@ -29,8 +29,9 @@ from plant.simulation.followed_path import is_rounded
 class ScoreTestSettings:
     """Sizes and thresholds of the score tests.
 
-    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` (the cause that
-    comes first, by robot) and ``healthy.py`` (right logs that are accused).
+    The values were chosen by hand. They are held by ``tests/benchmarks/detection.py`` (the cause
+    that comes first, by robot), ``silent_mistakes.py`` (nine mistakes, each reported in 10 of 10
+    logs) and ``healthy.py`` (0 of 200 right logs accused).
 
     Parameters
     ----------

@@ -21,8 +21,9 @@ from plant.parts.fields import Floats
 class CorrectionSettings:
     """Limits and iterations of the corrections.
 
-    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` and
-    ``silent_mistakes.py`` (wrong lengths).
+    The values were chosen by hand. They are held by ``tests/benchmarks/silent_mistakes.py``: of a
+    length of 0.45 for 0.35 m, an error of -20 to -24 % is reported in 10 of 10 logs (-22 % is
+    right).
 
     Parameters
     ----------

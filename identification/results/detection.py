@@ -219,6 +219,7 @@ class Detection(Shown, Frozen):
     @property
     def resonances(self) -> dict[str, float]:
         """Locked-rotor resonance [Hz] of each gear that is elastic, by joint."""
+        # Compliance is in 1 / Hz^2, and zero of a rigid gear.
         return {
             self._joint(name): value**-0.5
             for name, value in self._values("compliance")
@@ -253,6 +254,7 @@ class Detection(Shown, Frozen):
     def __str__(self) -> str:
         if self.reason is not None:
             return f"compliance, backlash, lag, friction: not tested: {self.reason}"
+        # In the order of a reader: causes, clean tests, doubts, records, effects without a test.
         by_name = {sign.name: sign for sign in self.signs}
         rest = [sign for sign in self.signs if sign.name not in (*self.names, *UNFITTED)]
         # A fitted cause explains what was significant beside it, so nothing else is unclear then.
@@ -288,6 +290,7 @@ class Detection(Shown, Frozen):
         for sign in self.named:
             # Lag and delay have one number, which has their name; the rest has one per joint.
             value = sign.values.get(sign.name, 0.0)
+            # The fields of all messages; each takes its own.
             fields = {
                 "each": self._by_joint(sign),
                 "chance": f"chi-square {sign.chi_square:.0f}, by chance below {sign.threshold:.0f}",
@@ -413,6 +416,7 @@ class Detection(Shown, Frozen):
 
     def _friction(self, name: str, value: float) -> str:
         """Friction of a joint, fitted and stated."""
+        # Fitted values are deviations from the stated ones.
         kind = name.partition("[")[0]
         stated = self.stated.get(name, 0.0)
         unit = {"viscous": "N m s/rad", "coulomb": "N m"}[kind]

@@ -161,6 +161,7 @@ class Identification(Shown, Saved, Frozen):
             )
         # As long as the record, as more samples lower the bound.
         seconds = len(record) * record.rig.period
+        # With the identified friction and gains, as sensitivities depend on them.
         with warnings.catch_warnings():
             # Gears that are too stiff for the sub-steps give a warning: they are nearly rigid.
             warnings.simplefilter("ignore")

@@ -84,15 +84,11 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
     # 2. Spectra and intervals.
     spectra, intervals = axes[-2:]
     # The innovations should be white; a peak is an effect that the model lacks.
-    for signal, colour, name in (
-        (record.error_pulses, "#444444", "error"),
-        (innovations, colour_of(0), "innovation"),
-    ):
-        frequency, amplitude = _spectrum(signal, record.rig.period)
-        spectra.loglog(frequency, amplitude, color=colour, linewidth=0.7, label=name)
-    dressed(spectra, "spectrum").set_xlabel("frequency [Hz]")
-    spectra.set_ylabel("amplitude [pulses]")
-    legend_above(spectra)
+    period = record.rig.period
+    thin = {"linewidth": 0.7}
+    _draw_spectrum(spectra, record.error_pulses, period, color="#444444", label="error", **thin)
+    _draw_spectrum(spectra, innovations, period, color=colour_of(0), label="innovation", **thin)
+    legend_above(dressed(spectra, "spectrum"))
     draw_intervals(dressed(intervals, "95 % intervals"), identification)
     return axes
 
@@ -181,19 +177,19 @@ def plot_oscillation(oscillation: Any, ax: Any = None) -> NDArray[Any]:
     bands = "; shaded: modes of the linearised loop" if oscillation.modes else ""
     spectra = dressed(axes[-1], f"spectrum; dashed: {oscillation.frequency:.1f} Hz{bands}")
     for signal, style in ((record.error_pulses, measured), (quiet, thin)):
-        frequency, amplitude = _spectrum(signal, record.rig.period)
-        spectra.loglog(frequency, amplitude, **style | {"linewidth": 0.8})
+        _draw_spectrum(spectra, signal, record.rig.period, **style | {"linewidth": 0.8})
     for low, high in oscillation.modes:
         spectra.axvspan(low, high, color=BAND, zorder=0)
     spectra.axvline(oscillation.frequency, color="0.3", linewidth=0.8, linestyle="--")
-    spectra.set_xlabel("frequency [Hz]")
-    spectra.set_ylabel("amplitude [pulses]")
     return axes
 
 
-def _spectrum(signal: Floats, period: float) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Frequencies [Hz] and amplitudes [pulses] of a signal (N, n), joints together."""
+def _draw_spectrum(axis: Any, signal: Floats, period: float, **style: Any) -> None:
+    """Draw the amplitudes of a signal (N, n), joints together, over frequency."""
     frequency, power = spectrum(signal, period)
-    # Without the mean. A line of one frequency has half of its amplitude on this side of the
-    # spectrum, and the window halves it again.
-    return frequency[1:], np.sqrt(power.sum(axis=1))[1:] * 4 / len(signal)
+    # A line of one frequency has half of its amplitude on this side of the spectrum, and the
+    # window halves it again.
+    amplitude = np.sqrt(power.sum(axis=1)) * 4 / len(signal)
+    axis.loglog(frequency[1:], amplitude[1:], **style)  # without the mean
+    axis.set_xlabel("frequency [Hz]")
+    axis.set_ylabel("amplitude [pulses]")

@@ -24,9 +24,9 @@ from plant.parts.fields import Floats
 class StepwiseSettings:
     """Thresholds of the forward selection.
 
-    The values were chosen by hand and are held by ``tests/benchmarks/detection.py`` (the cause that
-    comes first, by robot), ``healthy.py`` (right logs that are accused) and ``second_reading.py
-    causes`` (three laws).
+    The values were chosen by hand. They are held by ``tests/benchmarks/detection.py`` (the cause
+    that comes first, by robot), ``second_reading.py causes`` (three laws) and ``healthy.py`` (0 of
+    200 right logs accused).
 
     Parameters
     ----------
@@ -53,7 +53,8 @@ class StepwiseSettings:
     stiff, soft : float
         Resonances [Hz] between which the first estimate of a compliance is limited.
     minor : float
-        Share of its tolerance below which a cause is covered by the intervals and not reported.
+        Share of its tolerance below which a cause widens the intervals and gives no warning (see
+        ``docs/background/intervals.md``).
     apart : float
         Factor by which the values of each record alone must explain more than any single cause, so
         that the disagreement of the records is all that is reported.
