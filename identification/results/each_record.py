@@ -96,10 +96,9 @@ def _alone(problem: Problem, k: int) -> _Alone:
 
 def _mean(problem: Problem, detection: Detection, alone: dict[int, _Alone]) -> Detection:
     """The detection with the mean of several fits, its covariances, and their scatter."""
-    fits = [record.fit for record in alone.values()]
-    detections = [record.detection for record in alone.values()]
-    noise = [record.noise for record in alone.values()]
-    within = [record.within for record in alone.values()]
+    records = list(alone.values())
+    fits = [record.fit for record in records]
+    within = [record.within for record in records]
 
     # 1. Variance between records beyond that within them. Values that were not varied have none.
     values = np.array([fit.values for fit in fits])
@@ -120,7 +119,7 @@ def _mean(problem: Problem, detection: Detection, alone: dict[int, _Alone]) -> D
     # covariances are averaged, by the roots of the weights on both sides.
     scatter = (weight**2).sum(axis=0) * (between.deviation * wider(between.freedom)) ** 2
     inner = np.diag(_weighted(weight, within))
-    doubt = _weighted(np.sqrt(weight), [record.doubt for record in alone.values()])
+    doubt = _weighted(np.sqrt(weight), [record.doubt for record in records])
 
     # 4. As a fit, with the numbers of single records one below the other.
     rms = np.array([fit.rms_innovation for fit in fits], float)
@@ -132,7 +131,7 @@ def _mean(problem: Problem, detection: Detection, alone: dict[int, _Alone]) -> D
         unknown=problem.unknown,
         values=mean,
         candidates=mean[None],
-        covariance=_weighted(weight, noise),
+        covariance=_weighted(weight, [record.noise for record in records]),
         rms_innovation=None if np.isnan(rms).any() else float(np.sqrt((rms**2).mean())),
         prior=problem.prior,
         zeros=np.vstack(zeros) if zeros else None,
@@ -140,9 +139,9 @@ def _mean(problem: Problem, detection: Detection, alone: dict[int, _Alone]) -> D
     )
     # Moves by assumed numbers are linear: they are averaged like the values.
     assumed = {
-        name: (weight * [record.assumed[name] for record in detections]).sum(axis=0)
+        name: (weight * [record.detection.assumed[name] for record in records]).sum(axis=0)
         for name in detection.assumed
-        if all(name in record.assumed for record in detections)
+        if all(name in record.detection.assumed for record in records)
     }
     # Records that were left out have NaN.
     all_values, all_std = np.full((2, len(problem.records), len(mean)), np.nan)

@@ -103,11 +103,6 @@ class _Case:
     def joints(self) -> tuple[str, ...]:
         return tuple(self.identification.arm.dynamics.chain.joint_labels)
 
-    @property
-    def simulated(self) -> bool:
-        """Whether innovations are differences of a simulation, large where the loop hunts."""
-        return self.identification.search.method == "output_error" and not self.replayed
-
     def log(self, i: int) -> str:
         """Name of the log of a record."""
         several = len(self.identification.records) > 1
@@ -123,10 +118,8 @@ def warnings_of(identification: Any, always: bool = True) -> list[str]:
     # The names of the causes document the order; lines have no names.
     lines = [line for _, check in _CHECKS for line in check(case)]
     # Columns that were misread explain any line, but accuse no log that has none.
-    misreadings: list[str] = []
-    if lines:
-        texts = [misread(record) for record in identification.records]
-        misreadings = [text[1:] for text in texts if text]
+    records = identification.records if lines else ()
+    misreadings = [text[1:] for text in map(misread, records) if text]
     # Wrong signs are reported even where no line doubts the log.
     signs = restated(identification.arm.dynamics, identification.records[0])
     return [*dict.fromkeys(misreadings), *signs, *lines]
@@ -271,10 +264,11 @@ def _law(case: _Case) -> _Lines:
 
 
 def _innovations(case: _Case) -> _Lines:
-    # None where a method has no innovations.
-    rms = case.identification.fit.rms_innovation
-    # `_repeats` warns of a simulation, by its own limit.
-    if rms is not None and rms > SETTINGS.innovation and not case.simulated:
+    result = case.identification
+    rms = result.fit.rms_innovation  # None where a method has no innovations
+    # Those of output error are differences of a simulation, of which `_repeats` warns.
+    simulated = result.search.method == "output_error" and not case.replayed
+    if rms is not None and rms > SETTINGS.innovation and not simulated:
         reason = "Was it made with this rig, law and reference?"
         if case.replayed:
             reason = (
