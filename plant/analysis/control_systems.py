@@ -131,6 +131,7 @@ def _arm_system(
         state = ca.SX.sym("state", 2 * n)
         q = state[:n]
         qd = state[n:]
+        # Without a rig there is neither friction nor a limit: the rigid-body equation alone.
         qdd = inverse(arm.dynamics.D(q, arm.f)).solve(torque - arm.dynamics.h(q, qd, arm.f))
         return _system(
             "arm", state, {"tau": torque}, ca.vertcat(qd, qdd), {"q": q, "qd": qd}, 0, ("q", "qd")
@@ -143,6 +144,7 @@ def _arm_system(
             "distance of a continuous arm's presliding must be positive; got"
             f" {presliding.distance}. Leave presliding out, or take sampled=True."
         )
+    # The simulator's own step, with a law that only holds the torque.
     loop = ClosedLoop(
         dynamics=arm.dynamics,
         rig=punctual_rig(rig),
@@ -168,6 +170,7 @@ def _arm_system(
     outputs = {"q": state.q, "qd": state.qd, "tau": tau}
     if loop.elastic:
         outputs |= {"q": loop.encoded(state), "link": state.link, "link_speed": state.link_speed}
+    # python-control has 0 for continuous time, and None for a system of any time.
     period = rig.period if sampled else 0
     return _system("arm", symbols, {"asked": torque}, following, outputs, period, names)
 
@@ -225,6 +228,7 @@ def _time_response(record: Record) -> control.TimeResponseData:
     import control
 
     columns = [(name, getattr(record, name)) for name in _LOGGED]
+    # Columns that the record does not have are left out.
     columns = [(name, values) for name, values in columns if values is not None]
     outputs = [label for name, _ in columns for label in _labels(name, record.n)]
     return control.TimeResponseData(
@@ -256,6 +260,7 @@ def _system(
 
     n = next(iter(inputs.values())).shape[0]
     u = ca.vertcat(*inputs.values())
+    # Common subexpressions once: the inertia matrix is in all accelerations.
     y = ca.Function("outputs", [state, u], ca.cse([ca.densify(ca.vertcat(*outputs.values()))]))
     f = ca.Function("following", [state, u], ca.cse([ca.densify(following)]))
     if len(states) != state.shape[0]:

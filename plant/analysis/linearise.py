@@ -55,6 +55,7 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSp
     """
     import control
 
+    # The direct term is one: an error is the reference, less the counted position.
     n = arm.n
     A, B, C, states = jacobians(arm, rig, law, pose)
     return control.StateSpace(

@@ -117,6 +117,7 @@ def p_gains(
     inertia = _inertia(arm, motion, poses)
     viscous = rig.drive.joint_viscous()
 
+    # A PD law has critical damping where rate = 2 sqrt(stiffness inertia).
     def pd(gain: Floats) -> PD:
         critical = 2 * np.sqrt(np.abs(per_gain) * gain * inertia)
         # Viscous friction gives a part of the damping already.
@@ -125,6 +126,7 @@ def p_gains(
         return PD(gain=gain, derivative=rate, filter=SETTINGS.filter_ratio * bandwidth)
 
     def advice(gain: Floats) -> str:
+        # Damping ratio of each joint on its own, by viscous friction alone.
         ratio = viscous / (2 * np.sqrt(np.abs(per_gain) * gain * inertia))
         joint = arm.dynamics.chain.joint_labels[int(ratio.argmin())]
         return (
@@ -137,6 +139,7 @@ def p_gains(
     if derivative:
         return _met(arm, rig, reference, peaks, pd, guess, lambda _: "Allow more, or slow down.")
     law = _met(arm, rig, reference, peaks, lambda gain: P(gain=gain), guess, advice)
+    # The law meets the peaks; it must also be stable, and slow enough for its sampling.
     for q in _along(motion, poses):
         frequency, damping = modes(linearise(arm, rig, law, q)).T
         if (damping <= SETTINGS.undamped).any():
@@ -192,6 +195,7 @@ def cascade_gains(
                 f" {bandwidth[joint]:.0f} rad/s at a period of {rig.period:g} s. Allow a peak of"
                 f" {excess * peaks[joint]:.0f} pulses, or slow the reference down."
             )
+        # The speed loop alone is of first order: gain over inertia is its bandwidth.
         speed = inertia * bandwidth / per_gain
         return Cascade(
             position=position,
@@ -226,7 +230,9 @@ def _demand(
             f"peak must be at least 1 pulse; got {peaks.min()}. P control needs an error to act on."
         )
     motion = reference(np.linspace(0, reference.duration, 400))
+    # Once, not in every simulation.
     warn_of_missing_rotors(arm, rig, motion.q[0])
+    # Rigid-body torque, less springs, and friction at the speeds of the motion.
     torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)])
     torque = torque - rig.spring_torque(motion.q) + rig.drive.friction(motion.qd)
     torque = np.abs(rig.drive.motor_torque(torque)).max(axis=0)
@@ -299,6 +305,7 @@ def _met(
 def _require_stable(arm: Arm, rig: Rig, law: Law, motion: Motion, poses: int) -> None:
     """Refuse a sampled law whose loops grow at the pose of largest or of smallest inertia."""
     along = _along(motion, poses)
+    # The extremes of inertia along the motion stand for all its poses.
     traces = [np.trace(arm.D(q)) for q in along]
     for k in {int(np.argmax(traces)), int(np.argmin(traces))}:
         pole = SampledLoops(arm, rig, law, along[k]).unstable_pole()

@@ -37,6 +37,7 @@ class SampledLoops:
     def __init__(self, arm: Arm, rig: Rig, law: Law, pose: ArrayLike | None = None) -> None:
         instance("rig", rig, Rig, "Pass the rig that the law drives.")
         n = rig.n
+        # Linear: no rounding, no dry friction of the arm, none that the law compensates.
         rig = smooth_rig(rig)
         law = law.sliding()
         if pose is None:
@@ -89,6 +90,7 @@ class SampledLoops:
         loop = self._loop
         n = self.rig.n
         m = self._moving
+        # The law keeps the numbers that it was made with: only the plant differs.
         values = self._values.copy()
         for name, value in (numbers or {}).items():
             values[self.names.index(name)] = value
@@ -118,6 +120,7 @@ class SampledLoops:
 
     def unstable_pole(self, numbers: Mapping[str, float] | None = None) -> complex | None:
         """The pole [1/s] that grows fastest with all loops closed; None where they are stable."""
+        # Counts are fed back to the law: u = C x.
         A, B, C = self.matrices(numbers)
         poles = np.linalg.eigvals(A + B @ C)
         largest = poles[np.argmax(np.abs(poles))]

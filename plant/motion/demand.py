@@ -60,6 +60,7 @@ class Demand:
 
 def demand(arm: Arm, rig: Rig, motion: Sequence[Floats]) -> Demand:
     """Torque demand of a path, given by its motion (q, qd, qdd) at its own speed (v = 1, a = 0)."""
+    # All points at once; casadi wants one column per point.
     values = _coefficients(arm, rig).map(len(motion[0]))(*(x.T for x in motion))
     return Demand(
         rig, motion[1], *(rig.drive.coupling.shaft_torque(value.full().T) for value in values)
@@ -71,6 +72,7 @@ def _coefficients(arm: Arm, rig: Rig) -> ca.Function:
     """(q, r', r'') -> the coefficients of a, of v^2, and of neither, (n,) each."""
     q, along, bend = (ca.SX.sym(name, arm.n) for name in ("q", "along", "bend"))
     model = arm.dynamics
+    # Along the path at unit speed: r' takes the place of qd, and r'' that of qdd.
     f = ca.DM(arm.f)
     D = model.D(q, f)
     parts = [
@@ -106,6 +108,7 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
     limit = share * rig.drive.torque_limit()
     # However slow, a motion needs the torque that holds the arm and overcomes dry friction.
     if (torque >= limit).any():
+        # The instant and the joint at which the limit is exceeded most.
         i, joint = np.unravel_index(np.argmax(torque / limit), torque.shape)
         raise ValueError(
             "path must be one along which the drives can hold the arm and creep;"

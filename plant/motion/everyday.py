@@ -117,6 +117,7 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
     chain = instance("arm", arm, Arm, "The order is arm, rig.").dynamics.chain
     instance("rig", rig, Rig, "The order is arm, rig.").require_fit(chain)
     n = rig.n
+    # Limits that are not stated do not bind.
     limits = chain.limits if limits is None else limits
     if limits is None:
         none = np.full(n, np.inf)
@@ -125,6 +126,7 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
         raise ValueError(
             f"limits must have {n} joints like the rig; got {limits.n}. Use those of its chain."
         )
+    # The effort of a joint limits its torque as the amplifier does.
     rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
     unit = np.where([link.prismatic for link in chain.links], SETTINGS.travel, 1.0)
     pose = _pose(arm, rig, limits)
@@ -157,6 +159,7 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
             path=path, times=span, places=span, speeds=(1.0, 1.0), accelerations=(0.0, 0.0)
         )
 
+    # Each motion as a function of its part, since a part may be all that the drives can hold.
     alone = zip(chain.joint_labels, 0.5 * np.diag(unit), strict=True)
     planned = {f"{label} alone": move(by, 3.0) for label, by in alone} | {
         "all slowly": move(0.3 * unit * turns, 4.5),
@@ -176,6 +179,7 @@ def _pose(arm: Arm, rig: Rig, limits: Limits) -> NDArray[np.float64]:
     neither zero nor the largest. If the drives cannot hold the arm there, anywhere inside the
     limits.
     """
+    # A joint that may turn once around, or more, has no middle.
     span = limits.upper - limits.lower
     prismatic = np.array([link.prismatic for link in arm.dynamics.chain.links])
     limited = np.where(prismatic, np.isfinite(span), span < 2 * np.pi)
@@ -203,6 +207,7 @@ def _tried_poses(
     holding = np.abs(needed.holding)
     dry = np.abs(needed.dry_friction())
     largest = holding.max(axis=0)
+    # With its dry friction, so that the arm can leave the pose.
     allowed = SETTINGS.share * rig.drive.torque_limit()
     loaded = largest > SETTINGS.loaded * largest.max()
     share = holding[:, loaded] / largest[loaded]
@@ -264,6 +269,7 @@ def naming(name: str) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
+        # The kind of the error stays, for code that catches it.
         raise type(error)(f"motion {name!r}: {error}" if name else str(error)) from None
 
 

@@ -133,6 +133,7 @@ def fastest(
     True
     """
     instance("reference", reference, Reference, "The order is arm, rig, reference.")
+    # Without a search: one factor for the whole motion.
     if uniform:
         if (motor_speed, torque_rate, limits) != (None, None, None):
             raise ValueError(
@@ -156,6 +157,7 @@ def fastest(
             )
         rig = dataclasses.replace(rig, drive=rig.drive.limited_to(limits.effort))
     speed_limit = np.full(rig.n, np.inf) if limits is None else limits.velocity
+    # The uniform motion is the start of the search, and its unit of time.
     shortest = shortest_duration(arm, rig, reference, share)
     fastest_motor = _bound("motor_speed", motor_speed, rig.n)
     steepest = _bound("torque_rate", torque_rate, rig.n)
@@ -168,6 +170,7 @@ def fastest(
     needed = demand(arm, rig, motion)
     unit = (reference.duration / shortest) ** 2
     x = ca.SX.sym("x", spline.count)
+    # b = v^2 is linear in x, and so is the acceleration a = b' / 2.
     b = unit * (spline.matrix(0) @ x)
     a = unit / 2 * (spline.matrix(1) @ x)
     # The slope of the root stays finite where the motion starts from rest.
@@ -179,6 +182,7 @@ def fastest(
 
     # 3. Between the points the result may exceed a limit a little: slow it down until it does not.
     fine = np.linspace(0.0, law.duration, 10 * len(law.times))
+    # Ten instants per point of the law.
     qd = law(fine).qd
     too_fast = max(
         np.abs(rig.drive.motor_angle(qd) / fastest_motor).max(), np.abs(qd / speed_limit).max()
@@ -193,6 +197,7 @@ def _solved(problem: dict[str, ca.SX], motion: Motion, intervals: int) -> Floats
     The new motion rests there.
     """
     ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
+    # Ipopt gets exact first and second derivatives from casadi.
     solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
     count = problem["x"].shape[0]
     smallest = np.full(count, SETTINGS.smallest)
@@ -282,11 +287,13 @@ class _Spline:
 
         self.count = intervals + 3
         self.edges = np.linspace(0.0, end, intervals + 1)
+        # Clamped at both ends: the end coefficients are the values there.
         knots = np.concatenate([[0.0] * 3, self.edges, [end] * 3])
         self._of: Any = lambda coefficients: BSpline(knots, coefficients, 3)
         ends = [SETTINGS.points_at_ends]
         orders = ends + [SETTINGS.points] * (intervals - 2) + ends
         rules = {order: np.polynomial.legendre.leggauss(order) for order in set(orders)}
+        # Gauss-Legendre quadrature on each interval.
         half = end / intervals / 2
         inside = [
             low + half * (1 + rules[order][0])
@@ -312,6 +319,7 @@ class _Spline:
         places = low + width * x**2 * (3 - 2 * x)
         intervals = (width * 3 * x * (1 - x) * weight / np.sqrt(b(places))).sum(axis=1)
         times = np.concatenate([[0.0], np.cumsum(intervals)])
+        # Rounding may leave b a little below zero where it begins at zero.
         speeds = np.sqrt(np.maximum(b(s), 0.0))
         return Scaled(
             path=path, times=times, places=s, speeds=speeds, accelerations=b.derivative()(s) / 2

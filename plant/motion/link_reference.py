@@ -91,6 +91,7 @@ class LinkReference(Derived):
                 f"reference must have {self.rig.n} joints like the rig; got {self.reference.n}."
                 " Match it."
             )
+        # Last, since it evaluates the motion.
         self._require_smooth()
 
     def _require_smooth(self) -> None:

@@ -91,6 +91,7 @@ class Reference(Part, abc.ABC):
         factor = real(
             "factor", factor, "Give how many times as long the motion is to take.", positive=True
         )
+        # Two points of a time law with one speed: the place is linear in time.
         end = self.duration
         speed = 1.0 / factor
         law = {"times": (0.0, end * factor), "places": (0.0, end), "speeds": (speed, speed)}
@@ -186,6 +187,7 @@ class Scaled(Timed):
 
     def __post_init__(self) -> None:
         count = self._keep_times(from_zero=True)
+        # A time law changes the deflection of gears: motors must be derived after it.
         if self.path.links is not self.path:
             kind = type(self.path).__name__
             raise ValueError(
@@ -214,6 +216,7 @@ class Scaled(Timed):
         """Functions of time: s and its four derivatives."""
         from scipy.interpolate import BPoly  # 0.2 s, for those who use it
 
+        # Degree 5 through place, speed and acceleration of both neighbours.
         law = BPoly.from_derivatives(
             self.times, np.column_stack([self.places, self.speeds, self.accelerations])
         )

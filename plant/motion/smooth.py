@@ -83,6 +83,7 @@ class Harmonics(_Smooth):
 
     def _derivatives(self, t: Floats, orders: Sequence[int]) -> list[Floats]:
         """Real parts of amplitudes times exp(i j w t); each derivative multiplies by i j w."""
+        # Complex amplitudes: one power of i j w per derivative, of any order.
         rate = 2j * np.pi / self.period * np.arange(1, np.shape(self.cosine)[1] + 1)
         amplitude = np.asarray(self.cosine) - 1j * np.asarray(self.sine)
         waves = np.exp(t[:, None] * rate)
@@ -134,6 +135,7 @@ class PointToPoint(_Smooth):
         # The only polynomial of degree 5 from 0 to 1 with zero slope and curvature at both ends.
         path = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
         s = np.clip(t / self.duration, 0.0, 1.0)[:, None]
+        # Before the start and after the goal all derivatives are zero.
         move = np.subtract(self.goal, self.start)
         start = np.asarray(self.start)
         inside = ((t >= 0) & (t <= self.duration))[:, None]

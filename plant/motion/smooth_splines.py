@@ -22,6 +22,7 @@ def smooth_splines(t: Floats, columns: Floats, rounded: bool, finer: float) -> l
     """
     from scipy.interpolate import make_interp_spline
 
+    # A hash of the data, since arrays of equal logs are different objects.
     key = hashlib.blake2b(repr((columns.shape, rounded, finer)).encode())
     for part in (t, columns):
         key.update(np.ascontiguousarray(part).data)
@@ -75,6 +76,7 @@ def _least_squares_splines(t: Floats, columns: Floats, knots: Floats) -> tuple[l
     order = _DEGREE + 1
     size = len(knots) - order
     design = BSpline.design_matrix(t, knots, _DEGREE)
+    # Each row of the sparse matrix has as many entries as the order.
     value = design.data.reshape(-1, order)
     place = design.indices.reshape(-1, order)
 

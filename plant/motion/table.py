@@ -86,8 +86,10 @@ class Table(Timed):
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         times = np.asarray(self.times)
         points = np.asarray(self.points)
+        # The segment that begins at or before each time.
         row = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
         slope = np.diff(points, axis=0)[row] / np.diff(times)[row][:, None]
+        # Outside the table the arm rests at its ends.
         inside = ((t >= times[0]) & (t < times[-1]))[:, None]
         s = np.clip(t, times[0], times[-1])
         q = points[row] + slope * (s - times[row])[:, None]

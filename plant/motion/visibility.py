@@ -101,6 +101,7 @@ def visibility(
     if load is not None:
         regressor = regressor @ dynamics.load_matrix(load)
         names = LOAD
+    # Noise hides the smaller components of a load.
     if tolerance is None:
         tolerance = 1e-6 if load is None else 1e-3
     return _identifiable(regressor, names, tolerance)
@@ -146,6 +147,7 @@ def _identifiable(regressor: Floats, parameters: Sequence[str], tolerance: float
             if k != column:
                 terms.append(f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.4g} {summands[k]}")
         combinations.append(" ".join(terms))
+    # Their columns are zero: they have no effect on the torque of this motion.
     invisible = np.flatnonzero(lengths <= tolerance * lengths.max())
     # Columns of one length: the units of the parameters must not count.
     scaled = regressor[:, independent] / lengths[independent]

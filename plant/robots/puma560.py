@@ -86,6 +86,7 @@ def dynamics() -> Dynamics:
         Link(name="2", alpha=-np.pi / 2, a=0.0, d=0.0),
         Link(name="3", alpha=0.0, a=LINK_LENGTH, d=0.0),
     )
+    # The paper's parameters, so that results can be compared with its numbers.
     lumping = Lumping.from_equation(
         lambda link2, link3: equation_3(link2, link3, LINK_LENGTH),
         links=2,
@@ -114,9 +115,11 @@ def literature_arm(
     def body(mass: float, x: float, y: float, izz: float = 0.0, rotor: float = 0.0) -> Body:
         return Body(mass=mass, com=(x, y, 0.0), inertia=(0, 0, 0, 0, 0, izz), rotor=rotor)
 
+    # The f of the paper contains the rotors' reflected inertia.
     rotor2, rotor3 = rig().drive.reflected_inertia()
     link2 = body(17.4, 0.068, 0.006, 0.539, rotor2)
     link3 = body(4.8, 0.0, -0.070, 0.086, rotor3)
+    # Masses and centres of the three wrist links, in frame 3.
     for wrist in ((0.82, -0.0203, -0.414), (0.34, -0.0203, -0.4331), (0.09, -0.0203, -0.465)):
         link3 = link3.joined(body(*wrist))
     if tool_mass:
@@ -132,6 +135,7 @@ def rig() -> Rig:
     (0.7 ms, 12 A amplifiers); motor inertia 2e-4 kg m^2 and motor gains 0.228 and 0.238 N m/A from
     Corke and Armstrong-Helouvry (1994).
     """
+    # Per motor, on the motor's side of the gear; joint 3 turns against its motor.
     drive = Drive(
         gear=(107.8, -53.7),
         motor_inertia=(2e-4, 2e-4),

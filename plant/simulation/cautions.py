@@ -19,6 +19,7 @@ def warn_of_stiff_gears(arm: Arm, rig: Rig, pose: Floats, steps_per_sample: int)
     drive = rig.drive
     if drive.elasticity is None:
         return
+    # D of a chain with rotors contains them; the links are the remainder.
     motors = drive.reflected_inertia()
     links = np.diag(drive.coupling.shaft_inertia(arm.D(pose))) - motors
     h = rig.period / steps_per_sample
@@ -49,6 +50,7 @@ def warn_of_missing_rotors(arm: Arm, rig: Rig, q: Floats) -> None:
     rotors = rig.drive.reflected_inertia()
     if not chain.bodies or chain.n != rig.n or any(body.rotor for body in chain.bodies):
         return
+    # An identified f has the rotors in it, whatever the bodies state.
     stated = arm.dynamics.f(chain.bodies)
     if not np.allclose(arm.f, stated, rtol=1e-9, atol=1e-12 * np.abs(stated).max(initial=0.0)):
         return  # identified, or with rotors that the bodies do not show

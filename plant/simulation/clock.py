@@ -64,6 +64,7 @@ class Clock:
         uneven = np.abs(lateness) > SETTINGS.even * period
         if not uneven.any():
             return cls.regular(len(t), period)
+        # The last sample is held for one period.
         lengths = np.append(np.diff(t), period)
         median = float(np.median(lengths))
         if abs(median - period) > SETTINGS.period * period:
@@ -95,6 +96,7 @@ class Clock:
         """Intervals (K, 1) [s] from samples of the log to the next; one number if they are even."""
         if self.even is not None:
             return self.even
+        # Across a gap this is its whole length.
         return np.append(np.diff(self.t[self.rows]), self.lengths[-1])[rows][:, None]
 
     def bridged(self, values: Floats) -> Floats:
@@ -111,6 +113,7 @@ class Clock:
 
     def measured(self, values: Floats) -> Floats:
         """Values (N, m) of the log for all samples (M, m), zero in the samples between."""
+        # A weight of zero excludes the samples that bridge a gap.
         filled = np.zeros((len(self), values.shape[1]))
         filled[self.rows] = values
         return filled

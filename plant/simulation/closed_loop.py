@@ -77,6 +77,7 @@ class ClosedLoop(Layout):
             evaluated, finite = self._with_law(position, ca.SX(self.h))
             torque = evaluated.torque
             ok = _if(finite, ok)
+        # The log has the torque that acts, hence with the injected part.
         torque = self._with_injected(torque)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))), ok)
 
@@ -108,6 +109,7 @@ class ClosedLoop(Layout):
 
         # 3. The score of this sample.
         if self.score is not None:
+            # A score may read the beginning of the log alone, such as its errors.
             added, memory = self.score(log[: self.score.nnz_in(0)], data, state.memory)
             following = following._replace(score=state.score + added, memory=memory)
         return self._function("sample", following, log, data)
@@ -120,6 +122,7 @@ class ClosedLoop(Layout):
         drive = rig.drive
         h = self._time.h
         middle = state.q + h / 2 * state.qd
+        # Encoders, friction and springs are evaluated in the middle of the step.
         link_middle = state.link + h / 2 * state.link_speed if self.elastic else middle
         following = state
 
@@ -131,6 +134,8 @@ class ClosedLoop(Layout):
         if rig.transport is not None:
             torque = rig.transport.acting(torque, state.before, self._time.place, h)
         torque = self._with_injected(torque)
+        # Behind the amplifier's limit, currents follow their command late, and the torque ripple of
+        # the motors adds to it.
         if drive.current_lag is not None:
             torque, driven = lagging(torque, state.driven, drive.current_lag, h)
             following = following._replace(driven=driven)
@@ -152,6 +157,7 @@ class ClosedLoop(Layout):
             following = following._replace(drifted=drifted)
         f = self._numbers.f
         if self.elastic:
+            # The links move by half a step at their old speed and half at the new one.
             motors = middle, state.qd
             links = link_middle, state.link_speed
             step = elastic(self.dynamics, rig, f, motors, links, torque, h, friction)
@@ -190,6 +196,7 @@ class ClosedLoop(Layout):
         inputs = [state.law, *setpoint, pulses, state.torque, dt, numbers]
         if self.law.replays:
             inputs.append(time.logged)
+        # The law of a loop reads the torque applied last, before the transport delays it.
         command, law = self._block.step(*inputs)
         finite = ca.sum1(ca.fabs(command)) < ca.inf
         return following._replace(law=law, torque=rig.drive.limited(command)), finite
@@ -204,6 +211,7 @@ class ClosedLoop(Layout):
         self, name: str, following: Any, log: ca.SX | None = None, data: ca.SX | None = None
     ) -> ca.Function:
         """The Function of the vectors that gives the following state, and a log."""
+        # The kernels number all outputs, so that none may be sparse.
         outputs = [ca.densify(self.state_fields.write(self.n, **following._asdict()))]
         output_names = ["following"]
         if log is not None:
@@ -218,6 +226,7 @@ class ClosedLoop(Layout):
 
     def sound(self, state: Any) -> Any:
         """Whether a loop with this state (s,), or each of many (s, P), has not diverged."""
+        # The bounds of the motion were last checked at a sample.
         ok, motion = self._watched
         return (state[ok] > 0) & bounded(state[motion])
 

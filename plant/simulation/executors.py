@@ -39,6 +39,7 @@ class _Work:
 
     def __call__(self) -> Any:
         if self.version != __version__:
+            # Another version may give other bits, which no result would show.
             raise OtherVersionError(
                 f"workers must have onepulse {self.version}; one has {__version__}. Install it."
             )
@@ -69,6 +70,7 @@ class Executor:
         self._renew()
 
     def __enter__(self) -> Self:
+        # Maps inside the statement leave the executor open.
         self._held = True
         return self
 
@@ -96,6 +98,7 @@ class Executor:
                 " ran. Give a function that makes executors, such as lambda:"
                 " ProcessPoolExecutor(2), which then makes another."
             )
+        # Closed in any case, but still held by the statement around it.
         held = self._held
         self._held = False
         self.close()
@@ -169,6 +172,7 @@ def finished(
             return None if running else suspects.popleft()
         if waiting:
             return waiting.popleft()
+        # Calls are made one by one: there may be more than fit in memory.
         for number, (key, parts) in itertools.islice(source, 1):
             return _Call(key, number, parts)
         return None
@@ -193,6 +197,7 @@ def finished(
                 future = ended.get()
                 call, error = running.pop(future), _error_of(future)
                 _require_same_library(error)
+                # A pool breaks as a whole; Dask replaces its worker itself.
                 broken |= isinstance(error, BrokenExecutor)
                 if error is None:
                     yield call.key, future.result(), None
@@ -213,6 +218,7 @@ def finished(
                 broken = False
     finally:
         for future in running:
+            # The caller stopped, or a call failed: what has not begun need not run.
             future.cancel()
         executor.close(wait=not running)
 
@@ -224,6 +230,7 @@ def mapped(function: Callable[[Any], T], items: Sequence[Any], executor: Any) ->
     if not isinstance(executor, Executor):
         executor = Executor(executor)
     for i, result, error in finished(calls, executor):
+        # A refusal of the work itself has its own message.
         if isinstance(error, ValueError):
             raise error
         if error is not None:
@@ -252,6 +259,7 @@ def _killed(error: BaseException) -> bool:
 
 
 def _line(error: BaseException) -> str:
+    # Messages of executors may have many lines, and whole tracebacks.
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text:.300}" if text else type(error).__name__
 

@@ -91,6 +91,7 @@ class Logged:
         self.pulses = reference_pulses
         self.rig = rig
         self.clock = clock
+        # Fractions of counts were not rounded in the experiment, and are not rounded here.
         self.whole = bool((reference_pulses == np.trunc(reference_pulses)).all())
         self._splines: dict[float, list[Any]] = {}
 
@@ -103,6 +104,7 @@ class Logged:
         pulses = self.pulses[row] + step * np.maximum(place - row, 0)[:, None]
         speed = self.rig.to_angle(step / self.clock.apart(row))
         motion = Motion(self.rig.to_angle(pulses), speed, np.zeros_like(pulses))
+        # Between two samples the card rounds what it interpolates.
         return motion, self.rig.encoder.quantised(pulses) if self.whole else pulses
 
     def smoothed(self, t: Floats, finer: float = 1.0) -> Motion:
@@ -117,6 +119,7 @@ class Logged:
             if self.whole:
                 centres = encoder.position_in_pulses(encoder.cell_centre(self.pulses))
             self._splines[finer] = smooth_splines(sampled, centres, self.whole, finer)
+        # Before the log and after it the splines are not defined; the motion stands still there.
         within = np.clip(t, 0, sampled[-1])
         splines = self._splines[finer]
 
@@ -158,6 +161,7 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
             f" {off[wrong[0]]:.0f} pulses off. {_scale_hint(record, counts)}Correct the reference,"
             " or leave it out to replay the logged counts."
         )
+    # Logged fractions show that nothing was rounded in the experiment.
     whole = (record.reference_pulses == np.trunc(record.reference_pulses)).all()
     return Path(record.reference, smooth_rig(record.rig)) if smooth or not whole else path
 
@@ -200,6 +204,8 @@ def with_path(record: Record) -> Record:
     torques. The record itself is returned if its path is known, or is not smooth: its counts are to
     be those of the motion but for one sample in twenty.
     """
+    # A law with a period reads its reference at samples alone, and a fast one with a
+    # memory needs the reference that it had.
     law: Any = record.law
     if not is_rounded(record) or law.period is not None or law.initial_state(record.n).size:
         return record
@@ -207,6 +213,7 @@ def with_path(record: Record) -> Record:
         return record
     clock = Clock.of(record)
     times = clock.t[clock.rows]
+    # The splines must give the log's own counts again.
     q = Logged(record.reference_pulses, record.rig, clock).smoothed(times).q
     off = np.abs(record.rig.counts(q) - record.reference_pulses)
     if off.max() > 1 or (off > 0).mean() > SETTINGS.missed or times[0] != 0:
@@ -244,6 +251,7 @@ def _initial_speed(record: Record) -> Floats:
     counts = record.counts[: SETTINGS.start]
     if len(t) < SETTINGS.start or (np.ptp(counts, axis=0) <= 1).all():
         return np.zeros(record.n)
+    # In units of the stretch, so that the fit is well conditioned.
     scale = t[-1]
     coefficients = polynomial.polyfit(t / scale, counts, 2)
     off = np.abs(polynomial.polyval(t / scale, coefficients).T - counts).max(axis=0)
@@ -284,6 +292,7 @@ def write_replay(record: Record, path: str | os.PathLike[str]) -> None:
     followed = path_of(record)
     law = record.law
     motion = followed(record.t)[0] if law is None else followed.setpoint(record.t)
+    # The error is reference minus count.
     pulses = record.reference_pulses - record.error_pulses
     if (pulses != np.trunc(pulses)).any():
         raise ValueError(

@@ -41,6 +41,7 @@ def jacobians(
     A, B = (matrix.full() for matrix in linear(at_rest, row, values))
     names = [loop.state_names[i] for i in moving]
     C = np.zeros((n, len(moving)))
+    # The states that the encoders measure.
     measured = "link[" if rig.encoder.side == "link" else "q["
     columns = [i for i, name in enumerate(names) if name.startswith(measured)]
     # The commanded counts enter by the error, commanded minus counted: hence the sign.

@@ -37,6 +37,7 @@ class LawRun(Frozen):
         # A mean is the difference of the torque's integral over the window's length.
         impulse = np.cumsum(np.diff(ends)[:, None] * self.given, axis=0)
         integral = np.vstack([np.zeros(self.given.shape[1]), impulse])
+        # A window at the start of the log is shorter.
         low = np.maximum(t - width / 2, 0.0)
         high = t + width / 2
         means = [
@@ -65,10 +66,12 @@ def run_from(record: Record, states: Iterable[Any], finer: float = 1.0) -> Itera
         )
     clock = Clock.of(record)
     path = path_of(record, clock, smooth=not law.rounds)
+    # A law without a period is stepped so often that its steps hardly matter.
     period = law.period or rig.period / FAST
     steps = int(np.floor(clock.t[clock.rows[-1]] / period + 1e-6)) + 1
     t = np.asarray(period * np.arange(steps), dtype=np.float64)
     motion = path.smoothed(t, finer) if isinstance(path, Logged) else path.setpoint(t)
+    # The law reads what its controller read: the motion, commanded counts, and its own counts.
     columns = *motion, path(t)[1], clock.between(law.replayed(record), t)
     for torque, memory in law.steps(rig, columns, period, states):
         yield LawRun(t=t, given=torque, states=memory)

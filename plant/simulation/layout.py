@@ -48,6 +48,7 @@ class Correction(Part):
     @classmethod
     def with_memory(cls, n: int, samples: float) -> Self:
         """Gains of n motors for a double observer pole with a time constant of `samples`."""
+        # For poles p, p the alpha-beta filter has alpha = 1 - p^2 and beta = (1 - p)^2.
         pole = np.exp(-1 / samples)
         return cls(position=(1 - pole**2,) * n, speed=((1 - pole) ** 2,) * n, zero=(0.0,) * n)
 
@@ -70,12 +71,14 @@ class Layout:
         for name in ("steps_per_sample", "sweeps"):
             whole(name, getattr(self, name), "The defaults are 4 and 3.")
         self.rig.require_fit(self.dynamics.chain)
+        # Derivatives need a loop without rounding, jumps of friction and random instants.
         if self.smooth:
             object.__setattr__(self, "rig", punctual_rig(smooth_rig(self.rig)))
         # A law that repeats a log reads no counts, so their instant has no effect.
         if self.law.replays and self.rig.jitter is not None:
             object.__setattr__(self, "rig", dataclasses.replace(self.rig, jitter=None))
         self.steps_per_law  # noqa: B018 - refuses a period that does not fit
+        # A torque that is later than the next step of the law would need a longer memory.
         transport = self.rig.transport
         if transport is not None and not transport.delay <= (self._block.period or -1):
             raise ValueError(
@@ -114,6 +117,7 @@ class Layout:
     @cached_property
     def follows_motion(self) -> bool:
         """Whether the law reads q, qd or qdd of its setpoint, beside the commanded counts."""
+        # By the graph of its step, not by its declaration: most laws use a part of the setpoint.
         step = self._block.step
         symbols = [ca.SX.sym(step.name_in(i), step.size1_in(i)) for i in range(step.n_in())]
         return bool(ca.depends_on(ca.vertcat(*step(*symbols)), ca.vertcat(*symbols[1:4])))
@@ -125,58 +129,64 @@ class Layout:
     # -- the vectors -------------------------------------------------------------------------------
     @cached_property
     def state_fields(self) -> Fields:
-        """Fields of the state.
-
-        ``q``, ``qd`` : position [rad] and velocity [rad/s] of the motors, as joints on rigid gears
-        would have them. ``impulse`` of dry friction in the step before [N m s], ``torque`` applied
-        last [N m], state of the ``law``. With a transport: ``before``, the torque before that one,
-        and ``seen``, the counts that the law read last. With elastic gears ``link`` and
-        ``link_speed`` are the joints' own motion; ``driven`` is the torque of currents that lag,
-        ``bristle`` the deflection of presliding friction, ``drifted`` the progress of the drift of
-        friction, 0 to 1. ``memory`` of the score and the ``score``; ``ok`` is 1, and 0 in a loop
-        that has diverged.
-        """
-        passing = _per_joint_if(self.rig.transport is not None)
+        """Fields of the state, in order."""
+        drive = self.rig.drive
+        transport = _per_joint_if(self.rig.transport)
         return Fields(
+            # Position [rad] and velocity [rad/s] of the motors, as joints on rigid gears have them.
             q=per_joint(),
             qd=per_joint(),
+            # Impulse of dry friction in the previous step [N m s].
             impulse=per_joint(),
+            # Joint torque applied last [N m], and the state of the law.
             torque=per_joint(),
             law=scalars(len(self._block.initial), start=self._block.initial),
-            before=passing,
-            seen=passing,
-            **{name: _per_joint_if(needed) for name, needed in self._effects.items()},
+            # With a transport the torque before that one, and the counts that the law read last.
+            before=transport,
+            seen=transport,
+            # With elastic gears the motion of the joints themselves.
+            link=_per_joint_if(self.elastic),
+            link_speed=_per_joint_if(self.elastic),
+            # Torque of currents that lag [N m].
+            driven=_per_joint_if(drive.current_lag),
+            # Deflection of the bristles of presliding friction.
+            bristle=_per_joint_if(drive.presliding),
+            # Progress of the drift of friction, 0 to 1.
+            drifted=_per_joint_if(drive.friction_drift),
+            # State of the score, and its sum over the samples.
             memory=scalars(0 if self.score is None else int(self.score.nnz_in(2))),
             score=scalars(),
+            # 1, and 0 once the loop has diverged. It is last: the kernel's text reads it there.
             ok=scalars(start=1.0),
         )
 
     @cached_property
     def time_fields(self) -> Fields:
-        """Fields of the inputs that are known beforehand, for each step.
-
-        ``q_r``, ``qd_r``, ``qdd_r`` [rad, s] and commanded counts ``pulses_r``; the column that the
-        law replays, ``logged``; the ``injected`` torque [N m]. With a transport the ``place`` of
-        the sub-step after the law's, and the loops that ``lost`` their counts; with jitter the
-        ``draw`` of the law's instant. ``h``: length of the coming sub-step [s].
-        """
-        passing = _single_if(self.rig.transport is not None)
+        """Fields of the inputs that are known beforehand for each step, in order."""
+        transport = _single_if(self.rig.transport)
         return Fields(
+            # The reference [rad, s], and its commanded counts.
             q_r=per_joint(),
             qd_r=per_joint(),
             qdd_r=per_joint(),
             pulses_r=per_joint(),
-            logged=_per_joint_if(self.law.replays is not None),
+            # The column of its log that the law repeats.
+            logged=_per_joint_if(self.law.replays),
+            # Torque beside the law's [N m].
             injected=_per_joint_if(self.injected),
-            place=passing,
-            lost=passing,
-            draw=_single_if(self.rig.jitter is not None),
+            # Number of the sub-step after the law's step, and the loops whose counts are lost, as
+            # the bits of a number.
+            place=transport,
+            lost=transport,
+            # Random draw of the instant at which the law reads its counts.
+            draw=_single_if(self.rig.jitter),
+            # Length of the coming sub-step [s].
             h=scalars(start=self.h),
         )
 
     @cached_property
     def number_fields(self) -> Fields:
-        """Fields of the numbers: f, then the law's, the rig's and the correction's."""
+        """Fields of the numbers, in order; those of the law's block are the law's and the rig's."""
         rig = len(self.rig.number_values())
         correction = 0 if self.correction is None else len(self.correction.number_values())
         return Fields(
@@ -188,20 +198,14 @@ class Layout:
 
     @cached_property
     def log_fields(self) -> Fields:
-        """Fields of the log of a sample.
-
-        ``error`` [pulses]: tracking error, with a correction the innovation. ``torque`` [N m],
-        position ``q`` [rad] and velocity ``qd`` [rad/s] of the joints; with elastic gears the
-        position ``motor`` of the motors [rad].
-        """
+        """Fields of the log of a sample (`log_fields_of`)."""
         return log_fields_of(self.elastic)
 
     @cached_property
     def data_fields(self) -> Fields:
-        """Fields of the measured data of a sample: counts [pulses] and weight of a correction, or
-        those of the score.
-        """
+        """Fields of the measured data of a sample: a correction's, or those of the score."""
         if self.correction is not None:
+            # Counts [pulses], and 1 or 0: a sample that bridges a gap was not measured.
             return Fields(counts=per_joint(), weight=scalars())
         return Fields(score=scalars(0 if self.score is None else int(self.score.nnz_in(1))))
 
@@ -238,21 +242,11 @@ class Layout:
         return self.rig.drive.elasticity is not None
 
     @property
-    def _effects(self) -> dict[str, bool]:
-        """Whether the drive has each of the states that its parts may add."""
-        drive = self.rig.drive
-        return {
-            "link": self.elastic,
-            "link_speed": self.elastic,
-            "driven": drive.current_lag is not None,
-            "bristle": drive.presliding is not None,
-            "drifted": drive.friction_drift is not None,
-        }
-
-    @property
     def drive_states(self) -> tuple[str, ...]:
         """Names of the states, n each, that the parts of the drive add."""
-        return tuple(name for name, needed in self._effects.items() if needed)
+        names = "link", "link_speed", "driven", "bristle", "drifted"
+        places = self.state_fields.at(self.n)
+        return tuple(name for name in names if places[name])
 
     # -- records of symbols ------------------------------------------------------------------------
     @cached_property
@@ -313,6 +307,7 @@ class Layout:
         start = self.state_fields.initial(self.n)
         state = self.state_fields.read(start, self.n)._replace(q=q, qd=qd)
         if self.elastic:
+            # Without numbers the gears are taken as unloaded.
             link = q
             if numbers is not None:
                 link = self.hanging(q, numbers).full().reshape((self.n, *arms))
@@ -372,22 +367,27 @@ class Layout:
 
 
 def log_fields_of(elastic: bool) -> Fields:
-    """Fields of the log of a sample; `Layout.log_fields` has their meaning."""
+    """Fields of the log of a sample, in order, of joints on rigid or on elastic gears."""
     return Fields(
+        # Tracking error [pulses]; with a correction the innovation, counted minus predicted.
         error=per_joint(),
+        # Torque of the motors [N m], joint side.
         torque=per_joint(),
+        # Position [rad] and velocity [rad/s] of the joints.
         q=per_joint(),
         qd=per_joint(),
+        # Position of motors on elastic gears [rad].
         motor=_per_joint_if(elastic),
     )
 
 
-def _per_joint_if(needed: bool) -> Field:
-    return per_joint(1 if needed else 0)
+def _per_joint_if(part: Any) -> Field:
+    """A number per joint if there is a part that needs it, otherwise none."""
+    return per_joint(1 if part else 0)
 
 
-def _single_if(needed: bool) -> Field:
-    return scalars(1 if needed else 0)
+def _single_if(part: Any) -> Field:
+    return scalars(1 if part else 0)
 
 
 def _names(fields: Fields, n: int) -> list[str]:

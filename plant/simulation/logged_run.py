@@ -92,6 +92,7 @@ def _repeated(key: Structure, chunk: int, count: int) -> ca.Function:
     state = ca.MX.sym("state", len(loop.state_names))
     numbers = ca.MX.sym("numbers", len(loop.number_names))
     times = [ca.MX.sym(name, len(loop.time_names), size) for name, size in rows.items()]
+    # Expanded to scalar operations once; `mapaccum` then repeats the chunk.
     once = ca.Function(
         "chunk", [state, *times, numbers], _stepped(loop, state, times, numbers, chunk)
     ).expand()
@@ -107,6 +108,7 @@ def logged_run(
     """
     numbers = loop.number_values(arm.f)
     state = loop.initial_state(start[0], start[1], numbers)
+    # The kernel writes its log in place; casadi needs all tables at once.
     if backend == "numba":
         final, log, true_error = _by_kernel(loop, driven, state, numbers)
     else:
@@ -122,6 +124,7 @@ def _by_kernel(
     path, clock, replayed, injected = driven
     samples = len(clock)
     steps = len(clock) * loop.steps_per_sample
+    # NaN stays where a loop that diverges ends early.
     log = np.full((samples, loop.n_log), np.nan)
     true_error = np.full((steps, loop.n), np.nan)
     kernel = loop_kernel(loop, uneven=clock.even is None)

@@ -51,6 +51,7 @@ class _Compiled:
         self.lanes = tuple(lanes)
         self._uneven = uneven
         self.width = self.default_width if width is None else width
+        # All other numbers are the same for all individuals.
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
         self._programs = dict[str, tuple[Kernel, _COLUMNS]]()
 
@@ -113,6 +114,7 @@ class _Compiled:
     def _prepared(self, tables: Sequence[Floats], columns: _COLUMNS) -> tuple[Any, ...]:
         """The columns of the tables, and the length of a step."""
         # Behind the columns of each table in time stands the length of the sub-step.
+        # One length for all is a number of the kernel, not a column.
         lengths = np.concatenate([table[:, -1] for table in tables[:3]])
         if not self._uneven and len(lengths) and np.ptp(lengths) > 0:
             raise ValueError(
@@ -213,6 +215,7 @@ class LoggedKernel(_Compiled):
         kernel, _ = self.program("logged")
         logs = errors.reshape(-1, self.width), np.empty((0, 0))
         steps = kernel.call("logged", initial, lanes, np.append(uniform, h), *columns, *logs, final)
+        # The kernel stopped here: no sample after it was written.
         errors[-(-steps // self.loop.steps_per_sample) :] = np.nan
         return final, errors
 
@@ -229,6 +232,7 @@ class Structure:
 
     def __init__(self, loop: ClosedLoop) -> None:
         self.loop = loop
+        # The text of the functions is the structure; their numbers are inputs.
         functions = (loop.law_step, loop.sample, loop.substep)
         self.key = (
             tuple(None if f is None else f.serialize() for f in functions),

@@ -132,6 +132,7 @@ class _Emitter:
         """
         inputs = [number for number, kind in program.used.items() if kind == TIME]
         of_table = {letter: [number for number in inputs if number[0] == letter] for letter in "td"}
+        # Of wide tables a kernel reads few columns; the tables are narrowed to them.
         for letter, table in (("t", block), ("d", "data")):
             columns[table] += [int(number[1:]) for number in of_table[letter]]
         lines = [
@@ -158,6 +159,7 @@ class _Emitter:
         # 1. The results: states that change, to their rows of `work`, and the log.
         results = program.results[: self.states]
         logged = program.results[self.states :]
+        # A state that does not change stays in its row.
         stores: dict[int | str, str] = {
             i: result for i, result in enumerate(results) if result != f"s{i}"
         }
@@ -210,6 +212,7 @@ def _programs(
 
     Of each only the instructions that its leading `outputs` need.
     """
+    # Names are unique over the three functions, which share one text.
     names = Names()
     numbers = {number: (f"l{i}", LANE) for i, number in enumerate(lanes)}
     numbers |= {number: (f"u{i}", UNIFORM) for i, number in enumerate(uniform)}

@@ -20,6 +20,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.messages import progress_bar
@@ -32,26 +33,35 @@ from plant.simulation.layout import log_fields_of
 from plant.simulation.loop_kernel import LANES, loop_kernel
 from plant.simulation.time_tables import time_tables
 
-DATA = Fields(limit=scalars(), counts=scalars(), time=scalars(), q_r=per_joint())
-"""Data of a sample: the limit of errors [pulses], whether it counts (1 or 0), its time [s], one
-period for the first, and the reference [rad].
-"""
+# Data of a sample, for its score.
+DATA = Fields(
+    # Largest error that is no violation [pulses].
+    limit=scalars(),
+    # 1 if the sample counts, 0 while the loop settles.
+    counts=scalars(),
+    # Time since one period before the start [s], so that 0 can stand for no sample.
+    time=scalars(),
+    # Position of the reference [rad].
+    q_r=per_joint(),
+)
 
+# Results of a run so far, which the score updates.
 MEMORY = Fields(
+    # Largest encoder error [pulses].
     peak=per_joint(),
+    # Highest and lowest error of the joint before the encoder rounds [pulses].
     highest=per_joint(),
     lowest=per_joint(),
+    # Largest motor current [A].
     current=per_joint(),
+    # Sum of the torque's changes from sample to sample, and the last torque [N m].
     change=per_joint(),
     torque=per_joint(),
+    # Time of the first sample outside the limit, or 0.
     time=scalars(),
+    # Samples outside the limit among those that do not count.
     before=scalars(),
 )
-"""Results of a run so far. Per joint: the largest encoder error, the highest and the lowest error
-of the joint before rounding [pulses], the largest motor current [A], the sum of the torque's
-changes from sample to sample, and the last torque [N m]. Of all: the `time` of the first sample
-outside the limit, 0 if there is none, and the samples outside `before` the errors count.
-"""
 
 
 @functools.lru_cache(maxsize=32)
@@ -96,21 +106,24 @@ def tally(rig: Rig) -> ca.Function:
 @kept
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Runs(Frozen):
-    """Results of P runs of n joints, of which `samples` count.
+    """Results of P runs of n joints, (P, n) or (P,), of which `samples` count.
 
-    (P, n): largest encoder error, magnitude, and the same before the encoder rounds, seen from its
-    own zero, at the samples [pulses]; largest motor current [A]; chatter, the mean change of the
-    torque from sample to sample [N m]. (P,): samples `outside` the limit; time of the first [s], or
-    NaN; those outside among samples that do not count; and samples whose counts were lost. Where a
-    loop diverged, errors and chatter are inf.
+    Errors and chatter of a loop that diverged are inf.
     """
 
-    peak: NDArray[np.float64]
-    unrounded: NDArray[np.float64]
+    # Largest encoder error, magnitude, and the same before the encoder rounds, seen from its own
+    # zero, at the samples [pulses].
+    peak: Floats
+    unrounded: Floats
+    # Samples outside the limit.
     outside: NDArray[np.int64]
-    current: NDArray[np.float64]
-    chatter: NDArray[np.float64]
-    first: NDArray[np.float64]
+    # Largest motor current [A].
+    current: Floats
+    # Mean change of the torque from sample to sample [N m].
+    chatter: Floats
+    # Time of the first sample outside [s], or NaN.
+    first: Floats
+    # Samples outside among those that do not count, and samples whose counts were lost.
     before: NDArray[np.int64]
     lost: NDArray[np.int64]
     samples: int
@@ -126,6 +139,7 @@ class Runs(Frozen):
             field.name: np.array([getattr(runs, field.name) for runs in several])
             for field in dataclasses.fields(cls)
         }
+        # Peaks are the largest of all; numbers of samples add up; means are weighted by them.
         largest = {name: columns[name].max(axis=0) for name in ("peak", "unrounded", "current")}
         sums = {name: columns[name].sum(axis=0) for name in ("outside", "before", "lost")}
         samples = int(columns["samples"].sum())
@@ -138,7 +152,7 @@ class Runs(Frozen):
         )
 
 
-_Block = tuple[NDArray[np.float64], NDArray[np.int64]]
+_Block = tuple[Floats, NDArray[np.int64]]
 """Final states (W, s) of the loops that run side by side, and their lost counts (W,)."""
 
 # Populations that a worker process has built, by a name that is new for each. A population is sent
@@ -163,13 +177,13 @@ class Population:
         law: Law,
         reference: Reference,
         names: Sequence[str],
-        values: NDArray[np.float64],
+        values: Floats,
         *,
         within: float,
         steps_per_sample: int,
         duration: float,
         after: float = 0.0,
-        initial: NDArray[np.float64] | None = None,
+        initial: Floats | None = None,
         lost: Callable[..., NDArray[np.bool_]] | None = None,
     ) -> None:
         self._arguments: dict[str, Any] = {
@@ -200,12 +214,14 @@ class Population:
         self._names = tuple(names)
         self._values = values
         self._lost = lost
+        # The change of the torque at the start is none of the loop's.
         counts = clock.t >= after - 1e-9 * rig.period
         self.samples = int(counts.sum())
         self._changes = int(counts[1:].sum())
         self._times = time_tables(loop, path, clock)
         self.law_steps = len(self._times[0])
         self._steps = len(self._times[2])
+        # Which loops lose their counts differs, too; `_block` has the reason for its bit.
         varied = [*names, "transport.bit"] if lost else names
         self._lanes = [loop.number_names.index(name) for name in varied]
         self._kernel = loop_kernel(loop, self._lanes)
@@ -277,7 +293,7 @@ class Population:
             samples=self.samples,
         )
 
-    def _block(self, block: int, values: NDArray[np.float64]) -> _Block:
+    def _block(self, block: int, values: Floats) -> _Block:
         """Results of at most `LANES` loops; empty lanes repeat the last."""
         count = len(values)
         tables = self._tables
@@ -306,9 +322,7 @@ class Population:
         return final[:, :count].T, missing[:count]
 
 
-def _blocks(
-    name: str, arguments: dict[str, Any], part: tuple[int, NDArray[np.float64]]
-) -> list[_Block]:
+def _blocks(name: str, arguments: dict[str, Any], part: tuple[int, Floats]) -> list[_Block]:
     """Some blocks of a population in a worker process: the number of the first, and all values."""
     begin, values = part
     # A worker keeps the last four populations.

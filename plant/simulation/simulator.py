@@ -139,6 +139,7 @@ def run(
     }
     for name, (value, kind) in kinds.items():
         instance(name, value, kind, "The order is arm, rig, law, reference.")
+    # A drive that is to be identified may lack its friction; a simulation needs it.
     rig.drive.require_friction()
     if law.replays:
         raise ValueError(
@@ -158,6 +159,7 @@ def run(
     duration = real(
         "duration", duration, "Leave it out for one period of the reference.", positive=True
     )
+    # Rounding must not add a sample; a limit keeps the number finite.
     samples = math.ceil(min(duration / rig.period, 1e18) - 1e-9)
     # Bytes of tables and log at the peak.
     bytes_per_sample = 8.0 * (steps_per_sample * (8 * rig.n + 4) + 16 * rig.n)
@@ -172,6 +174,7 @@ def run(
     start: Any = path.start()
     if initial is not None:
         initial = start = array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
+    # Warnings come before the run, which may take long or diverge.
     motion = reference.links(clock.t)
     for line in unlikely_statements(
         rig, motion.q, motion.qd, [link.prismatic for link in arm.dynamics.chain.links]
@@ -181,6 +184,7 @@ def run(
     warn_of_stiff_gears(arm, rig, start[0], steps_per_sample)
     warn_of_unstable_lag(arm, rig, law, start[0])
     added = injected_at(injected, clock.t, rig.n)
+    # The loop runs; a divergence raises here.
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
     columns = _columns(rig, loop.log_fields.read(log.T, loop.n))
     record = Record(
@@ -263,6 +267,7 @@ def replay(
         sweeps=sweeps,
     )
     clock = Clock.of(record)
+    # Driven as the experiment was: its path and clock, and the column that its law repeats.
     path = path_of(record, clock)
     driven = path, clock, law.replayed(record), added
     log, _ = logged_run(loop, arm, driven, start_of(record, path), backend)

@@ -22,6 +22,7 @@ def stepped_loop(arm: Arm, rig: Rig, steps_per_sample: int, sweeps: int) -> Clos
         raise ValueError(
             "rig must be without transport and jitter here; got one. Delay the script's own calls."
         )
+    # A law that repeats a logged torque: the script writes it, sample by sample.
     law = LoggedTorque()
     return ClosedLoop(
         dynamics=arm.dynamics, rig=rig, law=law, steps_per_sample=steps_per_sample, sweeps=sweeps
@@ -78,6 +79,7 @@ class SteppedArm:
         steps_per_sample: int = 4,
         sweeps: int = 3,
     ) -> None:
+        # 1. The loop and its kernel, for one individual with its log.
         loop = stepped_loop(arm, rig, steps_per_sample, sweeps)
         self.arm = arm
         self.rig = rig
@@ -125,6 +127,7 @@ class SteppedArm:
         link : int or str
             Place in the chain from 0, or name; by default the last.
         """
+        # A load adds its standard parameters to those of its link; f is linear in them.
         f = self._f
         if load is not None:
             instance("load", load, Body, "Give mass and com; a point mass needs no inertia.")

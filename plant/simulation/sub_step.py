@@ -55,6 +55,7 @@ class FrictionStep:
         """
         drive = self.drive
         h = self.h
+        # The bound of the impulse: friction's level, times the length of the step.
         level = drive.joint_coulomb(speed)
         if load is not None:
             level = level + drive.load_friction.level(load)
@@ -64,6 +65,7 @@ class FrictionStep:
                 return smooth_impulse(inverse, stopping, bound), {}
             return friction_impulse(inverse, stopping, self.impulse, bound, self.sweeps), {}
         bristles = Bristles(self.bristle, *drive.joint_presliding())
+        # Smooth friction has no set of values, and needs no sweeps over the joints.
         if self.smooth:
             impulse, following = smooth_bristle_impulse(inverse, stopping, bristles, bound, h)
         else:
@@ -168,6 +170,7 @@ def elastic(
     deflection = coupling.shaft(motor_position - link_position)
     gear = spring(drive.elasticity, deflection, speed - v, h, rotors, ca.diag(inertia))
     both = joined(rotors + h / 2 * viscous, inertia, gear.added)
+    # Impulse on the motors but for dry friction, and weight on the links.
     motor_impulse = h * (
         coupling.shaft_torque(torque) - viscous * speed - drive.joint_offset() - gear.torque
     )
@@ -182,6 +185,7 @@ def elastic(
         return both.links.solve(h * (gear.torque - weight - coriolis) + both.passed * motor_impulse)
 
     # 2. Speeds without dry friction, and the impulse by which it changes them.
+    # The Coriolis torque at the speed of the middle, which one pass predicts, as for rigid gears.
     link_change = change(v + change(v) / 2)
     free = both.motors(speed, motor_impulse, link_change)
     mobility = both.mobility()
@@ -192,6 +196,8 @@ def elastic(
     impulse, states = friction(mobility, -mobility.alone * free, speed, load)
     motors = coupling.joint(free + mobility.solve(impulse))
     links = coupling.joint(v + link_change + both.links.solve(both.passed * impulse))
+    # Positive if the matrix of the links is positive definite, and each inertia without its rotor
+    # is positive.
     positive = functools.reduce(ca.fmin, [*both.links.minors, *ca.vertsplit(ca.diag(inertia))])
     return Following(motors, impulse, positive, {"link_speed": links, **states})
 
@@ -205,6 +211,7 @@ def _transmitted(
     step, and its `change` in the step [rad/s].
     """
     h = friction.h
+    # Viscous friction at the mean speed of the step, offset, and acceleration of the rotor.
     motor_share = (
         friction.viscous * (speed + change / 2)
         + drive.joint_offset()

@@ -83,12 +83,14 @@ def in_blocks(
     every = loop.steps_per_law
     transport = loop.rig.transport
     jitter = loop.rig.jitter
+    # Only a reference can be the wrong one; counts fit any law.
     if isinstance(path, Path):
         path.require_fit(loop.law)
     # Counts change between samples, on straight lines; a torque or a current is held.
     held = None if logged is None or loop.law.replays == "counts" else clock.bridged(logged)
     beside = None if injected is None else clock.bridged(injected)
     of_law = _law_steps(loop, clock)
+    # One word and one draw per step of the law, for the whole run: blocks must not change them.
     words = transport.words(of_law) if transport is not None else np.empty(0)
     draws = jitter.draws(of_law) if jitter is not None else np.empty(0)
 
@@ -120,6 +122,7 @@ def in_blocks(
         rows = np.column_stack([inputs[name] for name in loop.time_fields.fields if name in inputs])
         return rows if columns is None else rows[:, [*columns[table], -1]]
 
+    # Blocks of whole units, in each of which a step of the law and a sample begin together.
     unit = samples_of_law(loop)
     samples = max(1, samples // unit) * unit
     for begin in range(0, len(clock), samples):
