@@ -137,7 +137,7 @@ def p_gains(
     # A joint that hardly moves starts with a gain above zero, from which the search can leave.
     guess = np.maximum(torque, 1e-3 * torque.max()) / peaks
     if derivative:
-        return _met(arm, rig, reference, peaks, pd, guess, lambda _: "Allow more, or slow down.")
+        return _met(arm, rig, reference, peaks, pd, guess)
     law = _met(arm, rig, reference, peaks, lambda gain: P(gain=gain), guess, advice)
     # The law meets the peaks; it must also be stable, and slow enough for its sampling.
     for q in _along(motion, poses):
@@ -208,7 +208,7 @@ def cascade_gains(
     # A position loop alone lags by speed over gain.
     rate = np.abs(rig.position_in_pulses(motion.qd)).max(axis=0)
     guess = np.maximum(rate, 1e-2 * rate.max()) / peaks
-    law = _met(arm, rig, reference, peaks, cascade, guess, lambda _: "Allow more, or slow down.")
+    law = _met(arm, rig, reference, peaks, cascade, guess)
     _require_stable(arm, rig, law, motion, poses)
     return law
 
@@ -272,7 +272,7 @@ def _met(
     peaks: Floats,
     law_of: Callable[[Floats], Any],
     gain: Floats,
-    advice: Callable[[Floats], str],
+    advice: Callable[[Floats], str] = lambda _: "Allow more, or slow down.",
 ) -> Any:
     """The law whose gains, from an initial guess, track the reference with these peaks.
 

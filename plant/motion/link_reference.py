@@ -120,11 +120,8 @@ class LinkReference(Derived):
     @functools.cached_property
     def _motors(self) -> ca.Function:
         """(q, qd, qdd, jerk, snap) of the links -> (theta, thetad, thetadd), all (n, 1)."""
-        q = ca.SX.sym("q", self.n)
-        qd = ca.SX.sym("qd", self.n)
-        qdd = ca.SX.sym("qdd", self.n)
-        jerk = ca.SX.sym("jerk", self.n)
-        snap = ca.SX.sym("snap", self.n)
+        names = "q", "qd", "qdd", "jerk", "snap"
+        q, qd, qdd, jerk, snap = (ca.SX.sym(name, self.n) for name in names)
         arm = self.arm
         torque = gear_torque(arm.dynamics, self.rig, q, qd, qdd, arm.f)
         theta = q + wound(self.rig.drive, torque)

@@ -188,12 +188,12 @@ class Layout:
     def number_fields(self) -> Fields:
         """Fields of the numbers, in order; those of the law's block are the law's and the rig's."""
         rig = len(self.rig.number_values())
-        correction = 0 if self.correction is None else len(self.correction.number_values())
         return Fields(
             f=scalars(self.dynamics.p),
             law=scalars(len(self._block.names) - rig),
             rig=scalars(rig),
-            correction=scalars(correction),
+            # Position and speed gains, and zeros of the counters.
+            correction=per_joint(0 if self.correction is None else 3),
         )
 
     @cached_property
