@@ -51,7 +51,7 @@ class OtherVersionError(ValueError):
 
 
 class Executor:
-    """The user's `executor=`, or the one that a user's factory makes, anew if a worker dies.
+    """The user's `executor=`, or one from the user's factory, replaced if a worker dies.
 
     In a ``with`` statement it serves several maps, and ends with it.
     """
