@@ -56,8 +56,7 @@ def visibility(
     duration: float | None = None,
     tolerance: float | None = None,
 ) -> Visibility:
-    """Identifiability of an arm's parameters, or of a load's, from the torque of a reference's
-    motion.
+    """Identifiability of an arm's parameters, or of a load's, from the torque of a motion.
 
     Parameters
     ----------

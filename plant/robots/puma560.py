@@ -1,5 +1,4 @@
-"""The paper's example: links 2 and 3 of a PUMA 560 with its drives, encoders, P controller and
-trajectory.
+"""The paper's example: links 2 and 3 of a PUMA 560, with drives, encoders, law and trajectory.
 
 Frames: axis 2 is horizontal, and positive q2 lowers the arm. All numbers come from the
 paper (section 3, 4 and appendix, corrected where the print is wrong) or, where said, from the
@@ -51,8 +50,7 @@ PRINTED_RANGES = (
 
 
 def equation_3(link2: Any, link3: Any, a3: Any) -> dict[str, Any]:
-    """f1..f9 by name from the physical parameters of links 2 and 3, and the length a3 [m] of link
-    2.
+    """f1..f9 by name from physical parameters of links 2 and 3, and the length a3 [m] of link 2.
 
     A link has attributes m [kg], x, y [m], Izz about the centre of mass and J = Jm k^2 [kg m^2]:
     numbers, casadi symbols or intervals.
@@ -104,8 +102,7 @@ def arm() -> Arm:
 def literature_arm(
     tool_mass: float = 0.0, tool_position: tuple[float, float] = (0.0, -0.55)
 ) -> Arm:
-    """A physical PUMA 560 (links 2 and 3, the wrist lumped into link 3), with a point mass as a
-    tool.
+    """A physical PUMA 560 (links 2 and 3, the wrist lumped into link 3), with a point mass as tool.
 
     `tool_mass` is in kg, `tool_position` x, y in frame 3 [m].
 

@@ -39,8 +39,8 @@ class Clock:
     are in the log (the others bridge a gap), `even` is the period if all intervals have it.
     """
 
-    t: Floats
-    lengths: Floats
+    t: NDArray[Any]
+    lengths: NDArray[Any]
     rows: NDArray[np.int_]
     even: float | None
 
@@ -84,7 +84,7 @@ class Clock:
     def __len__(self) -> int:
         return len(self.t)
 
-    def place(self, t: Floats) -> Floats:
+    def place(self, t: NDArray[Any]) -> Floats:
         """Index (K,) of times in the log, with the fraction between two samples."""
         if self.even is not None:
             place = np.asarray(t) / self.even
@@ -105,7 +105,7 @@ class Clock:
             [np.interp(np.arange(len(self)), self.rows, column) for column in values.T]
         )
 
-    def between(self, values: Floats, t: Floats) -> Floats:
+    def between(self, values: Floats, t: NDArray[Any]) -> Floats:
         """Values (N, m) of the log at times t (K,) [s], (K, m), on straight lines."""
         place = self.place(t)
         rows = np.arange(len(self.rows))
@@ -118,20 +118,20 @@ class Clock:
         filled[self.rows] = values
         return filled
 
-    def starts(self, steps: int, places: NDArray[np.int_], every: int = 1) -> Floats:
+    def starts(self, steps: int, places: NDArray[np.int_], every: int = 1) -> NDArray[Any]:
         """Start (K,) [s] of some sub-steps (K,), multiples of `every`; a sample has `steps`."""
         if self.even is not None:
             return places // every * (self.even / steps * every)
         sample = places // steps
         return self.t[sample] + self.lengths[sample] / steps * (places % steps)
 
-    def step_lengths(self, steps: int, places: NDArray[np.int_]) -> Floats:
+    def step_lengths(self, steps: int, places: NDArray[np.int_]) -> NDArray[Any]:
         """Length (K,) [s] of some sub-steps (K,)."""
         if self.even is not None:
             return np.full(len(places), self.even / steps)
         return self.lengths[places // steps] / steps
 
-    def middles(self, steps: int, places: NDArray[np.int_]) -> Floats:
+    def middles(self, steps: int, places: NDArray[np.int_]) -> NDArray[Any]:
         """Middle (K,) [s] of some sub-steps (K,)."""
         if self.even is not None:
             return (places + 0.5) * (self.even / steps)
