@@ -40,6 +40,7 @@ def as_records(
     Names may be short (f1, ...), and words: "f" is all of f, each of `GROUPS` a number per joint,
     alone beside f.
     """
+    # 1. Types: a generator, a string or a single record are common slips.
     records = tuple(records) if isinstance(records, Iterable) else (records,)
     if not records or not all(isinstance(record, Record) for record in records):
         wrong = [type(record).__name__ for record in records if not isinstance(record, Record)]
@@ -63,6 +64,8 @@ def as_records(
         )
     if unknown is None:
         return records, dynamics.names
+
+    # 2. Words and short names become the names of numbers.
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
     expanded = {"f": dynamics.names}
     for word, numbers in GROUPS.items():
@@ -141,6 +144,7 @@ class Experiment:
                 raise ValueError(
                     f"unknown must name numbers of this experiment; got {name!r}. {hint}"
                 )
+        # f is not stated anywhere: a record has a rig and a law, and no arm.
         open_f = [name for name in dynamics.names if name not in unknown]
         if open_f:
             raise ValueError(
@@ -159,8 +163,10 @@ class Experiment:
             "replayed": record.law.replayed(record),
             "injected": injected,
         }
+        # f is open: NaN would show up at once if it were used.
         self.numbers = self.loop.number_values(np.full(dynamics.p, np.nan))
         self.begin = start_of(record, path_of(record, self.clock))
+        # Without an unknown gear the start of the record is that of all candidates.
         geared = [i for i, name in enumerate(names) if name.startswith(_GEARED)]
         self._geared = geared if set(geared) & set(self.places) else []
 

@@ -105,6 +105,7 @@ class Extended(Stacked):
             dataclasses.replace(record, injected=_beside(record)) for record in records
         )
         self.threads = int(threads or cores())
+        # The prior is of all records together: each record's prediction has none.
         settings = {**options, "threads": self.threads, "moving": prior is not None}
         self._logs = [
             _Log(dynamics, record, tuple(unknown), links, settings) for record in self.records
@@ -112,6 +113,7 @@ class Extended(Stacked):
         arguments = {"prior": prior, "runs": runs, "threads": threads, **options}
         self._again = lambda dynamics, records: Extended(dynamics, records, unknown, f, **arguments)
         self._runs = [1] * len(self.records) if runs is None else runs
+        # Observer gains, by their names and bounds the same for each record.
         first = self._logs[0].prediction
         self.gains = first.nuisances
         self.gain_steps = first.nuisance_steps
@@ -146,6 +148,7 @@ class Extended(Stacked):
 
     def _other(self, dynamics: Dynamics, records: Sequence[Record]) -> "Extended":
         other = self._again(dynamics, records)
+        # The same weights: sums of squares of both are compared.
         other.scales = self.scales
         other.prior = self.prior
         return other
@@ -259,6 +262,7 @@ class _Log:
         """The same with another torque (N, n) [N m] injected."""
         other = copy.copy(self)
         other.prediction = self.prediction.beside([torque])
+        # Made again when it is needed, with that torque.
         other._springs = None
         other._made = lambda rig, names: self._made(rig, names).beside([torque])
         return other
@@ -273,12 +277,14 @@ class _Log:
 
     def all_innovations(self, vectors: list[tuple[Floats, dict[str, float]]]) -> list[Floats]:
         """Innovations at values and extra numbers, each in the loop that it needs."""
+        # Stiff springs are not quite rigid gears: only vectors whose gears give take that loop.
         gives = [
             self._rigid and any(extra[name] for name in extra if name.startswith(_GIVING))
             for _, extra in vectors
         ]
         if any(gives) and self._springs is None:
             self._springs = self._made(self._sprung, self._names(giving=True))
+        # Each loop simulates its vectors side by side; the results go back to their order.
         of_loop = {}
         for giving, prediction in ((False, self.prediction), (True, self._springs)):
             numbers = [
@@ -305,6 +311,7 @@ class _Log:
                 if kind.startswith(_SHARES):
                     numbers[place] = stated * (1 + value)
                 else:
+                    # A difference of the slopes may go below the least that the number can be.
                     numbers[place] = stated + max(value, self.least(name))
         return np.concatenate(
             [values[: self._given], list(numbers.values()), values[self._given :]]
@@ -324,6 +331,7 @@ class _Log:
         if place not in numbers:
             return
         link = self._links[int(joint[1:-1])]  # type: ignore[index]  # a joint has a compliance
+        # Compliances in series add. In Hz: k = m omega^2, with the link behind the gear held.
         numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
         if not self._damped:
             damping = 2 * SETTINGS.damping * float(np.sqrt(numbers[place] * link))
@@ -340,8 +348,10 @@ def _with_springs(rig: Rig, links: Floats | None) -> Rig:
         stiffness = links * (2 * np.pi * SETTINGS.rigid) ** 2
         damping = 2 * SETTINGS.damping * np.sqrt(stiffness * links)
         gears = Elasticity(stiffness=stiffness, damping=damping)
+    # A gear whose stiffness is stated may have backlash beside it.
     if gears is not None and gears.backlash is None:
         gears = dataclasses.replace(gears, backlash=np.zeros(rig.n))
+    # A loop has these numbers only if its rig states them: with values that change nothing.
     lag = drive.current_lag or SETTINGS.prompt
     curve = drive.curve or FrictionCurve(offset=np.zeros(rig.n))
     drive = dataclasses.replace(drive, elasticity=gears, current_lag=lag, curve=curve)

@@ -15,6 +15,7 @@ from plant.compiler.background import cores
 from plant.parts.fields import Floats
 from plant.parts.sums import dot, norm
 
+# The usual rule; a residual with a prior has another (`Residual.dependent`).
 DEPENDENT = IDENTIFIABLE.slopes
 
 
@@ -113,6 +114,7 @@ def gauss_newton(
     ends.
     """
     bounds = np.asarray(bounds, float)
+    # A copy: steps that lose the log are shortened in place.
     step = np.array(step, float)
     values = np.clip(start, *bounds.T)
     innovations = residual.innovations(values)
@@ -128,6 +130,7 @@ def gauss_newton(
 
     def solve(slopes: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
         moving_names = [name for name, moves in zip(names, moving, strict=True) if moves]
+        # Without a copy where no bound is active: slopes are the largest array of a fit.
         columns = slopes if moving.all() else slopes[:, moving]
         return least_squares(moving_names, columns, innovations, dependent=residual.dependent)[0]
 
@@ -141,13 +144,16 @@ def gauss_newton(
     if point.moved:
         point.slopes = np.empty((0, 0))
         point.slopes = slopes(residual, point.values, step, varied, point.innovations)
+    # An unknown that was not varied is exact: its row is zero.
     covariance = np.zeros((len(values), len(values)))
+    # In pulses, so that solutions with other weights can be compared.
     unscaled = point.innovations * residual.scales
     inverse = least_squares(names, point.slopes, point.innovations, dependent=residual.dependent)[1]
     covariance[np.ix_(varied, varied)] = (
         inverse * np.outer(step[varied], step[varied]) * noise(residual, point.innovations)
     )
     rms = float(np.sqrt(dot(unscaled, unscaled) / dot(residual.weights, residual.weights)))
+    # Per unit of the unknown, in place: users of a solution do not know the steps.
     point.slopes /= step[varied]
     return Solution(
         values=point.values,
@@ -178,6 +184,7 @@ def descend(
     `fixed_slopes`: keep the slopes that the point has.
     """
     varied = np.flatnonzero(step)
+    # Halved steps: innovations are not linear in the unknowns, and the full one may end too far.
     lengths = 0.5 ** np.arange(sum(settings.batches))
     for remaining in reversed(range(settings.rounds)):
         # 1. Linearise. The slopes of the previous round go first: both would not fit.
@@ -211,6 +218,7 @@ def _search(
     begin = 0
     for count in settings.batches:
         rows = residual.all_innovations(vectors[begin : begin + count])
+        # A diverged simulation is no candidate.
         costs = [np.inf if not np.isfinite(row).all() else dot(row, row) for row in rows]
         lower = [cost < squares for cost in costs]
         if any(lower):
@@ -235,6 +243,7 @@ def reweighed(
     `reweigh`: weighs anew in place of the residual's own `reweigh`.
     """
     for _ in range(SETTINGS.weighings):
+        # Weights follow from the innovations, and these from a fit with weights: hence in turn.
         changed = residual.reweigh(solution.values) if reweigh is None else reweigh(solution)
         if not changed:
             break
@@ -254,11 +263,13 @@ def within_bounds(
     varied = np.flatnonzero(step)
     change = np.zeros(len(values))
     low, high = bounds.T
+    # Each round holds at least one more value: it ends after as many rounds as there are unknowns.
     moving = np.ones(len(varied), bool)
     while moving.any():
         places = varied[moving]
         change[:] = 0
         change[places] = -solve(moving) * step[places]
+        # Only a value that lies on a bound already: one inside may move up to it, and is clipped.
         leaving = ((values <= low) & (change < 0)) | ((values >= high) & (change > 0))
         if not leaving.any():
             break
@@ -289,10 +300,12 @@ def slopes(
     Steps that lose the log are shortened in place; with the innovations (M,) of the values
     themselves, also those on which innovations jump to one side.
     """
+    # A row per unknown, which differences fill one by one; the transpose is a view.
     changes = np.empty((len(varied), len(residual.weights)))
     waiting = list(range(len(varied)))
     together = SETTINGS.unknowns_per_core * side_by_side(changes.shape[1])
     for attempt in range(SETTINGS.shortenings):
+        # Only the steps that failed are shortened: others have good slopes.
         step[varied[waiting]] *= 0.25 if attempt else 1.0
         lost = list[int]()
         jumping = list[int]()
@@ -300,6 +313,7 @@ def slopes(
             block = waiting[begin : begin + together]
             moves = np.zeros((len(block), len(values)))
             moves[np.arange(len(block)), varied[block]] = step[varied[block]]
+            # Both sides of all unknowns of a block in one call, side by side on the cores.
             rows = residual.all_innovations([*(values + moves), *(values - moves)])
             for i, up, down in zip(block, rows[: len(block)], rows[len(block) :], strict=True):
                 if not (np.isfinite(up).all() and np.isfinite(down).all()):
@@ -360,8 +374,10 @@ def variance_inflation(residual: Floats, window: int = 50) -> float:
     `window`: lags [samples] over which the autocorrelation is summed, with Bartlett's weights,
     under which the sum cannot become negative; chosen by hand.
     """
+    # Records follow one another in the rows: products across their ends are few.
     lags = np.arange(min(window + 1, len(residual)))
     products = np.array([dot(residual[: len(residual) - lag], residual[lag:]) for lag in lags])
+    # A residual of zeros, of a log that the model made itself, has no correlation.
     if not products[0] > 0:
         return 1.0
     weights = 1 - lags[1:] / (window + 1)

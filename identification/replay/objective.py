@@ -31,6 +31,7 @@ def squared_error(n: int) -> ca.Function:
 
     The data are the measured errors and the root of the sample's weight. Source: paper eq. (4).
     """
+    # The log begins with the tracking errors; torque, position and speed follow.
     log = ca.SX.sym("log", 4 * n)
     data = ca.SX.sym("data", n + 1)
     memory = ca.SX.sym("memory", 0)
@@ -120,6 +121,7 @@ class Objective:
             finite=False,
             advice="Give one candidate per row.",
         )
+        # Record by record, always in this order: a sum in another order has other last bits.
         costs = np.zeros(len(population))
         for experiment in self._experiments:
             costs += experiment.costs(population, self.threads)
@@ -144,6 +146,7 @@ class _Scored(Experiment):
 
     def costs(self, population: Floats, threads: int) -> Floats:
         """Costs (P,), inf for what cannot be."""
+        # A row of all numbers of the loop per candidate; the lanes of the kernel take the unknowns.
         numbers = np.repeat(self.numbers[None], len(population), axis=0)
         numbers[:, self.places] = population
         costs = np.full(len(population), np.inf)
@@ -175,6 +178,7 @@ class _Scored(Experiment):
         # All candidates share rig and law: one check of the whole population.
         if max(self.places) < p:
             return least_inertia_margin(self.loop.dynamics, self.record.rig, f)
+        # Gears and motors differ between candidates, and with them the least inertia.
         margins = np.full(len(f), -np.inf)
         rig_size = len(self.record.rig.number_values())
         for i, row in enumerate(numbers):
@@ -189,6 +193,7 @@ class _Scored(Experiment):
 
     def _block(self, candidates: Floats) -> Floats:
         """Costs of at most `LANES` candidates; empty lanes repeat the last."""
+        # Empty lanes repeat the last candidate: a kernel has no lane that does nothing.
         lanes = candidates[np.minimum(np.arange(LANES), len(candidates) - 1)].T.copy()
         numbers = np.repeat(self.numbers[:, None], LANES, axis=1)
         numbers[self.places] = lanes

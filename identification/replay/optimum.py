@@ -70,9 +70,11 @@ class Optimum:
         `moves` (k,): to the estimate, which change the innovations by `change` (M,) where they are
         small; where joints stick, an estimate may be far too large.
         """
+        # The varied unknowns take back the part of the change that they can make as well.
         moves = moves.copy()
         varied = np.flatnonzero(self.step)
         moves[varied] -= self.step[varied] * along(self.basis, self.rates, change)
+        # Shorter and shorter ways: at the best of them another linearisation can begin.
         vectors = np.clip(self.values + _LENGTHS[:, None] * moves, *bounds.T)
         return nearest(self.model, vectors) - self.values
 
@@ -109,6 +111,7 @@ class _Solver:
         return self.basis
 
     def __call__(self, slopes: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
+        # With a value on its bound the directions are those of the others alone.
         if moving.all():
             return along(self.of(slopes), slopes.T, innovations)
         rates = slopes.T[moving]
@@ -128,11 +131,13 @@ def fitted(
     values = np.clip(values, *bounds.T)
     varied = np.flatnonzero(step)
     innovations = model.innovations(values)
+    # The unknowns end with the observer gains and the extra numbers.
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
         raise ValueError("the model with what was found does not follow the log")
     solver = _Solver(model.prior.own(IDENTIFIABLE.optimum))
     point = Descent(values, innovations, np.empty((0, 0)))
+    # Rates of the neighbour are in its steps, which may have been shortened.
     if near is not None:
         count = len(near.rates)
         step[varied[:count]] = near.step[varied[:count]]
@@ -152,6 +157,7 @@ def fitted(
 
     # An unknown on its bound that would leave it does nothing: its direction is taken out.
     rates = point.slopes.T
+    # A value on its bound counts as free if the others push it inwards.
     basis = solver.of(point.slopes)
     change = within_bounds(
         lambda moving: solver(point.slopes, point.innovations, moving), point.values, step, bounds
@@ -224,6 +230,7 @@ def compliance(at: Optimum) -> list[Trial]:
     replayed = any(record.law is not None and record.law.replays for record in at.model.records)
     lowest, highest = TRIALS.resonances
     ratio = TRIALS.fine_ratio if replayed else TRIALS.ratio
+    # Neighbouring resonances differ by about this ratio.
     count = int(np.log(highest / lowest) / np.log(ratio)) + 1
     n = len(at.model.gains) // 2
     groups = [[i] for i in range(n)]
@@ -266,9 +273,11 @@ def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
     trials = []
     for begin in range(0, len(vectors), TRIALS.at_once):
         rows = at.model.all_innovations(vectors[begin : begin + TRIALS.at_once])
+        # The rows end with the block, the trials go on.
         for values, innovations in zip(tried[begin:], rows, strict=False):
             if not np.isfinite(innovations).all():
                 continue
+            # The varied unknowns are fitted to the trial linearly: no Gauss-Newton for each.
             after = at.left(innovations)
             trials.append(
                 Trial(

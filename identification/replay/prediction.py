@@ -186,11 +186,12 @@ class Prediction(Stacked):
         correction = Correction.with_memory(
             n, SETTINGS.replayed_memory if replayed else SETTINGS.memory
         )
+        # Its gains of zero are not searched: with them free it would be a prediction again.
         if simulated:
             correction = Correction(position=(0.0,) * n, speed=(0.0,) * n, zero=(0.0,) * n)
         gains = correction.number_names("correction.")
 
-        # 2. Joints that are compared, with the kernels that follow the records.
+        # 2. The records, each with its kernel. Offsets of encoders are numbers of the correction.
         searched = () if simulated else gains[: 2 * n]
         names = (*unknown, *searched, *(gains[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
@@ -201,6 +202,7 @@ class Prediction(Stacked):
             records,
             memories,
         )
+        # Gains are common to all records: a joint that one record compares has some.
         compared = np.any([followed.heard for followed in self._followed], axis=0)
 
         # 3. The nuisances.
@@ -215,8 +217,10 @@ class Prediction(Stacked):
                     # Gains of joints that are not compared do nothing: they stay.
                     step=SETTINGS.gain_step * own * compared,
                     low=bounds[0],
+                    # In a replay the memory may become longer, and not shorter.
                     high=own if replayed else bounds[1],
                 )
+        # What all records share comes first; a record's own unknowns follow, kind by kind.
         self._shared = slice(0, len(unknown) + len(searched))
         self._zeros = [
             vector.add(
@@ -292,6 +296,7 @@ class Prediction(Stacked):
         Returns whether weights have changed: scales do not while all are followed about equally
         well.
         """
+        # A prior has no scatter of its own to be weighed by: it takes the noise of the innovations.
         settled = False
         if self.prior.count:
             settled = self.prior.settle(noise(self, self.innovations(values)))
@@ -300,6 +305,7 @@ class Prediction(Stacked):
             # At least one reading: a joint that stands has none.
             readings = np.maximum((followed.weight**2).sum(axis=0), 1.0)
             squares = (followed.innovations(part).reshape(-1, followed.loop.n) ** 2).sum(axis=0)
+            # A joint that is not compared has no RMS, and must not be the smallest one.
             rms.append(np.where(followed.heard, np.sqrt(squares / readings), np.nan))
         smallest = np.nanmin(rms)
         # A log that is followed exactly, as made by the model, has nothing to be weighted by.
@@ -358,6 +364,7 @@ class Prediction(Stacked):
             of_record.append(
                 shared_out(run, logs, min(self.threads, side_by_side(len(self.weights))))
             )
+        # A log that the model makes itself says nothing against a prior.
         prior = np.zeros(self.prior.count)
         expected = np.zeros(len(self._expected))
         return [
@@ -368,6 +375,7 @@ class Prediction(Stacked):
         """Rows of each record, then of the expected magnitudes, with each of the vectors."""
         self.evaluations += len(vectors)
         given = [[part for _, part in self._each(values)] for values in vectors]
+        # A block is a record with as many vectors as its kernel has lanes; all blocks side by side.
         blocks = [
             (k, begin)
             for k in range(len(self._followed))
@@ -379,6 +387,7 @@ class Prediction(Stacked):
             return self._followed[k].block([parts[k] for parts in given[begin : begin + LOGGED]])
 
         of_record: list[list[Floats]] = [[] for _ in self._followed]
+        # The order of the blocks keeps the vectors of a record in theirs, on any number of threads.
         for (k, _), rows in zip(blocks, shared_out(run, blocks, self.threads), strict=True):
             of_record[k] += rows
         yield from of_record

@@ -85,6 +85,7 @@ class Profile:
         self._bounds = bounds
         self._place = place
         self._final = final
+        # Of the slopes, the column of the one coordinate, and those of the others.
         varied = np.flatnonzero(step)
         self._column = int(np.flatnonzero(varied == place)[0])
         self._others = varied != place
@@ -103,6 +104,7 @@ class Profile:
 
         `distance`: to be tried first, signed.
         """
+        # Distances from the best fit towards the limit are positive, whichever way that is.
         start = self._best.values[self._place]
         sign = np.sign(limit - start)
         reach = abs(limit - start)
@@ -122,6 +124,7 @@ class Profile:
                 point = self._begun(value, level)
             if not self._follows(point):
                 point = self._begun(value, level)
+            # A lower sum than at the best fit: an interval about that would be about a wrong value.
             rise = point.squares - self._best.squares
             if self.better is not None and not self._final:
                 return float(start)
@@ -185,6 +188,7 @@ class Profile:
         """Gauss-Newton's change of the other coordinates; none where their slopes do not separate
         them.
         """
+        # Slopes that were updated along a walk may become dependent; then the others stay.
         try:
             solved = least_squares(
                 self._names, change[:, self._others], innovations, dependent=IDENTIFIABLE.slopes
@@ -212,6 +216,7 @@ class Profile:
             z[self._place] = value
             move = (z[self._places] - point.values[self._places]) / self._step[self._places]
             innovations = self._residual.innovations(z)
+            # All at their bounds, or not separable: no step is left.
             if not move.any():
                 break
             if not dot(innovations, innovations) < SETTINGS.lost * point.squares:
@@ -233,6 +238,7 @@ class Profile:
             shortening = 1.0
             if gained < SETTINGS.settled * level:
                 break
+        # A little lower is no news: the best fit ended within its own tolerance.
         if point.squares < self._best.squares - SETTINGS.lower * level:
             self.better = point.values
         return point

@@ -83,6 +83,7 @@ class Reparametrised:
         self.residual = residual
         self.unknown = tuple(unknown)
         self.values_of = values_of
+        # Shares of slopes are the same in any unit of an unknown, and about so in other unknowns.
         self.dependent = residual.dependent
 
     @property
@@ -97,6 +98,7 @@ class Reparametrised:
         return self.all_innovations([coordinates])[0]
 
     def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
+        # Impossible values are not simulated: a kernel would return NaN, which no search can order.
         values = [self.values_of(coordinates) for coordinates in vectors]
         possible = [np.isfinite(vector).all() for vector in values]
         simulated = iter(
@@ -144,6 +146,7 @@ class WithPrior:
 
     @property
     def scales(self) -> Floats:
+        # Deviations have their scale in `noise`, which is set apart from the records' weights.
         return np.append(self.residual.scales, np.ones(self.count))
 
     def innovations(self, values: Floats) -> Floats:
@@ -191,6 +194,7 @@ class Stacked:
     def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
         """Weighted innovations (M,) at each of several vectors, simulated side by side."""
         vectors = list(vectors)
+        # From a list of vectors per part to a list of parts per vector.
         rows = zip(map(self.prior.of, vectors), *self.parts(vectors), strict=True)
         return [joined(row, self.scales) for row in rows]
 

@@ -79,6 +79,7 @@ def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats,
     """(A, rotors), (n, p) and (n,): A f - rotors is the inertia behind each gear at a pose,
     others held [kg m^2].
     """
+    # D is linear in f, and so is its diagonal on the shafts.
     f = ca.SX.sym("f", dynamics.p)
     own = ca.diag(dynamics.chain.coupling.shaft_inertia(dynamics.D(np.asarray(pose), f)))
     return ca.DM(ca.jacobian(own, f)).full(), rig.drive.reflected_inertia()
@@ -94,6 +95,7 @@ def on_gears(record: Record) -> Record:
         raise ValueError(
             "elastic gears need motors that weigh something; drive.motor_inertia is 0. Give it."
         )
+    # Their numbers are not used before they are fitted, but a rig must have some.
     omega = 2 * np.pi * SETTINGS.unstated
     elasticity = Elasticity(
         stiffness=rotors * omega**2, damping=2 * np.exp(_LOG_RATIO) * rotors * omega
@@ -142,10 +144,12 @@ class Resonances(WithPrior):
         self._slope, self._rotors = link_inertia(dynamics, rig, pose)
         searched = set(names) - set(fixed)
         joints = range(dynamics.n)
+        # A gear with a fixed number has no coordinate: its value is that of the rig.
         self.stiffness, self.damping = (
             {i: names.index(f"{field}[{i}]") for i in joints if f"{field}[{i}]" in searched}
             for field in (STIFFNESS, DAMPING)
         )
+        # Rows: compliance and its standard deviation, of each joint.
         compliances = np.full((dynamics.n, 2), np.nan)
         if measured is not None:
             compliances = np.transpose(measured)
@@ -248,6 +252,7 @@ class Resonances(WithPrior):
 
     def _stiffness(self, values: Floats) -> Floats:
         """Stiffness (n,), with what is unknown of it."""
+        # Of the rig, where a gear is not searched.
         stiffness = np.array(self._elasticity.stiffness)
         for i, place in self.stiffness.items():
             stiffness[i] = values[place]
@@ -256,6 +261,7 @@ class Resonances(WithPrior):
     # -- weights ----------------------------------------------------------------------------------
     def reweigh(self, coordinates: Floats) -> bool:
         """As `Prediction.reweigh`."""
+        # Other weights give other innovations, and the expected values must vary as much as these.
         changed = super().reweigh(coordinates)
         if changed:
             self.settle(coordinates)
@@ -265,6 +271,7 @@ class Resonances(WithPrior):
         """Give the expected values the noise of the innovations at these coordinates; the variance
         of that noise.
         """
+        # The innovations alone: deviations from expected values are no noise.
         rows = self.innovations(coordinates)
         innovations = rows[: len(rows) - self.count]
         readings = dot(self.weights, self.weights)

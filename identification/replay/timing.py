@@ -110,6 +110,7 @@ def without_delay(record: Record, samples: float) -> Record:
     """
     instance("record", record, Record, "The order is record, samples.")
     samples = real("samples", samples, "Give found.diagnostics.delay.")
+    # Counts are moved along a straight line, which holds within a sample.
     if abs(samples) > 1:
         raise ValueError(
             f"samples must be within one; got {samples}. Shift the columns by whole rows first."
