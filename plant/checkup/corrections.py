@@ -4,8 +4,8 @@ A correction stays if fewer checks find a problem afterwards and the motion expl
 torque. The findings that remain are those of the corrected record: a fault, not its consequences.
 """
 
-import dataclasses
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from plant.checkup.signals import Signals
 from plant.checkup.wiring import error_column, torque_column
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class CorrectionSettings:
     """Limits of the trials of corrections, chosen by hand.
 
@@ -43,7 +43,7 @@ class CorrectionSettings:
 SETTINGS = CorrectionSettings()
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Correction:
     """A change of a log, or of its rig, that a finding suggests.
 
@@ -97,7 +97,7 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
                     f"{finding.cause}; correcting that was tried and does not make the log explain"
                     " more, so leave it: look for another cause."
                 )
-                findings[index] = dataclasses.replace(finding, advice=advice)
+                findings[index] = replace(finding, advice=advice)
             continue
 
         # 3. Keep the first of the best; the columns of all the best are equally likely.
@@ -115,7 +115,7 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
             if column and finding.cause:
                 advice = sign_advice(finding.cause, column)
             advice = f"{advice} Corrected so, {effect}."
-            mended[_key(finding)] = dataclasses.replace(finding, advice=advice)
+            mended[_key(finding)] = replace(finding, advice=advice)
 
         # 4. Go on with the corrected record: what failed before may help now.
         record = best[0].correction.record
@@ -129,6 +129,7 @@ def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[
 def _next_problem(findings, settled):
     """Index of the first finding with a problem that is not settled; None without any."""
     for k, finding in enumerate(findings):
+        # Checks come in the order of causes, so the first problem is tried first.
         if not finding.ok and _key(finding) not in settled:
             return k
     return None
@@ -187,8 +188,9 @@ def _corrections(record, findings, index):
 
 def _other_rounding(record, _, index):
     """The other convention of rounding the counts."""
+    # "round" and "floor" differ by a shift of the zero alone, so "floor" stands for both.
     rounding = "floor" if record.rig.encoder.rounding == "fix" else "fix"
-    encoder = dataclasses.replace(record.rig.encoder, rounding=rounding)
+    encoder = replace(record.rig.encoder, rounding=rounding)
     yield Correction((index,), _with_rig(record, encoder=encoder))
 
 
@@ -210,7 +212,7 @@ def _other_time(record, findings, index):
     # Milliseconds and microseconds are powers of a thousand.
     factor = 1e3 ** np.round(np.log10(period / record.rig.period) / 3)
     if factor != 1:
-        yield Correction((index,), dataclasses.replace(record, t=record.t / factor))
+        yield Correction((index,), replace(record, t=record.t / factor))
     elif getattr(record.law, "period", None) is None:
         yield Correction((index,), _with_rig(record, period=period))
 
@@ -229,7 +231,7 @@ def _exchanged_counts(record, findings, index):
         as_angles = record.reference_pulses - rig.counts(rig.cell_centre(record.counts)[:, order])
         # The right one of the two leaves the smaller error.
         error = min((as_counts, as_angles), key=lambda pulses: np.abs(pulses).sum())
-        yield Correction((index, k), dataclasses.replace(record, error_pulses=error))
+        yield Correction((index, k), replace(record, error_pulses=error))
 
 
 def _turned_counts(record, findings, index):
@@ -239,6 +241,7 @@ def _turned_counts(record, findings, index):
     rig = record.rig
     columns = record.columns or {}
     turned = np.where(np.arange(record.n) == joint, -1.0, 1.0)
+    # Columns that the reader of the file converted from angles to pulses.
     counts_are_angles = "position" in columns
     reference_is_angles = "reference_position" in columns
     counts = _reversed(rig, record.counts, counts_are_angles)[:, joint]
@@ -249,7 +252,7 @@ def _turned_counts(record, findings, index):
         record.reference_pulses,
     )
     # A stated `reference` would contradict the turned column.
-    with_reference = dataclasses.replace(
+    with_reference = replace(
         record,
         reference=None,
         reference_pulses=reference,
@@ -259,7 +262,7 @@ def _turned_counts(record, findings, index):
     # Where the gear converted only one of the two columns to pulses, its sign is a correction of
     # its own; otherwise a wrong gear looks like wrong counts.
     if counts_are_angles != reference_is_angles:
-        drive = dataclasses.replace(rig.drive, gear=turned * rig.drive.gear)
+        drive = replace(rig.drive, gear=turned * rig.drive.gear)
         converted = with_counts if counts_are_angles else with_reference
         yield Correction((index,), _with_rig(converted, drive=drive), "the gear")
         yield Correction((index,), with_counts, counts_column)
@@ -287,10 +290,10 @@ def _turned_torque(record, findings, index):
     if columns:
         # Without a reference the sign of the counts, or of the gear, is as likely: name no column.
         column = "" if signals.reference is None else torque_column(signals, joint)
-        yield Correction((index,), dataclasses.replace(record, **columns), column)
+        yield Correction((index,), replace(record, **columns), column)
     if column := error_column(signals, joint):
         error = turned * record.error_pulses
-        yield Correction((index,), dataclasses.replace(record, error_pulses=error), column)
+        yield Correction((index,), replace(record, error_pulses=error), column)
 
 
 _BY_CHECK: dict[str, Callable[[Any, Sequence[Finding], int], Iterator[Correction]]] = {
@@ -304,7 +307,7 @@ _BY_CHECK: dict[str, Callable[[Any, Sequence[Finding], int], Iterator[Correction
 
 
 def _with_rig(record, **changes: Any):
-    return dataclasses.replace(record, rig=dataclasses.replace(record.rig, **changes))
+    return replace(record, rig=replace(record.rig, **changes))
 
 
 def _with_counts(record, joint, counts):
@@ -312,7 +315,7 @@ def _with_counts(record, joint, counts):
     # A record holds reference and error; the counts are their difference.
     error = np.array(record.error_pulses)
     error[:, joint] = record.reference_pulses[:, joint] - counts
-    return dataclasses.replace(record, error_pulses=error)
+    return replace(record, error_pulses=error)
 
 
 def _read_later(record, finding):

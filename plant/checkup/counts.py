@@ -1,7 +1,7 @@
 """Are the counts those of an encoder? Motion, glitches, jumps, standstill, clipping."""
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from plant.parts.fields import Floats
 from plant.parts.sums import products
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class CountSettings:
     """Limits of the checks of counts, chosen by hand.
 
@@ -62,7 +62,7 @@ class CountSettings:
     plateau: int = 5
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LeftOutSettings:
     """Limits of the search for rows that are left out behind even stamps, chosen by hand.
 

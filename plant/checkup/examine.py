@@ -3,7 +3,7 @@
 It needs no model of the arm.
 """
 
-import dataclasses
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from plant.checkup.units import unit_findings
 from plant.checkup.wiring import wiring_findings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TorqueSettings:
     """Limits of the checks of saturation, clipped torque and backlash, chosen by hand.
 
@@ -200,9 +200,9 @@ def examine(record: Any) -> Checkup:
     except ValueError as error:
         advice = f"The record's law does not fit its rig: {error}"
         misfit = (Check("law").wrong(None, advice),)
-        checked = dataclasses.replace(record, law=None)
+        checked = replace(record, law=None)
     findings, corrected = tried(checked, _findings)
-    corrected = record if corrected is checked else dataclasses.replace(corrected, law=record.law)
+    corrected = record if corrected is checked else replace(corrected, law=record.law)
     return Checkup(findings=(*misfit, *findings), joint_labels=labels, record=corrected)
 
 

@@ -1,8 +1,8 @@
 """Findings of a checkup: one line per check and joint, and the table of all of them."""
 
-import dataclasses
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from plant.parts.messages import joint_label
@@ -10,7 +10,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Finding(Shown):
     """One line of a checkup: a check, its joint, the measured value and the verdict.
 
@@ -127,7 +127,7 @@ def unless(reason: str, names: Iterable[str], findings: Iterable[Finding]) -> It
         yield Check(name).unknown(reason)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Checkup(Shown):
     """All findings about a record; it prints as a table with the labels of the joints.
 
@@ -175,6 +175,8 @@ class Checkup(Shown):
             word, _, reason = verdict.partition(": ")
             rows.append((check, label, _range_text(values, unit), word))
             rows += [("", label, "", "") for label in further_labels]
+            # All findings of a group have the same verdict, and those with advice are alone in
+            # theirs.
             if group[0].advice:
                 yield f"{check}{'' if label == '-' else f', {label}'}: {group[0].advice}"
             if reason:
@@ -187,6 +189,7 @@ class Checkup(Shown):
         # A robot with a single joint keeps its label.
         if 1 < len(joints) == len(self.joint_labels):
             return ["all"]
+        # A checkup made by hand may have no labels.
         labels = self.joint_labels
         named = [labels[j] if labels else joint_label((), j) for j in joints if j is not None]
         return named or ["-"]

@@ -5,19 +5,17 @@ unknown, so two quantities without it are compared: the steps of the torques, in
 cancels, and smoothed torques without their mean.
 """
 
-import dataclasses
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.checkup.signals import Signals
-from plant.laws.resumed import FAST, AlongLog, Resumed
+from plant.laws.resumed import FAST, Resumed
 from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LawDelaySettings:
     """Numbers of the search for the rows that a law with memory read, chosen by hand.
 
@@ -101,7 +99,7 @@ def _law_along_log(signals):
 class _RunAlongLog:
     """A law run along the middle of a log, at even times."""
 
-    def __init__(self, signals: Signals, law: AlongLog) -> None:
+    def __init__(self, signals, law):
         self.signals = signals
         self.law = law
         record = signals.record
@@ -126,19 +124,19 @@ class _RunAlongLog:
             self.motion = record.reference(self.steps - record.t[0])
         elif any(step.jac_sparsity(out, of).nnz() for out in (0, 1) for of in (1, 2, 3)):
             self.motion = self._smooth_motion()
-        self.injected: Any = 0.0
+        self.injected = 0.0
         if record.injected is not None:
             self.injected = _at_times(self.t, record.t, record.injected)
         # The amplifier limits what the law commands, so compare limited torques.
         logged = _at_times(self.t, signals.t, signals.torque)
         self.logged = self._limited(rig.drive.joint_torque(logged))
 
-    def _smooth_motion(self) -> list[Floats]:
+    def _smooth_motion(self):
         """Position, velocity and acceleration of the logged reference."""
         signals = self.signals
         rig = signals.rig
         rows = (signals.t >= self.t[0]) & (signals.t <= self.t[-1])
-        reference = np.asarray(signals.reference)[rows]
+        reference = signals.reference[rows]
         encoder = rig.encoder
         # Whole pulses were rounded from a smooth path: the splines may pass anywhere in the cells.
         whole = bool((reference == np.trunc(reference)).all())
@@ -151,7 +149,7 @@ class _RunAlongLog:
             for order in range(3)
         ]
 
-    def residuals(self, late: NDArray[np.int_]) -> tuple[Floats, Floats]:
+    def residuals(self, late):
         """Deviation (n,) from the logged torque, relative to it: of its steps, and smoothed.
 
         `late` (n,): samples by which the counts were late.
@@ -172,19 +170,19 @@ class _RunAlongLog:
         smoothed = self._mean_size(deviation) / np.maximum(self._mean_size(self.logged), 1e-300)
         return steps, smoothed
 
-    def _mean_step(self, torque: Floats) -> Floats:
-        return np.asarray(np.abs(np.diff(torque, axis=0))[self.clear[1:]].mean(axis=0))
+    def _mean_step(self, torque):
+        return np.abs(np.diff(torque, axis=0))[self.clear[1:]].mean(axis=0)
 
-    def _mean_size(self, torque: Floats) -> Floats:
+    def _mean_size(self, torque):
         """Mean size (n,) of smoothed torque about its mean, in which unknown memory cancels."""
         smooth = np.column_stack([self.signals.smooth_even(column) for column in torque.T])
         smooth = smooth[self.clear]
-        return np.asarray(np.abs(smooth - smooth.mean(axis=0)).mean(axis=0))
+        return np.abs(smooth - smooth.mean(axis=0)).mean(axis=0)
 
-    def _limited(self, torque: Floats) -> Floats:
+    def _limited(self, torque):
         """Motor torques of joint torques (M, n), within the amplifier's limit."""
         drive = self.signals.rig.drive
-        return np.asarray(drive.motor_torque(drive.limited(torque)))
+        return drive.motor_torque(drive.limited(torque))
 
 
 def _at_times(times, t, columns):

@@ -6,7 +6,7 @@ joint at rest does not show. A late stamp comes with a count that was read in ti
 loses or gains a turn goes on from there.
 """
 
-import dataclasses
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ MOST = 0.5
 """Share of rows that may be lost."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LostRowSettings:
     """Limits of the search for rows that are no measurement, chosen by hand.
 
@@ -151,7 +151,7 @@ def all_bridged(record: Any, lost: LostRows) -> Any:
     """The record with these rows and short gaps bridged, and lost turns taken back."""
     # Turns first: the lines of the bridges end on the counts beside them.
     if lost.turns.any():
-        record = dataclasses.replace(record, error_pulses=record.error_pulses + lost.turns)
+        record = replace(record, error_pulses=record.error_pulses + lost.turns)
     return on_lines(record, lost.any | short_gaps(record.valid == 0, BRIDGED))
 
 
@@ -201,7 +201,7 @@ def on_lines(record: Any, rows: NDArray[np.bool_]) -> Any:
         return np.where(rows[:, None], values, table)
 
     reference = lines(record.reference_pulses, True)
-    return dataclasses.replace(
+    return replace(
         record,
         reference_pulses=reference,
         error_pulses=reference - lines(record.counts, True),

@@ -5,9 +5,9 @@ is unstable, by a lag of its currents or by elastic gears, oscillates ever wider
 or the amplifier limit it.
 """
 
-import dataclasses
 import functools
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from plant.checkup.signals import Signals
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class OscillationSettings:
     """Limits that separate an oscillation of the loop from ringing and noise.
 

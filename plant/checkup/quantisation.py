@@ -1,7 +1,7 @@
 """Quantisation of the counts: whole numbers, the grid of the stated encoder, noise."""
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,7 @@ STEP_NOTE = "step of counts [pulses], joint {}"
 """Note of a record whose positions were clean multiples of such a step before they were counted."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class QuantisationSettings:
     """Limits of the search for the grid of the counts.
 
@@ -75,6 +75,7 @@ def _units(signals, i):
     counts = signals.counts[:, i]
     if signals.rig.encoder.smooth:
         return check.unknown("the encoder is said not to round")
+    # Counters give whole numbers; whatever else was done to them leaves broken ones.
     broken = 100 * np.mean(counts != np.round(counts))
     if not broken:
         return check.fine(0.0)

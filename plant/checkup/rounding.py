@@ -6,8 +6,8 @@ counts, whose cells are one pulse wide, shows the size of no step in this log; w
 cells merged, it shows that of `fix`. So the log is its own yardstick for any motion and noise.
 """
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from plant.checkup.quantisation import STEP_NOTE
 from plant.checkup.signals import Signals
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class RoundingSettings:
     """Numbers of the search for the convention of rounding.
 

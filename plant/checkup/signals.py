@@ -4,9 +4,9 @@ Everything is motor side and needs no model of the arm. Counts, reference and to
 filter, so that equations between them and their derivatives still hold.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -25,7 +25,7 @@ LEAST_MOTION = 20
 """Counts that a motor has to move, at least."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class SignalSettings:
     """Numbers of the filters of a log and of the comparison of rows with stamps, chosen by hand.
 
@@ -172,6 +172,7 @@ class Signals:
     @functools.cached_property
     def window(self) -> int:
         """Samples of the smoothing window, odd so that it is centred on a sample."""
+        # In slow logs a window in seconds would have too few samples for second differences.
         samples = max(SETTINGS.window_samples, round(SETTINGS.window / self.interval))
         return 2 * (samples // 2) + 1
 
@@ -243,6 +244,7 @@ class Signals:
         A median is robust against single outliers among the counts.
         """
         speed = np.diff(self.counts, axis=0) / np.diff(self.t)[:, None]
+        # At both ends the first, or last, speed goes on.
         padded = np.pad(speed, ((3, 3), (0, 0)), mode="edge")
         return np.median(np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0), axis=2)
 
@@ -317,6 +319,7 @@ class Signals:
         """The regression of motor i with the smaller relative error of its inertia; or None."""
         if self.averaged is None:
             return self.regressions[i]
+        # Each of the two is the better one for some arms: a slow one, or one that swings freely.
         fits: tuple[Any, ...] = self.regressions[i], self.averaged[i]
         return max(fits, key=lambda fit: abs(fit.inertia[i]) / max(fit.inertia_std[i], 1e-300))
 

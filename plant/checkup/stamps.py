@@ -1,7 +1,7 @@
 """Sampling of a log: period, jitter, missing and repeated samples, length."""
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from plant.checkup.signals import SETTINGS as SIGNALS
 from plant.checkup.signals import Signals
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class StampSettings:
     """Limits of the checks of time, chosen by hand.
 
@@ -98,7 +98,7 @@ def _period(signals):
     finding = Check("period", None, "ms").graded(
         ratio - 1, advice, look=SETTINGS.period, wrong=SETTINGS.other_period, cause=cause
     )
-    return dataclasses.replace(finding, value=signals.interval * 1e3)
+    return replace(finding, value=signals.interval * 1e3)
 
 
 def _intervals(steps):
@@ -121,6 +121,7 @@ def _intervals(steps):
         wrong=0.05 * N,
     )
     # Gaps and repeated samples have findings of their own.
+    # The standard deviation is that of the stamps, not of the rows that are lost.
     regular = (steps < SIGNALS.gap) & (steps > SETTINGS.crowded)
     jitter = 100 * np.std(steps[regular] if regular.any() else steps)
     advice = (
@@ -147,6 +148,7 @@ def _rows_and_stamps(signals):
             " interval."
         )
         return check.look(None, advice)
+    # Between both: stamps and counts belong together in some rows only.
     rows = "partly in other rows"
     if shift:
         rows = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps"

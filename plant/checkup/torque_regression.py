@@ -7,7 +7,7 @@ show whether a log can be an arm's. `TorqueRegression` holds at each sample, `Av
 average over much of a swing.
 """
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class RegressionSettings:
     """Numbers of the regressions of torque on motion, chosen by hand.
 
@@ -44,7 +44,7 @@ class RegressionSettings:
 SETTINGS = RegressionSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueRegression:
     """Coefficients of the torque of one motor, with standard deviations.
 
@@ -177,7 +177,7 @@ def _inverse(squares):
     return np.linalg.pinv(squares, SETTINGS.singular, hermitian=True)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AveragedRegression:
     """Coefficients, with standard deviations, of a motor's equation of motion, averaged.
 

@@ -1,7 +1,7 @@
 """Tracking of the reference by the counts: gear sign, swapped joints, delay."""
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.torque_regression import least_squares
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TrackingSettings:
     """Limits of the checks of counts against reference, chosen by hand.
 

@@ -1,7 +1,7 @@
 """Unit and side of the torque: against law, amplifier limit, rotor inertia and stated friction."""
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_fit
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class UnitSettings:
     """Limits of the checks of the torque's unit, chosen by hand.
 

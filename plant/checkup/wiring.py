@@ -1,7 +1,7 @@
 """Wiring of counts and torques: copied columns, sign of the torque, swapped joints."""
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from plant.checkup.signals import Signals
 from plant.checkup.tracking import correlation, law_fit
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class WiringSettings:
     """Limits of the checks of signs and order of columns, chosen by hand.
 

@@ -3,8 +3,9 @@
 The costs are negative logarithms of likelihoods: a difference of 6 means odds of e^6.
 """
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,7 +16,7 @@ HEAVIEST = 23000.0
 """Density [kg/m^3] of nothing that links are made of: above that of osmium."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class AgreementSettings:
     """Weights of the evidence for an inertial, chosen by hand.
 
@@ -65,7 +66,7 @@ class AgreementSettings:
 SETTINGS = AgreementSettings()
 
 
-@dataclasses.dataclass
+@dataclass
 class CheckedLink:
     """A link with its inertial in the file (or None), its shape, joints and partners."""
 
@@ -74,6 +75,10 @@ class CheckedLink:
     shape: Shape | None
     joints: Floats
     partners: Sequence[tuple[Inertial, Floats]] = ()
+
+
+Links: TypeAlias = dict[str, CheckedLink]
+"""The links of a file by name."""
 
 
 def mirrored(inertial: Inertial, plane: Floats) -> Inertial:
@@ -107,7 +112,7 @@ def uniform(inertial: Inertial, shape: Shape | None) -> bool:
     return bool(off < SETTINGS.uniform * size and shift < SETTINGS.uniform * np.sqrt(size))
 
 
-def impossible(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]) -> bool:
+def impossible(inertial: Inertial, link: CheckedLink, links: Links) -> bool:
     """Whether no body within the robot, or within the link's shape, can have this inertial.
 
     The shape may be a third of the link, as shapes for collisions are; but it counts as large as it
@@ -135,7 +140,7 @@ def impossible(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLi
     return not link.shape.holds(inertial.com, spread, slack)
 
 
-def cost_of(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]) -> float:
+def cost_of(inertial: Inertial, link: CheckedLink, links: Links) -> float:
     """Disagreement of an inertial with the rest of the file; infinite if no body can have it."""
     if not inertial.physical():
         return np.inf
@@ -180,7 +185,7 @@ def _cost_of_shape(inertial: Inertial, shape: Shape) -> float:
     return cost
 
 
-def _cost_of_joints(inertial: Inertial, link: CheckedLink, links: dict[str, CheckedLink]) -> float:
+def _cost_of_joints(inertial: Inertial, link: CheckedLink, links: Links) -> float:
     spread = inertial.spread / inertial.mass
     # The mass of a link is like those of the others, within a factor of e^1.5.
     masses = [
@@ -202,7 +207,7 @@ def _length(link: CheckedLink) -> float:
     return float(np.linalg.norm(link.joints, axis=1).max())
 
 
-def _reach(links: dict[str, CheckedLink]) -> float:
+def _reach(links: Links) -> float:
     """The longest distance of two joints on a link [m]; 0.1 m in a file without any."""
     return max((_length(link) for link in links.values() if len(link.joints)), default=0.1)
 

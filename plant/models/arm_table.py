@@ -1,7 +1,7 @@
 """The table [arm] of a robot file: its chain, from rows or a model file; the parameters f."""
 
-import dataclasses
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +90,7 @@ _ROTORLESS = "base without rotors"
 def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics, Any]:
     """Dynamics of [arm], which has this chain; its f, or None if neither f nor bodies are there."""
     rotors = table.get("rotors")
+    # Without rotors the chain has the links alone.
     if rotors is not None:
         choice("rotors of [arm]", rotors, ("drive",))
         # The rotors of the drive belong to the equations of motion.
@@ -102,7 +103,7 @@ def dynamics_of(table: dict[str, Any], chain: Chain, rig: Rig) -> tuple[Dynamics
     else:
         choice("parameters of [arm]", parameters, (_BASE, _ROTORLESS))
         dynamics = Dynamics.from_chain(chain, rotors=parameters == _BASE)
-        dynamics = dataclasses.replace(dynamics, ranges=ranges)
+        dynamics = replace(dynamics, ranges=ranges)
     return dynamics, table.get("f", dynamics.f() if chain.bodies else None)
 
 
@@ -145,7 +146,7 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
             changes["limits"] = part_of(table["limits"], "plant.Limits", "arm.limits")
     if "coupling" in table:
         changes["coupling"] = part_of(table["coupling"], "plant.Coupling", "arm.coupling")
-    return dataclasses.replace(chain, **changes)
+    return replace(chain, **changes)
 
 
 def _chain_of_file(table: dict[str, Any], source: str, folder: Path) -> Chain:

@@ -9,8 +9,8 @@ inertial without the mistake is exactly the link on the other side, or exactly t
 filled, which does not happen by chance.
 """
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
 from plant.models.agreement import (
     HEAVIEST,
     CheckedLink,
+    Links,
     coincides,
     cost_of,
     distance,
@@ -45,7 +46,7 @@ from plant.parts.files import require_new, write_whole
 from plant.parts.shown import Piece, Shown, Verdict
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class RepairSettings:
     """Evidence that a mistake or a repair needs [logarithms of odds], chosen by hand.
 
@@ -74,7 +75,7 @@ class RepairSettings:
 SETTINGS = RepairSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ModelFinding(Shown):
     """A mistake in the inertial of a link, and its repair in the link's frame, if one is certain.
 
@@ -97,7 +98,7 @@ class ModelFinding(Shown):
         yield f"link {self.link}: {self.mistake}; {repair}"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ModelCheck(Shown):
     """The findings of `check_model` about a file."""
 
@@ -186,7 +187,7 @@ def check_model(path: str | Path) -> ModelCheck:
     return ModelCheck(path=Path(path), findings=tuple(findings.values()))
 
 
-def _checked_links(robot: Element) -> dict[str, CheckedLink]:
+def _checked_links(robot: Element) -> Links:
     """The links of a file by name, each with its partner on the other side."""
     links = {}
     for element in robot.all("link"):
@@ -205,7 +206,7 @@ def _checked_links(robot: Element) -> dict[str, CheckedLink]:
     return links
 
 
-def _keep_one_side(findings: dict[str, ModelFinding], links: dict[str, CheckedLink]) -> None:
+def _keep_one_side(findings: dict[str, ModelFinding], links: Links) -> None:
     """Of two sides that differ only one is wrong: remove the less likely finding."""
     for name in list(findings):
         partner = partner_of(name, list(links))
@@ -231,10 +232,10 @@ def _alike(link: CheckedLink) -> bool:
     )
 
 
-def _gain_alone(link: CheckedLink, finding: ModelFinding, links: dict[str, CheckedLink]) -> float:
+def _gain_alone(link: CheckedLink, finding: ModelFinding, links: Links) -> float:
     """Evidence for a repair without the link on the other side."""
     # The other side is what is in question.
-    alone = dataclasses.replace(link, partners=())
+    alone = replace(link, partners=())
     body = finding.repair
     if link.stated is None or body is None:
         return 0.0
@@ -266,7 +267,7 @@ class _Trial(NamedTuple):
     inertial: Inertial
 
 
-def _judged(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | None:
+def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     """The mistake that explains the inertial better than none, if there is one with a proof."""
     stated = link.stated
     if stated is None:
@@ -293,9 +294,7 @@ def _judged(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | 
     return ModelFinding(link=link.name, mistake=best.mistake, evidence=evidence, repair=repair)
 
 
-def _impossible(
-    link: CheckedLink, links: dict[str, CheckedLink], trials: list[_Trial]
-) -> ModelFinding:
+def _impossible(link: CheckedLink, links: Links, trials: list[_Trial]) -> ModelFinding:
     """The finding about an inertial that no body has: which mistake it is, if that is certain."""
     best = min(trials, key=lambda trial: trial.cost)
     possible = np.isfinite(best.cost)
@@ -333,11 +332,12 @@ def _unrivalled(trials: list[_Trial], best: Inertial) -> bool:
         for trial in trials
         if not np.allclose(trial.inertial.spread, best.spread, rtol=1e-3, atol=0)
     ]
+    # The distance in costs is the logarithm of the odds.
     least = min(trial.cost for trial in trials)
     return bool(np.isfinite(least) and min(costs, default=np.inf) - least > SETTINGS.likely)
 
 
-def _missing(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding | None:
+def _missing(link: CheckedLink, links: Links) -> ModelFinding | None:
     """The finding about a link with a shape or a partner, and without an inertial."""
     # Without a shape or a partner the link may be a frame, which has no mass.
     if link.shape is None and not link.partners:
@@ -347,7 +347,7 @@ def _missing(link: CheckedLink, links: dict[str, CheckedLink]) -> ModelFinding |
     )
 
 
-def _guess(link: CheckedLink, links: dict[str, CheckedLink]) -> Body | None:
+def _guess(link: CheckedLink, links: Links) -> Body | None:
     """The partner's body mirrored; or the link's shape filled, if all others are filled alike."""
     for partner, plane in link.partners:
         if partner.physical():
@@ -357,6 +357,7 @@ def _guess(link: CheckedLink, links: dict[str, CheckedLink]) -> Body | None:
     for one in links.values():
         if one is link or one.stated is None or one.shape is None:
             continue
+        # One link that is not filled makes the density of this one a guess.
         if not uniform(one.stated, one.shape):
             return None
         densities.append(one.stated.mass / one.shape.volume)
@@ -371,5 +372,6 @@ def _guess(link: CheckedLink, links: dict[str, CheckedLink]) -> Body | None:
 
 def _body(inertial: Inertial) -> Body:
     """The body of an inertial, in the link's frame."""
+    # A body has the axes of its link: Ixx, Ixy, Ixz, Iyy, Iyz, Izz.
     in_link = inertial.rotation @ inertial.inertia @ inertial.rotation.T
     return Body(mass=inertial.mass, com=inertial.com, inertia=in_link[np.triu_indices(3)])

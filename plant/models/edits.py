@@ -78,6 +78,7 @@ def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
     return [
         inertial.attribute_edit(data, key, value)
         for key, value in values.items()
+        # What is not there needs no removal.
         if value or key in inertial.attributes
     ]
 
@@ -159,12 +160,14 @@ def mjcf_motors(joints: Sequence[str], drive: Drive) -> str:
 
 def _mjcf_joint_text(joint: ModelJoint, values: Mapping[str, float]) -> str:
     """A joint with its limits of position and effort."""
+    # MOVING says of each kind of URDF joint whether it slides.
     kind = "slide" if MOVING[joint.kind] else "hinge"
     parts = [f'<joint name={quoteattr(joint.name)} type="{kind}" axis="{_text(joint.axis)}"']
     lower, upper, _, effort = joint.limits
     # Continuous joints have no limits.
     if np.isfinite([lower, upper]).all():
         parts.append(f'range="{_text((lower, upper))}"')
+    # A joint may have a range and no effort, or the other way round.
     if np.isfinite(effort):
         parts.append(f'actuatorfrcrange="{_text((-effort, effort))}"')
     parts += [f'{name}="{_text(value)}"' for name, value in values.items()]

@@ -1,9 +1,9 @@
 """Links of a URDF file: inertials without each mistake that files have; shapes, other sides."""
 
-import dataclasses
 import itertools
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from plant.mechanics.xml_file import Element, numbers_of
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Inertial:
     """An inertial as the file states it.
 
@@ -81,19 +81,19 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
         inertia = I * (1 - 2 * (np.trace(I) < 0))
         yield (
             "a negative mass or inertia",
-            dataclasses.replace(stated, mass=abs(m), inertia=inertia),
+            replace(stated, mass=abs(m), inertia=inertia),
         )
         inertia = I - moments + np.abs(moments)
         yield (
             "a negative moment of inertia",
-            dataclasses.replace(stated, mass=abs(m), inertia=inertia),
+            replace(stated, mass=abs(m), inertia=inertia),
         )
 
     # 2. Units.
     for words, mass, length, per_unit in _UNITS:
         yield (
             words,
-            dataclasses.replace(stated, mass=m * mass, com=c * length, inertia=I * per_unit),
+            replace(stated, mass=m * mass, com=c * length, inertia=I * per_unit),
         )
 
     # 3. The point about which the inertia is stated (Steiner).
@@ -104,7 +104,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
     if np.abs(steiner).max() > 1e-9 * np.abs(I).max():
         yield (
             "inertia about the link's frame, not the centre of mass",
-            dataclasses.replace(stated, inertia=I - steiner),
+            replace(stated, inertia=I - steiner),
         )
 
     # 4. Signs, order and size of single entries.
@@ -120,14 +120,14 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
             yield "products of inertia in another order", _with_products(stated, products[order])
     for order in orders:
         inertia = I - moments + np.diag(np.diag(I)[order])
-        yield "moments of inertia in another order", dataclasses.replace(stated, inertia=inertia)
+        yield "moments of inertia in another order", replace(stated, inertia=inertia)
     # One or two places to the left or right.
     for k, factor in itertools.product(range(3), (0.1, 0.01, 10.0, 100.0)):
         inertia = I.copy()
         inertia[k, k] *= factor
         yield (
             "a decimal point of a moment of inertia in the wrong place",
-            dataclasses.replace(stated, inertia=inertia),
+            replace(stated, inertia=inertia),
         )
 
     # 5. Mirrored links: all of the inertial, or the centre of mass alone.
@@ -142,7 +142,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
         )
         yield (
             f"a centre of mass mirrored in {'xyz'[axis]}",
-            dataclasses.replace(stated, com=plane @ c),
+            replace(stated, com=plane @ c),
         )
 
 
@@ -151,7 +151,7 @@ def _with_products(stated: Inertial, products: Floats) -> Inertial:
     for (i, j), value in zip(_PRODUCTS, products, strict=True):
         inertia[i, j] = value
         inertia[j, i] = value
-    return dataclasses.replace(stated, inertia=inertia)
+    return replace(stated, inertia=inertia)
 
 
 # Words and abbreviations of the two sides: left and right, front, hind and rear.
@@ -169,7 +169,7 @@ _SIDES = (
 _PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1)))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Shape:
     """A uniformly filled shape of a link, in the link's frame.
 

@@ -1,8 +1,8 @@
 """Robot files: one TOML file describes arm, drive, encoder, law and log columns."""
 
-import dataclasses
 import tomllib
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -31,7 +31,7 @@ FOLDER = Path(__file__).parent / "robots"  # robot files of the package
 
 
 @known_options
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Robot(Frozen):
     """A robot as its file describes it: arm, rig, law, and the columns of its logs.
 
@@ -73,7 +73,7 @@ class Robot(Frozen):
     columns: dict[str, Any] | None = None
     units: dict[str, Any] | None = None
     name: str = ""
-    model: Path | None = dataclasses.field(default=None, compare=False)
+    model: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         instance("rig", self.rig, Rig, "Give Rig(drive=..., encoder=..., period=...).")

@@ -134,6 +134,7 @@ def table_of(part: Part, kind: str, parts: Mapping[str, Part] | None = None) -> 
 
     def value_of(key: str, value: Any, plain: Any) -> Any:
         if isinstance(value, Part):
+            # The same rig or arm is written once, and referred to by its heading.
             for heading, named_part in (parts or {}).items():
                 if value == named_part:
                     return heading
@@ -225,6 +226,7 @@ def _text(value: str | int) -> str:
 
 
 def _value(value: Any) -> str:
+    # JSON and TOML write these alike; floats keep all their digits.
     if isinstance(value, (bool, int, str)):
         return _text(value)
     if isinstance(value, float):
