@@ -1,5 +1,5 @@
 """Least squares on the torque equation, with logged torques or with those that the law commanded.
 
-Read `filtering`, `regressor` (and measured torque), `least_squares`, `torque_fit`, then `pulse_fit`
-(counts alone).
+Read `filters`, `regressor` (and measured torque), `least_squares`, `torque_fit`, then `pulse_fit`
+(counts alone) and `logged_torques` (`fit_torque`), whose band `band_choice` chooses.
 """

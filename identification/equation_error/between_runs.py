@@ -121,7 +121,7 @@ class BetweenRuns(Shown, Frozen):
     @classmethod
     def of(
         cls,
-        each: Floats,
+        estimates: Floats,
         std: Floats,
         apart: Differing,
         within: Floats,
@@ -134,21 +134,26 @@ class BetweenRuns(Shown, Frozen):
         That of each run alone, what differs between runs, and what no further log reduces.
         """
         # Half of an interval is a quarter of its variance: no further log takes away `common`.
-        some = np.flatnonzero(common < 0.25 * (within + added + common))
+        reducible = np.flatnonzero(common < 0.25 * (within + added + common))
         further = 0
-        if some.size:
+        if reducible.size:
             further = _further(
-                within[some], added[some], apart.freedom[some], len(each), common[some]
+                within[reducible],
+                added[reducible],
+                apart.freedom[reducible],
+                len(estimates),
+                common[reducible],
             )
+        # One run alone agrees with itself.
         compared = np.isfinite(std).sum(axis=0) > 1
         return cls(
-            values=each,
+            values=estimates,
             std=std,
             compared=compared,
-            agree=compared & _agree(each, std),
+            agree=compared & _agree(estimates, std),
             **apart._asdict(),
             further=further,
-            never=len(common) - some.size,
+            never=len(common) - reducible.size,
         )
 
     @property
@@ -203,13 +208,13 @@ class BetweenRuns(Shown, Frozen):
 class _Runs(NamedTuple):
     """The fit of each run alone.
 
-    `each`, `std` (R, k): values, NaN where a run does not determine one. `left` (M,): residual of
+    `estimates`, `std` (R, k): values, NaN where a run does not determine one. `residual` (M,): of
     these fits. `share` (R, k): change of the common value per change of a run's, times R.
     """
 
-    each: Floats
+    estimates: Floats
     std: Floats
-    left: Floats
+    residual: Floats
     share: Floats
 
 
@@ -234,12 +239,12 @@ def between_runs(
     scale = np.sqrt((rows * rows).sum(axis=0))
     alone = _alone(values, rows, residual, runs, blocks)
     exact = SETTINGS.exact * norm(values * scale) / scale
-    count, k = alone.each.shape
-    covariance = at_least(noise, run_std(rows, alone.left, blocks))
+    count, k = alone.estimates.shape
+    covariance = at_least(noise, run_std(rows, alone.residual, blocks))
 
     # 2. Change of the common values by each run, and its variance from blocks within the run.
     moved = count * run_moves(rows, residual, runs)
-    scatter = count * run_moves(rows, alone.left, blocks)
+    scatter = count * run_moves(rows, alone.residual, blocks)
     run_of_block = np.array([runs[np.argmax(blocks == block)] for block in range(len(scatter))])
     inside = np.stack([(scatter[run_of_block == run] ** 2).sum(axis=0) for run in range(count)])
     inside = np.maximum(np.maximum(inside, count * np.diag(noise)), exact**2)
@@ -249,7 +254,7 @@ def between_runs(
     # 3. The variance between runs, group by group.
     std = np.maximum(alone.std, exact)
     added = np.zeros(k)
-    apart = differing(names, values, alone.each, std, alike)
+    apart = differing(names, values, alone.estimates, std, alike)
     for name, at in groups_of(names, alone.std).items():
         size = size_of(name, values[at], std[:, at])
         share = np.abs(alone.share[:, at])
@@ -263,7 +268,7 @@ def between_runs(
         of_mean = (share**2).sum(axis=0) / count**2
         added[at] = variance * size**2 * of_mean * wider(apart.freedom[at]) ** 2
     within = np.diag(covariance)
-    between = BetweenRuns.of(alone.each, std, apart, within, added, np.broadcast_to(common, k))
+    between = BetweenRuns.of(alone.estimates, std, apart, within, added, np.broadcast_to(common, k))
     return between, at_least(covariance, np.sqrt(within + added))
 
 
@@ -274,7 +279,7 @@ def _alone(
     scale = np.sqrt((rows * rows).sum(axis=0))
     count = int(runs.max()) + 1
     common = products(rows / scale)
-    left = residual.copy()
+    remaining = residual.copy()
     estimates, std, share = np.empty((3, count, len(values)))
     for run in range(count):
         # 1. Least squares on the residual of the common fit: the change of the values.
@@ -285,15 +290,15 @@ def _alone(
         shown = sizes > SETTINGS.shown * sizes[-1]
         inverse = (axes[:, shown] / sizes[shown]) @ axes[:, shown].T
         move = product(inverse, (columns * residual[in_run, None]).sum(axis=0))
-        left[in_run] -= product(columns, move)
+        remaining[in_run] -= product(columns, move)
         estimates[run] = values + move / scale
 
         # 2. Its standard deviations: of white noise, or of blocks if these scatter more.
-        variance = (left[in_run] ** 2).sum() / max(in_run.sum() - shown.sum(), 1)
+        variance = (remaining[in_run] ** 2).sum() / max(in_run.sum() - shown.sum(), 1)
         std[run] = np.sqrt(np.diag(inverse) * variance)
         if shown.all():
             numbers = np.unique(blocks[in_run], return_inverse=True)[1]
-            scatter = group_std(columns, left[in_run], numbers)
+            scatter = group_std(columns, remaining[in_run], numbers)
             std[run] = np.where(np.isfinite(scatter), np.maximum(std[run], scatter), std[run])
 
         # 3. Values that lie in directions it does not show are not its own.
@@ -302,16 +307,17 @@ def _alone(
         hidden |= np.abs(share[run]) < SETTINGS.share
         estimates[run, hidden] = np.nan
         std[run, hidden] = np.nan
-    return _Runs(estimates, std / scale, left, share)
+    return _Runs(estimates, std / scale, remaining, share)
 
 
-def _agree(each: Floats, std: Floats) -> NDArray[np.bool_]:
+def _agree(estimates: Floats, std: Floats) -> NDArray[np.bool_]:
     """Values (k,) of runs (R, k) that differ by no more than their intervals allow: Cochran's Q."""
     from scipy.special import chdtri
 
+    # A run that does not determine a value has no weight in its mean, and no degree of freedom.
     weight = np.where(np.isfinite(std), 1 / std**2, 0.0)
-    mean = np.nansum(weight * each, axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
-    squares = np.nansum(weight * (each - mean) ** 2, axis=0)
+    mean = np.nansum(weight * estimates, axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
+    squares = np.nansum(weight * (estimates - mean) ** 2, axis=0)
     freedom = (weight > 0).sum(axis=0) - 1
     return np.asarray(squares <= chdtri(np.maximum(freedom, 1), SETTINGS.disagree))
 
@@ -322,6 +328,7 @@ def _further(
     """Logs beside `count` that halve the standard deviations of half of the values, if they are
     alike.
     """
+    # By trying: Student's quantile has no inverse in the number of logs.
     for logs in range(count + 1, count + SETTINGS.further):
         # More logs give more degrees of freedom, too, and so a smaller quantile of Student's.
         narrower = wider(freedom * (logs - 1) / (count - 1)) / wider(freedom)

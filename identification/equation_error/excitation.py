@@ -48,6 +48,7 @@ def still(records: Sequence[Record]) -> NDArray[np.intp]:
 def unexcited(dynamics: Dynamics, records: Sequence[Record]) -> list[str]:
     """Joints that hardly move in any record, and pairs that move in step."""
     labels = dynamics.chain.joint_labels
+    # Of all records together: joints in step in one may move apart in another.
     speeds = np.concatenate([_motion(record).qd for record in records])
     ranges = np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
     messages = [f"{labels[i]} moves by {ranges[i]:.0f} pulses" for i in still(records)]
@@ -95,6 +96,7 @@ def _shares(
     """Standard deviations (p,) of f after the logs, as shares of those of the prior."""
     # In whitened coordinates the information of the prior is the unit matrix.
     root = np.linalg.inv(prior.whitening)
+    # Each log adds its own, with the noise of each joint's torque.
     information = np.eye(dynamics.p)
     for record, motion in zip(records, motions, strict=True):
         regressor, _ = regressor_along(dynamics, record.rig, dynamics.names, motion)

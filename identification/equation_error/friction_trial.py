@@ -112,12 +112,14 @@ class FrictionTrial(Shown):
         """
         # Joints that were not tried have none. Levels are on the shafts, a curve is of the motors.
         levels = np.nan_to_num(self.levels)
+        # A drive refuses negative friction; a joint with a little of it has none.
         if self.kind == LOAD_DEPENDENT:
             return dataclasses.replace(drive, load_friction=np.maximum(levels, 0.0))
         curve = drive.curve or FrictionCurve(offset=0 * levels)
         if self.kind == ASYMMETRIC:
             curve = dataclasses.replace(curve, offset=curve.offset + levels / drive.gear)
         elif self.kind == STRIBECK and self.share is not None:
+            # Two curves of different speeds do not add up to one.
             if curve.breakaway is not None:
                 raise ValueError(
                     "a drive has one Stribeck speed; this one states another. Fit without its"
@@ -178,6 +180,7 @@ def friction_trials(
             return np.full(1, np.nan), np.empty(0)
         return fit.losses(fit.without), fit.without
 
+    # All candidates against the fit without any, on the same blocks.
     base = beside(())[0]
     trials = list[FrictionTrial]()
     for i, (kind, share) in enumerate(candidates):
@@ -192,6 +195,7 @@ def friction_trials(
         # A negative level is another kind of friction; an offset may have either sign.
         if kind != ASYMMETRIC and np.nansum(levels) < 0:
             continue
+        # Blocks that all gain alike have no scatter.
         error = max(float(gains.std(ddof=1)) / np.sqrt(len(gains)), 1e-300)
         trials.append(
             FrictionTrial(

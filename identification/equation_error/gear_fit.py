@@ -129,6 +129,7 @@ class _Wound:
 
     def system(self, dynamics: Dynamics, unknown: Sequence[str], compliance: Floats) -> System:
         """The torque equation along the motion of the links."""
+        # Shafts wind up; a coupling makes joint angles of that.
         joint = self.rig.drive.coupling.joint
         filtering = filtering_of(self.rig, self.band)
         pairs = zip(self.motors, self.wind_up, strict=True)
@@ -181,6 +182,7 @@ def _best(
         systems = [record.system(dynamics, names, compliance) for record in wound]
         return GearFit(compliance=compliance, torque=fit_systems(dynamics, names, known, systems))
 
+    # Rows of a grid may repeat where a gear stays as it is.
     best = min(map(fitted, np.unique(grid, axis=0)), key=_misfit)
     # Coordinate descent: the residual is smooth in each compliance, and the gears interact weakly.
     for _ in range(SETTINGS.rounds):
@@ -202,4 +204,5 @@ def _best(
 
 def _misfit(fit: GearFit) -> float:
     """Negative logarithm of the likelihood, per equation of each joint."""
+    # Joint by joint: a sum of squares would let the strongest joint decide.
     return float(np.log(np.maximum(fit.torque.sigma, 1e-300)).sum())

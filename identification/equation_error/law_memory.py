@@ -116,6 +116,7 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
             " memory is; whole counts leave it open. Give reference=, or the reference without"
             " rounding (reference_position)."
         )
+    # A logged torque holds the effect of any state: with it the state need not be known.
     sampled = law.period is not None and not unknown_law
     if sampled and record.torque is not None:
         return dataclasses.replace(record, law=LoggedTorque())
@@ -151,6 +152,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     for _ in range(SETTINGS.rounds):
         run = run_law(record)
         memory, columns = state_directions(record, run, usual)
+        # No direction of the state shows in the torque: there is nothing to fit.
         if not len(columns):
             break
         coordinates, bands = _fitted(dynamics, record, names, run, columns, memory.usual, bands)
@@ -181,6 +183,7 @@ def _before(record: Record) -> Record:
     """
     t = record.rig.period * np.arange(FADED)
     rows = np.flatnonzero(record.valid)[: SETTINGS.straight]
+    # The last of these samples is one period before the first of the record.
     back = t - record.rig.period * FADED
     lines = []
     for column in (record.counts, record.reference_pulses):
@@ -227,6 +230,7 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
     law: Any = record.law
     t = clock.t[clock.rows]
     torque = run.around(t, period)
+    # A state that was zero throughout has no magnitude to be varied by.
     varied = np.flatnonzero(scale)
     by_state = [np.zeros(0)]
     step = SETTINGS.step
@@ -272,6 +276,7 @@ def _fitted(
     rig = record.rig
     torque = law_torque(record, run)
     fits = []
+    # The torque of a state is measured with the law's: it stands on the other side of the equation.
     extra = {f"state[{i}]": lambda *_, column=column: -column for i, column in enumerate(columns)}
     for band in bands:
         try:

@@ -97,6 +97,7 @@ def least_squares(
     standard deviation of 1; condition: of the columns, scaled to one length.
     """
     k = rows.shape[1]
+    # All columns at one length: shares and the condition then do not depend on units.
     lengths = np.sqrt(np.einsum("mi,mi->i", rows, rows))
     if not lengths.all():
         idle = names[int(np.argmin(lengths))]
@@ -109,6 +110,7 @@ def least_squares(
     # The products of the columns are six times faster, and exact enough for a coarse threshold.
     factorise = _by_products if dependent >= IDENTIFIABLE.products else _by_rows
     triangle, turned = factorise(rows, lengths, target, _Separable(names, dependent))
+    # The inverse of a triangle by back substitution; values and covariance follow from it.
     inverse = np.zeros((k, k))
     for i in reversed(range(k)):
         unit = (np.arange(k) == i).astype(float)
@@ -194,6 +196,7 @@ def dependent_columns(
     combinations = dict[str, tuple[str, ...]]()
     independent = list[int]()
     for i in range(rows.shape[1]):
+        # Against the independent ones before it alone: so each dependence is reported once.
         column = rows[:, i] / (lengths[i] or 1.0)
         basis = rows[:, independent] / lengths[independent]
         shares = least(basis, column)
@@ -248,15 +251,16 @@ NORMAL = 1.96  # standard deviations on either side of a normal value that hold 
 _AT_ONCE = 1 << 19
 
 
-def in_groups(lengths: Sequence[int], before: int, least: int) -> NDArray[np.intp]:
+def in_groups(lengths: Sequence[int], prior: int, least: int) -> NDArray[np.intp]:
     """Groups (M,) of rows, from 0: each of these lengths is cut into the same number of segments,
     at least so many of all lengths together.
 
-    The first rows, so many as `before`, are those of a prior: they are in group -1 and never left
+    The first rows, as many as `prior`, are those of a prior: they are in group -1 and never left
     out.
     """
+    # Rounded up.
     per_length = -(-least // len(lengths))
-    groups = [np.full(before, -1)]
+    groups = [np.full(prior, -1)]
     for i, length in enumerate(lengths):
         groups.append(per_length * i + np.arange(length) * per_length // length)
     return np.concatenate(groups)
@@ -274,19 +278,20 @@ def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Float
     count = int(groups.max()) + 1
     k = rows.shape[1]
     scale = np.sqrt(np.einsum("mi,mi->i", rows, rows))
-    whole = np.zeros((k, k))
+    normal = np.zeros((k, k))
     moves = np.empty((count, k))
     for begin in range(0, len(rows), _AT_ONCE):
-        whole += products(rows[begin : begin + _AT_ONCE] / scale)
+        normal += products(rows[begin : begin + _AT_ONCE] / scale)
     # The values without a group follow from the normal equations less that group's part of them.
     for i in range(count):
         group = rows[groups == i] / scale
         try:
             moves[i] = np.linalg.solve(
-                whole - products(group), (group * residual[groups == i, None]).sum(axis=0)
+                normal - products(group), (group * residual[groups == i, None]).sum(axis=0)
             )
         except np.linalg.LinAlgError:
             return np.full(k, np.inf)
+    # Estimates without a group share most rows: the jackknife's factor makes up for that.
     variance = (count - 1) / count * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0)
     return _student(variance, scale, count)
 
@@ -315,6 +320,7 @@ def run_moves(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
         most = 1 - IDENTIFIABLE.run
         remaining = np.where(taken < most, 1 - np.minimum(taken, most), np.inf)
         score = axes_taken.T @ (unroot.T @ (run * residual[runs == i, None]).sum(axis=0))
+        # The square root of the remaining share, on the score, corrects the variance (CR2).
         scores[i] = root @ (axes_taken @ (score / np.sqrt(remaining)))
     return np.asarray(scores @ inverse / scale)
 
@@ -341,6 +347,7 @@ def at_least(covariance: Floats, std: Floats) -> Floats:
     The part that is added has the same correlations: it makes no combination more certain.
     """
     present = np.sqrt(np.diag(covariance))
+    # A value that is known exactly, or whose segments determine nothing, stays.
     wanted = np.where((present > 0) & np.isfinite(std), std, present)
     added = np.sqrt(np.maximum(wanted**2 - present**2, 0.0))
     share = np.divide(added, present, out=np.zeros_like(present), where=present > 0)

@@ -120,6 +120,7 @@ def fit_torque(
     True
     """
     task = equations_of(dynamics, q, torque, rig, unknown, extra, known, joints)
+    # All arguments are checked before the first fit, which takes seconds.
     stated = _weights(weights, task)
     slowest = _slowest(least_speed, task.dynamics.n)
     if every is not None:
@@ -178,6 +179,7 @@ def _chosen(
     )
     if slowest is not None:
         return width, slowest, {"bands": bands_tried}
+    # Least speeds select among these equations: they are filtered once.
     slow = task.systems(width, cutoff, None, np.zeros(task.dynamics.n), thin=True)[1]
 
     def faster(share: float) -> list[System]:
@@ -217,6 +219,7 @@ def _friction(
     rig = task.logs[0].rig
     usual = np.maximum(task.usual_speed(), 1e-9)
     coupling = rig.drive.coupling
+    # Beside a Coulomb level that is fitted; a joint without a residual has nothing to explain.
     joints = [
         j for j in range(dynamics.n) if f"drive.coulomb[{j}]" in fit.names and fit.sigma[j] > 0
     ]
@@ -283,6 +286,7 @@ def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:
     if weights is None:
         return None
     shape = (len(task.logs), task.dynamics.n)
+    # One weight per joint holds in all logs.
     if np.ndim(weights) == 1:
         weights = np.broadcast_to(
             array("weights", weights, shape[1:], advice="Give one per joint."), shape

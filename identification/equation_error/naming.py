@@ -44,6 +44,7 @@ _MISREAD = (
     "units of torque",
 )
 
+# Kinds of standard parameters: a unit follows from the kinds that a parameter of f lumps together.
 _INERTIA = [kind.startswith(("I", "J")) for kind in STANDARD]
 _FIRST = [kind in ("mx", "my", "mz") for kind in STANDARD]
 
@@ -64,6 +65,7 @@ def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
     """
     lumping = dynamics.lumping
     of_f = dict[str, str]()
+    # Along a prismatic joint a mass enters the inertial torque, too.
     turning = not any(link.prismatic for link in dynamics.chain.links)
     for i, name in enumerate(dynamics.names):
         # The kinds of standard parameters, of all bodies, that this one lumps together.
@@ -198,6 +200,7 @@ def held_out(records: Sequence[Record], searched: int, among: bool) -> Iterator[
     except RecordError as error:
         # By identity: two equal records are two places.
         k = next(k for k, record in enumerate(records) if record is error.record)
+        # By the list in which the user passed it.
         place = f"records[{searched + k}]" if among else f"held_out[{k}]"
         name = f" ({error.record.name})" if error.record.name else ""
         raise RecordError(error.said, error.record, f"{place}{name}") from error

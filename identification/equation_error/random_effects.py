@@ -46,13 +46,15 @@ def differing(
     `alike` (k, S): rows of length 1 whose products are the correlations of the values.
     """
     k = len(values)
+    # Without a comparison the deviation is zero, and no quantile is widened.
     groups = dict[str, float]()
     deviation = np.zeros(k)
     freedom = np.full(k, MANY)
     for name, at in groups_of(names, std).items():
         size = size_of(name, values[at], std[:, at])
-        known = np.isfinite(std[:, at]).astype(float)
-        apart = restricted(name, each[:, at] / size, std[:, at] / size, known)
+        # In its unit each value of the group varies alike: so they share one variance.
+        share = np.isfinite(std[:, at]).astype(float)
+        apart = restricted(name, each[:, at] / size, std[:, at] / size, share)
         groups[name] = np.sqrt(apart)
         deviation[at] = np.sqrt(apart) * size
         # Correlated values of a group count as fewer: m^2 / sum of squared correlations.

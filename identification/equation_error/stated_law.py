@@ -106,6 +106,7 @@ def _comparable(record: Record) -> bool:
         return False
     if record.torque is None and record.current is None:
         return False
+    # Moved counts are no whole numbers, except where the encoder does not round at all.
     return record.rig.encoder.smooth or bool((record.counts == np.trunc(record.counts)).all())
 
 
@@ -115,6 +116,7 @@ def _nearest(record: Record, logged: Floats) -> Record | None:
     None where its reference does not determine its torque, and of fast hardware.
     """
     law: Any = record.law
+    # Fast hardware reads the arm between samples, where the log has nothing.
     if law.period is None:
         return None
     try:

@@ -124,6 +124,7 @@ class TorqueEquations:
 
     def least(self, usual: Floats, share: float, band: float) -> Floats:
         """Least speeds (n,) [rad/s]: a share of the usual ones, and those that rounding makes."""
+        # Positions that are no counts have no rounding that is known.
         noise = [speed_noise(log.rig, band) for log in self.logs if log.counted]
         return np.max([share * usual, *noise], axis=0)
 
@@ -163,6 +164,7 @@ def equations_of(
             f" {unknown!r})."
         )
     extra = dict(extra or {})
+    # A further column may have the name of a short one: it goes before.
     long = dict(zip(dynamics.short_names, dynamics.names, strict=True))
     values = {
         name if name in extra else long.get(name, name): value
@@ -188,6 +190,7 @@ def equations_of(
     # 2. Logs, and the joints whose torque is used in each.
     logs = torque_logs(dynamics, q, torque, rig)
     used = np.ones((len(logs), dynamics.n), bool)
+    # Log by log: a sensor may be missing in one alone.
     if joints is None:
         for k, log in enumerate(logs):
             used[k, list(dead_columns(log))] = False

@@ -288,6 +288,7 @@ def weighted(
         # Degrees of freedom that remain, per equation.
         freedom = 1 - len(values) / len(target)
         sigma = _deviations(residual, joint, torque.shape[1], freedom)
+        # A joint without a residual, as in a noiseless log, must not have an infinite weight.
         if weights is None:
             weight = 1 / np.maximum(sigma, 1e-9 * np.abs(target).max())[joint]
 
@@ -307,6 +308,7 @@ def weighted(
         columns = rows * weight[:, None]
         blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
         if len(seconds) > 1:
+            # Numbered without gaps: a segment may have no equation.
             blocks = np.unique(blocks, return_inverse=True)[1]
             between, covariance = between_runs(
                 names, values, covariance, columns, residual * weight, places.record, blocks

@@ -120,6 +120,7 @@ class TorqueLog:
 
 def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> list[TorqueLog]:
     """Logs of records, or of positions (N, n) and torques (N, n), one or a sequence of each."""
+    # Records, or positions with torques and a rig: the first argument decides.
     records = (q,) if isinstance(q, Record) else tuple(q) if isinstance(q, (tuple, list)) else ()
     if records and all(isinstance(record, Record) for record in records):
         if torque is not None or rig is not None:
@@ -226,6 +227,7 @@ def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
     itself.
     """
     every = int(1 / (_FINE * cutoff * log.rig.period))
+    # The same object tells the caller that nothing was thinned.
     if every < 2 or len(log.q) < _SAMPLES * every:
         return log
     # Below half of the new sample rate, so that faster signals do not come back as slow ones.
