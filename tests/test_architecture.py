@@ -385,6 +385,7 @@ NAMED = (
     "ctc/payload",
     "ctc/learning",
     "plant/simulation",
+    "plant/analysis",
     "plant/realtime",
 )
 BY_NUMBER = {  # files that still read a memory by number, to be emptied

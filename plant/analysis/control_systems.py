@@ -128,9 +128,9 @@ def _arm_system(
             raise ValueError(
                 "rig must be given for a sampled arm; got None. Period and friction are the rig's."
             )
-        state = ca.SX.sym("state", 2 * n)
-        q = state[:n]
-        qd = state[n:]
+        q = ca.SX.sym("q", n)
+        qd = ca.SX.sym("qd", n)
+        state = ca.vertcat(q, qd)
         # Without a rig there is neither friction nor a limit: the rigid-body equation alone.
         qdd = inverse(arm.dynamics.D(q, arm.f)).solve(torque - arm.dynamics.h(q, qd, arm.f))
         return _system(

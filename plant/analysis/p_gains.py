@@ -257,10 +257,12 @@ def _along(motion: Motion, poses: int) -> Floats:
 
 
 class _Trial(NamedTuple):
-    """A simulated law: its gain, and its peak errors (n,), `excess` of them over the allowed."""
+    """A law that was simulated, and its errors."""
 
+    # Largest ratio of a peak error to the allowed one.
     excess: float
     law: Law
+    # Peak errors (n,) [pulses], and the gains (n,) that gave them.
     peaks: Floats
     gain: Floats
 

@@ -65,7 +65,7 @@ class SampledLoops:
         self._values = loop.sliding_values(arm.f)
         following = loop.substep(state, loop.time_with(), numbers)[0]
         moving = loop.moving_states()
-        self._moving = len(moving)
+        self._moving = moving
         rows = [*moving, *loop.state_fields.at(n)["torque"]]
         jacobian = ca.jacobian(following, state)[rows, rows]
         self._slope = ca.Function("slope", [state, numbers], [jacobian])
@@ -89,7 +89,7 @@ class SampledLoops:
         """
         loop = self._loop
         n = self.rig.n
-        m = self._moving
+        m = len(self._moving)
         # The law keeps the numbers that it was made with: only the plant differs.
         values = self._values.copy()
         for name, value in (numbers or {}).items():
@@ -112,9 +112,10 @@ class SampledLoops:
         A[:m, :m] += moved[:, :m]
         B = np.vstack([by_torque @ law_by_pulses[:n], law_by_pulses[n:], law_by_pulses[:n]])
 
-        # 3. The measured positions. The links' are behind q and qd of the motors.
+        # 3. The measured positions.
         C = np.zeros((n, len(A)))
-        begin = 2 * n if self.rig.encoder.side == "link" else 0
+        measured = places["link" if self.rig.encoder.side == "link" else "q"]
+        begin = self._moving.index(measured.start)
         C[:, begin : begin + n] = self.rig.position_in_pulses(np.eye(n)).T
         return A, B, C
 

@@ -27,13 +27,13 @@ _CREEP = 1e-9
 class Demand:
     """Torque at N points of a path, by speed v and acceleration a along it.
 
-    It is D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v). ``along`` (N, n): r'
-    [rad/s]. ``inertial``, ``centrifugal``, ``holding`` (N, n): torque per a, per v^2, and at rest,
-    less that of springs [N m].
+    It is D r' a + (D r'' + coriolis) v^2 + gravity - springs + friction(r' v).
     """
 
     rig: Rig
+    # r' (N, n) [rad/s].
     along: Floats
+    # Torque (N, n) [N m] per a, per v^2, and at rest, less that of springs.
     inertial: Floats
     centrifugal: Floats
     holding: Floats

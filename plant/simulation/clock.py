@@ -33,15 +33,15 @@ SETTINGS = ClockSettings()
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Clock:
-    """Samples of a loop at times t (M,) from 0 [s], and the sub-steps between them.
+    """Samples of a loop, and the sub-steps between them."""
 
-    `lengths` (M,) are from each sample to the next [s], `rows` (N,) the places of the samples that
-    are in the log (the others bridge a gap), `even` is the period if all intervals have it.
-    """
-
+    # Times (M,) of the samples, from 0 [s].
     t: NDArray[Any]
+    # Length (M,) from each sample to the next [s].
     lengths: NDArray[Any]
+    # Places (N,) of the samples that are in the log; the others bridge a gap.
     rows: NDArray[np.int_]
+    # The period [s] if all intervals have it.
     even: float | None
 
     @classmethod

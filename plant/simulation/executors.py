@@ -136,12 +136,16 @@ class Executor:
 
 @dataclass(eq=False)
 class _Call:
-    """A call, its `tries` so far, and whether it must run `alone` since it may kill its worker."""
+    """A call of a function, waiting or running."""
 
+    # The caller's name for it, and its place among the calls.
     key: Any
     number: int
+    # Function, arguments and keyword arguments.
     parts: tuple[Callable[..., Any], Sequence[Any], Mapping[str, Any]]
+    # Tries that failed so far.
     tries: int = 0
+    # Whether nothing else may run beside it, since it may kill its worker.
     alone: bool = False
 
 

@@ -19,14 +19,13 @@ from plant.simulation.followed_path import Logged, path_of
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class LawRun(Frozen):
-    """Steps of a law along a log, at times t (K,) from its first sample [s].
+    """Steps of a law along a log."""
 
-    Each has `given` (K, n), joint torque after the amplifier's limit [N m], held to the next step,
-    and leaves the law with the memory `states` (K, s).
-    """
-
+    # Times (K,) of the steps, from the log's first sample [s].
     t: Floats
+    # Joint torque (K, n) after the amplifier's limit [N m], held to the next step.
     given: Floats
+    # Memory (K, s) of the law after each step.
     states: Floats
 
     def around(self, t: Floats, width: float) -> Floats:

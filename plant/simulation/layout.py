@@ -37,12 +37,13 @@ class Correction(Part):
     correction the simulation runs in open loop, and model errors (the rounding between two samples,
     above all) accumulate over the log.
 
-    Gains of the position (alpha), 0 to 1, and of the speed, per sample period (beta); `zero`: joint
-    positions where the counters read zero [rad].
     """
 
+    # Gain of the position (alpha), 0 to 1.
     position: Vector = number(("n",))
+    # Gain of the speed, per sample period (beta).
     speed: Vector = number(("n",))
+    # Joint positions at which the counters read zero [rad].
     zero: Vector = number(("n",))
 
     @classmethod

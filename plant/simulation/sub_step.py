@@ -25,19 +25,20 @@ from plant.mechanics.symmetric_inverse import Inverse, inverse
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FrictionStep:
-    """Friction of all motors in one sub-step of length h [s].
-
-    ``impulse`` of dry friction in the previous step [N m s], deflection ``bristle`` of the bristles
-    if the drive has presliding, progress ``drifted`` (0 to 1) of the drift of friction if it has
-    one; ``smooth`` is differentiable.
-    """
+    """Friction of all motors in one sub-step."""
 
     drive: Drive
+    # Length of the step [s].
     h: ca.SX
+    # Impulse of dry friction in the previous step (n, 1) [N m s], from which the sweeps begin.
     impulse: ca.SX
+    # Deflection of the bristles, if the drive has presliding.
     bristle: ca.SX
+    # Progress of the drift of friction, 0 to 1, if the drive has one.
     drifted: ca.SX
+    # Gauss-Seidel sweeps over the joints.
     sweeps: int
+    # Whether the friction is regularised, and so differentiable.
     smooth: bool
 
     @property
@@ -82,16 +83,15 @@ class FrictionStep:
 
 
 class Following(NamedTuple):
-    """Results of a sub-step.
+    """Results of a sub-step."""
 
-    `speed` (n, 1) [rad/s] of the joints, with elastic gears of the motors as joints on rigid ones;
-    `impulse` (n, 1) of dry friction [N m s]; a number that is `positive` if D is positive definite;
-    and by name the `states` (n, 1) that the drive adds: ``link_speed``, ``bristle``.
-    """
-
+    # Speed (n, 1) [rad/s] of the joints; with elastic gears of the motors, as joints on rigid ones.
     speed: ca.SX
+    # Impulse of dry friction (n, 1) [N m s].
     impulse: ca.SX
+    # A number that is positive if D is positive definite.
     positive: ca.SX
+    # By name the states (n, 1) that the drive adds: ``link_speed``, ``bristle``.
     states: dict[str, ca.SX]
 
 
