@@ -5,7 +5,7 @@ that may be unknown, the start from the torque equation, and Gauss-Newton on the
 is that of the known arm plus increments, which are functions of a few numbers of the load.
 """
 
-import dataclasses
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -24,7 +24,7 @@ from plant.mechanics.base_parameters import independent_columns
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LoadSearchSettings:
     """Steps and limits of the fit of a load.
 
@@ -73,7 +73,7 @@ class LoadSearchSettings:
 SETTINGS = LoadSearchSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class UnknownLoad:
     """Unknown mass and centre of a load, and the increments of f that they cause.
 
@@ -137,7 +137,7 @@ class UnknownLoad:
         return np.asarray(self.matrix @ (values[0] * unit + inertia))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FreeArm:
     """Comparison of the known arm and its load with an arm of free f.
 
@@ -154,7 +154,7 @@ class FreeArm:
     covariance: Floats | None = None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LoadSearch:
     """Known arm, unknown load, and prior of friction: the fit of a load.
 
@@ -187,7 +187,7 @@ class LoadSearch:
             if not (self.deviation[~shown] > 0).any():
                 raise
         # Fix that number, and fit again; another one may be the next.
-        fixed = dataclasses.replace(self, deviation=np.where(shown, self.deviation, 0.0))
+        fixed = replace(self, deviation=np.where(shown, self.deviation, 0.0))
         return fixed.fitted(problem)
 
     def _fitted(self, problem: Problem) -> Outcome:
@@ -221,7 +221,7 @@ class LoadSearch:
         load = fit.values[:loads]
         increments = self.load.increments(fit.values)
         # The same residual, with all of f as the load.
-        free = dataclasses.replace(self, load=AnyLoad(names=problem.dynamics.names))
+        free = replace(self, load=AnyLoad(names=problem.dynamics.names))
         view = WithLoad(free, problem.prediction(memories=problem.memories), problem.unknown[p:])
         size = np.maximum(np.abs(self.f + increments), SETTINGS.least_size * np.abs(self.f).max())
         steps = np.append(SETTINGS.relative_step * size, outcome.stages["steps"])
@@ -249,7 +249,7 @@ class LoadSearch:
         if not self.covariance.any():
             # The numbers of the load's own fit hold for an exact arm.
             return comparison
-        return dataclasses.replace(comparison, shares=shares, covariance=covariance)
+        return replace(comparison, shares=shares, covariance=covariance)
 
     def bounds(self, problem: Problem) -> Floats:
         """Bounds (k, 2) of mass, centre and friction."""
@@ -281,7 +281,7 @@ class LoadSearch:
                 - of_friction[:, :, ~free] @ self.friction[~free]
             )
             regressor = np.concatenate([of_f @ of_load, of_friction[:, :, free]], axis=2)
-            systems.append(dataclasses.replace(system, regressor=regressor, torque=torque))
+            systems.append(replace(system, regressor=regressor, torque=torque))
 
         # 2. Least squares of mass, first moments and unknown friction.
         loads = len(self.load.names)

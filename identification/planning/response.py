@@ -100,36 +100,30 @@ class FrequencyResponse(Shown, Frozen):
         model : python-control system, optional
             For comparison: a state space or transfer function from torques to angles.
         """
-        # Magnitude above, phase below.
         axes = row_by_row(ax, 2, 1, time=False)[:, 0]
+        magnitude, phase = axes
+        frequency = self.frequency
         modelled = None
         if model is not None:
             # A sampled model is a function of z.
-            modelled = model(np.exp(2j * np.pi * self.frequency * self.period), squeeze=False)
+            modelled = model(np.exp(2j * np.pi * frequency * self.period), squeeze=False)
         for joint, label in enumerate(self.joints):
             # The diagonal alone: n^2 curves would hide each other.
             response = self.plant[joint, joint]
             colour = colour_of(joint)
-            axes[0].errorbar(
-                self.frequency,
-                np.abs(response),
-                2 * self.plant_std[joint, joint],
-                fmt=".",
-                color=colour,
-            )
-            axes[1].plot(
-                self.frequency, np.degrees(np.angle(response)), ".", color=colour, label=label
-            )
+            bars = 2 * self.plant_std[joint, joint]
+            magnitude.errorbar(frequency, np.abs(response), bars, fmt=".", color=colour)
+            angle = np.degrees(np.angle(response))
+            phase.plot(frequency, angle, ".", color=colour, label=label)
             if modelled is not None:
-                axes[0].plot(self.frequency, np.abs(modelled[joint, joint]), color=colour)
-                axes[1].plot(
-                    self.frequency, np.degrees(np.angle(modelled[joint, joint])), color=colour
-                )
-        axes[0].set(
+                curve = modelled[joint, joint]
+                magnitude.plot(frequency, np.abs(curve), color=colour)
+                phase.plot(frequency, np.degrees(np.angle(curve)), color=colour)
+        magnitude.set(
             xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel="angle / torque [rad/(N m)]"
         )
-        axes[1].set(xscale="log", xlabel="frequency [Hz]", ylabel="phase [degrees]")
-        legend_above(axes[1])
+        phase.set(xscale="log", xlabel="frequency [Hz]", ylabel="phase [degrees]")
+        legend_above(phase)
         return axes
 
     def _short(self) -> str:

@@ -5,8 +5,8 @@ Source: paper 3.2, 3.7.
 """
 
 import contextlib
-import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from identification.search.problem import Problem, in_parts, is_long
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class SeededSettings:
     """Numbers of the default method beside those of its genetic algorithm.
 
@@ -171,9 +171,7 @@ def seeded(problem: Problem) -> Outcome:
     outcome = problem.checkpoint.stage("fit", lambda: polished(problem, result.x, step, stages))
     fit = outcome.fit
     neighbours, costs = _neighbours(problem, fit)
-    outcome = dataclasses.replace(
-        outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations
-    )
+    outcome = replace(outcome, genetic=result, evaluations=result.evaluations + outcome.evaluations)
     if fit.fallback_reason is None and np.isfinite(costs.min()):
         best = _with_best(outcome, neighbours, costs)
         # Objective (4) of parts cannot be compared with that of all samples.
@@ -197,7 +195,7 @@ def seeded(problem: Problem) -> Outcome:
     fit = Fit(
         unknown=problem.unknown, values=result.x, candidates=result.x[None], fallback_reason=reason
     )
-    return dataclasses.replace(outcome, fit=fit, message=message)
+    return replace(outcome, fit=fit, message=message)
 
 
 def _box(problem: Problem, values: Floats, step: Floats) -> Floats:
@@ -218,7 +216,7 @@ def _in_parts(problem: Problem) -> Problem:
     # A short record is its own single part.
     parts = [part for record in records for part in in_parts(record)]
     objective = Objective(problem.dynamics, parts, problem.unknown, **problem.options)
-    return dataclasses.replace(problem, objective=objective)
+    return replace(problem, objective=objective)
 
 
 def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
@@ -235,10 +233,10 @@ def _with_best(outcome: Outcome, vectors: Floats, costs: Floats) -> Outcome:
     """The outcome with the one of these vectors (P, k) that has the least objective (4)."""
     # The values of the fit itself stay visible among the stages.
     outcome.stages["prediction error"] = outcome.fit.values
-    fit = dataclasses.replace(
+    fit = replace(
         outcome.fit, values=vectors[int(np.argmin(costs))], candidates=_as_good(vectors, costs)
     )
-    return dataclasses.replace(outcome, fit=fit, evaluations=outcome.evaluations + len(vectors))
+    return replace(outcome, fit=fit, evaluations=outcome.evaluations + len(vectors))
 
 
 def _only_genetic(problem: Problem, fit: Fit, cost: float, genetic_cost: float) -> bool:

@@ -1,8 +1,8 @@
 """Output of a method of identification: `Fit`, `GearResonance`, `Outcome`; `Search` of a result."""
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import Any, Self
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from plant.parts.tables import Table
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class GearResonance(Shown, Frozen):
     """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, where the reference begins.
 
@@ -52,7 +52,7 @@ class GearResonance(Shown, Frozen):
 
     def beside_backlash(self, joints: tuple[str, ...]) -> Self:
         """Lower bounds alone, where the log shows backlash at these joints."""
-        return dataclasses.replace(
+        return replace(
             # Backlash looks like compliance, so a finite upper end would be wrong.
             self,
             high=np.where(self.searched, np.inf, self.high),
@@ -108,7 +108,7 @@ for _class in (GeneticSettings, GeneticResult, Resumption):
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Fit(Shown, Frozen):
     """Values of the unknowns, and their covariance.
 
@@ -218,7 +218,7 @@ class Fit(Shown, Frozen):
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome(Frozen):
     """Fit of a method, and the course of its search.
 
@@ -235,11 +235,11 @@ class Outcome(Frozen):
     genetic: GeneticResult | None = None
     rounding: Floats | None = None
     grouped: Floats | None = None
-    stages: dict[str, Floats] = dataclasses.field(default_factory=dict)
+    stages: dict[str, Floats] = field(default_factory=dict)
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Search(Shown, Frozen):
     """Method, settings and course of the search of an identification.
 
@@ -263,7 +263,7 @@ class Search(Shown, Frozen):
     initial_costs: Floats
     history: Floats
     evaluations: int
-    seconds: float = dataclasses.field(compare=False)
+    seconds: float = field(compare=False)
     message: str
 
     def _short(self) -> str:
@@ -289,21 +289,7 @@ class Search(Shown, Frozen):
         """Search of a problem with this outcome; `objective`: objective (4) of the result."""
         genetic = outcome.genetic
         # Arrays of zero length stand for the generations that a method does not have.
-        population: dict[str, Any]
-        if genetic is None:
-            population = {
-                "initial_objective": objective,
-                "initial_population": np.empty((0, len(problem.unknown))),
-                "initial_costs": np.empty(0),
-                "history": np.empty((0, 3)),
-            }
-        else:
-            population = {
-                "initial_objective": genetic.initial_cost,
-                "initial_population": genetic.initial_population,
-                "initial_costs": genetic.initial_costs,
-                "history": genetic.history,
-            }
+        unknown = len(problem.unknown)
         return cls(
             method=problem.method,
             seed=problem.seed,
@@ -311,8 +297,11 @@ class Search(Shown, Frozen):
             tolerances=problem.tolerances,
             ranges=problem.ranges,
             stages=outcome.stages,
+            initial_objective=genetic.initial_cost if genetic else objective,
+            initial_population=genetic.initial_population if genetic else np.empty((0, unknown)),
+            initial_costs=genetic.initial_costs if genetic else np.empty(0),
+            history=genetic.history if genetic else np.empty((0, 3)),
             evaluations=outcome.evaluations,
             seconds=seconds,
             message=outcome.message,
-            **population,
         )

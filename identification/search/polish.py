@@ -236,10 +236,17 @@ def _searched(
     staged = gains if problem.memories else None
     best = by_stages(prediction, start, steps, bounds, staged)
 
+    def better(values: Floats, gains: slice | None) -> Solution:
+        """The better of the best fit and the fit from these values."""
+        with contextlib.suppress(ValueError):  # that start diverges
+            fit = by_stages(prediction, values, steps, bounds, gains)
+            return min(best, fit, key=lambda fit: fit.rms_innovation)
+        return best
+
     # 1. Start again where low gains stopped the fit far from the log.
     far = gains is not None and staged is None and best.rms_innovation > FIT.far
     if far and (best.values[gains] <= FIT.at_bound * bounds[gains, 0]).any():
-        best = _better(best, prediction, best.values, steps, bounds, gains)
+        best = better(best.values, gains)
 
     # 2. Start again from the stated rotors where a fitted one differs much, or no arm results.
     values = best.values.copy()
@@ -253,20 +260,7 @@ def _searched(
     if unlike.any() or (
         rotors and not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0
     ):
-        best = _better(best, prediction, np.clip(values, *bounds.T), steps, bounds, staged)
-    return best
-
-
-def _better(
-    best: Solution, prediction: Any, values: Floats, steps: Floats, bounds: Floats, gains: Any
-) -> Solution:
-    """The better of a fit and the fit that starts from other values."""
-    with contextlib.suppress(ValueError):  # that start diverges
-        return min(
-            best,
-            by_stages(prediction, values, steps, bounds, gains),
-            key=lambda fit: fit.rms_innovation,
-        )
+        best = better(np.clip(values, *bounds.T), staged)
     return best
 
 
