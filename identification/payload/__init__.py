@@ -1,10 +1,9 @@
-"""A load found from logs of its own, or from a short window of tracking while the arm works.
+"""Identification of a load, from logs of its own or from a short window while the arm works.
 
-From logs, with friction unknown beside it: `loaded_prediction` (a prediction in mass, centre and
-friction), `load_search` (their fit), `logged_load` (`find_load`), `load` (what it gives back, and
-its warnings).
+From logs, with unknown friction: `loaded_prediction` (the residual in mass, centre and friction),
+`load_search` (its fit), `logged_load` (`find_load`), `load` (its result, with warnings).
 
-From a window: `posterior` (what is unknown of a load, its mass and interval), `kernel_estimate`
-(smooth kernels on the torque equation), `genetic_estimate` (3.7 on the load parameters) and
-`worker` (that one in a process of its own).
+From a window: `posterior` (prior of a load, and its distribution), `kernel_estimate` (smooth
+kernels on the torque equation), `genetic_estimate` (3.7 on the load parameters) and `worker` (both
+in a separate process).
 """

@@ -305,23 +305,13 @@ def posterior(
     pull = pull / max(1.0, misfit) ** 2
     centre = pull / weight
     sigma = 1 / np.sqrt(weight)
-    a = (low - centre) / sigma
-    b = (high - centre) / sigma
-    # 2. Truncated to the range, the normal distribution has the probability exp(inside), which with
-    # the likelihood of the centre gives its odds.
-    inside = _log_between(a, b)
+
+    # 2. Mixture of the normal distributions of all centres, truncated to the range: the likelihood
+    # of a centre and the probability of the range, exp(inside), give its odds.
+    mean, variance, inside = _truncated(centre, sigma, low, high)
     log_odds = pull**2 / weight / 2 + np.log(sigma) + inside
     odds = np.exp(log_odds - log_odds.max())
     odds /= odds.sum()
-
-    # 3. Mean and variance of the truncated normal distributions, then of their mixture.
-    with np.errstate(over="ignore", under="ignore"):
-        peak_a = np.exp(-(a**2) / 2 - inside) / np.sqrt(2 * np.pi)
-        peak_b = np.exp(-(b**2) / 2 - inside) / np.sqrt(2 * np.pi)
-    mean = np.clip(centre + sigma * (peak_a - peak_b), low, high)
-    # Far in a tail the formula is inf minus inf: no variance is left there.
-    spread = 1 + a * peak_a - b * peak_b - (peak_a - peak_b) ** 2
-    variance = sigma**2 * np.clip(np.where(np.isfinite(spread), spread, 0.0), 0.0, 1.0)
     mass = float(odds @ mean)
     std = float(np.sqrt(odds @ (variance + (mean - mass) ** 2)))
     # Of a load of no mass the mean of the moments says nothing of the centre.
@@ -332,7 +322,7 @@ def posterior(
     ends = max(low, mass - reach), min(high, mass + reach)
     interval = _interval(odds, centre, sigma, inside, ends)
 
-    # 4. Verdict. A load far outside the range shows that the range is wrong: the interval is then
+    # 3. Verdict. A load far outside the range shows that the range is wrong: the interval is then
     # that of the likeliest centre without the range.
     message, sufficient = judged(shape, misfit <= misfit_limit, misfit, std)
     outside = max((centre[likely] - high) / sigma[likely], (low - centre[likely]) / sigma[likely])
@@ -383,6 +373,24 @@ def nothing(
         position=shape.places[len(shape.places) // 2],
         message=message,
     )
+
+
+def _truncated(
+    centre: Floats, sigma: Floats, low: float, high: float
+) -> tuple[Floats, Floats, Floats]:
+    """Mean, variance and log probability (K,) of normal distributions truncated to a range."""
+    a = (low - centre) / sigma
+    b = (high - centre) / sigma
+    inside = _log_between(a, b)
+    with np.errstate(over="ignore", under="ignore"):
+        peak_a = np.exp(-(a**2) / 2 - inside) / np.sqrt(2 * np.pi)
+        peak_b = np.exp(-(b**2) / 2 - inside) / np.sqrt(2 * np.pi)
+    # Rounding must not put the mean outside.
+    mean = np.clip(centre + sigma * (peak_a - peak_b), low, high)
+    # Far in a tail the formula is inf minus inf: no variance is left there.
+    spread = 1 + a * peak_a - b * peak_b - (peak_a - peak_b) ** 2
+    variance = sigma**2 * np.clip(np.where(np.isfinite(spread), spread, 0.0), 0.0, 1.0)
+    return mean, variance, inside
 
 
 def _log_between(a: Floats, b: Floats) -> Floats:

@@ -1,4 +1,5 @@
-"""Before the experiment: ranges, pulse budget, excitation, motor tests.
+"""Before the identification: ranges, pulse budget, excitation, motor tests, frequency responses.
 
-Each file stands alone: `ranges` (3.6), `motor`, `budget` (Cramer-Rao bound), `excitation`.
+Each stands alone: `ranges` (3.6), `motor`, `budget` (Cramer-Rao bound), `excitation` (with the
+limits and signals of `multisine`), `response` (with the resonances of `gear_response`).
 """

@@ -1,5 +1,6 @@
-"""Ways to find the unknowns: the genetic algorithm of 3.7 and the methods behind one interface.
+"""Methods of identification: the genetic algorithm of 3.7, and Gauss-Newton from good starts.
 
-Read `problem` (what a method is given), `outcome` (what it gives back, and a result keeps),
-`methods`, `polish`; `genetic` stands alone.
+Read `problem` (their input), `outcome` (their output), `methods`, `polish` (start and fit), then
+`memory` (laws with a memory), `elastic` (elastic gears) and `predictive` (does the model explain
+the log?). `genetic` stands alone.
 """

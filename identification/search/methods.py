@@ -85,6 +85,7 @@ def _as_good(vectors: Floats, costs: Floats) -> Floats:
 
 
 def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
+    """Genetic algorithm on objective (4) in these ranges, with checkpoint and progress."""
     # An interrupted run repeats its random numbers and reads the stored costs.
     costs = problem.checkpoint.remembered("costs", problem.costs)
     # The progress bar needs the best cost alone.
@@ -144,6 +145,7 @@ def seeded(problem: Problem) -> Outcome:
     # A fit of elastic gears has starts of its own, see `elastic`.
     if any(problem.replays) or problem.elastic:
         return prediction_error(problem)
+
     # 1. Equation error; with many unknowns the fit follows at once.
     values, step = start_of_fit(problem, torque_fit(problem))
     if len(values) > SEEDED.direct and problem.settings == GeneticSettings.paper():
