@@ -1,6 +1,6 @@
-"""Monte Carlo probability of leaving a pulse limit under parameter uncertainty, and what causes it.
+"""Monte Carlo probability of exceeding a pulse limit under parameter uncertainty, and its causes.
 
-Read `certify`, then what it does in turn: `samples` draws `plants` from an `uncertainty`,
-`plant.simulation.population` simulates them, `certificate` counts with exact bounds (`certified`),
-and asks why; `reserves` and `figure` ask how robust, and show it.
+Read `certify`, then its steps in turn: `samples` draws `plants` from an `uncertainty`,
+`plant.simulation.population` simulates them, `certificate` counts failures with exact bounds and
+sensitivities (`certified`); `rare`, `reserves` and `figure` add rare failures, reserves and plots.
 """

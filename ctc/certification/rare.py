@@ -292,8 +292,8 @@ def rare_failure(
         value = getattr(task.uncertainty, name)
         if value is not None and np.any(np.asarray(value) != 0):
             raise ValueError(
-                f"rare needs what is one number of each sample; {name} is none. Leave out {name} or"
-                " rare."
+                f"rare needs uncertainties with one number for each sample; {name} has none. Leave"
+                f" out {name} or rare."
             )
 
     def response(u: Floats) -> Floats:

@@ -264,7 +264,7 @@ def _gears(uncertainty, random, arm, rig, f, pose, places):
     # Uniform in the logarithm, as the cells of the bounds are.
     hz = np.exp(low + places[:, :-1] * (high - low))
     ratio = uncertainty.damping_ratio[0] + places[:, -1:] * np.ptp(uncertainty.damping_ratio)
-    # The gear of each sample follows from the inertia of its link: the resonance is what is stated.
+    # Resonances are stated; the stiffness of each sample follows from the inertia of its links.
     links = product(f, shaft_inertias(arm.dynamics, rig, pose)) - rig.drive.reflected_inertia()
     stiffness_damping = gears(np.broadcast_to(hz, (count, n)), ratio, links)
     names = ["resonance"] if len(low) == 1 else [f"resonance[{i}]" for i in range(n)]

@@ -45,8 +45,7 @@ _FROM_HOLD = " from a hold, static friction anywhere inside its cone"
 
 # Advice that `tune` leaves out: it has just searched.
 SEARCH = (
-    "another controller may hold: tune searches for it, along this path and over what is sampled"
-    " here"
+    "another controller may hold: tune searches for it along this path, under the same uncertainty"
 )
 
 
@@ -106,7 +105,7 @@ def verdict(certificate: Any) -> str:
         sentence = f"{sentence} {from_rest[:1].upper()}{from_rest[1:]}."
     # `_against_the_log` names the joints.
     if certificate.seen is not None and certificate.seen.beyond:
-        sentence = f"{sentence} The path exceeds what the log shows."
+        sentence = f"{sentence} The path exceeds angles or speeds of the log."
     gears = certificate.on_gears
     if gears is None:
         return sentence
@@ -279,7 +278,7 @@ def _advice(certificate: Any) -> Iterator[str]:
             f"{percent(remaining)} of the first samples exceed the limit. Call identify(...,"
             ' unknown="friction")'
         )
-        yield f"uncertain friction decides: known as this log would identify it, {advice}"
+        yield f"uncertain friction decides: with friction identified from this log, {advice}"
         return
     # 3. Better f needs more logs, or 4. another controller a search. f decides if it explains
     # both most of the explained variance and enough of the whole.
@@ -289,7 +288,7 @@ def _advice(certificate: Any) -> Iterator[str]:
     explained = sum(x.share for x in influences)
     if of_f > max(SETTINGS.f_share * explained, SETTINGS.f_share_of_all):
         yield (
-            "how well f is known decides: identify from more records, or from a motion of"
+            "the uncertainty of f decides: identify from more records, or along a motion of"
             " design_motion"
         )
     yield SEARCH
@@ -336,8 +335,8 @@ def _against_the_log(certificate: Any) -> Iterator[str]:
     if seen.beyond:
         ranges = "; ".join(seen.beyond)
         yield (
-            f"the path exceeds the log: {ranges}. What only shows there (friction, cables, stops)"
-            " is not sampled"
+            f"the path exceeds the log: {ranges}. Effects that only appear there (friction, cables,"
+            " stops) are not sampled"
         )
     # Samples on gears that the log excludes are of another arm.
     lowest = min((cell.hz[0] for cell in certificate.cells), default=np.inf)

@@ -1,6 +1,5 @@
-"""The controller with the least chatter that keeps a pulse limit over stated uncertainty, by
-simulated populations.
+"""Search for the controller with the least chatter that keeps a pulse limit under uncertainty.
 
-Read `tuning` (which laws, between which numbers, and what comes of them), `search` (populations of
-tunings), `tune`.
+Read `tuning` (families of laws, ranges of their numbers, the result), `search` (populations of
+tunings, and its settings), `tune`.
 """

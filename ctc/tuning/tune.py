@@ -53,20 +53,21 @@ def tune(
     Parameters
     ----------
     found : Identification or Arm
-        The model of the controllers, and what is sampled; an arm needs its `covariance` or
-        `plants`. With a `resonance`, an identification on rigid gears is fitted again on such
-        gears: the controllers have the f of the middle.
+        The model of the controllers, and the distribution of the samples; an arm needs its
+        `covariance` or `plants`. With a `resonance`, an identification on rigid gears is fitted
+        again on such gears: the controllers have the f of the middle.
     rig : Rig
         Of the samples, such as ``found.rig``.
     reference : Reference, or mapping of str -> Reference
-        The path, or several motions by name, as for `certify`: the limit is to be kept in all of
-        them.
+        The path, or several motions by name, as for `certify`; the controller must keep the limit
+        in all of them.
     uncertainty : Uncertainty, optional
-        What is not known, as for `certify`.
+        Unknown properties, as for `certify`.
     allowed : float
-        Share of the samples that may exceed the limit, such as 0.05, for less chatter. So few of
-        the independent ones do that of a controller given beforehand 95 % confidence would follow;
-        it was chosen on them, so the certificate, on samples of its own, is the verdict.
+        Share of the samples that may exceed the limit, such as 0.05, for less chatter. Of the
+        independent samples so few exceed it that a controller chosen beforehand would keep the
+        share with 95 % confidence. This one was chosen on them, so the certificate, on samples of
+        its own, is the verdict.
     after : float
         Sampling instants before this time do not count [s].
     samples : int
@@ -87,11 +88,11 @@ def tune(
 
     Notes
     -----
-    Of a set the search begins with the two motions that are hardest for known tunings, and others
-    join where a check fails. A family whose known tunings all have twice the chatter of what holds
-    in another is not searched. On two cores 51 s for path (6), three minutes for the nine everyday
-    motions of two joints, and for one motion of six joints (tests/benchmarks/tuning.py --time);
-    before, the fits of `certify` where it has some.
+    With a set of motions the search begins with the two that are hardest for the initial tunings,
+    and others join where a check fails. A family whose initial tunings all have twice the chatter
+    of a tuning that holds in another family is not searched. On two cores 51 s for path (6), three
+    minutes for the nine everyday motions of two joints, and for one motion of six joints
+    (tests/benchmarks/tuning.py --time); fits on elastic gears, as of `certify`, come before.
 
     See Also
     --------

@@ -57,8 +57,8 @@ def overview(
         yield f"{cell}: {', '.join(labels)}"
     if any(evaluation.record.rig.drive.elasticity is None for evaluation in evaluations.values()):
         yield (
-            "rigid gears assumed; .evaluations[name].lowest_resonance [Hz] is that from which on it"
-            " holds"
+            "rigid gears assumed; above .evaluations[name].lowest_resonance [Hz] a controller holds"
+            " on elastic gears, too"
         )
 
 

@@ -123,7 +123,7 @@ def test_what_is_drawn_at_every_instant_is_refused():
         (
             1e-3,
             Uncertainty(covariance=STATED.covariance, dropped=0.01),
-            "rare needs what is one number of each sample",
+            "rare needs uncertainties with one number for each sample",
         ),
         (1e-3, Uncertainty(plants=[arm.f]), "Leave out plants or rare"),
         (2.0, STATED, "rare must be between 0 and 1"),
