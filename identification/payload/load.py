@@ -122,8 +122,8 @@ def warnings_of(
     # Then the covariance of the arm could not be propagated to the load.
     if search.covariance.any() and not freedom:
         yield (
-            "the logs do not determine all of f: the interval does not include the uncertainty of the"
-            " identified arm."
+            "the logs do not determine all of f: the interval does not include the uncertainty of"
+            " the identified arm."
         )
     if birge(runs) > WARNING.apart:
         masses = ", ".join(f"{mass:.4g} +- {deviation:.2g}" for mass, deviation in runs)
