@@ -54,7 +54,9 @@ class Adaptive(ModelLaw):
     >>> from ctc import Adaptive, evaluate
     >>> arm, rig = puma560.arm(), puma560.rig()
     >>> law = Adaptive(arm, rig, bandwidth=20.0, gain=(100, 40), adaptation=[0.1] * 9, filter=600.0)
-    >>> evaluate(arm, rig, law, puma560.reference(), duration=0.2, backend="numba").record.error_pulses.shape
+    >>> path = puma560.reference()
+    >>> report = evaluate(arm, rig, law, path, duration=0.2, backend="numba")
+    >>> report.record.error_pulses.shape
     (286, 2)
 
     Source: Slotine and Li, On the adaptive control of robot manipulators (1987).

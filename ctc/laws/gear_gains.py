@@ -1,6 +1,4 @@
-"""Gains of computed torque on elastic gears: each joint's filter and regulator, as functions of
-its inertia.
-"""
+"""Gains of computed torque on elastic gears: filter and regulator by the inertia of each joint."""
 
 import functools
 from typing import Any
@@ -14,25 +12,28 @@ from plant import Arm, Rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.fields import Floats
 
-# (omega dt)^2 of motors against their links, at most poses: faster ones a filter of this period
-# takes for rigid.
+# (omega dt)^2 of motors against their links, at the median pose, above which gears are taken for
+# rigid: a filter of this period cannot follow them. Chosen by hand.
 _FOLLOWED = 1.0
 
-_POSES = 200  # that give the range of a joint's inertia
+# Random poses that give the range of a joint's inertia. Chosen by hand; another number is another
+# table of gains.
+_POSES = 200
 
-_DOUBLINGS = 20  # of the horizon over which a Riccati equation is followed: 2^20 samples
+# Doublings of the horizon of a Riccati equation: 2^20 samples, far beyond any time constant here.
+_DOUBLINGS = 20
 
 
 def gear_gains(
     arm: Arm, rig: Rig, bandwidth: float, observer: float, softness: float
 ) -> Floats | None:
-    """Table of `ElasticGears`, or None where gears are rigid, swing too fast for the period, or
-    rotors are all of D.
+    """Table of `ElasticGears`, or None where the model takes gears for rigid.
 
+    That is so for gears without elasticity, too stiff for the period, or whose rotors are all of D.
     Gains of each joint alone, with the inertia 1 / (D^-1)_jj that it feels at a pose: Kalman filter
     and linear-quadratic regulator of motor, link and their speeds, the filter with a disturbance
     torque on the motor. Noise of the torque, on both, and cost are those for which rigid gears give
-    the bandwidths [rad/s].
+    the bandwidths [rad/s]. `softness` is that of `ElasticGears`.
     """
     n = arm.n
     dt = rig.period
@@ -51,10 +52,12 @@ def gear_gains(
     if np.median(swings.max(axis=1)) * dt**2 > _FOLLOWED:
         return None
     shares = rotors * np.diagonal(np.linalg.inv(D), axis1=1, axis2=2)
-    least = shares.min(axis=0)
-    most = shares.max(axis=0)
-    middle = (most + least) / 2
-    half = np.maximum(most - least, 0.1 * (1 - most)) / 2
+    low = shares.min(axis=0)
+    high = shares.max(axis=0)
+    middle = (high + low) / 2
+    # The inertia of a joint may not change at all; a range needs a width, to divide by.
+    half = np.maximum(high - low, 0.1 * (1 - high)) / 2
+    # Chebyshev's nodes, at which the interpolating polynomials are exact.
     nodes = np.cos(np.pi * (np.arange(POWERS) + 0.5) / POWERS)
     one_joint = _one_joint(softness)
     fits = np.empty((GAINS, POWERS, n))
@@ -62,14 +65,14 @@ def gear_gains(
         gains = []
         for inertia in rotors[j] / (middle[j] + half[j] * nodes):
             numbers = elasticity.stiffness[j], elasticity.damping[j], drive.joint_viscous()[j], dt
-            A, B = (each.full() for each in one_joint(rotors[j], inertia, *numbers))
+            A, B = (matrix.full() for matrix in one_joint(rotors[j], inertia, *numbers))
             gains.append(_joint_gains(A, B * inertia, dt, bandwidth, observer))
         fits[:, :, j] = np.linalg.solve(np.vander(nodes, POWERS), np.array(gains)).T
     return np.concatenate([middle, half, fits.ravel()])
 
 
 def _followed(rig: Rig) -> Any:
-    """Elasticity of the gears, or None where motors do not tell where their links are."""
+    """Elasticity of the gears, or None where counts do not determine the motion of the links."""
     elasticity: Any = rig.drive.elasticity
     if elasticity is None or rig.encoder.side == "link":
         return None
@@ -93,10 +96,9 @@ def _inertia(dynamics: Dynamics, coupling: Any) -> ca.Function:
 
 @functools.cache
 def _one_joint(softness: float) -> ca.Function:
-    """(rotor, D, stiffness, damping, viscous friction, dt) -> A (4, 4) of its deviation, B (4, 2)
-    of its torques.
+    """(rotor, D, stiffness, damping, viscous friction, dt) -> A (4, 4) and B (4, 2) of a joint.
 
-    The torques push motor and link.
+    A maps its deviation over a sample, B the torques that push motor and link.
     """
     names = "rotor", "D", "stiffness", "damping", "viscous", "dt"
     numbers = rotor, D, stiffness, damping, viscous, dt = [ca.SX.sym(name) for name in names]
@@ -108,21 +110,21 @@ def _one_joint(softness: float) -> ca.Function:
     gears = ElasticGears(D, dt * viscous, rotor, springs, softness=softness)
     after, _ = gears.moved(pushed, push[0] + viscous * rate, lambda *_: ca.SX(0), dt)
     return ca.Function(
-        "joint", numbers, [ca.densify(ca.jacobian(ca.vertcat(*after), each)) for each in (x, push)]
+        "joint",
+        numbers,
+        [ca.densify(ca.jacobian(ca.vertcat(*after), source)) for source in (x, push)],
     )
 
 
 def _joint_gains(A: Floats, B: Floats, dt: float, bandwidth: float, observer: float) -> Floats:
-    """Gains (9,) of a joint, whose torques are in units of its inertia, and whose pulse has the
-    variance 1.
-    """
-    # of what comes within a sample: Riccati's equation is scaled
+    """Gains (9,) of a joint, with torques in units of its inertia and count noise of variance 1."""
+    # Change of each state within a sample: so scaled, Riccati's equation is well conditioned.
     units = np.array([1, 1 / dt, 1, 1 / dt, 1 / dt**2])
     A = A * units[:4] / units[:4, None]
     B = B * units[4] / units[:4, None]
     grown = np.eye(5)
     noises = np.zeros((5, 5))
-    # the disturbance torque is what the feedback has to add
+    # The fifth state is the disturbance torque, which acts as a torque of the feedback would.
     grown[:4, :4], grown[:4, 4] = A, -B[:, 0]
     step = observer * dt
     noises[:4, :4], noises[4, 4] = step**4 * B @ B.T, (DRIFT * step) ** 6
@@ -136,8 +138,9 @@ def _joint_gains(A: Floats, B: Floats, dt: float, bandwidth: float, observer: fl
 
 
 def _riccati(A: Floats, B: Floats, Q: Floats) -> Floats:
-    """P = A' (P - P B (1 + B' P B)^-1 B' P) A + Q, by doubling, which stiff gears do not upset
-    (as they do scipy's).
+    """P = A' (P - P B (1 + B' P B)^-1 B' P) A + Q, by doubling.
+
+    Doubling stays accurate for stiff gears, for which scipy's solver fails.
     """
     G = B @ B.T
     P = Q

@@ -1,6 +1,4 @@
-"""What all laws that hold an identified arm share: which arms they refuse, which rigs they fit,
-how often they run.
-"""
+"""Base of the laws that hold an identified arm: checks of arm and rig, period, model torque."""
 
 import dataclasses
 from typing import Any, TypeVar, dataclass_transform
@@ -22,8 +20,7 @@ from plant.realtime.running import Running
 
 T = TypeVar("T")
 
-# bandwidth times period from which on stability is looked at before a start; at 1 computed torque
-# loses it
+# Bandwidth times period above which `start` checks stability; at 1 computed torque loses it.
 _FAST = 0.5
 
 
@@ -42,9 +39,8 @@ def base(cls: type[T]) -> type[T]:
 class ModelLaw(Law):
     """Base of the laws that work out torques from an arm; runs once per sample of its rig.
 
-    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``, and
-    is not taken silently if it is in doubt (`IdentificationWarning`). `rig`: the identified rig,
-    ``found.rig``.
+    `arm`: the identified arm; an identification gives its rig, too: ``ComputedTorque(found)``. One
+    in doubt gives an `IdentificationWarning`. `rig`: the identified rig, ``found.rig``.
 
     Raises
     ------
@@ -87,11 +83,10 @@ class ModelLaw(Law):
         return dataclasses.replace(self, rig=sliding_rig(self.rig))
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
-        """This law as a running controller, as `Law.start`; refused where its linearised loop is
-        unstable.
+        """This law as a running controller, as `Law.start`; an unstable loop is refused.
 
-        That is looked at where the rig, or the law's own, states elastic gears, and where the
-        bandwidth is high for the period.
+        The linearised loop is checked where the rig, or the law's own, states elastic gears, and
+        where the bandwidth is high for the period.
 
         Raises
         ------
@@ -115,36 +110,32 @@ class ModelLaw(Law):
         except ValueError:  # it cannot hold this pose at rest, so there is no loop to linearise
             return
         if pole is not None:
-            own = ""
+            speed = ""
             bandwidth = getattr(self, "bandwidth", None)
             if bandwidth is not None:
-                own = (
+                speed = (
                     f"; its bandwidth is {bandwidth:g} rad/s, {bandwidth * stated.period:.2g} times"
                     " the period"
                 )
             name = type(self).__name__
             hz = abs(pole.imag) / (2 * np.pi)
             time = 1 / pole.real
-            swings = f"it swings up at {hz:.3g} Hz with the time constant {time:.2g} s{own}"
+            swings = f"it swings up at {hz:.3g} Hz with the time constant {time:.2g} s{speed}"
             advice = "Lower it, or take what tune finds."
             raise ValueError(f"{name} must be stable on this rig; linearised {swings}. {advice}")
 
     def h(self, q: ca.SX, qd: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] that the arm takes at q, qd beside inertia and friction: h-hat
-        less the rig's springs.
-        """
+        """Torque (n, 1) [N m] beside inertia and friction: h-hat less the rig's springs."""
         return self.arm.dynamics.h(q, qd, self.arm.f) - self.rig.spring_torque(q)
 
     def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
-        """Gravity, friction (if the law knows that) and inertia (n, 1) [N m] of the identified
-        arm and rig.
-        """
+        """Gravity, friction (if the law knows it) and inertia (n, 1) [N m] of the model."""
         model = self.arm.dynamics
         f = self.arm.f
-        friction = (
-            {"friction": self.rig.drive.friction(qd)} if getattr(self, "friction", True) else {}
-        )
-        return {"gravity": model.gravity(q, f), **friction, "inertia": model.D(q, f) @ qdd}
+        parts = {"gravity": model.gravity(q, f)}
+        if getattr(self, "friction", True):
+            parts["friction"] = self.rig.drive.friction(qd)
+        return parts | {"inertia": model.D(q, f) @ qdd}
 
     def block(self, rig: Rig) -> Block:
         rig.require_fit(self.arm.dynamics.chain)
@@ -156,10 +147,9 @@ class ModelLaw(Law):
         turned = np.flatnonzero(np.sign(rig.drive.gear) != np.sign(self.rig.drive.gear))
         if len(turned):
             i = int(turned[0])
-            which = (
-                f"that of {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, the law's"
-                f" {self.rig.drive.gear[i]:g}"
+            raise ValueError(
+                "gears of rig and law must turn the same way; that of"
+                f" {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, the law's"
+                f" {self.rig.drive.gear[i]:g}. Correct the sign, or make the law for this rig."
             )
-            advice = "Correct the sign, or make the law for this rig."
-            raise ValueError(f"gears of rig and law must turn the same way; {which}. {advice}")
         return super().block(rig)

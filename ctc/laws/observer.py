@@ -1,5 +1,4 @@
-"""Observer and regulator of one joint's tracking error: prediction, and gains that put their poles
-where they belong.
+"""Observer and regulator of one joint's tracking error: prediction, and gains by pole placement.
 
 The error obeys edd = x3 - v: v is the feedback acceleration that really acted, x3 the disturbance
 acceleration, all that the model does not know. Between two samples both are constant. Gains are
@@ -11,7 +10,8 @@ that one number, a bandwidth, places them.
 import casadi as ca
 import numpy as np
 
-# bandwidth with which the disturbance's random walk is followed, over that of the random torque
+# Bandwidth with which the filter follows the disturbance's random walk, over that with which it
+# follows the random torque: the ratio of the two process noises.
 DRIFT = 2 / 3
 
 # The filter's poles are the stable zeros of s^6 + w^4 s^2 - (DRIFT w)^6: one real, one pair.
@@ -50,26 +50,20 @@ def triple_pole(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 
 def filter_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Gains of the Kalman filter whose process noise is a random torque of bandwidth omega
-    [rad/s], and a drift.
-    """
+    """Gains of the Kalman filter for a random torque of bandwidth omega [rad/s], and a drift."""
     real = 2 * _REAL * omega * dt / (2 + _REAL * omega * dt)  # 1 - z
     at_one, less = _sampled(_SUM, _PRODUCT, omega * dt)
     return real + less - real * less, at_one + real * (less - at_one / 2), real * at_one
 
 
 def regulator_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Feedback accelerations per error and per rate: poles at omega [rad/s], damping 1/sqrt(2),
-    torque held.
-    """
+    """Accelerations per error and rate: poles at omega [rad/s], damping 1/sqrt(2), torque held."""
     at_one, less = _sampled(np.sqrt(2), 1.0, omega * dt)
     return at_one / (dt * dt), (less + at_one / 2) / dt
 
 
 def _sampled(damping: float, stiffness: float, step: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """(1 - z1) (1 - z2) and 1 - z1 z2 for the zeros of s^2 + damping s + stiffness, by Tustin's
-    rule over a step.
-    """
+    """(1 - z1) (1 - z2) and 1 - z1 z2 of s^2 + damping s + stiffness, by Tustin's rule."""
     square = stiffness * step**2
     common = 4 + 2 * damping * step + square
     return 4 * square / common, 4 * damping * step / common

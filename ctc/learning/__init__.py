@@ -1,5 +1,6 @@
 """Torque that was missing along a path, learnt from repetitions of it.
 
 Read `path_plant` (the plant linearised along the path, and the torque that a log misses),
-`learnt_torque` (the law that adds it), then `learning` (what of it is f and friction) and `learn`.
+`learnt_torque` (the law that adds it), then `learning` (the part of it that is f and friction) and
+`learn`; `settings` has their numbers.
 """

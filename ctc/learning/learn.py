@@ -6,36 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from ctc.learning.learning import _SETTLED, Learning, mended, share
+from ctc.learning.learning import Learning, mended, share
 from ctc.learning.learnt_torque import LearntTorque
 from ctc.learning.path_plant import PathPlant, missing_torque, path_plant
+from ctc.learning.settings import SETTINGS
 from identification import Identification
 from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import instance, known_options
 from plant.parts.fields import Floats
 from plant.simulation.executors import mapped
 
-# Share of the missing torque that is added; to which share of the last it must fall; and by which
-# share of the samples more may be beyond ±1 pulse than before.
-_GAIN = 0.7
-_FALLS = 0.8
-_WORSE = 0.005
-
 _ORDER = "The order is law, rig, reference, records."
-
-_SURPRISES = 1.25
-_MORE = 1.3
-# highest frequency of the learnt torque [Hz], and its terms per joint at most
-_FINEST = 40.0
-_MOST = 400
-
-_MOVES = 3.0  # speed of the reference [pulses/s] from which on a joint moves
-
-# Of a joint that stands and should move: bandwidth [rad/s], lead [s] and smoothing [s] of the
-# torque that it gets.
-_STIFF = 14.0
-_AHEAD = 0.015
-_BLURRED = 0.008
 
 
 @known_options
@@ -50,25 +31,25 @@ def learn(
 ) -> Learning:
     """Learn the torque that was missing along a path from logs of it, of any law.
 
-    A fixed-interval smoother over each log finds the torque that the model lacks; the law for the
-    next repetition adds 0.7 of it. A regression says what of it is f and friction.
+    A fixed-interval smoother estimates the torque that the model lacks from each log, and the law
+    for the next repetition adds 0.7 of it. A regression finds the part of it that is f and
+    friction.
 
     Parameters
     ----------
     law : Law or Learning
-        The law that made the logs; or what was learnt before, whose `law` made them.
+        The law that made the logs; or the previous result, whose `law` made them.
     rig : Rig
-        With the friction, and the gears, that the model has.
+        The rig of the model, with its friction and gears.
     reference : Reference
         The path, from t = 0.
     records : Record or sequence of Record
-        Repetitions under that law, at the rig's period, with their torque or current: each the
-        whole path.
+        Repetitions of the whole path under that law, at the rig's period, with torque or current.
     found : Identification or Arm, optional
-        The model; by default the arm that the law holds. An identification gives its covariance to
-        the regression, in place of 5 % of f and 20 % of friction.
+        The model; by default the arm that the law holds. The covariance of an identification is the
+        prior of the regression, in place of 5 % of f and 20 % of friction.
     executor : optional
-        Where the smoothers run, one call per log, as of `certify`: the same bits.
+        Runs the smoothers, one call per log, as in `certify`; the result has the same bits.
 
     Returns
     -------
@@ -83,10 +64,10 @@ def learn(
 
     Notes
     -----
-    A repetition is left out if its mean normalised innovation exceeds 1.25, or 1.3 times the least
-    so far and 1. A correction after which not less than 0.8 of the torque is missing, and more than
-    a thousandth of the amplifiers' limit, or more samples are beyond ±1 pulse, is taken back, and
-    half of it made.
+    A repetition is left out if its mean normalised innovation exceeds 1.25, or 1.3 times the
+    smallest so far and 1. A correction is taken back, and half of it made, if afterwards 0.8 of the
+    torque or more is still missing (and more than a thousandth of the amplifiers' limit), or if
+    more samples are beyond ±1 pulse.
 
     See Also
     --------
@@ -102,91 +83,89 @@ def learn(
     >>> print(len(learnt.missing), learnt.left_out)
     1 ()
     """
-    before = law if isinstance(law, Learning) else None
-    ran: Any = (
-        before.law
-        if before is not None
-        else instance("law", law, Law, "Give the law that made the logs.")
-    )
+    previous = law if isinstance(law, Learning) else None
+    run_law: Any = law
+    if previous is not None:
+        run_law = previous.law
+    else:
+        instance("law", law, Law, "Give the law that made the logs.")
     instance("rig", rig, Rig, _ORDER)
     instance("reference", reference, Reference, _ORDER)
-    arm = _model(ran, found)
-    base = ran.law if isinstance(ran, LearntTorque) else ran
-    logs, count = _logs(records, ran, rig, reference)
-    plant = path_plant(arm, rig, reference, count)
-    t = rig.period * np.arange(count)
-    motion = reference(t)
-    speed = rig.drive.coupling.shaft(motion.qd)
-    moves = np.abs(rig.encoder.position_in_pulses(np.abs(rig.drive.gear) * speed)) > _MOVES
-    terms = min(int(2 * _FINEST * reference.duration), _MOST, count - 1) + 1
-    old = (
-        np.resize(ran.terms, (terms, rig.n))
-        if isinstance(ran, LearntTorque)
-        else np.zeros((terms, rig.n))
-    )
-    known = _torque(old, count)
+    arm = _model(run_law, found)
+    inner_law = run_law.law if isinstance(run_law, LearntTorque) else run_law
+    logs, count = _logs(records, run_law, rig, reference)
 
-    innovations = list(before.innovations) if before else []
-    left_out = list(before.left_out) if before else []
+    # 1. The model along the path, and the torque that the logs were made with.
+    plant = path_plant(arm, rig, reference, count)
+    motion = reference(rig.period * np.arange(count))
+    speed = rig.drive.coupling.shaft(motion.qd)
+    pulses = rig.encoder.position_in_pulses(np.abs(rig.drive.gear) * speed)
+    moves = np.abs(pulses) > SETTINGS.moving_speed
+    needed = int(2 * SETTINGS.highest_frequency * reference.duration)
+    terms = min(needed, SETTINGS.largest_terms, count - 1) + 1
+    old = np.zeros((terms, rig.n))
+    if isinstance(run_law, LearntTorque):
+        old = np.resize(run_law.terms, (terms, rig.n))
+
+    # 2. The torque that each log misses beside it; logs that disagree with the model are left out.
+    smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, _torque(old, count))
+    results = mapped(smoothed, logs, executor) if executor is not None else map(smoothed, logs)
+    innovations = list(previous.innovations) if previous else []
+    left_out = list(previous.left_out) if previous else []
     corrections = []
     errors = []
-    smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, known)
-    found_in = (
-        [smoothed(each) for each in logs] if executor is None else mapped(smoothed, logs, executor)
-    )
-    for record, (correction, innovation) in zip(logs, found_in, strict=True):
+    for record, (correction, innovation) in zip(logs, results, strict=True):
         innovations.append(innovation)
-        if innovation > _SURPRISES or innovation > max(_MORE * min(innovations), 1.0):
-            name = record.name or f"repetition {len(innovations)}"
-            fast = ", or torque that fast hardware changed between samples" * (ran.period is None)
-            why = f"disturbed, or gears unlike the model's{fast}"
-            left_out.append(f"{name}: its innovation is {innovation:.3g}; {why}")
+        if _disagrees(innovation, innovations):
+            left_out.append(_left_out(record, innovations, run_law))
         else:
             corrections.append(correction)
             errors.append(np.abs(record.error_pulses[:count]).max(axis=1))
     mean = np.mean(corrections, axis=0) if corrections else np.zeros((count, rig.n))
     rms = np.sqrt((mean**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
-    missing, beyond, peak = (before.missing, before.beyond, before.peak) if before else ((), (), ())
-    gain = before.gain if before else _GAIN
+
+    # 3. The next torque: corrected, or with half of the last correction, if that did not help.
+    missing, beyond, peak = (), (), ()
+    gain = SETTINGS.gain
+    if previous is not None:
+        missing, beyond, peak = previous.missing, previous.beyond, previous.peak
+        gain = previous.gain
     diverged = False
     start = old.ravel()
     wanted = _terms(mean, terms).ravel()
     if corrections:
         outside = float((np.array(errors) > 1).mean())
-        largest = float(np.max(errors))
         diverged = bool(missing) and (
-            share(rms, rig) > max(_FALLS * share(missing[-1], rig), _SETTLED)
-            or outside > beyond[-1] + _WORSE
+            share(rms, rig) > max(SETTINGS.must_fall * share(missing[-1], rig), SETTINGS.settled)
+            or outside > beyond[-1] + SETTINGS.may_worsen
         )
-        if diverged and before is not None:
-            start = before.before
-            wanted = before.wanted
+        if diverged and previous is not None:
+            start = previous.before
+            wanted = previous.wanted
             gain = gain / 2
         else:
             missing = (*missing, rms)
             beyond = (*beyond, outside)
-            peak = (*peak, largest)
-    new = start + gain * wanted
-    learnt = _torque(
-        start.reshape(terms, -1) + (0 if diverged else 1) * wanted.reshape(terms, -1), count
-    )
-    after, new_rig, covariance, rest = mended(
-        arm, rig, plant, learnt, moves, speed, _prior(found, arm, rig)
-    )
+            peak = (*peak, float(np.max(errors)))
+
+    # 4. The part of it that is f and friction, for other paths.
+    whole_terms = start.reshape(terms, -1) + (0 if diverged else 1) * wanted.reshape(terms, -1)
+    prior = _prior(found, arm, rig)
+    mending = mended(arm, rig, plant, _torque(whole_terms, count), moves, speed, prior)
     p = len(arm.f)
-    std = np.sqrt(np.diag(covariance))
+    std = np.sqrt(np.diag(mending.covariance))
     return Learning(
-        law=LearntTorque(law=base, rig=rig, reference=reference, terms=new),
-        arm=after,
-        rig=new_rig,
-        covariance=covariance[:p, :p],
+        law=LearntTorque(law=inner_law, rig=rig, reference=reference, terms=start + gain * wanted),
+        arm=mending.arm,
+        rig=mending.rig,
+        covariance=mending.covariance[:p, :p],
         friction_std=std[p:].reshape(2, -1),
         missing=missing,
         beyond=beyond,
         peak=peak,
         innovations=tuple(innovations),
         left_out=tuple(left_out),
-        rest=rest,
+        rest=mending.rest,
         gain=gain,
         diverged=diverged,
         before=start,
@@ -194,15 +173,30 @@ def learn(
     )
 
 
-def _logs(records: Any, ran: Any, rig: Rig, reference: Reference) -> tuple[list[Record], int]:
-    """The repetitions, and the samples of the path; anything else is refused."""
+def _disagrees(innovation: float, innovations: list[float]) -> bool:
+    """Whether a log and the model disagree, beside all repetitions so far."""
+    usual = max(SETTINGS.innovation_ratio * min(innovations), 1.0)
+    return innovation > SETTINGS.largest_innovation or innovation > usual
+
+
+def _left_out(record: Record, innovations: list[float], law: Law) -> str:
+    """The line of a repetition that is left out."""
+    name = record.name or f"repetition {len(innovations)}"
+    reason = "disturbed, or gears unlike the model's"
+    if law.period is None:
+        reason += ", or torque that fast hardware changed between samples"
+    return f"{name}: its innovation is {innovations[-1]:.3g}; {reason}"
+
+
+def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[Record], int]:
+    """The repetitions, and the number of samples of the path; anything else is refused."""
     logs = [records] if isinstance(records, Record) else list(records)
-    if isinstance(ran, LearntTorque):
-        ran.require_reference(reference)
-        ran.block(rig)
+    if isinstance(law, LearntTorque):
+        law.require_reference(reference)
+        law.block(rig)  # refuses another rig
     count = int(np.ceil(round(reference.duration / rig.period, 6)))
     for i, record in enumerate(logs):
-        _require(record, i, ran, rig, reference, count)
+        _require(record, i, law, rig, reference, count)
     if not logs:
         raise ValueError("records must hold a repetition; got none. Give the log of one.")
     return logs, count
@@ -210,17 +204,15 @@ def _logs(records: Any, ran: Any, rig: Rig, reference: Reference) -> tuple[list[
 
 def _model(law: Any, found: Any) -> Arm:
     """The arm of an identification, or the given one, or that of the law."""
-    arm: Any = getattr(found, "arm", found) if found is not None else getattr(law, "arm", None)
-    given: Arm = instance("found", arm, Arm, f"{type(law).__name__} holds no arm; give found=.")
-    return given
+    arm: Any = getattr(law, "arm", None) if found is None else getattr(found, "arm", found)
+    checked: Arm = instance("found", arm, Arm, f"{type(law).__name__} holds no arm; give found=.")
+    return checked
 
 
 def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, count: int) -> None:
     """Refuse a log that is none of this path, rig or law."""
-    name = (
-        instance(f"records[{i}]", record, Record, "Give logs of the repetitions.").name
-        or f"records[{i}]"
-    )
+    place = f"records[{i}]"
+    name = instance(place, record, Record, "Give logs of the repetitions.").name or place
     if record.reference is not None and record.reference != reference:
         raise ValueError(
             f"reference of {name} must be the path; got another. Give repetitions of one path."
@@ -248,11 +240,13 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
             f"reference_pulses of {name} must be the path's; got {off:.0f} off. Give its own log."
         )
     limit = np.abs(rig.drive.torque_limit())
-    given = np.abs(rig.drive.coupling.shaft_torque(_applied(record, count)))
-    if (given > 1.001 * limit).any():
-        most = given.max(axis=0)
+    torque = np.abs(rig.drive.coupling.shaft_torque(_applied(record, count)))
+    # A logged torque is rounded, so that one at the limit may be a little above it.
+    if (torque > 1.001 * limit).any():
+        largest = torque.max(axis=0)
         raise ValueError(
-            f"torque of {name} must be within the amplifier's {limit} N m; got {most}. Check units."
+            f"torque of {name} must be within the amplifier's {limit} N m; got {largest}. Check"
+            " units."
         )
 
 
@@ -265,34 +259,40 @@ def _applied(record: Record, count: int) -> Floats:
 
 
 def _correction(
-    arm: Arm, rig: Rig, plant: PathPlant, motion: Any, moves: Any, known: Floats, record: Record
+    arm: Arm, rig: Rig, plant: PathPlant, motion: Any, moves: Any, learnt: Floats, record: Record
 ) -> tuple[Floats, float]:
-    """Torque (N, n) that is missing beside the known one, and the mean normalised innovation."""
-    count = len(known)
+    """Torque (N, n) that is missing beside the learnt one, and the mean normalised innovation."""
+    count = len(learnt)
     dt = rig.period
-    counts = record.counts[: len(known)]
+    counts = record.counts[:count]
     centre = np.asarray(rig.cell_centre(counts))
-    D = np.array([np.diag(np.asarray(arm.D(q))) for q in motion.q[:: max(count // 20, 1)]]).mean(
-        axis=0
-    )
-    beyond = _applied(record, count) - plant.torque - known
-    found = missing_torque(plant, rig, D, beyond, centre - motion.q, counts, moves)
-    width = int(np.ceil(3 * _BLURRED / dt))
-    kernel = np.exp(-((dt * np.arange(-width, width + 1) / _BLURRED) ** 2) / 2)
-    stuck = found.stands * moves * D * _STIFF**2 * (motion.q - centre)
-    ahead = np.vstack([stuck[round(_AHEAD / dt) :], np.zeros((round(_AHEAD / dt), rig.n))])[:count]
-    blurred = np.column_stack(
-        [np.convolve(column, kernel / kernel.sum(), "same")[:count] for column in ahead.T]
-    )
-    return (found.torque + blurred) * moves, found.innovation
+    # The inertia that a joint feels sets the smoother's noise: its mean along the path is enough.
+    poses = motion.q[:: max(count // 20, 1)]
+    inertia = np.array([np.diag(np.asarray(arm.D(q))) for q in poses]).mean(axis=0)
+    beyond = _applied(record, count) - plant.torque - learnt
+    estimate = missing_torque(plant, rig, inertia, beyond, centre - motion.q, counts, moves)
+
+    # A joint that stands and should move says nothing of the torque that would move it: it gets
+    # one in proportion to its error, earlier, and smooth.
+    still = estimate.stands * moves
+    stuck = still * inertia * SETTINGS.stuck_bandwidth**2 * (motion.q - centre)
+    lead = round(SETTINGS.stuck_lead / dt)
+    ahead = np.vstack([stuck[lead:], np.zeros((lead, rig.n))])[:count]
+    width = int(np.ceil(3 * SETTINGS.stuck_smoothing / dt))
+    kernel = np.exp(-((dt * np.arange(-width, width + 1) / SETTINGS.stuck_smoothing) ** 2) / 2)
+    kernel = kernel / kernel.sum()
+    smooth = np.column_stack([np.convolve(column, kernel, "same")[:count] for column in ahead.T])
+    return (estimate.torque + smooth) * moves, estimate.innovation
 
 
 def _terms(values: Floats, terms: int) -> Floats:
     """Cosine terms (terms, n) of values (N, n) at equal times, of both ends too."""
     N = len(values) - 1
-    found = np.fft.rfft(np.vstack([values, values[-2:0:-1]]), axis=0).real / N
-    found[[0, N]] /= 2
-    return found[:terms]
+    # The values and their mirror image are even, so that their Fourier series has cosines alone.
+    even = np.vstack([values, values[-2:0:-1]])
+    amplitudes = np.fft.rfft(even, axis=0).real / N
+    amplitudes[[0, N]] /= 2
+    return amplitudes[:terms]
 
 
 def _torque(terms: Floats, count: int) -> Floats:
@@ -301,20 +301,19 @@ def _torque(terms: Floats, count: int) -> Floats:
 
 
 def _prior(found: Any, arm: Arm, rig: Rig) -> Floats | None:
-    """Covariance of f, viscous and Coulomb friction, joint side, where an identification has
-    one.
-    """
+    """Covariance of f, viscous and Coulomb friction, joint side, of an identification with one."""
     if getattr(found, "covariance", None) is None:
         return None
     n = rig.n
+    p = len(arm.f)
     gear = np.abs(rig.drive.gear)
-    names = [
-        *arm.dynamics.names,
-        *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in range(n)),
-    ]
-    scale = np.concatenate([np.ones(len(arm.f)), gear**2, gear])
-    levels = np.concatenate([np.zeros(len(arm.f)), rig.drive.viscous, rig.drive.coulomb])
-    P = np.diag((0.2 * levels) ** 2)
-    seen = [i for i, name in enumerate(names) if name in found.fit.unknown]
-    P[np.ix_(seen, seen)] = found.fit.covariance_of([names[i] for i in seen])
+    names = [*arm.dynamics.names]
+    for kind in ("viscous", "coulomb"):
+        names += [f"drive.{kind}[{i}]" for i in range(n)]
+    # Names are of the motor side; a torque of a shaft is `gear` times it, at a speed over `gear`.
+    scale = np.concatenate([np.ones(p), gear**2, gear])
+    levels = np.concatenate([np.zeros(p), rig.drive.viscous, rig.drive.coulomb])
+    P = np.diag((SETTINGS.friction_deviation * levels) ** 2)
+    identified = [i for i, name in enumerate(names) if name in found.fit.unknown]
+    P[np.ix_(identified, identified)] = found.fit.covariance_of([names[i] for i in identified])
     return np.asarray(P * np.outer(scale, scale))

@@ -1,10 +1,8 @@
-"""What was learnt from repetitions of a path; what of the torque is f and friction, which serves
-other paths too.
-"""
+"""Result of learning from repetitions, and the part of the learnt torque that is f and friction."""
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from ctc.learning.learnt_torque import LearntTorque
 from ctc.learning.path_plant import PathPlant
+from ctc.learning.settings import SETTINGS
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -19,16 +18,6 @@ from plant.parts.kinds import kept
 from plant.parts.saved import Saved
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table, by_joint
-
-# missing torque, as a share of the amplifier's limit, below which nothing more is to be learnt
-_SETTLED = 1e-3
-
-# relative standard deviations of f and of friction before, where no covariance is known
-_F = 0.05
-_FRICTION = 0.2
-
-# time [s] over which the rest of the torque is taken to be alike: two constants of the smoother
-_CORRELATED = 0.02
 
 
 @kept
@@ -41,7 +30,7 @@ class Learning(Shown, Saved, Frozen):
     law : LearntTorque
         For the next repetition.
     arm, rig : Arm, Rig
-        With f and friction mended, for other paths and other speeds.
+        With corrected f and friction, for other paths and other speeds.
     covariance : (p, p) numpy.ndarray
         Of f of that arm.
     friction_std : (2, n) numpy.ndarray
@@ -54,11 +43,11 @@ class Learning(Shown, Saved, Frozen):
     innovations : tuple of float
         Mean normalised innovation of every repetition so far; 1 where model and log agree.
     left_out : tuple of str
-        Repetitions that taught nothing, and why.
+        Repetitions that were not used, and why.
     rest : float
-        What of the learnt torque is neither f nor friction, rms [N m].
+        Part of the learnt torque that is neither f nor friction, rms [N m].
     gain : float
-        Share of what is missing by which the torque is corrected.
+        Share of the missing torque by which the learnt torque is corrected.
     diverged : bool
         Whether the last correction did not help, and was taken back.
     before, wanted : (K n,) numpy.ndarray
@@ -83,15 +72,15 @@ class Learning(Shown, Saved, Frozen):
 
     @property
     def converged(self) -> bool:
-        """Whether less than a thousandth of the amplifiers' torque was missing in the last
-        repetition.
+        """Whether the last repetition missed less than a thousandth of the amplifiers' torque.
 
-        Of ±1 pulse `beyond` tells: what does not repeat, or comes too fast for the law, stays.
+        Errors beyond ±1 pulse may remain (`beyond`): disturbances that do not repeat, or are too
+        fast for the law.
         """
         return (
             bool(self.missing)
             and not self.diverged
-            and share(self.missing[-1], self.rig) <= _SETTLED
+            and share(self.missing[-1], self.rig) <= SETTINGS.settled
         )
 
     @property
@@ -117,42 +106,28 @@ class Learning(Shown, Saved, Frozen):
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), self.converged and not self.beyond[-1])
         if self.missing:
-            first = self.missing[0]
-            last = self.missing[-1]
-            added = np.sqrt(
-                np.mean(
-                    self.law.torque(np.linspace(0, self.law.reference.duration, 1000)) ** 2, axis=0
-                )
-            )
-            quantities = [
-                ("missing at first, rms [N m]", first),
-                ("in the last [N m]", last),
-                ("added [N m]", added),
-            ]
-            yield by_joint(
-                self.rig.joint_labels,
-                [[name, *(f"{x:.3g}" for x in row)] for name, row in quantities],
-            )
+            times = np.linspace(0, self.law.reference.duration, 1000)
+            quantities = {
+                "missing at first, rms [N m]": self.missing[0],
+                "in the last [N m]": self.missing[-1],
+                "added [N m]": np.sqrt(np.mean(self.law.torque(times) ** 2, axis=0)),
+            }
+            rows = [[name, *(f"{x:.3g}" for x in row)] for name, row in quantities.items()]
+            yield by_joint(self.rig.joint_labels, rows)
         yield (
             f"innovations: {', '.join(f'{x:.2f}' for x in self.innovations)} (1: as the model says)"
         )
-        yield from (f"left out: {each}" for each in self.left_out)
+        yield from (f"left out: {line}" for line in self.left_out)
         if not self.missing:
             return
         drive = self.rig.drive
         std = np.sqrt(np.diag(self.covariance))
-        names = [*self.arm.dynamics.short_names]
-        rows = [
-            (name, f"{f:.4g}", f"{s:.2g}")
-            for name, f, s in zip(names, self.arm.f, std, strict=True)
-        ]
-        kinds = (
-            ("viscous", drive.joint_viscous()),
-            ("Coulomb", drive.joint_coulomb(np.zeros(drive.n))),
-        )
-        for (kind, values), deviations in zip(kinds, self.friction_std, strict=True):
-            labels = zip(self.rig.joint_labels, values, deviations, strict=True)
-            rows += [(f"{kind}, {label}", f"{value:.4g}", f"{s:.2g}") for label, value, s in labels]
+        lines = [*zip(self.arm.dynamics.short_names, self.arm.f, std, strict=True)]
+        levels = drive.joint_viscous(), drive.joint_coulomb(np.zeros(drive.n))
+        for i, kind in enumerate(("viscous", "Coulomb")):
+            names = [f"{kind}, {label}" for label in self.rig.joint_labels]
+            lines += zip(names, levels[i], self.friction_std[i], strict=True)
+        rows = [[name, f"{value:.4g}", f"{deviation:.2g}"] for name, value, deviation in lines]
         yield Table(("mended", "value", "std"), rows)
         yield f"Neither f nor friction: {self.rest:.2g} N m rms of the learnt torque."
 
@@ -164,49 +139,64 @@ def share(missing: Floats, rig: Rig) -> float:
     )
 
 
+class Mending(NamedTuple):
+    """Arm and rig corrected by a learnt torque.
+
+    `covariance` of f, viscous and Coulomb friction, joint side; `rest` is the torque that neither
+    explains, rms [N m].
+    """
+
+    arm: Arm
+    rig: Rig
+    covariance: Floats
+    rest: float
+
+
 def mended(
     arm: Arm, rig: Rig, plant: PathPlant, learnt: Floats, moves: Any, speed: Floats, prior: Any
-) -> tuple[Arm, Rig, Floats, float]:
-    """Arm and rig corrected by a learnt torque (N, n) in a ridge regression, where joints move, at
-    speeds of shafts; the covariance of f, viscous and Coulomb friction (joint side), and the torque
-    that is left, rms [N m].
+) -> Mending:
+    """Arm and rig corrected by a learnt torque (N, n), in a ridge regression where joints move.
+
+    `speed` (N, n) is that of the shafts [rad/s]; `prior` the covariance before, or None.
     """
     n = arm.n
     p = len(arm.f)
     drive = rig.drive
     N = len(learnt)
-    Y = np.asarray(
-        arm.dynamics._regressor.function.map(N)(plant.q.T, plant.qd.T, plant.qdd.T).full()
-    )
+
+    # 1. Rows of the regression: torque per parameter, per viscous and per Coulomb friction.
+    regressor = arm.dynamics._regressor.function.map(N)(plant.q.T, plant.qd.T, plant.qdd.T)
+    Y = np.asarray(regressor.full()).reshape(n, N, p).transpose(1, 0, 2)
     shafts = np.asarray(drive.coupling.joint_torque(np.eye(n))).T
-    friction = [each[:, None, :] * shafts for each in (speed, np.sign(speed))]
-    rows = np.concatenate([Y.reshape(n, N, p).transpose(1, 0, 2), *friction], axis=2)[moves]
-    wanted = learnt[moves]
+    friction = [factor[:, None, :] * shafts for factor in (speed, np.sign(speed))]
+    rows = np.concatenate([Y, *friction], axis=2)[moves]
+    target = learnt[moves]
+
+    # 2. The prior: relative deviations where there is no covariance.
     before = np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
-    P = (
-        prior
-        if prior is not None
-        else np.diag((np.append(np.full(p, _F), np.full(2 * n, _FRICTION)) * before) ** 2)
-    )
-    alike = max(_CORRELATED / rig.period, 1.0)
+    P = prior
+    if P is None:
+        f = np.full(p, SETTINGS.f_deviation)
+        relative = np.append(f, np.full(2 * n, SETTINGS.friction_deviation))
+        P = np.diag((relative * before) ** 2)
+
+    # 3. Neighbouring samples are alike, so that so many count as one. The noise is what the
+    # regression leaves: three rounds settle it.
+    alike = max(SETTINGS.correlation_time / rig.period, 1.0)
     change = np.zeros(len(before))
-    variance = float(np.mean(wanted**2)) + 1e-12
-    for _ in range(3):  # the rest is what the regression leaves
+    variance = float(np.mean(target**2)) + 1e-12
+    for _ in range(3):
         S = P @ rows.T @ rows / (variance * alike)
         covariance = np.linalg.solve(np.eye(len(P)) + S, P)
-        change = covariance @ (rows.T @ wanted) / (variance * alike)
-        variance = float(np.mean((wanted - rows @ change) ** 2)) + 1e-12
+        change = covariance @ (rows.T @ target) / (variance * alike)
+        variance = float(np.mean((target - rows @ change) ** 2)) + 1e-12
+
+    # 4. Back to the motor side; friction is not negative.
     after = before + change
-    gear2 = drive.gear**2
-    gear = np.abs(drive.gear)
     corrected = dataclasses.replace(
         drive,
-        viscous=np.maximum(after[p : p + n] / gear2, 0),
-        coulomb=np.maximum(drive.coulomb + change[p + n :] / gear, 0),
+        viscous=np.maximum(after[p : p + n] / drive.gear**2, 0),
+        coulomb=np.maximum(drive.coulomb + change[p + n :] / np.abs(drive.gear), 0),
     )
-    return (
-        arm.dynamics.arm(after[:p]),
-        dataclasses.replace(rig, drive=corrected),
-        covariance,
-        variance**0.5,
-    )
+    mended_rig = dataclasses.replace(rig, drive=corrected)
+    return Mending(arm.dynamics.arm(after[:p]), mended_rig, covariance, variance**0.5)

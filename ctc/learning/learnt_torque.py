@@ -2,12 +2,14 @@
 
 import dataclasses
 import functools
+import operator
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctc.learning.settings import SETTINGS
 from plant import Law, Reference, Rig
 from plant.laws.law import Block, Setpoint, Step, state_of
 from plant.parts.arguments import array
@@ -16,22 +18,20 @@ from plant.parts.part import number, part, structure
 from plant.parts.vector import Fields, per_joint, scalars
 from plant.realtime.running import Running
 
-_NEAR = 3.0  # pulses within which the arm stands where the path begins, when the law is started
-
 
 @part
 class LearntTorque(Law):
-    """tau = tau of a law + sum over k of a_k cos(k pi t / T), learnt by `learn` along one path of
-    duration T.
+    """tau = tau of a law + sum over k of a_k cos(k pi t / T), learnt by `learn` along one path.
 
-    t is the time since the law began; from T on the torque stays as it is there.
+    T is the duration of the path and t the time since the law began; from T on the learnt torque
+    stays as it is there.
 
     Parameters
     ----------
     law : Law
         Any controller.
     rig, reference : Rig, Reference
-        On which, and along which, it was learnt.
+        Rig and path of the repetitions.
     terms : (K n,) array_like
         a_k of all joints [N m], k after k.
 
@@ -49,7 +49,8 @@ class LearntTorque(Law):
     --------
     >>> from plant import puma560
     >>> from ctc import LearntTorque
-    >>> law = LearntTorque(law=puma560.p_law(), rig=puma560.rig(), reference=puma560.reference(), terms=(1.0, 0.5))
+    >>> p, rig, path = puma560.p_law(), puma560.rig(), puma560.reference()
+    >>> law = LearntTorque(law=p, rig=rig, reference=path, terms=(1.0, 0.5))
     >>> law.torque([0.0, 1.0])
     array([[1. , 0.5],
            [1. , 0.5]])
@@ -84,8 +85,9 @@ class LearntTorque(Law):
     def torque(self, t: ArrayLike) -> Floats:
         """Learnt torque (N, n) at times t (N,) [s]."""
         a = np.reshape(self.terms, (-1, self.rig.n))
-        place = np.clip(np.asarray(t, float), 0, self.reference.duration) / self.reference.duration
-        return np.asarray(np.cos(np.pi * np.outer(place, np.arange(len(a)))) @ a)
+        end = self.reference.duration
+        share = np.clip(np.asarray(t, float), 0, end) / end
+        return np.asarray(np.cos(np.pi * np.outer(share, np.arange(len(a)))) @ a)
 
     @functools.cached_property
     def fields(self) -> Fields:
@@ -93,49 +95,51 @@ class LearntTorque(Law):
         return Fields(law=state_of(self.law), added=per_joint(), time=scalars(), begun=scalars())
 
     def sliding(self) -> Law:
-        """With the law as it is then."""
+        """With the inner law without dry friction."""
         return dataclasses.replace(self, law=self.law.sliding())
 
     def require_reference(self, reference: Reference) -> None:
         """Refuse another path."""
         if reference != self.reference:
-            got = (
-                f"got another {type(reference).__name__}. Learn along it, or use the mended arm and"
-                " rig."
+            raise ValueError(
+                "reference must be the path along which it was learnt; got another"
+                f" {type(reference).__name__}. Learn along it, or use the mended arm and rig."
             )
-            raise ValueError(f"reference must be the path along which it was learnt; {got}")
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for the rig on which it was learnt."""
-        for name, of in (
-            ("period", lambda r: r.period),
-            ("gear", lambda r: r.drive.gear),
-            ("motor gain", lambda r: r.drive.motor_gain),
-            ("resolution", lambda r: r.encoder.resolution),
+        for name, path in (
+            ("period", "period"),
+            ("gear", "drive.gear"),
+            ("motor gain", "drive.motor_gain"),
+            ("resolution", "encoder.resolution"),
         ):
-            if np.shape(of(rig)) != np.shape(of(self.rig)) or not np.allclose(
-                of(rig), of(self.rig), rtol=1e-9, atol=0
-            ):
-                differs = f"{name} {of(self.rig)}; got {of(rig)}. Learn on this one."
-                raise ValueError(f"rig must be that on which the torque was learnt, {differs}")
+            value_of = operator.attrgetter(path)
+            own = value_of(self.rig)
+            other = value_of(rig)
+            alike = np.shape(own) == np.shape(other) and np.allclose(other, own, rtol=1e-9, atol=0)
+            if not alike:
+                raise ValueError(
+                    f"rig must be that on which the torque was learnt, {name} {own}; got {other}."
+                    " Learn on this one."
+                )
         self.law.block(rig)  # refuses a rig that is not the law's
         return super().block(rig)
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> Running:
-        """As `Law.start`, where the path begins.
+        """As `Law.start`, from where the path begins.
 
         Raises
         ------
         ValueError
-            As the law's own; an arm that stands elsewhere.
+            As the inner law; an arm that stands elsewhere.
         """
         begins = self.rig.counts(self.reference([0.0]).q[0])
-        given = array(
-            "pulses", pulses, (self.rig.n,), advice="Give the encoder count of each joint."
-        )
-        if (np.abs(given - begins) > _NEAR).any():
+        advice = "Give the encoder count of each joint."
+        counts = array("pulses", pulses, (self.rig.n,), advice=advice)
+        if (np.abs(counts - begins) > SETTINGS.start_distance).any():
             raise ValueError(
-                f"pulses must be where the learnt path begins, {begins}; got {given}. Move the arm"
+                f"pulses must be where the learnt path begins, {begins}; got {counts}. Move the arm"
                 " there."
             )
         getattr(self.law, "require_stable", lambda *_: None)(rig, pulses)

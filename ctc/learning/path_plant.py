@@ -1,5 +1,4 @@
-"""The arm along a reference: the torque that the model needs, and its answer to more, linearised;
-what a log misses.
+"""The arm linearised along a reference, and the torque that a log shows to be missing there.
 
 Source of the smoother: Bierman, Fixed interval smoothing with discrete measurements, Int. J.
 Control 18 (1973): the modified Bryson-Frazier smoother.
@@ -12,23 +11,15 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from ctc.learning.settings import SETTINGS
 from plant import Arm, Reference, Rig
 from plant.motion.link_reference import gear_torque, require_elastic, wound
 from plant.parts.fields import Floats
 
-_SLIDES = 30.0  # speed [pulses/s] from which on the model has Coulomb friction in full
-
-# (omega dt)^2 of links on their gears up to which Runge-Kutta 4 follows them; beyond, gears are
-# rigid
-_FOLLOWED = 4.0
-
-_HALVINGS = 3  # of a sample, for its transition matrix
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PathPlant:
-    """N samples of the model along a reference: motion of the links, and the torque [N m] that it
-    needs to the next.
+    """N samples of the model along a reference: motion of the links, and torque needed [N m].
 
     The transition (N, m + n, m + n) is of deviations, without Coulomb friction: angles and speeds
     (of motors, then links), and the torque (n) that is missing.
@@ -42,47 +33,51 @@ class PathPlant:
 
 
 def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlant:
-    """The model along so many samples of a reference, which the encoders' side of the gears
-    follows exactly.
-    """
+    """The model along `count` samples of a reference that the encoders follow exactly."""
     if rig.drive.elasticity is not None:
         require_elastic("learn", rig)
         rig = _as_stiff(arm, rig, reference(np.zeros(1)).q[0])
     n = arm.n
     dt = rig.period
     drive = rig.drive
+
+    # 1. The equations as functions: torque for a motion of the encoders' side, and slopes.
     x, u, accelerations = _equations(arm, rig)
-    own = ca.jacobian(accelerations[:n], u)
+    mobility = ca.jacobian(accelerations[:n], u)
     asked = ca.SX.sym("qdd", n)
-    needed = ca.solve(own, asked - ca.substitute(accelerations[:n], u, ca.SX.zeros(n)))
+    needed = ca.solve(mobility, asked - ca.substitute(accelerations[:n], u, ca.SX.zeros(n)))
     half = x.numel() // 2
     rate = ca.vertcat(x[half:], accelerations)
     moves = ca.Function("moves", [x, asked], [needed, accelerations[n:]])
     slopes = ca.Function("slopes", [x, u], [ca.jacobian(rate, x), ca.jacobian(rate, u)])
 
+    # 2. The states along the reference, on elastic gears with those of the links.
     motion = reference(dt * np.arange(2 * count + 1) / 2)  # with the middles of the samples
-    states = (
-        _states(arm, rig, moves, motion, count)
-        if half > n
-        else np.hstack([motion.q[::2], motion.qd[::2]])
-    )
+    elastic = half > n
+    if elastic:
+        states = _states(arm, rig, moves, motion, count)
+    else:
+        states = np.hstack([motion.q[::2], motion.qd[::2]])
+
+    # 3. The torque, with Coulomb friction in proportion at low speed, as the controller has it.
     speed = drive.coupling.shaft(motion.qd[::2])
-    slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / _SLIDES
+    slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / SETTINGS.sliding_speed
     dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
-    viscous_less, bends = moves.map(count + 1)(states.T, motion.qdd[::2].T)
-    whole = viscous_less.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
-    A, B = (np.asarray(each.full()) for each in slopes.map(count)(states[:-1].T, whole[:-1].T))
+    frictionless, link_qdd = moves.map(count + 1)(states.T, motion.qdd[::2].T)
+    torque = frictionless.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
+
+    # 4. Transition matrices of deviations and missing torque, which stays within a sample.
+    A, B = (slope.full() for slope in slopes.map(count)(states[:-1].T, torque[:-1].T))
     m = 2 * half
     grown = np.zeros((count, m + n, m + n))
     grown[:, :m, :m] = A.reshape(m, count, m).transpose(1, 0, 2)
     grown[:, :m, m:] = B.reshape(m, count, n).transpose(1, 0, 2)
-    links = slice(half - n, half), slice(m - n, m)
-    qdd = bends.full().T if half > n else motion.qdd[::2]
+    qdd = link_qdd.full().T if elastic else motion.qdd[::2]
     return PathPlant(
-        torque=(whole[:-1] + whole[1:]) / 2,
+        torque=(torque[:-1] + torque[1:]) / 2,
         transition=_exponentials(grown * dt),
-        q=states[:-1, links[0]],
-        qd=states[:-1, links[1]],
+        q=states[:-1, half - n : half],
+        qd=states[:-1, m - n : m],
         qdd=qdd[:-1],
     )
 
@@ -94,15 +89,13 @@ def _as_stiff(arm: Arm, rig: Rig, q: Floats) -> Rig:
         drive.reflected_inertia()
     )
     squares = np.linalg.eigvals(np.linalg.solve(links, np.diag(drive.elasticity.stiffness))).real
-    if squares.max() * rig.period**2 < _FOLLOWED:
+    if squares.max() * rig.period**2 < SETTINGS.elastic_limit:
         return rig
     return dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=None))
 
 
 def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """State, joint torque of the motors, and accelerations: of the joints, or of motors and
-    links.
-    """
+    """State, joint torque of the motors, and accelerations: of joints, or of motors and links."""
     n = arm.n
     dynamics = arm.dynamics
     drive = rig.drive
@@ -114,11 +107,8 @@ def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
     if elastic is None:
         q, qd = ca.vertsplit(x, n)
         pushed = u - coupling.joint_torque(drive.joint_viscous() * coupling.shaft(qd))
-        return (
-            x,
-            u,
-            ca.solve(dynamics.D(q, f), pushed - dynamics.h(q, qd, f) + rig.spring_torque(q)),
-        )
+        accelerating = pushed - dynamics.h(q, qd, f) + rig.spring_torque(q)
+        return x, u, ca.solve(dynamics.D(q, f), accelerating)
     q_m, q, qd_m, qd = ca.vertsplit(x, n)
     bend = ca.SX.sym("bend", n)
     carried = elastic.stiffness * coupling.shaft(q_m - q) + elastic.damping * coupling.shaft(
@@ -159,26 +149,16 @@ def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> 
 
 def _exponentials(matrices: Floats) -> Floats:
     """Exponentials of matrices (N, m, m): Taylor's fourth order of a part, squared up."""
-    part = matrices / 2**_HALVINGS
+    part = matrices / 2**SETTINGS.halvings
     one = np.eye(matrices.shape[1])
-    found = one + part @ (one + part / 2 @ (one + part / 3 @ (one + part / 4)))
-    for _ in range(_HALVINGS):
-        found = found @ found
-    return np.asarray(found)
-
-
-_OMEGA = 100.0  # bandwidth of the estimate [rad/s]
-
-# How long the count of a joint stands that sticks, and for how long its friction is taken to hold
-# on [s].
-_STANDS = 0.02
-_MEMORY = 0.05
+    power = one + part @ (one + part / 2 @ (one + part / 3 @ (one + part / 4)))
+    for _ in range(SETTINGS.halvings):
+        power = power @ power
+    return np.asarray(power)
 
 
 class Missing(NamedTuple):
-    """Torque (N, n) that was missing [N m], which joints stood (N, n), mean normalised
-    innovation.
-    """
+    """Missing torque (N, n) [N m], joints that stood (N, n), mean normalised innovation."""
 
     torque: Floats
     stands: Floats
@@ -194,40 +174,48 @@ def missing_torque(
     counts: Floats,
     moves: Any,
 ) -> Missing:
-    """The torque that was missing along a path.
+    """The torque that was missing along a path, by a Kalman filter and a smoother back over it.
 
     `inertia` (n,) is that which each joint feels [kg m^2]; (N, n) are the applied torque `beyond`
-    what the model needs, `e`, middle of the quantisation cell less the reference [rad], counts, and
+    that of the model, `e`, middle of the quantisation cell less the reference [rad], counts, and
     where the reference moves: there innovations count.
     """
     N, n = e.shape
     dt = rig.period
     m = plant.transition.shape[1] - n
+    half = m // 2
+    omega = SETTINGS.smoother_bandwidth
+
+    # 1. Noises: rounding of counts, uniform in a cell; a random walk of the missing torque that
+    # places the filter's bandwidth; and dry friction, which is unknown while a joint stands.
     pulse = np.asarray(rig.to_angle(np.eye(n))).T
     R = pulse @ pulse.T / 12
-    walk = (inertia * _OMEGA**3) ** 2 * np.diag(R) * dt
-    least = round(_STANDS / dt)
-    stands = standing(counts, least)
-    for pairs in (counts // 2, (counts + 1) // 2):  # between two cells
-        stands = np.where(moves, stands, np.maximum(stands, standing(pairs, least)))
-    level = rig.drive.joint_coulomb(np.zeros(n)) ** 2 * _MEMORY / dt
+    walk = (inertia * omega**3) ** 2 * np.diag(R) * dt
+    samples = round(SETTINGS.standing_time / dt)
+    stands = standing(counts, samples)
+    # A joint at the edge of two cells stands, too, although its count flips.
+    for pairs in (counts // 2, (counts + 1) // 2):
+        stands = np.where(moves, stands, np.maximum(stands, standing(pairs, samples)))
+    level = rig.drive.joint_coulomb(np.zeros(n)) ** 2 * SETTINGS.standing_memory / dt
     one = np.eye(m + n)
     H = np.eye(n, m + n)
     Q = np.zeros_like(one)
     Q[m:, m:] = np.diag(walk * dt)
     P = np.zeros_like(one)
-    P[: m // 2, : m // 2] = np.kron(np.eye(m // 2 // n), 12 * R)
-    P[m // 2 : m, m // 2 : m] = np.kron(np.eye(m // 2 // n), 12 * R * _OMEGA**2)
-    P[m:, m:] = np.diag(walk)  # what it walks in 1 s
+    P[:half, :half] = np.kron(np.eye(half // n), 12 * R)
+    P[half:m, half:m] = np.kron(np.eye(half // n), 12 * R * omega**2)
+    P[m:, m:] = np.diag(walk)  # as far as it walks in 1 s
+
+    # 2. Forward: correct by the count, then predict.
     z = np.zeros(m + n)
     total = 0.0
-    kept = []
+    steps = []
     for k in range(N):
         inverse = np.linalg.inv(P[:n, :n] + R)
         nu = e[k] - z[:n]
         total += float(nu**2 / np.diag(P[:n, :n] + R) @ moves[k])
         gain = P[:, :n] @ inverse
-        kept.append((z, P, inverse, nu, gain))
+        steps.append((z, P, inverse, nu, gain))
         z = z + gain @ nu
         P = P - gain @ P[:n]
         step = plant.transition[k]
@@ -235,23 +223,26 @@ def missing_torque(
         push[m:] = 0.0
         z = step @ z + push @ beyond[k]
         P = step @ P @ step.T + Q + (push * (level * stands[k])) @ push.T
-        P = (P + P.T) / 2
+        P = (P + P.T) / 2  # against rounding, over thousands of steps
+
+    # 3. Backward: the adjoint carries to each sample what later counts say of it.
     torque = np.empty((N, n))
     adjoint = np.zeros(m + n)
     for k in range(N - 1, -1, -1):
-        z, P, inverse, nu, gain = kept[k]
-        after = plant.transition[k].T @ adjoint
-        adjoint = after - H.T @ (gain.T @ after + inverse @ nu)
-        # a torque that acts beside the motors' is missing with the other sign
+        z, P, inverse, nu, gain = steps[k]
+        later = plant.transition[k].T @ adjoint
+        adjoint = later - H.T @ (gain.T @ later + inverse @ nu)
+        # A torque that acts beside the motors' is missing with the other sign.
         torque[k] = (P @ adjoint - z)[m:]
     return Missing(torque, stands, total / max(int(moves.sum()), 1))
 
 
-def standing(counts: Floats, least: int) -> Floats:
-    """Whether the count of each joint stood (N, n), for so many samples at least."""
-    found = np.zeros(counts.shape)
-    for column, stood in zip(counts.T, found.T, strict=True):
-        edges = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1, [len(column)]])
-        for a, b in itertools.pairwise(edges):
-            stood[a:b] = b - a >= least
-    return found
+def standing(counts: Floats, samples: int) -> Floats:
+    """Whether the count of each joint stood (N, n), for at least so many samples."""
+    stands = np.zeros(counts.shape)
+    for column, result in zip(counts.T, stands.T, strict=True):
+        changes = np.flatnonzero(np.diff(column)) + 1
+        edges = np.concatenate([[0], changes, [len(column)]])
+        for begin, end in itertools.pairwise(edges):
+            result[begin:end] = end - begin >= samples
+    return stands

@@ -1,4 +1,4 @@
-"""The running controller of a payload estimator, and the three stages around it."""
+"""The running controller of a payload estimator: collect, identify, swap."""
 
 import dataclasses
 import math
@@ -20,11 +20,11 @@ from plant.realtime.running import Running
 class PayloadEvent(Shown):
     """A change of the load, as it was detected and as it was identified.
 
-    `time`: when it was detected [s], counted in periods from the start; 0 for the load at the
-    start. `kind`: "start", "taken", "dropped" or "changed". `before`: mass in the model before
-    [kg]. `after`: mass that was identified [kg]; NaN until then. `swapped`: when the model was
-    swapped to it [s]; NaN until then. `windows`: that were evaluated; of those before the last the
-    message stated why they were not used. `message`: of the last window.
+    `time` of its detection [s], counted in periods from the start; 0 for the load at the start.
+    `kind`: "start", "taken", "dropped" or "changed". `before`: mass in the model before [kg].
+    `after`: identified mass [kg]; NaN until then. `swapped`: time of the swap of the model [s]; NaN
+    until then. `windows`: number of windows evaluated. `message`: of the last window; those of
+    earlier ones stated why they were not used.
     """
 
     time: float
@@ -43,20 +43,40 @@ class PayloadEvent(Shown):
         yield f"{self.windows} windows; the last: {self.message}"
 
 
-# from the start, in which nothing is collected and no change is looked for: the observers settle
-# [s]
-_SETTLE = 0.1
-# share of a window after which, where one was not sufficient, the next one is evaluated
-_AGAIN = 0.25
-# By how much the alarm's limit is higher just after a swap, as a share, and how fast that passes
-# [s]: friction that differs comes back into the observer.
-_FRESH = 2.0
-_FRESH_TIME = 0.05
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StageSettings:
+    """Times and thresholds of the stages; chosen by hand, tested by tests/benchmarks/payload.py.
 
-# a loop that is so far ahead of the clock is a simulation, and waits for its answer [s]
-_AHEAD = 5e-3
-_PATIENCE = 60.0  # for how long it would [s]
-_EMPTY = 0.1  # share of the heaviest load below which a gripper counts as empty
+    Parameters
+    ----------
+    settling_time : float
+        Time after the start [s] in which the observers settle: nothing is collected, and no change
+        is looked for.
+    retry_share : float
+        Share of a window after which the next one is evaluated, where one was not sufficient.
+    swap_alarm : float
+        Increase of the alarm's limit just after a swap, as a share of it: friction that differs
+        comes back into the observer.
+    swap_alarm_time : float
+        Time constant with which that increase decays [s].
+    lead : float
+        Lead of a loop over the clock [s] above which it is a simulation, and waits for its answer.
+    patience : float
+        Longest such wait [s].
+    empty_share : float
+        Share of the heaviest load below which a gripper counts as empty.
+    """
+
+    settling_time: float = 0.1
+    retry_share: float = 0.25
+    swap_alarm: float = 2.0
+    swap_alarm_time: float = 0.05
+    lead: float = 5e-3
+    patience: float = 60.0
+    empty_share: float = 0.1
+
+
+SETTINGS = StageSettings()
 
 
 class PayloadController:
@@ -65,10 +85,11 @@ class PayloadController:
     Attributes
     ----------
     load : PayloadEstimate
-        What is known of the load now: ``.mass``, ``.std``, ``.interval``; ``.sufficient`` says
-        whether the model has it or holds the prior, and ``.message`` why.
+        The present estimate: ``.mass``, ``.std``, ``.interval``; ``.sufficient`` says whether the
+        model has it or holds the prior, and ``.message`` why.
     events : list of PayloadEvent
-        What happened, with times, masses before and after; the first is the load at the start.
+        Changes of the load, with times and masses before and after; the first is the load at the
+        start.
     stage : str
         "settling", "collecting", "identifying" or "holding".
     running : Running
@@ -80,14 +101,15 @@ class PayloadController:
     def __init__(self, estimator: Any, running: Running) -> None:
         self.estimator = estimator
         self.running = running
-        places = estimator.loop_law.places(running.n)
+        # Views of the running state: to write `wanted` is to swap the model at the next step.
         state = running.core.law_state(running.n)
-        self._wanted, self._change = (
-            state[places[name].start : places[name].stop] for name in ("wanted", "change")
-        )
+        places = estimator.loop_law.places(running.n)
+        self._wanted = _view(state, places["wanted"])
+        self._change = _view(state, places["change"])
         self._samples = estimator.specification.samples
         self.period = running.period
-        self._counts, self._torque = np.zeros((2, self._samples + 1, running.n))
+        self._counts = np.zeros((self._samples + 1, running.n))
+        self._torque = np.zeros_like(self._counts)
         self._worker: Worker | None = None
         if estimator.beside:
             self._worker = shared_worker()
@@ -97,7 +119,10 @@ class PayloadController:
         self._begin()
 
     def _begin(self) -> None:
-        self._calls, self._from, self._job, self._swapped = 0, round(_SETTLE / self.period), -1, 0
+        self._calls = 0
+        self._settled_at = round(SETTINGS.settling_time / self.period)
+        self._job = -1
+        self._swapped = 0
         self._bridged = 0
         self.stage = "settling"
         self.load = self.estimator.prior
@@ -128,12 +153,11 @@ class PayloadController:
         return self.running.stopped
 
     def step(self, *arguments: Any, **options: Any) -> NDArray[np.float64]:
-        """Torque to be applied until the next call, as `Running.step`; to be called once per
-        period.
-        """
+        """Torque to apply until the next call, as `Running.step`; call it once per period."""
         torque = self.running.step(*arguments, **options)
         row = self._calls % len(self._counts)
-        self._counts[row], self._torque[row] = self.running.pulses, torque
+        self._counts[row] = self.running.pulses
+        self._torque[row] = torque
         self._calls += 1
         if not self.running.stopped:
             self._proceed()
@@ -143,18 +167,17 @@ class PayloadController:
     def _proceed(self) -> None:
         if self.stage == "holding":
             since = (self._calls - self._swapped) * self.period
-            if abs(self._change[0]) > self.estimator.alarm * (
-                1 + _FRESH * math.exp(-since / _FRESH_TIME)
-            ):
-                self._detected(float(self._change[0]))
+            increase = SETTINGS.swap_alarm * math.exp(-since / SETTINGS.swap_alarm_time)
+            if abs(self.change) > self.estimator.alarm * (1 + increase):
+                self._detected(self.change)
         elif self.stage == "settling":
-            if self._calls > self._from:
+            if self._calls > self._settled_at:
                 self.events.append(
                     PayloadEvent(time=0.0, kind="start", before=float(self._wanted[0]))
                 )
                 self._collect(self._samples)
         elif self.stage == "collecting":
-            # a sample was late or lost: the window would lie
+            # A sample was late or lost: the window has a gap, and begins anew.
             if self.running.bridged != self._bridged:
                 self._collect(self._samples)
             elif self._calls >= self._full:
@@ -185,19 +208,23 @@ class PayloadController:
             self._identified(self._find(window))
         else:
             self._job = self._worker.submit(self._number, window)
-            self._asked = self._calls, time.perf_counter()
+            self._submitted_call = self._calls
+            self._submitted_time = time.perf_counter()
             self.stage = "identifying"
 
     def _await(self) -> None:
-        """Take the answer when it is there; a loop ahead of the clock waits for it, one paced by
-        it never does.
+        """Take the estimate when it is there.
+
+        Only a loop that is ahead of the clock waits for it, never one that the clock paces.
         """
-        worker, (calls, asked) = cast(Worker, self._worker), self._asked
-        ahead = (self._calls - calls) * self.period - (time.perf_counter() - asked)
-        if ahead > _AHEAD:
-            self._identified(worker.wait(self._job, _PATIENCE))
-        elif (answer := worker.poll(self._job)) is not None:
-            self._identified(answer)
+        worker = cast(Worker, self._worker)
+        loop_time = (self._calls - self._submitted_call) * self.period
+        if loop_time - (time.perf_counter() - self._submitted_time) > SETTINGS.lead:
+            estimate = worker.wait(self._job, SETTINGS.patience)
+        else:
+            estimate = worker.poll(self._job)
+        if estimate is not None:
+            self._identified(estimate)
 
     def _identified(self, estimate: PayloadEstimate) -> None:
         event = dataclasses.replace(
@@ -216,13 +243,21 @@ class PayloadController:
             self._swapped = self._calls
         else:
             self.load = dataclasses.replace(self.estimator.prior, message=estimate.message)
-            self._collect(round(_AGAIN * self._samples) if estimate.explained else self._samples)
+            # One that the model explains may be sufficient a little later; of any other, no sample
+            # is used again.
+            share = SETTINGS.retry_share if estimate.explained else 1
+            self._collect(round(share * self._samples))
         self.events[-1] = event
 
     def _kind(self, event: PayloadEvent, after: float) -> str:
-        empty = _EMPTY * self.estimator.shape.mass[1]
+        empty = SETTINGS.empty_share * self.estimator.shape.mass[1]
         if event.kind == "start":
             return "start"
         if after <= empty < event.before:
             return "dropped"
         return "taken" if event.before <= empty < after else "changed"
+
+
+def _view(state: NDArray[np.float64], place: range) -> NDArray[np.float64]:
+    """Those numbers of a state, as a view of it."""
+    return state[place.start : place.stop]

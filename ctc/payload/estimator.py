@@ -1,6 +1,4 @@
-"""On-line identification of a load under a controller with a model: the paper's stages collect,
-identify, swap.
-"""
+"""On-line identification of a load under a controller with a model. Source: paper, conclusion."""
 
 from typing import Any
 
@@ -18,7 +16,15 @@ from identification.payload.worker import Specification
 from plant import Rig
 from plant.parts.arguments import choice, instance, known_options, real
 
-_LEAST_WINDOW = 0.1  # [s]; the paper's shortest
+_SHORTEST_WINDOW = 0.1  # [s]; the paper's
+
+# Factor of elastic gears on the disturbance torque after a change of the load; chosen by
+# hand.
+_SWINGING = 2.0
+
+# Disturbance acceleration [1/s^2] per angle of one count that the rounding of counts alone makes,
+# through the observer of 60 rad/s of `PayloadLaw`; chosen by hand.
+_ROUNDING = 200.0
 
 
 @known_options
@@ -115,55 +121,61 @@ class PayloadEstimator:
         beside: bool = True,
         seed: int = 0,
     ) -> None:
-        known = instance("law", law, ModelLaw, "It must hold an arm, such as ComputedTorque.")
+        checked = instance("law", law, ModelLaw, "It must hold an arm, such as ComputedTorque.")
         if isinstance(law, Adaptive):
             raise ValueError(
                 "law must keep the model it is given; Adaptive changes it by itself. Use"
                 " ComputedTorque."
             )
-        self.law, self.method, self.beside = (
-            known,
-            choice("method", method, ("kernel", "genetic")),
-            beside,
-        )
-        shape = LoadShape.of(known.arm, mass, position, along, reach, inertia)
-        self.shape, self.window = shape, real("window", window, "Give seconds, such as 0.2.")
+        arm = checked.arm
+        rig = checked.rig
+        self.law = checked
+        self.method = choice("method", method, ("kernel", "genetic"))
+        self.beside = beside
+        self.shape = LoadShape.of(arm, mass, position, along, reach, inertia)
+        self.window = real("window", window, "Give seconds, such as 0.2.")
         self.alarm = real("alarm", alarm, "Leave it out.", positive=True)
-        samples = round(self.window / known.rig.period)
-        if self.window < _LEAST_WINDOW or samples < 3 * (KERNEL / known.rig.period + 2):
-            least = max(_LEAST_WINDOW, 3 * (KERNEL + 2 * known.rig.period))
+
+        # 1. The window: at least three smoothing kernels.
+        samples = round(self.window / rig.period)
+        if self.window < _SHORTEST_WINDOW or samples < 3 * (KERNEL / rig.period + 2):
+            shortest = max(_SHORTEST_WINDOW, 3 * (KERNEL + 2 * rig.period))
             raise ValueError(
-                f"window must be at least {least:.3g} s; got {window:g}. The paper has 0.1 to 0.2."
+                f"window must be at least {shortest:.3g} s; got {window:g}. The paper has 0.1 to"
+                " 0.2."
             )
-        start, (low, high) = shape.prior, shape.mass
+
+        # 2. The load to start with.
+        start = self.shape.prior
+        low, high = self.shape.mass
         if prior is not None:
             if not low <= real("prior", prior, "Give kg.") <= high:
                 raise ValueError(
                     f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half of it is"
                     " usual."
                 )
-            start = prior / high * 2 * shape.prior
+            start = prior / high * 2 * self.shape.prior
+
+        # 3. Changes of the disturbance torque without a change of the load: friction that is off,
+        # and rounding.
         tolerated = real("tolerated", tolerated, "Give a share, such as 0.05.", positive=True)
-        floor = np.abs(known.rig.to_angle(np.ones(known.rig.n))) * np.diag(
-            known.arm.D(np.zeros(known.rig.n))
-        )
-        unknown, root = uncertainty(known.arm, known.rig, found, friction)
-        rigid = known.rig.drive.elasticity is None
-        noise = (1.0 if rigid else _SWINGING) * (
-            tolerated * known.rig.drive.joint_coulomb() + _ROUNDING * floor
-        )
+        count = np.abs(rig.to_angle(np.ones(rig.n)))
+        rounding = _ROUNDING * (count * np.diag(arm.D(np.zeros(rig.n))))
+        unknown, root = uncertainty(arm, rig, found, friction)
+        rigid = rig.drive.elasticity is None
+        noise = tolerated * rig.drive.joint_coulomb() + rounding
         self.loop_law = PayloadLaw(
-            law=known,
+            law=checked,
             start_with=start,
-            stiffened=rigid or bool(getattr(known, "delay", 0)),
-            per_kg=shape.per_kg[len(shape.places) // 2],
-            noise=noise,
+            stiffened=rigid or bool(getattr(checked, "delay", 0)),
+            per_kg=self.shape.per_kg[len(self.shape.places) // 2],
+            noise=(1.0 if rigid else _SWINGING) * noise,
         )
         self.specification = Specification(
             method=self.method,
-            arm=known.arm,
-            rig=known.rig,
-            shape=shape,
+            arm=arm,
+            rig=rig,
+            shape=self.shape,
             unknown=unknown,
             root=root,
             samples=samples,
@@ -172,15 +184,13 @@ class PayloadEstimator:
 
     @property
     def prior(self) -> PayloadEstimate:
-        """What is held while a load is not known."""
-        taken = np.array(self.loop_law.start_with)
+        """The estimate that the model holds while a load is not known."""
+        parameters = np.array(self.loop_law.start_with)
         limits = np.array(self.shape.mass, dtype=float)
-        return nothing(self.shape, taken, limits, "the prior: nothing identified yet")
+        return nothing(self.shape, parameters, limits, "the prior: nothing identified yet")
 
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:
-        """A running controller that estimates its load, as `plant.Law.start`: it has ``.load``
-        and ``.events``, too.
-        """
+        """A running controller, as `plant.Law.start`, with ``.load`` and ``.events``."""
         instance("rig", rig, Rig, "Pass found.rig.")
         self.law.require_stable(rig, pulses)
         return PayloadController(self, self.loop_law.start(rig, pulses, **options))
@@ -191,9 +201,3 @@ class PayloadEstimator:
             f"PayloadEstimator({type(self.law).__name__}, {low:g} to {high:g} kg, {self.method},"
             f" {self.window:g} s)"
         )
-
-
-_SWINGING = 2.0  # what elastic gears add to the disturbance after a change, as a factor
-# Disturbance acceleration [1/s^2] per angle of one count, which the rounding of counts alone makes
-# of it.
-_ROUNDING = 200.0

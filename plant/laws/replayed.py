@@ -44,7 +44,8 @@ class LoggedTorque(StatelessLaw):
 class LoggedCurrent(StatelessLaw):
     """The logged motor currents, the record's column `current` [A], repeated in open loop.
 
-    The rig's motor gain makes torque of them. The current of a sample acts from there to the next: zero-order hold.
+    The rig's motor gain makes torque of them. The current of a sample acts from there to the next:
+    zero-order hold.
 
     See Also
     --------
