@@ -125,11 +125,10 @@ def learn(
     rms = np.sqrt((mean**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
 
     # 3. The next torque: corrected, or with half of the last correction, if that did not help.
-    missing, beyond, peak = (), (), ()
-    gain = SETTINGS.gain
-    if previous is not None:
-        missing, beyond, peak = previous.missing, previous.beyond, previous.peak
-        gain = previous.gain
+    missing = previous.missing if previous else ()
+    beyond = previous.beyond if previous else ()
+    peak = previous.peak if previous else ()
+    gain = previous.gain if previous else SETTINGS.gain
     diverged = False
     start = old.ravel()
     wanted = _terms(mean, terms).ravel()
