@@ -1,5 +1,4 @@
-"""C99 code of a law for an embedded controller: header, source, a program that replays a record,
-and a Makefile.
+"""C99 of a law for an embedded controller: header, source, replay program and Makefile.
 
 The equations are those of `Law.block`, of the rig's encoder and of its amplifier's limit; here they
 are put into files. With guards, the C is that of the running controller
@@ -61,8 +60,9 @@ def _values(law, rig, output, without):
     n = rig.n
     period = block.period or rig.period
     states = len(block.initial)
-    kept = "counts" if output.scale is not None else "given" if without else "torque"
-    more = n if kept != "torque" else 0
+    # The output that the state stores, to repeat it after a torque that is not finite.
+    stored = "counts" if output.scale is not None else "given" if without else "torque"
+    more = n if stored != "torque" else 0
     function, inputs = _step(law, block, rig, output, without)
     lines, results, used = statements(function, inputs)
     arrays = []
@@ -71,7 +71,7 @@ def _values(law, rig, output, without):
         ("asked", "double", n),
         ("torque_now", "double", n),
         ("following", "double", states),
-        (f"{kept}_now", output.kind, more),
+        (f"{stored}_now", output.kind, more),
     ):
         arrays += [declared(quantity, kind, [next(results) for _ in range(size)])] if size else []
     blocks = [
@@ -89,7 +89,7 @@ def _values(law, rig, output, without):
     )
     memory = (
         ("torque", n, "0.0", "torque_now"),
-        (kept, more, "0", f"{kept}_now"),
+        (stored, more, "0", f"{stored}_now"),
         ("state", states, "state[i]", "following"),
     )
     stores = "".join(each(size, f"self->{name}[i] = {now}[i];") for name, size, _, now in memory)
@@ -98,9 +98,9 @@ def _values(law, rig, output, without):
         "n": n,
         "period": literal(period),
         "about": _about(law, rig, block, without),
-        "kept": kept,
+        "kept": stored,
         "state": (
-            (f"    {output.kind} {kept}[{n}]; /* what it gave last */\n" if more else "")
+            (f"    {output.kind} {stored}[{n}]; /* what it gave last */\n" if more else "")
             + (f"    double state[{states}]; /* of the law */\n" if states else "")
         ),
         "numbers": "\n".join(

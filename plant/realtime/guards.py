@@ -10,7 +10,8 @@ from plant.mechanics.link import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
 from plant.parts.messages import warn
 
-WINDOW = 0.1  # length of the window in which time at the limit is counted [s]
+# Length of the window in which time at the limit is counted [s].
+WINDOW = 0.1
 
 # Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of
 # its band to the other, and a tenth more than the rig states.
@@ -19,16 +20,18 @@ _BAND = 2.2
 # share of the limit by which the torque of a joint at rest may change, whatever its friction
 _FLOOR = 0.1
 
-_ARM = 5.0  # turns, from end to end or per second, that no joint of an arm makes
+# Turns, from end to end or per second, that no joint of an arm makes: more are degrees.
+_ARM = 5.0
 
-_TURNS = 5.0  # speed [turns of the motor per second] that is no rise in a hold
+# Speed [turns of the motor per second] that is no rise in a hold.
+_TURNS = 5.0
 
 STOPS = ("hold", "gravity", "zero")
 
 _POSITIVE = dict.fromkeys(
     ("jump", "stuck", "error", "late"), "Give pulses; np.inf switches it off."
 )
-# What is above zero where it is given -> what to give.
+# Advice for options that must be positive if they are given.
 _POSITIVE |= dict.fromkeys(("rest", "speed", "torque_rate", "rhythm", "braking"), "Give a number.")
 
 
@@ -133,10 +136,13 @@ class Guards:
 
     def __post_init__(self) -> None:
         if self.limits_of is not None:
-            of = instance(
+            limits = instance(
                 "limits_of", self.limits_of, Limits, "Give chain.limits, or position= and speed=."
             )
-            for name, value in (("position", (of.lower, of.upper)), ("speed", of.velocity)):
+            for name, value in (
+                ("position", (limits.lower, limits.upper)),
+                ("speed", limits.velocity),
+            ):
                 if getattr(self, name) is None:
                     object.__setattr__(self, name, value)
         for name, advice in _POSITIVE.items():
@@ -150,14 +156,14 @@ class Guards:
         for name in ("saturation", "chatter"):
             value = getattr(self, name)
             advice = "Give a share of the limit; np.inf switches it off."
-            given = array(
+            share = array(
                 name,
                 np.inf if value is None else value,
                 np.shape(value)[:1],
                 finite=False,
                 advice=advice,
             )
-            if not ((given > 0) & ((given <= 1) | (given == np.inf))).all():
+            if not ((share > 0) & ((share <= 1) | (share == np.inf))).all():
                 raise ValueError(f"{name} must be above 0 and at most 1; got {value}. {advice}")
         if (
             isinstance(self.patience, bool)
@@ -192,7 +198,8 @@ class Guards:
 
     def warn_of_units(self, rig: Rig) -> None:
         """Warn of limits that stop no arm: angles in degrees."""
-        (low, high, speed, _), limit = self.motion_limits(rig), 2 * np.pi * _ARM
+        low, high, speed, _ = self.motion_limits(rig)
+        limit = 2 * np.pi * _ARM
         for i, label in enumerate(rig.joint_labels):
             if np.isfinite(high[i] - low[i]) and high[i] - low[i] > limit:
                 warn(
@@ -220,18 +227,18 @@ class Guards:
             # / sqrt(J_i J_j).
             added = np.sum(torque / np.sqrt(inertia)) / np.sqrt(inertia) * rig.period**2
             jump = 8 + 4 * np.abs(rig.position_in_pulses(drive.coupling.joint(added)))
-        given = [
-            self._each(name, default)
+        limits = [
+            self._per_joint(name, default)
             for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))
         ]
-        return np.array([*given, 3 * np.abs(friction)])
+        return np.array([*limits, 3 * np.abs(friction)])
 
     def rest_band(self, rig: Rig) -> NDArray[np.float64]:
         """Change of torque (n,) [N m] that leaves a joint at rest."""
         limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
         floor = np.where(np.isfinite(limit), _FLOOR * np.abs(limit), np.inf)
         band = _BAND / 3 * self.limits(rig)[3]
-        return self._each(
+        return self._per_joint(
             "rest", np.where(np.isfinite(floor) | (band == 0), np.fmax(band, floor), band)
         )
 
@@ -249,7 +256,9 @@ class Guards:
                 finite=False,
                 advice="Give one of each per joint.",
             )
-        return np.array([*position, self._each("speed", free), self._each("torque_rate", free)])
+        return np.array(
+            [*position, self._per_joint("speed", free), self._per_joint("torque_rate", free)]
+        )
 
     def rhythm_limits(self) -> tuple[float, float]:
         """Lowest and highest rate of the reference, relative to its speed."""
@@ -268,11 +277,11 @@ class Guards:
         (2, n).
         """
         share, swing = (
-            self._each(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter")
+            self._per_joint(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter")
         )
         return np.array([share * WINDOW, swing * rig.drive.torque_limit()])
 
-    def _each(self, name: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _per_joint(self, name: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
         value = getattr(self, name)
         if value is None:
             return default

@@ -1,6 +1,4 @@
-"""A running controller for a control script: the same equations as in the simulator, one sample
-at a time.
-"""
+"""A running controller for a control script: the equations of the simulator, sample by sample."""
 
 import threading
 from collections.abc import Mapping, Sequence
@@ -23,8 +21,7 @@ _COUNTS = (np.dtype(np.int64), np.dtype(float))
 
 
 class Running:
-    """A controller at work, with guards and safe stop; made by `Law.start`, which says what it is
-    given.
+    """A controller at work, with guards and safe stop; `Law.start` makes it.
 
     Attributes
     ----------
@@ -79,9 +76,10 @@ class Running:
         self._run = parts.run
         self._joints = parts.joints
         self._weighs = compensates_gravity(law, guards)
-        self._shape, self._initial = (rig.n,), self._memory.copy()
-        self._block, self._free = np.empty((len(ARGUMENTS), rig.n)), threading.Lock()
-        self._arguments = tuple(self._block)
+        self._shape = (rig.n,)
+        self._initial = self._memory.copy()
+        self._free = threading.Lock()
+        self._arguments = tuple(np.empty((len(ARGUMENTS), rig.n)))
         self._torque = np.empty(rig.n)
         self._log: RunLog | None = None
         self._set(counts)
@@ -97,8 +95,7 @@ class Running:
         target: str | None = None,
         precision: str = "double",
     ) -> None:
-        """This controller as C99, with every guard and stop that it has here; arguments as
-        `Law.to_c`, and two more.
+        """Export this controller as C99, with all its guards; arguments as `Law.to_c`, and two.
 
         Parameters
         ----------
@@ -123,8 +120,7 @@ class Running:
         )
 
     def log_to(self, path: str | Path) -> RunLog:
-        """Append every sample from now on to a new MCAP file, which is readable at any time, also
-        after a kill.
+        """Append every sample from now on to a new MCAP file, readable at any time.
 
         Returns what is closed in the end, as a context manager is. A kill loses what came last: up
         to 64 kB, of long logs up to the size of their index. Loops that call the `core` themselves
@@ -139,8 +135,7 @@ class Running:
         return log
 
     def reset(self, pulses: ArrayLike) -> None:
-        """Start anew at these counts (n,), as after `Law.start`: with the law's initial state, and
-        the stop cleared.
+        """Start anew at these counts (n,), with the law's initial state and without a stop.
 
         After a safe stop: find out why (`status`), plan a reference that begins at the arm's
         position (``rig.cell_centre(pulses)``), and reset.
@@ -189,21 +184,27 @@ class Running:
                 " controller each."
             )
         try:
-            ours = self._arguments
+            # Plain arrays of the right shape and kind, as a control loop has them, are copied at
+            # once; all else is checked argument by argument.
+            arguments = self._arguments
             shape = self._shape
             try:
                 fits = pulses.shape == q_r.shape == qd_r.shape == qdd_r.shape == shape  # type: ignore[union-attr]  # caught
                 plain = type(pulses) is type(q_r) is type(qd_r) is type(qdd_r) is np.ndarray
-                known = q_r.dtype is qd_r.dtype is qdd_r.dtype is _FLOAT and pulses.dtype in _COUNTS  # type: ignore[union-attr]  # caught
-                if not (fits and plain and known) or unknown:
+                real = q_r.dtype is qd_r.dtype is qdd_r.dtype is _FLOAT  # type: ignore[union-attr]  # caught
+                numeric = real and pulses.dtype in _COUNTS  # type: ignore[union-attr]  # caught
+                if not (fits and plain and numeric) or unknown:
                     raise ValueError
-                ours[0][...], ours[1][...], ours[2][...], ours[3][...] = pulses, q_r, qd_r, qdd_r
+                arguments[0][...] = pulses
+                arguments[1][...] = q_r
+                arguments[2][...] = qd_r
+                arguments[3][...] = qdd_r
             except (AttributeError, ValueError):
                 self._take((pulses, q_r, qd_r, qdd_r), unknown)
             time = np.nan if now is None else clock(now)
-            refusal = self._step(*ours, time, self._memory, self._torque)
+            refusal = self._step(*arguments, time, self._memory, self._torque)
             if refusal:
-                refuse(refusal, ours, self.rig, self._run.now, time)
+                refuse(refusal, arguments, self.rig, self._run.now, time)
             if self._log is not None:
                 self._log.sample()
             return self._torque.copy()
@@ -261,11 +262,11 @@ class Running:
         self._memory[:] = self._initial
         self._joints["counts"] = counts
 
-    def _take(self, given: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
+    def _take(self, values: tuple[Any, ...], unknown: Mapping[str, Any]) -> None:
         """Take arguments of any kind."""
         for name in unknown:
             choice("an argument of step", name, (*ARGUMENTS, "now"))
-        for name, value, place in zip(ARGUMENTS, given, self._arguments, strict=True):
+        for name, value, argument in zip(ARGUMENTS, values, self._arguments, strict=True):
             if value is None:
                 raise ValueError(
                     f"step takes ({', '.join(ARGUMENTS)}); {name} is missing. Give all four."
@@ -275,4 +276,4 @@ class Running:
                 if name == "pulses"
                 else "Give one value per joint [SI]."
             )
-            place[:] = numbers(name, value, self.n, advice)
+            argument[:] = numbers(name, value, self.n, advice)

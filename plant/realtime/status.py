@@ -1,6 +1,4 @@
-"""What a running controller says of itself: running, or stopped and why, whether it asks for the
-brakes; its log.
-"""
+"""Status of a running controller, errors of its calls, and its log."""
 
 import time
 from collections.abc import Sequence
@@ -26,7 +24,7 @@ FIRST_CALLS = 2
 
 
 def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
-    """Numbers of one argument, finite or not; whatever is no plain array of numbers is refused."""
+    """Numbers of one argument, finite or not; all but plain arrays of numbers are refused."""
     try:
         plain = np.asarray(value)
     except ValueError:
@@ -52,12 +50,10 @@ def whole_counts(pulses: ArrayLike, rig: Rig) -> NDArray[np.float64]:
 
 
 def refuse(
-    refusal: int, given: Sequence[NDArray[np.float64]], rig: Rig, last: float, now: float
+    refusal: int, arguments: Sequence[NDArray[np.float64]], rig: Rig, previous: float, now: float
 ) -> NoReturn:
-    """The error of a call with these arguments that was refused, at `now` [s], after one at
-    `last`.
-    """
-    counts, *motion = given
+    """Raise the error of a refused call at `now` [s], after a call at `previous` [s]."""
+    counts, *motion = arguments
     if refusal == layout.BAD_PULSES:
         whole_counts(counts, rig)
     if refusal == layout.BAD_REFERENCE:
@@ -66,7 +62,7 @@ def refuse(
         raise ValueError(f"q_r must be below {FAR:g} rad; got {motion[0]}. Take whole turns off.")
     if refusal == layout.BAD_CLOCK:
         raise ValueError(
-            f"now must be finite and advance; got {now} after {last}. Give seconds of a steady"
+            f"now must be finite and advance; got {now} after {previous}. Give seconds of a steady"
             " clock."
         )
     raise ValueError(

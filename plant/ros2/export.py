@@ -1,5 +1,4 @@
-"""A control law as a package of ROS 2: a ros2_control controller plugin around the C of its running
-controller.
+"""A control law as a package of ROS 2: a ros2_control plugin around the C of its controller.
 
 The C and its guards are those of `plant.realtime.c_running`; the C++ around it is a template that
 holds no equation: counts of angles, angles of counts, and the polynomial between two points of a
@@ -24,7 +23,8 @@ from plant.realtime.c_text import RUNNING, Output, require_exportable, rig_of, w
 from plant.realtime.guards import Guards, limited
 
 _TEMPLATES = Path(__file__).with_name("templates")
-_RATE = 0.9e-3  # by which the manager's rate may differ from the law's; the controller checks 0.1 %
+# Relative difference that the rates of manager and law may have; the controller checks 0.1 %.
+_RATE = 0.9e-3
 _FILES = {
     "package.xml": "package.xml",
     "CMakeLists.txt": "CMakeLists.txt",
@@ -130,33 +130,35 @@ def to_ros2_control(
         )
     names = _joint_names(law, rig, joints)
     values = values_of(law, rig, guards, name, Output(None, 0), without)
-    said = f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
+    summary = (
+        f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
+    )
     functions = "\n".join(_functions(rig))
     functions = helpers(functions) + functions
     values |= {
-        "about": f"{paragraph(said)}\n *\n{values['about']}",
-        "summary": escape(said),
+        "about": f"{paragraph(summary)}\n *\n{values['about']}",
+        "summary": escape(summary),
         "functions": functions,
         "joints": ", ".join(f'"{joint}"' for joint in names),
         "joints_said": ", ".join(names),
         "rate": round(hertz),
     }
-    own = {file.format(name): _TEMPLATES / template for file, template in _FILES.items()}
+    package = {file.format(name): _TEMPLATES / template for file, template in _FILES.items()}
     code = {f"{name}{suffix}": template for suffix, template in RUNNING.items()}
-    write_templates(folder, name, code | own, values)
+    write_templates(folder, name, code | package, values)
 
 
-def _joint_names(law: Law, rig: Rig, given: Sequence[str] | None) -> list[str]:
+def _joint_names(law: Law, rig: Rig, joints: Sequence[str] | None) -> list[str]:
     """Names of the joints in ROS."""
     arm = getattr(law, "arm", None)
-    known = rig.drive.joints if arm is None else [link.name for link in arm.dynamics.chain.links]
-    known = known or [str(i + 1) for i in range(rig.n)]
-    names = [f"joint{each}" if each.isdigit() else each.replace(" ", "_") for each in known]
-    if isinstance(given, str):
+    labels = rig.drive.joints if arm is None else [link.name for link in arm.dynamics.chain.links]
+    labels = labels or [str(i + 1) for i in range(rig.n)]
+    names = [f"joint{each}" if each.isdigit() else each.replace(" ", "_") for each in labels]
+    if isinstance(joints, str):
         raise ValueError(
-            f"joints must be a sequence of names; got {given!r:.60}. Write ({given!r:.60},)."
+            f"joints must be a sequence of names; got {joints!r:.60}. Write ({joints!r:.60},)."
         )
-    names = names if given is None else list(given)
+    names = names if joints is None else list(joints)
     for each in names:
         if not isinstance(each, str) or not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]{0,99}", each):
             rule = "be letters, digits, _, - or ., and begin with a letter"

@@ -320,7 +320,7 @@ def test_every_number_of_the_controller_has_a_name_and_a_comment(tmp_path):
     ComputedTorque(puma560.dynamics().arm(f), RIG, bandwidth=123.456).to_c(tmp_path, guards=None)
     source = (tmp_path / "controller.c").read_text()
     assert repr(float(f[6])) in source
-    assert "Of the regulator [rad/s]" in source
+    assert "Magnitude of the regulator's poles [rad/s]" in source
     assert "static const double law_bandwidth = 123.456;" in source
     assert len(re.findall(r"^/\* .*?\*/\nstatic const double", source, re.M | re.S)) == len(
         re.findall(r"^static const double", source, re.M)
