@@ -92,35 +92,46 @@ def learn(
     instance("rig", rig, Rig, _ORDER)
     instance("reference", reference, Reference, _ORDER)
     arm = _model(run_law, found)
-    inner_law = run_law.law if isinstance(run_law, LearntTorque) else run_law
     logs, count = _logs(records, run_law, rig, reference)
 
+    # The motion and the speeds are needed at the start of each period only; the friction of a rig
+    # acts at its shafts, so speeds are those of the shafts.
     # 1. The model along the path, and the torque that the logs were made with.
     plant = path_plant(arm, rig, reference, count)
     motion = reference(rig.period * np.arange(count))
     speed = rig.drive.coupling.shaft(motion.qd)
     pulses = rig.encoder.position_in_pulses(np.abs(rig.drive.gear) * speed)
     moves = np.abs(pulses) > SETTINGS.moving_speed
+    # Up to `highest_frequency` there are two cosines per hertz and second of the path. More terms
+    # than samples would not be determined.
     needed = int(2 * SETTINGS.highest_frequency * reference.duration)
     terms = min(needed, SETTINGS.largest_terms, count - 1) + 1
-    old = np.zeros((terms, rig.n))
+    inner_law = run_law
+    learnt_terms = np.zeros((terms, rig.n))
+    # A path that is learnt on keeps its terms; a new law starts from a learnt torque of zero.
     if isinstance(run_law, LearntTorque):
-        old = np.resize(run_law.terms, (terms, rig.n))
+        inner_law = run_law.law
+        learnt_terms = np.resize(run_law.terms, (terms, rig.n))
 
     # 2. The torque that each log misses beside it; logs that disagree with the model are left out.
-    smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, _torque(old, count))
+    learnt = _torque(learnt_terms, count)
+    smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, learnt)
     results = mapped(smoothed, logs, executor) if executor is not None else map(smoothed, logs)
     innovations = list(previous.innovations) if previous else []
     left_out = list(previous.left_out) if previous else []
     corrections = []
     errors = []
     for record, (correction, innovation) in zip(logs, results, strict=True):
+        # The smallest innovation so far belongs to an undisturbed repetition of this arm: a model
+        # with wrong gears raises all innovations, a disturbance raises one.
         innovations.append(innovation)
-        if _disagrees(innovation, innovations):
+        usual = max(SETTINGS.innovation_ratio * min(innovations), 1.0)
+        if innovation > min(SETTINGS.largest_innovation, usual):
             left_out.append(_left_out(record, innovations, run_law))
         else:
             corrections.append(correction)
             errors.append(np.abs(record.error_pulses[:count]).max(axis=1))
+    # The mean over the repetitions reduces noise and disturbances that do not repeat.
     mean = np.mean(corrections, axis=0) if corrections else np.zeros((count, rig.n))
     rms = np.sqrt((mean**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
 
@@ -130,14 +141,20 @@ def learn(
     peak = previous.peak if previous else ()
     gain = previous.gain if previous else SETTINGS.gain
     diverged = False
-    start = old.ravel()
+    start = learnt_terms.ravel()
     wanted = _terms(mean, terms).ravel()
     if corrections:
+        # A correction without benefit shows in the missing torque, or in samples beyond one pulse
+        # when a fast error grows while the rms falls. Below `settled` the missing torque is noise,
+        # and its growth proves nothing.
         outside = float((np.array(errors) > 1).mean())
         diverged = bool(missing) and (
             share(rms, rig) > max(SETTINGS.must_fall * share(missing[-1], rig), SETTINGS.settled)
             or outside > beyond[-1] + SETTINGS.may_worsen
         )
+        # Half of the same correction is made again from the torque before it: the learning gain was
+        # too large for this path. Its log describes a torque that is taken back, and is not
+        # recorded.
         if diverged and previous is not None:
             start = previous.before
             wanted = previous.wanted
@@ -147,10 +164,11 @@ def learn(
             beyond = (*beyond, outside)
             peak = (*peak, float(np.max(errors)))
 
+    # The whole missing torque is explained here, not only the part `gain` of it that is added.
     # 4. The part of it that is f and friction, for other paths.
-    whole_terms = start.reshape(terms, -1) + (0 if diverged else 1) * wanted.reshape(terms, -1)
+    explained = _torque((start if diverged else start + wanted).reshape(terms, -1), count)
     prior = _prior(found, arm, rig)
-    mending = mended(arm, rig, plant, _torque(whole_terms, count), moves, speed, prior)
+    mending = mended(arm, rig, plant, explained, moves, speed, prior)
     p = len(arm.f)
     std = np.sqrt(np.diag(mending.covariance))
     return Learning(
@@ -172,27 +190,25 @@ def learn(
     )
 
 
-def _disagrees(innovation: float, innovations: list[float]) -> bool:
-    """Whether a log and the model disagree, beside all repetitions so far."""
-    usual = max(SETTINGS.innovation_ratio * min(innovations), 1.0)
-    return innovation > SETTINGS.largest_innovation or innovation > usual
-
-
 def _left_out(record: Record, innovations: list[float], law: Law) -> str:
-    """The line of a repetition that is left out."""
+    """Say which repetition is left out, and for which reason."""
     name = record.name or f"repetition {len(innovations)}"
     reason = "disturbed, or gears unlike the model's"
+    # A law without a period runs in hardware that is faster than the log, so that the logged torque
+    # is only a sample of the applied one.
     if law.period is None:
         reason += ", or torque that fast hardware changed between samples"
     return f"{name}: its innovation is {innovations[-1]:.3g}; {reason}"
 
 
 def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[Record], int]:
-    """The repetitions, and the number of samples of the path; anything else is refused."""
+    """Check the repetitions; return them and the number of samples of the path."""
     logs = [records] if isinstance(records, Record) else list(records)
     if isinstance(law, LearntTorque):
         law.require_reference(reference)
         law.block(rig)  # refuses another rig
+    # Rounding keeps a duration of a whole number of periods from gaining a sample by rounding
+    # error.
     count = int(np.ceil(round(reference.duration / rig.period, 6)))
     for i, record in enumerate(logs):
         _require(record, i, law, rig, reference, count)
@@ -201,17 +217,18 @@ def _logs(records: Any, law: Any, rig: Rig, reference: Reference) -> tuple[list[
     return logs, count
 
 
-def _model(law: Any, found: Any) -> Arm:
-    """The arm of an identification, or the given one, or that of the law."""
-    arm: Any = getattr(law, "arm", None) if found is None else getattr(found, "arm", found)
+def _model(law: Any, model: Any) -> Arm:
+    """Return the arm of an identification, or the given arm, or by default that of the law."""
+    arm: Any = getattr(law, "arm", None) if model is None else getattr(model, "arm", model)
     checked: Arm = instance("found", arm, Arm, f"{type(law).__name__} holds no arm; give found=.")
     return checked
 
 
 def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, count: int) -> None:
-    """Refuse a log that is none of this path, rig or law."""
+    """Refuse a log of another path, rig or law, or one that lacks samples or torque."""
     place = f"records[{i}]"
     name = instance(place, record, Record, "Give logs of the repetitions.").name or place
+    # A record without reference or law, such as one of a foreign log, is taken as it is.
     if record.reference is not None and record.reference != reference:
         raise ValueError(
             f"reference of {name} must be the path; got another. Give repetitions of one path."
@@ -225,6 +242,7 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
             f"{name} must have the {count} samples of the reference; got {len(record)}. Log all"
             " of it."
         )
+    # Half a period allows for jitter of time stamps, and detects a lost or doubled sample.
     if np.abs(np.diff(record.t[:count]) - rig.period).max() > 0.5 * rig.period:
         raise ValueError(
             f"{name} must be sampled every {rig.period:g} s; got other steps. Use record.resampled."
@@ -233,6 +251,7 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
         raise ValueError(
             f"{name} must have torque or current; got neither. Log the torque that was applied."
         )
+    # One pulse allows for a logger that rounds the reference differently.
     off = np.abs(rig.counts(reference(record.t[:count]).q) - record.reference_pulses[:count]).max()
     if off > 1:
         raise ValueError(
@@ -250,7 +269,7 @@ def _require(record: Any, i: int, law: Law, rig: Rig, reference: Reference, coun
 
 
 def _applied(record: Record, count: int) -> Floats:
-    """Torque (count, n) that the motors gave."""
+    """Joint torque (count, n) that the motors applied [N m], from torque or current."""
     if record.torque is not None:
         return record.torque[:count]
     drive = record.rig.drive
@@ -260,35 +279,39 @@ def _applied(record: Record, count: int) -> Floats:
 def _correction(
     arm: Arm, rig: Rig, plant: PathPlant, motion: Any, moves: Any, learnt: Floats, record: Record
 ) -> tuple[Floats, float]:
-    """Torque (N, n) that is missing beside the learnt one, and the mean normalised innovation."""
+    """Torque (N, n) that model and learnt torque lack, and the mean normalised innovation."""
     count = len(learnt)
     dt = rig.period
     counts = record.counts[:count]
     centre = np.asarray(rig.cell_centre(counts))
     # The inertia that a joint feels sets the smoother's noise: its mean along the path is enough.
     poses = motion.q[:: max(count // 20, 1)]
-    inertia = np.array([np.diag(np.asarray(arm.D(q))) for q in poses]).mean(axis=0)
+    inertia = np.mean([np.diag(arm.D(q)) for q in poses], axis=0)
+    # The plant is linear in deviations, so that the smoother needs only the torque beyond the
+    # model.
     beyond = _applied(record, count) - plant.torque - learnt
     estimate = missing_torque(plant, rig, inertia, beyond, centre - motion.q, counts, moves)
 
-    # A joint that stands and should move says nothing of the torque that would move it: it gets
-    # one in proportion to its error, earlier, and smooth.
-    still = estimate.stands * moves
-    stuck = still * inertia * SETTINGS.stuck_bandwidth**2 * (motion.q - centre)
+    # While a joint sticks, its count shows no torque that would move it. A stiffness on its
+    # tracking error gives that torque, advanced by a lead since the joint should already have
+    # moved, and smoothed since steps of counts would excite the gears.
+    stuck = estimate.stands * moves * inertia * SETTINGS.stuck_bandwidth**2 * (motion.q - centre)
     lead = round(SETTINGS.stuck_lead / dt)
     ahead = np.vstack([stuck[lead:], np.zeros((lead, rig.n))])[:count]
+    # Three standard deviations on each side hold all but 0.3 % of the Gaussian.
     width = int(np.ceil(3 * SETTINGS.stuck_smoothing / dt))
     kernel = np.exp(-((dt * np.arange(-width, width + 1) / SETTINGS.stuck_smoothing) ** 2) / 2)
-    kernel = kernel / kernel.sum()
+    kernel /= kernel.sum()
     smooth = np.column_stack([np.convolve(column, kernel, "same")[:count] for column in ahead.T])
     return (estimate.torque + smooth) * moves, estimate.innovation
 
 
 def _terms(values: Floats, terms: int) -> Floats:
-    """Cosine terms (terms, n) of values (N, n) at equal times, of both ends too."""
+    """Cosine terms (terms, n) of values (N, n) at equally spaced times, both ends included."""
     N = len(values) - 1
     # The values and their mirror image are even, so that their Fourier series has cosines alone.
     even = np.vstack([values, values[-2:0:-1]])
+    # A cosine series at N + 1 samples takes its first and its last amplitude half.
     amplitudes = np.fft.rfft(even, axis=0).real / N
     amplitudes[[0, N]] /= 2
     return amplitudes[:terms]
@@ -299,9 +322,9 @@ def _torque(terms: Floats, count: int) -> Floats:
     return np.cos(np.pi / (count - 1) * np.outer(np.arange(count), np.arange(len(terms)))) @ terms
 
 
-def _prior(found: Any, arm: Arm, rig: Rig) -> Floats | None:
-    """Covariance of f, viscous and Coulomb friction, joint side, of an identification with one."""
-    if getattr(found, "covariance", None) is None:
+def _prior(model: Any, arm: Arm, rig: Rig) -> Floats | None:
+    """Joint-side covariance of f, viscous and Coulomb friction, if an identification has one."""
+    if getattr(model, "covariance", None) is None:
         return None
     n = rig.n
     p = len(arm.f)
@@ -311,8 +334,9 @@ def _prior(found: Any, arm: Arm, rig: Rig) -> Floats | None:
         names += [f"drive.{kind}[{i}]" for i in range(n)]
     # Names are of the motor side; a torque of a shaft is `gear` times it, at a speed over `gear`.
     scale = np.concatenate([np.ones(p), gear**2, gear])
+    # Friction that was not identified keeps the relative deviation of the settings.
     levels = np.concatenate([np.zeros(p), rig.drive.viscous, rig.drive.coulomb])
     P = np.diag((SETTINGS.friction_deviation * levels) ** 2)
-    identified = [i for i, name in enumerate(names) if name in found.fit.unknown]
-    P[np.ix_(identified, identified)] = found.fit.covariance_of([names[i] for i in identified])
-    return np.asarray(P * np.outer(scale, scale))
+    identified = [i for i, name in enumerate(names) if name in model.fit.unknown]
+    P[np.ix_(identified, identified)] = model.fit.covariance_of([names[i] for i in identified])
+    return P * np.outer(scale, scale)

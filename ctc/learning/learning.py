@@ -77,6 +77,7 @@ class Learning(Shown, Saved, Frozen):
         Errors beyond ±1 pulse may remain (`beyond`): disturbances that do not repeat, or are too
         fast for the law.
         """
+        # After a correction that was taken back, the last missing torque belongs to an older law.
         return (
             bool(self.missing)
             and not self.diverged
@@ -86,10 +87,16 @@ class Learning(Shown, Saved, Frozen):
     @property
     def uncertainty(self) -> Uncertainty:
         """Of the mended arm and friction, for ``certify(result.arm, result.rig, ...)``."""
-        drive = self.rig.drive
-        levels = np.array([drive.joint_viscous(), drive.joint_coulomb(np.zeros(drive.n))])
+        levels = self._friction_levels
+        # Where the model has no friction, a share of it is undefined: it counts as zero.
         shares = np.divide(self.friction_std, levels, out=np.zeros_like(levels), where=levels > 0)
         return Uncertainty(covariance=self.covariance, friction=float(min(shares.max(), 1.0)))
+
+    @property
+    def _friction_levels(self) -> Floats:
+        """Viscous and Coulomb friction (2, n) of the mended rig, joint side."""
+        drive = self.rig.drive
+        return np.array([drive.joint_viscous(), drive.joint_coulomb()])
 
     def _short(self) -> str:
         if self.diverged:
@@ -114,19 +121,16 @@ class Learning(Shown, Saved, Frozen):
             }
             rows = [[name, *(f"{x:.3g}" for x in row)] for name, row in quantities.items()]
             yield by_joint(self.rig.joint_labels, rows)
-        yield (
-            f"innovations: {', '.join(f'{x:.2f}' for x in self.innovations)} (1: as the model says)"
-        )
+        innovations = ", ".join(f"{x:.2f}" for x in self.innovations)
+        yield f"innovations: {innovations} (1: as the model says)"
         yield from (f"left out: {line}" for line in self.left_out)
         if not self.missing:
             return
-        drive = self.rig.drive
         std = np.sqrt(np.diag(self.covariance))
         lines = [*zip(self.arm.dynamics.short_names, self.arm.f, std, strict=True)]
-        levels = drive.joint_viscous(), drive.joint_coulomb(np.zeros(drive.n))
         for i, kind in enumerate(("viscous", "Coulomb")):
             names = [f"{kind}, {label}" for label in self.rig.joint_labels]
-            lines += zip(names, levels[i], self.friction_std[i], strict=True)
+            lines += zip(names, self._friction_levels[i], self.friction_std[i], strict=True)
         rows = [[name, f"{value:.4g}", f"{deviation:.2g}"] for name, value, deviation in lines]
         yield Table(("mended", "value", "std"), rows)
         yield f"Neither f nor friction: {self.rest:.2g} N m rms of the learnt torque."
@@ -134,6 +138,7 @@ class Learning(Shown, Saved, Frozen):
 
 def share(missing: Floats, rig: Rig) -> float:
     """Missing torque (n,) as a share of the amplifiers' limits, the largest of the joints."""
+    # Amplifiers limit shafts, so that a coupled arm is compared there.
     return float(
         np.max(np.abs(rig.drive.coupling.shaft_torque(missing)) / np.abs(rig.drive.torque_limit()))
     )
@@ -164,39 +169,46 @@ def mended(
     drive = rig.drive
     N = len(learnt)
 
-    # 1. Rows of the regression: torque per parameter, per viscous and per Coulomb friction.
+    # 1. Rows of the regression: torque per parameter, per viscous and per Coulomb friction. Samples
+    # at which a joint stands are left out: friction may then have any value up to Coulomb's.
     regressor = arm.dynamics._regressor.function.map(N)(plant.q.T, plant.qd.T, plant.qdd.T)
-    Y = np.asarray(regressor.full()).reshape(n, N, p).transpose(1, 0, 2)
+    # casadi stacks the samples side by side; the regression wants one matrix (n, p) per sample.
+    Y = regressor.full().reshape(n, N, p).transpose(1, 0, 2)
     shafts = np.asarray(drive.coupling.joint_torque(np.eye(n))).T
     friction = [factor[:, None, :] * shafts for factor in (speed, np.sign(speed))]
     rows = np.concatenate([Y, *friction], axis=2)[moves]
     target = learnt[moves]
 
-    # 2. The prior: relative deviations where there is no covariance.
-    before = np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
+    # 2. The prior: the identification's covariance, or relative standard deviations.
+    model_values = np.concatenate([arm.f, drive.joint_viscous(), drive.joint_coulomb()])
     P = prior
+    # Zero prior variance of a friction level of zero keeps friction out that the model does not
+    # have.
     if P is None:
-        f = np.full(p, SETTINGS.f_deviation)
-        relative = np.append(f, np.full(2 * n, SETTINGS.friction_deviation))
-        P = np.diag((relative * before) ** 2)
+        deviations = SETTINGS.f_deviation, SETTINGS.friction_deviation
+        P = np.diag((np.repeat(deviations, [p, 2 * n]) * model_values) ** 2)
 
-    # 3. Neighbouring samples are alike, so that so many count as one. The noise is what the
-    # regression leaves: three rounds settle it.
+    # 3. The smoother correlates neighbouring samples: `alike` of them count as one independent
+    # sample. The variance of the residual is the noise, and depends on the solution in turn: three
+    # rounds of the iteration converge.
     alike = max(SETTINGS.correlation_time / rig.period, 1.0)
-    change = np.zeros(len(before))
+    change = np.zeros(len(model_values))
     variance = float(np.mean(target**2)) + 1e-12
     for _ in range(3):
+        # The covariance form (I + P A' A)^-1 P also works with such a singular prior.
         S = P @ rows.T @ rows / (variance * alike)
         covariance = np.linalg.solve(np.eye(len(P)) + S, P)
         change = covariance @ (rows.T @ target) / (variance * alike)
         variance = float(np.mean((target - rows @ change) ** 2)) + 1e-12
 
-    # 4. Back to the motor side; friction is not negative.
-    after = before + change
+    # 4. Back to the motor side. Without the limit at zero, noise could give negative friction,
+    # which would drive the joint. The change is added to `drive.coulomb` itself, since the joint's
+    # level also contains the friction curve.
+    values = model_values + change
     corrected = dataclasses.replace(
         drive,
-        viscous=np.maximum(after[p : p + n] / drive.gear**2, 0),
+        viscous=np.maximum(values[p : p + n] / drive.gear**2, 0),
         coulomb=np.maximum(drive.coulomb + change[p + n :] / np.abs(drive.gear), 0),
     )
     mended_rig = dataclasses.replace(rig, drive=corrected)
-    return Mending(arm.dynamics.arm(after[:p]), mended_rig, covariance, variance**0.5)
+    return Mending(arm.dynamics.arm(values[:p]), mended_rig, covariance, variance**0.5)

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ctc.learning.settings import SETTINGS
 from plant import Law, Reference, Rig
@@ -63,6 +63,7 @@ class LearntTorque(Law):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # Learnt torques do not nest: `learn` adds to the terms of the outer law instead.
         if self.law.replays or isinstance(self.law, LearntTorque):
             raise ValueError(
                 f"law must be a controller; got {type(self.law).__name__}. Give the law below it."
@@ -87,15 +88,15 @@ class LearntTorque(Law):
         a = np.reshape(self.terms, (-1, self.rig.n))
         end = self.reference.duration
         share = np.clip(np.asarray(t, float), 0, end) / end
-        return np.asarray(np.cos(np.pi * np.outer(share, np.arange(len(a)))) @ a)
+        return np.cos(np.pi * np.outer(share, np.arange(len(a)))) @ a
 
     @functools.cached_property
     def fields(self) -> Fields:
-        """The law's state; the torque added last [N m], the time [s], and 1 once it has begun."""
+        """The law's state, the torque added last [N m], the time [s], and 1 once it has begun."""
         return Fields(law=state_of(self.law), added=per_joint(), time=scalars(), begun=scalars())
 
     def sliding(self) -> Law:
-        """With the inner law without dry friction."""
+        """This law around an inner law without dry friction."""
         return dataclasses.replace(self, law=self.law.sliding())
 
     def require_reference(self, reference: Reference) -> None:
@@ -108,6 +109,8 @@ class LearntTorque(Law):
 
     def block(self, rig: Rig) -> Block:
         """This law as a symbolic step for the rig on which it was learnt."""
+        # These numbers convert counts and currents. Friction and the other parameters may be
+        # identified again without loss of the learnt torque.
         for name, path in (
             ("period", "period"),
             ("gear", "drive.gear"),
@@ -115,13 +118,13 @@ class LearntTorque(Law):
             ("resolution", "encoder.resolution"),
         ):
             value_of = operator.attrgetter(path)
-            own = value_of(self.rig)
-            other = value_of(rig)
-            alike = np.shape(own) == np.shape(other) and np.allclose(other, own, rtol=1e-9, atol=0)
-            if not alike:
+            expected = value_of(self.rig)
+            value = value_of(rig)
+            same_shape = np.shape(expected) == np.shape(value)
+            if not (same_shape and np.allclose(value, expected, rtol=1e-9, atol=0)):
                 raise ValueError(
-                    f"rig must be that on which the torque was learnt, {name} {own}; got {other}."
-                    " Learn on this one."
+                    f"rig must be that on which the torque was learnt, {name} {expected};"
+                    f" got {value}. Learn on this one."
                 )
         self.law.block(rig)  # refuses a rig that is not the law's
         return super().block(rig)
@@ -134,6 +137,8 @@ class LearntTorque(Law):
         ValueError
             As the inner law; an arm that stands elsewhere.
         """
+        # The learnt torque belongs to times along the path: from another position it would push the
+        # arm off the path at once.
         begins = self.rig.counts(self.reference([0.0]).q[0])
         advice = "Give the encoder count of each joint."
         counts = array("pulses", pulses, (self.rig.n,), advice=advice)
@@ -145,18 +150,19 @@ class LearntTorque(Law):
         getattr(self.law, "require_stable", lambda *_: None)(rig, pulses)
         return super().start(rig, pulses, **options)
 
-    def friction_in(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As the inner law learnt it."""
+    def friction_in(self, state: Floats) -> Floats:
+        """Friction that the inner law has learnt, in this state."""
         return self.law.friction_in(self.fields.read(state, self.rig.n).law)
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
-        """The torque of the law, which does not see what is added, plus the learnt one."""
+        """Torque of the inner law plus the learnt torque, which the inner law never observes."""
         n = rig.n
-        before = self.fields.read(state, n)
+        stored = self.fields.read(state, n)
         end = self.reference.duration
-        time = before.begun * (before.time + dt)
+        # `begun` is 0 at the first sample, so that the time starts at zero there whatever dt is.
+        time = stored.begun * (stored.time + dt)
 
         # cos(k x) by Chebyshev's recursion, cos((k + 1) x) = 2 cos(x) cos(k x) - cos((k - 1) x):
         # one cosine in the controller, however many terms.
@@ -169,6 +175,8 @@ class LearntTorque(Law):
             following = 2 * cosine * term - previous
             previous = term
             term = following
-        inner_torque = torque - before.added
-        asked, memory = self.law.equations(rig, before.law, setpoint, pulses, inner_torque, dt)
-        return asked + added, self.fields.write(n, law=memory, added=added, time=time, begun=1)
+        # The observer of the inner law compares torque with motion. With the learnt torque in its
+        # input it would estimate the missing torque again, and cancel what was learnt.
+        inner_torque = torque - stored.added
+        commanded, memory = self.law.equations(rig, stored.law, setpoint, pulses, inner_torque, dt)
+        return commanded + added, self.fields.write(n, law=memory, added=added, time=time, begun=1)

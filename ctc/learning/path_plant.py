@@ -41,18 +41,20 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     dt = rig.period
     drive = rig.drive
 
-    # 1. The equations as functions: torque for a motion of the encoders' side, and slopes.
+    # 1. The torque that a motion of the encoders' side needs, and the slopes of the equations.
+    # Accelerations are linear in the torque, so that one linear solve gives the needed torque.
     x, u, accelerations = _equations(arm, rig)
     mobility = ca.jacobian(accelerations[:n], u)
-    asked = ca.SX.sym("qdd", n)
-    needed = ca.solve(mobility, asked - ca.substitute(accelerations[:n], u, ca.SX.zeros(n)))
+    qdd = ca.SX.sym("qdd", n)
+    needed = ca.solve(mobility, qdd - ca.substitute(accelerations[:n], u, ca.SX.zeros(n)))
     half = x.numel() // 2
     rate = ca.vertcat(x[half:], accelerations)
-    moves = ca.Function("moves", [x, asked], [needed, accelerations[n:]])
+    moves = ca.Function("moves", [x, qdd], [needed, accelerations[n:]])
     slopes = ca.Function("slopes", [x, u], [ca.jacobian(rate, x), ca.jacobian(rate, u)])
 
     # 2. The states along the reference, on elastic gears with those of the links.
     motion = reference(dt * np.arange(2 * count + 1) / 2)  # with the middles of the samples
+    # On elastic gears the reference fixes the motors alone; the links follow from the equations.
     elastic = half > n
     if elastic:
         states = _states(arm, rig, moves, motion, count)
@@ -63,28 +65,33 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     speed = drive.coupling.shaft(motion.qd[::2])
     slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / SETTINGS.sliding_speed
     dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
+    # Viscous friction is inside the equations already; offset and Coulomb friction are added here.
     frictionless, link_qdd = moves.map(count + 1)(states.T, motion.qdd[::2].T)
     torque = frictionless.full().T + drive.coupling.joint_torque(dry + drive.joint_offset())
 
     # 4. Transition matrices of deviations and missing torque, which stays within a sample.
+    # Matrices at the beginning of each sample; those of the last instant are not needed.
     A, B = (slope.full() for slope in slopes.map(count)(states[:-1].T, torque[:-1].T))
     m = 2 * half
+    # One exponential of the extended matrix [[A, B], [0, 0]] gives both exp(A dt) and the response
+    # to a torque that stays constant within the sample.
     grown = np.zeros((count, m + n, m + n))
     grown[:, :m, :m] = A.reshape(m, count, m).transpose(1, 0, 2)
     grown[:, :m, m:] = B.reshape(m, count, n).transpose(1, 0, 2)
-    qdd = link_qdd.full().T if elastic else motion.qdd[::2]
+    # The applied torque of a sample is compared with the mean of the needed torque at both ends.
     return PathPlant(
         torque=(torque[:-1] + torque[1:]) / 2,
         transition=_exponentials(grown * dt),
         q=states[:-1, half - n : half],
         qd=states[:-1, m - n : m],
-        qdd=qdd[:-1],
+        qdd=(link_qdd.full().T if elastic else motion.qdd[::2])[:-1],
     )
 
 
 def _as_stiff(arm: Arm, rig: Rig, q: Floats) -> Rig:
     """The rig, with rigid gears where links swing too fast for a step of its period."""
     drive: Any = rig.drive
+    # The squared frequencies of the links on their gears, with the motors held fast.
     links = drive.coupling.shaft_inertia(ca.DM(arm.D(q))).full() - np.diag(
         drive.reflected_inertia()
     )
@@ -104,6 +111,8 @@ def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
     x = ca.SX.sym("x", 2 * n if elastic is None else 4 * n)
     u = ca.SX.sym("u", n)
     coupling = drive.coupling
+    # Coulomb friction is left out, since its step in the slope would dominate the linear model near
+    # standstill. Its torque is added along the reference by the caller.
     if elastic is None:
         q, qd = ca.vertsplit(x, n)
         pushed = u - coupling.joint_torque(drive.joint_viscous() * coupling.shaft(qd))
@@ -114,6 +123,8 @@ def _equations(arm: Arm, rig: Rig) -> tuple[ca.SX, ca.SX, ca.SX]:
     carried = elastic.stiffness * coupling.shaft(q_m - q) + elastic.damping * coupling.shaft(
         qd_m - qd
     )
+    # The torque that a gear carries is linear in the acceleration of its link: its slope is the
+    # links' inertia, its value at zero acceleration their load.
     taken = gear_torque(dynamics, rig, q, qd, bend, f)
     links = ca.solve(ca.jacobian(taken, bend), carried - ca.substitute(taken, bend, ca.SX.zeros(n)))
     pushed = coupling.shaft_torque(u) - carried - drive.joint_viscous() * coupling.shaft(qd_m)
@@ -127,7 +138,10 @@ def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> 
     q, qd, bend = (ca.SX.sym(name, n) for name in ("q", "qd", "bend"))
     deflection = wound(rig.drive, gear_torque(arm.dynamics, rig, q, qd, bend, arm.f))
     wind = ca.Function("wind", [q, qd, bend], [deflection])
-    begin = motion.q[0] - wind(motion.q[0], np.zeros(n), np.zeros(n)).full().ravel()
+    # The arm starts at rest on the reference, with gears wound by gravity: otherwise the links
+    # would swing from the first sample on.
+    rest = np.zeros(n)
+    begin = np.append(motion.q[0] - wind(motion.q[0], rest, rest).full().ravel(), motion.qd[0])
     z, motors = ca.SX.sym("z", 2 * n), ca.SX.sym("motors", 2 * n, 3)
 
     def slope(z: ca.SX, motor: ca.SX) -> ca.SX:
@@ -139,22 +153,24 @@ def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> 
     c = slope(z + dt / 2 * b, motors[:, 1])
     d = slope(z + dt * c, motors[:, 2])
     step = ca.Function("step", [z, motors], [z + dt / 6 * (a + 2 * b + 2 * c + d)])
+    # Runge-Kutta needs the motors at the beginning, the middle and the end of each sample.
     driven = np.hstack([motion.q, motion.qd])
     rows = np.stack([driven[:-2:2], driven[1::2], driven[2::2]], axis=2)
     columns = rows.transpose(1, 0, 2).reshape(2 * n, -1)
-    links = step.mapaccum(count)(np.append(begin, motion.qd[0]), columns).full().T
-    links = np.vstack([np.append(begin, motion.qd[0]), links])
+    links = step.mapaccum(count)(begin, columns).full().T
+    links = np.vstack([begin, links])
     return np.hstack([motion.q[::2], links[:, :n], motion.qd[::2], links[:, n:]])
 
 
 def _exponentials(matrices: Floats) -> Floats:
     """Exponentials of matrices (N, m, m): Taylor's fourth order of a part, squared up."""
+    # Division by 2^halvings makes the matrix small enough for Taylor's series; squaring undoes it.
     part = matrices / 2**SETTINGS.halvings
     one = np.eye(matrices.shape[1])
     power = one + part @ (one + part / 2 @ (one + part / 3 @ (one + part / 4)))
     for _ in range(SETTINGS.halvings):
         power = power @ power
-    return np.asarray(power)
+    return power
 
 
 class Missing(NamedTuple):
@@ -188,6 +204,7 @@ def missing_torque(
 
     # 1. Noises: rounding of counts, uniform in a cell; a random walk of the missing torque that
     # places the filter's bandwidth; and dry friction, which is unknown while a joint stands.
+    # A pulse of each shaft as angles of the joints: coupled joints have correlated rounding.
     pulse = np.asarray(rig.to_angle(np.eye(n))).T
     R = pulse @ pulse.T / 12
     walk = (inertia * omega**3) ** 2 * np.diag(R) * dt
@@ -196,14 +213,16 @@ def missing_torque(
     # A joint at the edge of two cells stands, too, although its count flips.
     for pairs in (counts // 2, (counts + 1) // 2):
         stands = np.where(moves, stands, np.maximum(stands, standing(pairs, samples)))
-    level = rig.drive.joint_coulomb(np.zeros(n)) ** 2 * SETTINGS.standing_memory / dt
+    level = rig.drive.joint_coulomb() ** 2 * SETTINGS.standing_memory / dt
     one = np.eye(m + n)
-    H = np.eye(n, m + n)
     Q = np.zeros_like(one)
     Q[m:, m:] = np.diag(walk * dt)
     P = np.zeros_like(one)
-    P[:half, :half] = np.kron(np.eye(half // n), 12 * R)
-    P[half:m, half:m] = np.kron(np.eye(half // n), 12 * R * omega**2)
+    # At the start, the standard deviation is a pulse of angle (R, of rounding, is a twelfth of its
+    # square), and omega times that of speed.
+    angles = np.kron(np.eye(half // n), 12 * R)
+    P[:half, :half] = angles
+    P[half:m, half:m] = angles * omega**2
     P[m:, m:] = np.diag(walk)  # as far as it walks in 1 s
 
     # 2. Forward: correct by the count, then predict.
@@ -211,12 +230,14 @@ def missing_torque(
     total = 0.0
     steps = []
     for k in range(N):
-        inverse = np.linalg.inv(P[:n, :n] + R)
+        S = P[:n, :n] + R
+        inverse = np.linalg.inv(S)
         nu = e[k] - z[:n]
-        total += float(nu**2 / np.diag(P[:n, :n] + R) @ moves[k])
+        total += float(nu**2 / np.diag(S) @ moves[k])
         gain = P[:, :n] @ inverse
         steps.append((z, P, inverse, nu, gain))
         z = z + gain @ nu
+        # A random walk is not pushed by a torque: `push` acts on angles and speeds alone.
         P = P - gain @ P[:n]
         step = plant.transition[k]
         push = step[:, m:].copy()
@@ -230,9 +251,11 @@ def missing_torque(
     adjoint = np.zeros(m + n)
     for k in range(N - 1, -1, -1):
         z, P, inverse, nu, gain = steps[k]
-        later = plant.transition[k].T @ adjoint
-        adjoint = later - H.T @ (gain.T @ later + inverse @ nu)
-        # A torque that acts beside the motors' is missing with the other sign.
+        adjoint = plant.transition[k].T @ adjoint
+        # Counts measure the first n numbers of the state alone.
+        adjoint[:n] -= gain.T @ adjoint + inverse @ nu
+        # The smoothed state is z - P adjoint. It holds the torque that acts beside the motors'; the
+        # torque that the motors must add is its negative.
         torque[k] = (P @ adjoint - z)[m:]
     return Missing(torque, stands, total / max(int(moves.sum()), 1))
 

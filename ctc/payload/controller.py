@@ -4,14 +4,15 @@ import dataclasses
 import math
 import time
 from collections.abc import Iterator
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.payload.kernel_estimate import Window
 from identification.payload.posterior import PayloadEstimate
-from identification.payload.worker import Worker, shared_worker
+from identification.payload.worker import shared_worker
+from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown
 from plant.realtime.running import Running
 
@@ -108,9 +109,12 @@ class PayloadController:
         self._change = _view(state, places["change"])
         self._samples = estimator.specification.samples
         self.period = running.period
+        # One sample more than a window: the torque of the sample before it acts at its start.
         self._counts = np.zeros((self._samples + 1, running.n))
         self._torque = np.zeros_like(self._counts)
-        self._worker: Worker | None = None
+        self._worker: Any = None
+        # A process of its own keeps the identification from delaying a call of this loop.
+        # Estimators are compiled here, before the loop starts.
         if estimator.beside:
             self._worker = shared_worker()
             self._number = self._worker.prepare(estimator.specification)
@@ -138,7 +142,7 @@ class PayloadController:
         return float(self._change[0])
 
     @property
-    def torque(self) -> NDArray[np.float64]:
+    def torque(self) -> Floats:
         """Joint torque of the last call (n,) [N m]."""
         return self.running.torque
 
@@ -152,9 +156,10 @@ class PayloadController:
         """As of `Running`."""
         return self.running.stopped
 
-    def step(self, *arguments: Any, **options: Any) -> NDArray[np.float64]:
+    def step(self, *arguments: Any, **options: Any) -> Floats:
         """Torque to apply until the next call, as `Running.step`; call it once per period."""
         torque = self.running.step(*arguments, **options)
+        # The buffers are rings, so that a step allocates nothing.
         row = self._calls % len(self._counts)
         self._counts[row] = self.running.pulses
         self._torque[row] = torque
@@ -166,18 +171,22 @@ class PayloadController:
     # -- the stages -------------------------------------------------------------------------------
     def _proceed(self) -> None:
         if self.stage == "holding":
+            # A swap restarts the observer, and friction that differs from the model enters it
+            # again: the limit starts high and decays to its value.
             since = (self._calls - self._swapped) * self.period
             increase = SETTINGS.swap_alarm * math.exp(-since / SETTINGS.swap_alarm_time)
             if abs(self.change) > self.estimator.alarm * (1 + increase):
-                self._detected(self.change)
+                kind = "taken" if self.change > 0 else "dropped"
+                self._begin_event((self._calls - 1) * self.period, kind)
+                # The model returns to the prior: the previous load is wrong from now on.
+                self.load = self.estimator.prior
+                self._wanted[:] = self.load.parameters
         elif self.stage == "settling":
             if self._calls > self._settled_at:
-                self.events.append(
-                    PayloadEvent(time=0.0, kind="start", before=float(self._wanted[0]))
-                )
-                self._collect(self._samples)
+                self._begin_event(0.0, "start")
         elif self.stage == "collecting":
-            # A sample was late or lost: the window has a gap, and begins anew.
+            # A late or lost sample leaves a gap in the window, which then begins anew: kernels
+            # smooth counts at equal steps.
             if self.running.bridged != self._bridged:
                 self._collect(self._samples)
             elif self._calls >= self._full:
@@ -190,17 +199,15 @@ class PayloadController:
         self._full = self._calls + samples
         self._bridged = self.running.bridged
 
-    def _detected(self, change: float) -> None:
-        """A change: the model goes back to the prior, and a window begins."""
-        kind = "taken" if change > 0 else "dropped"
-        now = (self._calls - 1) * self.period
-        self.events.append(PayloadEvent(time=now, kind=kind, before=float(self._wanted[0])))
-        self.load = self.estimator.prior
-        self._wanted[:] = self.load.parameters
+    def _begin_event(self, seconds: float, kind: str) -> None:
+        """Record a change of the load at that time, and collect a full window."""
+        self.events.append(PayloadEvent(time=seconds, kind=kind, before=float(self._wanted[0])))
         self._collect(self._samples)
 
     def _identify(self) -> None:
         order = np.arange(self._calls - self._samples - 1, self._calls) % len(self._counts)
+        # Indices sort the ring by time; fancy indexing copies, so that the following steps may
+        # overwrite the ring while the estimator works.
         counts = self._counts[order]
         torque = self._torque[order]
         window = Window(counts[1:], torque[1:], torque[0])
@@ -217,19 +224,19 @@ class PayloadController:
 
         Only a loop that is ahead of the clock waits for it, never one that the clock paces.
         """
-        worker = cast(Worker, self._worker)
+        # A simulation runs faster than the clock: without waiting, it would be over before the
+        # estimate arrives. A loop on a robot must never wait.
         loop_time = (self._calls - self._submitted_call) * self.period
         if loop_time - (time.perf_counter() - self._submitted_time) > SETTINGS.lead:
-            estimate = worker.wait(self._job, SETTINGS.patience)
+            estimate = self._worker.wait(self._job, SETTINGS.patience)
         else:
-            estimate = worker.poll(self._job)
+            estimate = self._worker.poll(self._job)
         if estimate is not None:
             self._identified(estimate)
 
     def _identified(self, estimate: PayloadEstimate) -> None:
-        event = dataclasses.replace(
-            self.events[-1], windows=self.events[-1].windows + 1, message=estimate.message
-        )
+        event = self.events[-1]
+        event = dataclasses.replace(event, windows=event.windows + 1, message=estimate.message)
         self.load = estimate
         if estimate.sufficient:
             self._wanted[:] = estimate.parameters
@@ -242,22 +249,24 @@ class PayloadController:
             self.stage = "holding"
             self._swapped = self._calls
         else:
+            # The model keeps the prior that it holds already; only the reason is new.
             self.load = dataclasses.replace(self.estimator.prior, message=estimate.message)
-            # One that the model explains may be sufficient a little later; of any other, no sample
-            # is used again.
+            # A window that the model explains may become sufficient with a few more samples. Any
+            # other may hold the change itself, so that none of its samples is used again.
             share = SETTINGS.retry_share if estimate.explained else 1
             self._collect(round(share * self._samples))
         self.events[-1] = event
 
-    def _kind(self, event: PayloadEvent, after: float) -> str:
+    # What counts as empty depends on the heaviest load, not on the precision of the estimate.
+    def _kind(self, event: PayloadEvent, mass: float) -> str:
         empty = SETTINGS.empty_share * self.estimator.shape.mass[1]
         if event.kind == "start":
             return "start"
-        if after <= empty < event.before:
+        if mass <= empty < event.before:
             return "dropped"
-        return "taken" if event.before <= empty < after else "changed"
+        return "taken" if event.before <= empty < mass else "changed"
 
 
-def _view(state: NDArray[np.float64], place: range) -> NDArray[np.float64]:
-    """Those numbers of a state, as a view of it."""
+def _view(state: Floats, place: range) -> Floats:
+    """View of the numbers of a field in the state, so that writing them changes the state."""
     return state[place.start : place.stop]

@@ -16,7 +16,8 @@ from identification.payload.worker import Specification
 from plant import Rig
 from plant.parts.arguments import choice, instance, known_options, real
 
-_SHORTEST_WINDOW = 0.1  # [s]; the paper's
+# Shortest window [s]: the lower end of the range of the paper.
+_SHORTEST_WINDOW = 0.1
 
 # Factor of elastic gears on the disturbance torque after a change of the load; chosen by
 # hand.
@@ -122,6 +123,7 @@ class PayloadEstimator:
         seed: int = 0,
     ) -> None:
         checked = instance("law", law, ModelLaw, "It must hold an arm, such as ComputedTorque.")
+        # Two estimators of one load would both correct the same error.
         if isinstance(law, Adaptive):
             raise ValueError(
                 "law must keep the model it is given; Adaptive changes it by itself. Use"
@@ -137,6 +139,7 @@ class PayloadEstimator:
         self.alarm = real("alarm", alarm, "Leave it out.", positive=True)
 
         # 1. The window: at least three smoothing kernels.
+        # A kernel needs its length and a sample at each end; three fit side by side.
         samples = round(self.window / rig.period)
         if self.window < _SHORTEST_WINDOW or samples < 3 * (KERNEL / rig.period + 2):
             shortest = max(_SHORTEST_WINDOW, 3 * (KERNEL + 2 * rig.period))
@@ -154,16 +157,22 @@ class PayloadEstimator:
                     f"prior must be within {low:g} to {high:g} kg; got {prior:g}. Half of it is"
                     " usual."
                 )
+            # The shape's prior is half of the heaviest load; the parameters are proportional to the
+            # mass.
             start = prior / high * 2 * self.shape.prior
 
         # 3. Changes of the disturbance torque without a change of the load: friction that is off,
         # and rounding.
         tolerated = real("tolerated", tolerated, "Give a share, such as 0.05.", positive=True)
+        # Rounding by one count looks like an acceleration; times the inertia at the zero pose it is
+        # a torque of each joint.
         count = np.abs(rig.to_angle(np.ones(rig.n)))
         rounding = _ROUNDING * (count * np.diag(arm.D(np.zeros(rig.n))))
         unknown, root = uncertainty(arm, rig, found, friction)
         rigid = rig.drive.elasticity is None
         noise = tolerated * rig.drive.joint_coulomb() + rounding
+        # A delay fixes the torque of the coming samples, so that such a law must hold the load
+        # itself, also on elastic gears. The middle place represents all where the load may lie.
         self.loop_law = PayloadLaw(
             law=checked,
             start_with=start,
@@ -192,6 +201,7 @@ class PayloadEstimator:
     def start(self, rig: Rig, pulses: ArrayLike, **options: Any) -> PayloadController:
         """A running controller, as `plant.Law.start`, with ``.load`` and ``.events``."""
         instance("rig", rig, Rig, "Pass found.rig.")
+        # Unstable gains show at the start, before the load can be blamed.
         self.law.require_stable(rig, pulses)
         return PayloadController(self, self.loop_law.start(rig, pulses, **options))
 

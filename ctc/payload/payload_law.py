@@ -99,6 +99,8 @@ class PayloadLaw(Law):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # Counts and torque are collected once per period, so that an analogue law has no samples to
+        # give.
         if not self.law.period:
             raise ValueError(
                 f"law must have a period; {type(self.law).__name__} has none. Use a sampled law."
@@ -109,6 +111,7 @@ class PayloadLaw(Law):
                 " fixed."
             )
         signs(self, positive=("noise", "observer", "memory"))
+        # A tuple of plain numbers, so that laws can be compared and hashed.
         object.__setattr__(self, "start_with", tuple(float(x) for x in self.start_with))
 
     @property
@@ -133,6 +136,7 @@ class PayloadLaw(Law):
         Of the observer: tracking error, its rate, and the disturbance as an acceleration; `slow` is
         the disturbance's slow part [N m].
         """
+        # Both loads start equal: no swap takes place at the first sample.
         load = scalars(len(LOAD), start=self.start_with)
         return Fields(
             law=state_of(self.law),
@@ -160,31 +164,36 @@ class PayloadLaw(Law):
     ) -> Step:
         """One sample: swap -> law with the model that carries the load -> disturbance -> change."""
         n = rig.n
-        before = self.fields.read(state, n)
+        stored = self.fields.read(state, n)
         dynamics = self.arm.dynamics
         f = self.arm.f
         q, qd, qdd = setpoint[:3]
+        # Parameters f are linear in the standard parameters of the load.
         load_matrix = ca.DM(dynamics.load_matrix())
 
         # 1. The models with the load before and the load now, along the reference.
-        f_before = f + load_matrix @ before.load
-        f_now = f + load_matrix @ before.wanted
+        f_before = f + load_matrix @ stored.load
+        f_now = f + load_matrix @ stored.wanted
         D_before = dynamics.D(q, f_before)
         D_now = dynamics.D(q, f_now)
         needed_before = D_before @ qdd + dynamics.h(q, qd, f_before)
         needed = D_now @ qdd + dynamics.h(q, qd, f_now)
-        swapped = ca.sum1(ca.fabs(before.wanted - before.load)) > 0
+        swapped = ca.sum1(ca.fabs(stored.wanted - stored.load)) > 0
+        # On elastic gears the feedback keeps the inertia of the empty arm, see the class. The two
+        # inertias of the swap are then equal, and only the torques re-base the state.
         empty = dynamics.D(q, f)
         inertias = (D_now, D_before) if self.stiffened else (empty, empty)
         swap = _Swap(swapped, *inertias, needed, needed_before)
 
         # 2. The law, its memory re-based to the new model.
-        memory = self._rebased(before.law, n, swap)
+        memory = self._rebased(stored.law, n, swap)
         if self.stiffened:
             law = _with_f(self.law, f_now)
             beside = ca.SX.zeros(n)
             acted = torque
         else:
+            # The law alone must observe the motion of an empty arm: the load's share of the torque
+            # is taken from the torque that acted, and added to the commanded one.
             law = self.law
             beside = needed - empty @ qdd - dynamics.h(q, qd, f)
             # The torque that acted was commanded with the load before. A law that has an error of
@@ -195,7 +204,9 @@ class PayloadLaw(Law):
         commanded = commanded + beside
 
         # 3. Observe the disturbance, which begins anew at a swap.
-        e, rate, disturbance = before.observer
+        e, rate, disturbance = stored.observer
+        # This observer is separate from the law's, so that every law, with or without an observer,
+        # is monitored in the same way.
         friction = self.rig.drive.friction(qd)
         reference_torque = needed - self.rig.spring_torque(q) + friction
         v = inverse(D_now).solve(torque - reference_torque)
@@ -204,9 +215,12 @@ class PayloadLaw(Law):
         gains = triple_pole(self.observer, dt)
         error, rate, disturbance = correct(*predicted, innovation, gains, dt)
 
+        # Friction that differs from the model is also a disturbance, but of a constant sign between
+        # reversals: the slow part removes it. The weight projects the rest on the torque of a load,
+        # per unit of noise of each joint.
         # 4. Its change against its slow part, weighed by the torque of 1 kg of load.
         lacking = D_now @ disturbance
-        slow = ca.if_else(swapped, 0, before.slow)
+        slow = ca.if_else(swapped, 0, stored.slow)
         slow = slow + (1 - ca.exp(-dt / self.memory)) * (lacking - slow)
         one = load_matrix @ self.per_kg
         weight = (dynamics.D(q, one) @ qdd + dynamics.h(q, qd, one)) / self.noise
@@ -215,8 +229,8 @@ class PayloadLaw(Law):
         following = self.fields.write(
             n,
             law=memory,
-            load=before.wanted,
-            wanted=before.wanted,
+            load=stored.wanted,
+            wanted=stored.wanted,
             observer={"error": error, "rate": rate, "disturbance": disturbance},
             slow=slow,
             change=change,
@@ -226,6 +240,8 @@ class PayloadLaw(Law):
     def _rebased(self, memory: ca.SX, n: int, swap: _Swap) -> ca.SX:
         """The law's memory after a swap, so that the torque does not jump with the model."""
         fields = self.law.fields
+        # The law's roles say which numbers of its state depend on the model: accelerations that it
+        # did not explain, errors of torque (of the opposite sign), and torques of the model itself.
         memory = fields.changed(memory, n, MODEL_ERROR, swap.acceleration)
         memory = fields.changed(memory, n, TORQUE_ERROR, lambda old: old + -1 * swap.gained)
         if self.stiffened:
@@ -235,11 +251,12 @@ class PayloadLaw(Law):
 
 def _with_f(law: Any, f: ca.SX) -> Any:
     """The same law with other parameters of its arm, in an equation."""
+    # The arm is frozen, and checks f as numbers: a copy takes the symbols without that check.
     arm = copy.copy(law.arm)
     object.__setattr__(arm, "f", f)
     # Not `dataclasses.replace`, which would check symbols as if they were numbers.
-    other = object.__new__(type(law))
+    changed = object.__new__(type(law))
     for field in dataclasses.fields(law):
         value = arm if field.name == "arm" else getattr(law, field.name)
-        object.__setattr__(other, field.name, value)
-    return other
+        object.__setattr__(changed, field.name, value)
+    return changed
