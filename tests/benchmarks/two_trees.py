@@ -5,7 +5,8 @@
 OLD and NEW are folders that hold plant/, identification/ and ctc/; they are copied before anything runs, and each copy
 has its own kernel cache. Exit status 1 if a number differs.
 
-`kernels`: the generated text of the kernels of closed loops, whose equations are the same where the text is.
+`kernels`: the generated text of the kernels of closed loops, whose equations are the same where the text is. The
+emitter of instructions at its head is a source file, whose layout may differ.
 
 `structure`: an ``__init__.py`` is a face, no file; what is imported through one is followed to the file that holds it,
 late imports included. A line of code is a non-empty line of the syntax tree written out again, without what does not
@@ -205,7 +206,9 @@ def sources(_):
                     )
                     numbers = range(len(loop.number_names))
                     text, _ = text_of(loop, numbers[:9], numbers[9:], False, "population", 8)
-                    yield f"{name}, {called}{', smooth' * smooth}: text", text
+                    # Before it stands the emitter of instructions, a source file of the tree.
+                    body = text[text.index("\nimport numba\n") :]
+                    yield f"{name}, {called}{', smooth' * smooth}: text", body
 
 
 def answer(quick, answers=answers):
