@@ -134,7 +134,9 @@ def fitted(
     # The unknowns end with the observer gains and the extra numbers.
     unknown = int((varied < len(values) - len(model.extra) - len(model.gains)).sum())
     if not np.isfinite(innovations).all():
-        raise ValueError("the model with what was found does not follow the log")
+        raise ValueError(
+            "the extended model must follow the log; it diverges. Test the effects one by one."
+        )
     solver = _Solver(model.prior.own(IDENTIFIABLE.optimum))
     point = Descent(values, innovations, np.empty((0, 0)))
     # Rates of the neighbour are in its steps, which may have been shortened.
