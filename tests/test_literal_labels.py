@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ctc.figures.errors import plot_record
+from ctc import plot_record
 from plant import puma560, simulate
 from plant.parts.figures import literal
 

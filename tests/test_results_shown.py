@@ -15,12 +15,20 @@ from uncertain import with_uncertainty
 import ctc
 import identification
 import plant
-from ctc import ComputedTorque, Uncertainty, certify, compare, evaluate, margins, sweep_resonance
+from ctc import (
+    ComputedTorque,
+    LearntTorque,
+    Uncertainty,
+    certify,
+    compare,
+    evaluate,
+    margins,
+    sweep_resonance,
+)
 from ctc.campaigns.campaign import Campaign
 from ctc.campaigns.judgement import Change, Judgement
 from ctc.certification.reserves import Reserves
 from ctc.learning.learning import Learning
-from ctc.learning.learnt_torque import LearntTorque
 from ctc.payload.controller import PayloadEvent
 from ctc.tuning.tuning import Trial, Tuning
 from ctc.verdict.evaluations import Comparison

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ctc import ComputedTorque
-from plant import Guards, puma560, simulate
-from plant.simulation.followed_path import write_replay
+from plant import Guards, puma560, simulate, write_replay
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 LAWS = {

@@ -20,7 +20,7 @@ import tempfile
 
 import numpy as np
 
-from plant.logs.record import Record
+from plant import Record
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.followed_path import path_of, start_of

@@ -20,8 +20,7 @@ from identification import identify
 from identification.results import diagnostics
 from identification.results.detection import Detection
 from identification.results.seen import seen
-from plant import PD, Elasticity, LoggedTorque, puma560, simulate
-from plant.machine.encoder import Phase
+from plant import PD, Elasticity, LoggedTorque, Phase, puma560, simulate
 from plant.machine.motor_inertia import least_inertia_margin
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()

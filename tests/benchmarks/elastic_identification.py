@@ -20,8 +20,7 @@ import time
 import numpy as np
 
 from identification import identify
-from plant import Elasticity, P, puma560, simulate
-from plant.machine.encoder import Phase
+from plant import Elasticity, P, Phase, puma560, simulate
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()

@@ -23,8 +23,7 @@ import numpy as np
 from model_files import ARMS, file_of, folder, path_of, rig_of
 
 from identification import identify
-from plant import Chain, Dynamics, p_gains, read_robot, simulate
-from plant.mechanics.link import Limits
+from plant import Chain, Dynamics, Limits, p_gains, read_robot, simulate
 
 METHODS = ("seeded", "prediction_error", "equation_error", "output_error")
 PEAKS = (8, 15, 30, 60)

@@ -13,8 +13,7 @@ import casadi as ca
 import numpy as np
 
 from identification import identify
-from plant import Law, puma560, simulate
-from plant.parts.part import number, part
+from plant import Law, number, part, puma560, simulate
 
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()
 

@@ -26,12 +26,7 @@ from closed_loops import direct_rig
 from pinocchio_arm import inertia_matrix, pinocchio_model, placement
 
 from identification.replay.objective import squared_error
-from plant import P
-from plant.mechanics.body import Body
-from plant.mechanics.chain import Chain
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.link import Link
-from plant.mechanics.lumping import Lumping
+from plant import Body, Chain, Dynamics, Link, Lumping, P
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.loop_kernel import LANES, LoopKernel
 

@@ -5,8 +5,22 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from plant import Body, Chain, Drive, Dynamics, Encoder, Law, Link, Lumping, P, Rig, StatelessLaw
-from plant.parts.part import number, part, structure
+from plant import (
+    Body,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Law,
+    Link,
+    Lumping,
+    P,
+    Rig,
+    StatelessLaw,
+    number,
+    part,
+    structure,
+)
 
 PULSE = 7.3e-5
 """One pulse of the paper's joint 2 on the joint side [rad]."""

@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 from closed_loops import SampledP
 
-from plant import puma560
-from plant.realtime.guards import Guards
+from plant import Guards, puma560
 from plant.simulation.closed_loop import ClosedLoop
 
 RIG, PATH = puma560.rig(), puma560.reference()

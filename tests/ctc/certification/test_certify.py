@@ -19,11 +19,10 @@ from scipy.stats import beta, binom
 from uncertain import with_uncertainty
 
 import ctc.certification.reserves
-from ctc import ComputedTorque, certify, evaluate
+from ctc import ComputedTorque, Uncertainty, certify, evaluate
 from ctc.certification.certified import clopper_pearson, influences
 from ctc.certification.samples import draw
 from ctc.certification.statement import percent
-from ctc.certification.uncertainty import Uncertainty
 from identification import identify
 from plant import (
     PD,
@@ -33,6 +32,7 @@ from plant import (
     P,
     Phase,
     PointToPoint,
+    SteppedArm,
     Transport,
     puma560,
     simulate,
@@ -40,7 +40,6 @@ from plant import (
 from plant.machine.motor_inertia import least_inertia_margin
 from plant.simulation import population
 from plant.simulation.loop_kernel import LANES
-from plant.simulation.stepped_arm import SteppedArm
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()
 DYNAMICS, LAW = ARM.dynamics, ComputedTorque(puma560.arm(), puma560.rig(), bandwidth=62)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from uncertain import with_uncertainty
 
-from ctc import ComputedTorque, certify, sweep_resonance
+from ctc import ComputedTorque, Uncertainty, certify, sweep_resonance
 from ctc.certification import identified as fits_on_gears
 from ctc.certification.identified import refits
 from ctc.certification.samples import draw
-from ctc.certification.uncertainty import Uncertainty
 from identification import identify
 from plant import Elasticity, puma560, simulate
 

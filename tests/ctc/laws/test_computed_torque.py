@@ -16,11 +16,21 @@ from hypothesis import strategies as st
 from ctc import ComputedTorque, evaluate
 from ctc.laws.computed_torque_settings import SETTINGS
 from ctc.laws.observer import DRIFT
-from plant import PD, Body, Drive, Encoder, Harmonics, Rig, everyday_motions, puma560, simulate
-from plant.mechanics.chain import Chain
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.link import Link
-from plant.mechanics.lumping import Lumping
+from plant import (
+    PD,
+    Body,
+    Chain,
+    Drive,
+    Dynamics,
+    Encoder,
+    Harmonics,
+    Link,
+    Lumping,
+    Rig,
+    everyday_motions,
+    puma560,
+    simulate,
+)
 from plant.parts.plain import from_plain
 from plant.simulation.closed_loop import ClosedLoop
 

@@ -13,8 +13,7 @@ from scipy import signal
 
 from ctc import ComputedTorquePID, certify, error_loop, evaluate, margins
 from identification import identify
-from plant import Elasticity, PointToPoint, puma560, simulate, to_control
-from plant.parts.part import part
+from plant import Elasticity, PointToPoint, part, puma560, simulate, to_control
 from plant.parts.vector import MODEL_ERROR
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop

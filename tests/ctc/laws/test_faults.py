@@ -11,8 +11,7 @@ import pytest
 from faults import BEGIN, END, FAULTS, PATH, RIG, SimulatedArm, experiment
 
 from ctc import ComputedTorque
-from plant import Guards, PointToPoint, puma560
-from plant.simulation.stepped_arm import SteppedArm
+from plant import Guards, PointToPoint, SteppedArm, puma560
 
 LIMIT = RIG.drive.torque_limit()
 

@@ -21,8 +21,7 @@ from ctc import (
     SlidingMode,
 )
 from identification import identify
-from plant import PD, PID, Cascade, P, PointToPoint, puma560, simulate
-from plant.parts.part import part
+from plant import PD, PID, Cascade, P, PointToPoint, part, puma560, simulate
 from plant.parts.plain import from_plain
 from plant.simulation.simulator import run
 

@@ -12,8 +12,8 @@ import pytest
 
 from ctc import ComputedTorque, ComputedTorquePID
 from ctc.payload.payload_law import PayloadLaw
-from plant import PD, Body, JointSpring, SteppedArm, puma560
-from plant.parts.vector import TORQUE_ERROR, Fields
+from plant import PD, Body, Fields, JointSpring, SteppedArm, puma560
+from plant.parts.vector import TORQUE_ERROR
 from plant.simulation.simulator import run
 
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ctc import motor_gain, observer_gains, pid_gains
 from ctc.laws.observer import predict, triple_pole
-from ctc.stability.design import motor_gain, observer_gains, pid_gains
-from plant import P, linearise, puma560, read_robot
-from plant.analysis.linearise import modes
+from plant import P, linearise, modes, puma560, read_robot
 
 RIG, ARM = puma560.rig(), puma560.arm()
 

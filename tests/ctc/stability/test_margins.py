@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from error_loops import error_loops
 
-from ctc import ComputedTorque
+from ctc import ComputedTorque, error_loop, margins
 from ctc.laws.computed_torque_settings import SETTINGS
-from ctc.stability.margins import error_loop, margins, opened
+from ctc.stability.margins import opened
 from identification import identify
-from plant import PointToPoint, StatelessLaw, puma560, simulate
+from plant import PointToPoint, StatelessLaw, number, part, puma560, simulate, structure
 from plant.analysis.sampled_loops import SampledLoops
-from plant.parts.part import number, part, structure
 
 RIG, ARM, POSE = puma560.rig(), puma560.arm(), (0.3, -0.4)
 DT = RIG.period

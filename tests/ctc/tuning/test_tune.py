@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from uncertain import with_uncertainty
 
-from ctc import ComputedTorque, certify, tune
+from ctc import ComputedTorque, Uncertainty, certify, tune
 from ctc.certification.certified import clopper_pearson
 from ctc.certification.samples import draw
-from ctc.certification.uncertainty import Uncertainty
 from ctc.tuning.search import SearchSettings, Tunings
 from ctc.tuning.tuning import families
 from plant import puma560, simulate

@@ -7,13 +7,12 @@ import pytest
 from packaged_arms import planar
 from packaged_arms import puma560 as whole_puma560
 
-from ctc import evaluate
+from ctc import animate, evaluate, plot_arm
 from plant import Body, Dynamics, PointToPoint, puma560
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 
-from ctc.verdict.animation import animate, plot_arm  # noqa: E402
 
 TIP = (0.0, -0.43, 0.0)
 

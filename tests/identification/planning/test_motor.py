@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
-from identification.planning.motor import motor_test
+from identification import motor_test
 from plant import PointToPoint, puma560, simulate
 
 RIG = puma560.rig()

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from identification import without_delay
 from identification.replay.extended import Extended
 from identification.replay.prediction import Prediction
-from identification.replay.timing import without_delay
 from plant import Elasticity, LoggedTorque, puma560, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()

@@ -13,11 +13,7 @@ import numpy as np
 import pytest
 
 from identification import Objective
-from plant import Harmonics, Record, Rig, puma560, simulate
-from plant.mechanics.chain import Chain
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.link import Link
-from plant.mechanics.lumping import Lumping
+from plant import Chain, Dynamics, Harmonics, Link, Lumping, Record, Rig, puma560, simulate
 from plant.simulation.loop_kernel import LANES
 
 DURATION = 0.35

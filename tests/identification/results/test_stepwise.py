@@ -25,12 +25,12 @@ from plant import (
     Link,
     LoggedTorque,
     P,
+    Phase,
     TorqueRipple,
     puma560,
     read_robot,
     simulate,
 )
-from plant.machine.encoder import Phase
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 ARM = puma560.literature_arm(1.5)

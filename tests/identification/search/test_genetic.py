@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from identification import GeneticSettings, minimize_genetic
 from identification.search.genetic import (
-    GeneticSettings,
     crossover,
     decode,
     encode,
     migrate,
-    minimize_genetic,
     mutate,
     rank_linear,
     rank_nonlinear,

@@ -28,11 +28,11 @@ from plant import (
     Record,
     Rig,
     linearise,
+    modes,
     p_gains,
     puma560,
     simulate,
-)  # fmt: skip
-from plant.analysis.linearise import modes
+)
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
 WIDTH = np.diff(puma560.PRINTED_RANGES, axis=1).ravel()

@@ -8,8 +8,7 @@ import pytest
 from closed_loops import NoTorque, SampledP, without_friction
 
 from ctc import ComputedTorque
-from plant import Law, StatelessLaw, puma560, simulate, to_control
-from plant.parts.part import number, part
+from plant import Law, StatelessLaw, number, part, puma560, simulate, to_control
 
 control = pytest.importorskip("control")
 

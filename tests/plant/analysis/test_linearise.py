@@ -9,8 +9,7 @@ import pytest
 from closed_loops import SampledP, without_friction
 from scipy.linalg import expm
 
-from plant import P, PointToPoint, linearise, puma560, simulate
-from plant.analysis.linearise import modes
+from plant import P, PointToPoint, linearise, modes, puma560, simulate
 
 ARM, RIG, LAW = puma560.arm(), puma560.rig(), puma560.p_law()
 POSES = [(0.0, 0.0), (-0.8, 1.2), (0.5, -1.5)]

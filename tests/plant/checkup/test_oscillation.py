@@ -17,10 +17,10 @@ from plant import (
     P,
     TorqueRipple,
     linearise,
+    modes,
     puma560,
     simulate,
 )
-from plant.analysis.linearise import modes
 from plant.analysis.sampled_loops import SampledLoops
 from plant.checkup.oscillation import own_oscillations
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from identification.replay.objective import Objective
+from identification import Objective
 from plant import Encoder, Harmonics, Phase, PointToPoint, Record, puma560, simulate
 from plant.checkup.lost_rows import bridged, lost_rows, short_gaps
 from plant.checkup.rounding import fix_seen

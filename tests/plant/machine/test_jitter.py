@@ -8,8 +8,19 @@ import pytest
 from scipy import stats
 
 from ctc import ComputedTorque
-from plant import Elasticity, Jitter, LoggedTorque, Rig, StatelessLaw, puma560, replay, simulate
-from plant.parts.part import number, part, structure
+from plant import (
+    Elasticity,
+    Jitter,
+    LoggedTorque,
+    Rig,
+    StatelessLaw,
+    number,
+    part,
+    puma560,
+    replay,
+    simulate,
+    structure,
+)
 
 RIG, PERIOD, PATH = puma560.rig(), puma560.rig().period, puma560.reference()
 FREE = dataclasses.replace(

@@ -19,11 +19,13 @@ from plant import (
     Rig,
     StatelessLaw,
     Transport,
+    number,
+    part,
     puma560,
     simulate,
+    structure,
     to_control,
 )
-from plant.parts.part import number, part, structure
 from plant.parts.plain import from_plain
 
 RIG, PERIOD = puma560.rig(), puma560.rig().period

@@ -19,12 +19,7 @@ from hypothesis import strategies as st
 from lagrange import lagrange
 from random_arms import random_arm, random_body
 
-from plant import puma560
-from plant.mechanics.body import Body
-from plant.mechanics.chain import Chain
-from plant.mechanics.dynamics import Dynamics
-from plant.mechanics.link import Link
-from plant.mechanics.lumping import Lumping
+from plant import Body, Chain, Dynamics, Link, Lumping, puma560
 
 ROUNDING = 1e-12
 

@@ -9,8 +9,7 @@ import pytest
 from demands import joint_torque, one_joint
 from packaged_arms import planar
 
-from plant import Dynamics, Harmonics, PointToPoint, fastest, puma560
-from plant.mechanics.coupling import Coupling
+from plant import Coupling, Dynamics, Harmonics, PointToPoint, fastest, puma560
 
 ARM, RIG = puma560.arm(), puma560.rig()
 LIMIT = 12 * np.array([0.228 * 107.8, 0.238 * 53.7])

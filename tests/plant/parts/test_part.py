@@ -22,6 +22,7 @@ from plant import (
     Elasticity,
     Encoder,
     FrictionCurve,
+    FrictionDrift,
     Jitter,
     JointSpring,
     Limits,
@@ -31,6 +32,7 @@ from plant import (
     LoggedTorque,
     Lumping,
     P,
+    Part,
     Phase,
     Placement,
     PointToPoint,
@@ -42,13 +44,15 @@ from plant import (
     Table,
     TorqueRipple,
     Transport,
+    number,
+    part,
     puma560,
     simulate,
+    structure,
 )
 from plant.laws.resumed import AlongLog
-from plant.machine.drive_effects import CurrentLag, FrictionDrift, LoadFriction
+from plant.machine.drive_effects import CurrentLag, LoadFriction
 from plant.parts.kinds import PARTS
-from plant.parts.part import Part, number, part, structure
 from plant.parts.plain import from_plain
 from plant.simulation.layout import Correction
 

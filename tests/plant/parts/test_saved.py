@@ -11,9 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from plant import Arm, Law, P, Record, Resumed, Rig, StatelessLaw, number, part, puma560, simulate
+from plant import (
+    Arm,
+    Law,
+    P,
+    Part,
+    Record,
+    Resumed,
+    Rig,
+    StatelessLaw,
+    number,
+    part,
+    puma560,
+    simulate,
+)
 from plant.parts import files
-from plant.parts.part import Part
 from plant.parts.plain import from_plain, to_plain
 from plant.parts.saved import fingerprint, parsed, written
 

@@ -24,13 +24,14 @@ from plant import (
     Law,
     LinkReference,
     P,
+    number,
+    part,
     puma560,
     simulate,
-)  # fmt: skip
+    write_replay,
+)
 from plant.compiler.c_statements import statements
 from plant.compiler.instructions import STATE
-from plant.parts.part import number, part
-from plant.simulation.followed_path import write_replay
 
 STRICT = "-std=c99 -O2 -Wall -Wextra -Werror -pedantic"
 ARM, RIG, PATH = puma560.arm(), puma560.rig(), puma560.reference()

@@ -9,8 +9,7 @@ import pytest
 from closed_loops import Filtered
 
 from ctc import ComputedTorque
-from plant import Guards, Limits, StatelessLaw, puma560
-from plant.parts.part import part, structure
+from plant import Guards, Limits, StatelessLaw, part, puma560, structure
 
 RIG = puma560.rig()
 DT, ZERO, LIMIT = RIG.period, np.zeros(2), RIG.drive.torque_limit()

@@ -14,8 +14,7 @@ import pytest
 from closed_loops import Filtered, direct_rig
 from numba.core.runtime import _nrt_python, rtsys
 
-from plant import Guards, Law, PointToPoint, puma560
-from plant.parts.part import number, part
+from plant import Guards, Law, PointToPoint, number, part, puma560
 
 RIG = puma560.rig()
 LAW = Filtered(gain=(8.0, 6.0), rate=40.0, period=RIG.period)

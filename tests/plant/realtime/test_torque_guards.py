@@ -9,8 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant import Coupling, Guards, StatelessLaw, puma560
-from plant.parts.part import part, structure
+from plant import Coupling, Guards, StatelessLaw, part, puma560, structure
 
 RIG = puma560.rig()
 DT, LIMIT, ZERO = RIG.period, RIG.drive.torque_limit(), np.zeros(2)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_lsq_spline
 
-from plant import PID, Resumed, puma560
+from plant import PID, Record, Resumed, puma560
 from plant.laws import resumed
-from plant.logs.record import Record
 from plant.motion import smooth_splines
 from plant.parts.checked_function import evaluated
 from plant.simulation.law_run import run_law
