@@ -388,13 +388,6 @@ NAMED = (
     "plant/analysis",
     "plant/realtime",
 )
-BY_NUMBER = {  # files that still read a memory by number, to be emptied
-    "plant/realtime/compiled_step.py",
-    "plant/realtime/safety.py",
-    "plant/realtime/status.py",
-    "plant/realtime/stopping.py",
-    "plant/realtime/watching.py",
-}
 
 
 def places_by_number(tree):
@@ -418,13 +411,13 @@ def places_by_number(tree):
 
 
 def test_a_state_has_names_not_places():
-    found = {
-        str(path.relative_to(ROOT))
+    by_number = {
+        f"{path.relative_to(ROOT)}:{line}"
         for room in NAMED
         for path in (ROOT / room).rglob("*.py")
-        if any(places_by_number(ast.parse(path.read_text(encoding="utf-8"))))
+        for line in places_by_number(ast.parse(path.read_text(encoding="utf-8")))
     }
-    assert found <= BY_NUMBER, f"read these by name (plant/parts/vector.py): {found - BY_NUMBER}"
+    assert not by_number, f"read these by name (plant/parts/vector.py): {sorted(by_number)}"
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def names_of(name: str) -> CNames:
             "memory": f"{name}_state",
             "run": f"{name}_run",
             "joint": f"{name}_joint",
-            "other": f"{name}_joint",
+            "neighbour": f"{name}_joint",
         },
         functions={*functions, *PIECES},
         prefix=PREFIX,

@@ -139,6 +139,7 @@ SIZES = {"older": SLOTS - 1}
 
 def _record(fields: Any) -> np.dtype[Any]:
     """Record of float64 fields that Python and numba read by name."""
+    # Fields of float64 alone need no padding, so a record is a slice of the vector.
     kinds = [(name, float, (SIZES[name],)) if name in SIZES else (name, float) for name in fields]
     return np.dtype((np.record, kinds))
 
@@ -147,6 +148,7 @@ RUN = _record(RUN_FIELDS)
 JOINT = _record(JOINT_FIELDS)
 MOTION = _record(("q", "qd", "qdd"))
 
+# Sizes in numbers of the vector.
 NUMBER = np.dtype(float).itemsize
 RUN_SIZE = RUN.itemsize // NUMBER
 JOINT_SIZE = JOINT.itemsize // NUMBER
@@ -190,13 +192,25 @@ def view(vector, n, pieces):
     run = vector[:RUN_SIZE].view(RUN)[0]
     law = RUN_SIZE + n * JOINT_SIZE
     joints = vector[RUN_SIZE:law].view(JOINT)
+    # The state of the law at its start, now, and after this sample, as `LAW_STATES` orders them.
     states = int(run.states)
-    initial = vector[law : law + states]
-    state = vector[law + states : law + 2 * states]
-    following = vector[law + 2 * states : law + 3 * states]
-    # Numbers of law and rig lie between; only the functions of law and rig read them.
-    motions = vector[len(vector) - MOTION_SIZE * n * n :].view(MOTION).reshape(n, n)
-    return Memory(run, joints, initial, state, following, motions, vector, pieces)
+    now = law + states
+    after = now + states
+    numbers = after + states
+    # The numbers of law and rig follow; only the functions of law and rig read them. The motions
+    # come last, so their begin needs no count of these numbers.
+    rest = len(vector) - MOTION_SIZE * n * n
+    motions = vector[rest:].view(MOTION).reshape(n, n)
+    return Memory(
+        run,
+        joints,
+        vector[law:now],
+        vector[now:after],
+        vector[after:numbers],
+        motions,
+        vector,
+        pieces,
+    )
 
 
 class Layout(NamedTuple):
@@ -212,6 +226,7 @@ class Layout(NamedTuple):
 
     def vector(self, block: Any) -> NDArray[np.float64]:
         """A memory with the states and the numbers of law and rig, and zeros elsewhere."""
+        # All three of `LAW_STATES` begin with the initial state.
         fields = np.zeros(RUN_SIZE + self.n * JOINT_SIZE)
         motions = np.zeros(MOTION_SIZE * self.n**2)
         return np.concatenate([fields, *[block.initial] * 3, block.values, motions])
@@ -233,6 +248,7 @@ class Layout(NamedTuple):
                 for i in range(SIZES.get(name, 1))
                 for joint in range(self.n)
             ]
+        # The states of the law follow the joints, and its numbers follow the states.
         start = RUN_SIZE + self.n * JOINT_SIZE
         size = self.states
         if name == "numbers":

@@ -64,7 +64,8 @@ def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     refusal = refused(pulses, q_r, qd_r, qdd_r, now, run)
     if refusal != DONE:
         return refusal
-    first = run.calls == 0.0
+    starting = run.calls == 0.0
+    # Without guards, a torque that is not finite undoes the call, its time included.
     earlier = run.now
     run.calls += 1.0
 
@@ -72,21 +73,23 @@ def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
     # that of the stop.
     in_time(now, run)
     if run.cause == RUNNING or run.since < 0.0:
-        follow(first, q_r, qd_r, qdd_r, memory)
-    if first:
+        follow(starting, q_r, qd_r, qdd_r, memory)
+    # Two counts are needed for a difference; until then the speed is that of the reference.
+    if starting:
         moving(memory)
-    read(pulses, first, memory)
+    read(pulses, starting, memory)
 
     # 3. Guard the arm: it must follow its reference and its torque.
     if run.cause == RUNNING:
         counted(memory)
-        watch(first or run.unmarked == 1.0, memory)
+        watch(starting or run.unmarked == 1.0, memory)
         # No torque has acted before the first sample: mark again in the second.
-        run.unmarked = 1.0 if first else 0.0
+        run.unmarked = 1.0 if starting else 0.0
         if run.guarded == 1.0:
             opposing(memory)
         if run.bounded == 1.0:
             bounded(memory)
+    # A hold needs its encoders as much as the path does.
     elif run.released == HOLDING and run.since >= 0.0:
         watch(run.unmarked == 1.0, memory)
         run.unmarked = 0.0
@@ -99,15 +102,17 @@ def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
             run.since += run.dt
         if run.released == HOLDING:
             slowing(memory)
+        # The reference is that of the stop now, and its counts must be, too.
         counted(memory)
         rising(memory)
 
     # 5. The torque of the law, unless the stop has released it, and the guards of this torque.
     if run.released == HOLDING:
+        # After a late call, the law integrates over `longest_step` at most.
         run.dt = min(run.dt, run.longest_step * run.period)
         law(memory)
         if finite(memory):
-            steep(first, memory)
+            steep(starting, memory)
             for joint in memory.joints:
                 joint.torque = joint.limited
             for i in range(len(memory.state)):
@@ -142,6 +147,7 @@ def sample(pulses, q_r, qd_r, qdd_r, now, memory, torque):
 @inlined
 def finite(memory):
     """Whether the commanded torque, and the state that would follow, are finite."""
+    # One sum tests all values: a NaN or an infinity stays in it, and neither is below infinity.
     total = 0.0
     for joint in memory.joints:
         total += abs(joint.commanded)
@@ -151,17 +157,19 @@ def finite(memory):
 
 
 @inlined
-def steep(first, memory):
+def steep(starting, memory):
     """Guard of the torque's rate: a torque that changes too fast is given in part.
 
     All joints get the same share of their changes. If this goes on, the arm stops.
     """
     run = memory.run
+    # The joint with the smallest share decides for all, so the change keeps its direction.
     share = 1.0
     worst = -1
     for i, joint in enumerate(memory.joints):
         change = abs(joint.limited - joint.applied)
-        if not first and joint.torque_rate * run.dt < share * change:
+        # In the first sample no torque has acted yet, from which a change could be taken.
+        if not starting and joint.torque_rate * run.dt < share * change:
             share = joint.torque_rate * run.dt / change
             worst = i
     if worst < 0:
@@ -182,18 +190,21 @@ def rate(memory):
     So its mean torque ramps to its end.
     """
     run = memory.run
+    # The means are weighted by the time that has passed; without any, nothing is averaged.
     if run.guarded == 1.0 and run.passed > 0.0:
         monitored(memory)
     if run.filled >= run.slot_length:
         shifted(memory)
     for i, joint in enumerate(memory.joints):
+        # `over` holds the cause that the monitors have found, or `RUNNING`.
         if run.released == HOLDING and joint.over != RUNNING:
             at_work = run.cause == RUNNING
             amount = joint.limit_window if joint.over == IS_SATURATED else joint.swing
             stop(joint.over, i, amount, run)
             release(memory)
-            for other in memory.joints:
-                other.begin_torque = other.mean_torque
+            # The last torque may be an extreme of the oscillation: ramp from the mean.
+            for neighbour in memory.joints:
+                neighbour.begin_torque = neighbour.mean_torque
             if at_work:
                 opposed(memory)
 
@@ -207,11 +218,13 @@ def opposing(memory):
     load is too heavy, or the amplifier too weak, and this guard is silent.
     """
     run = memory.run
+    # Calls count as well as time, since a slow law has few samples within `OPPOSED`.
     shortest = max(OPPOSED, OPPOSED_CALLS * run.period)
     limited(memory)
     planned(memory)
     for i, joint in enumerate(memory.joints):
         follows = abs(joint.reference - joint.counts) <= NEAR
+        # The proof is lost where the joint leaves its reference, and final once its path suffices.
         if joint.followed < FAR_ENOUGH:
             joint.followed = (
                 joint.followed + abs(joint.reference_speed) * run.dt if follows else 0.0

@@ -66,6 +66,7 @@ def bridge(cause, i, amount, too_often, run):
     if too_often:
         stop(cause, i, amount, run)
     elif run.cause == RUNNING:
+        # A stop keeps its cause as the last event.
         run.bridged += 1.0
         note(cause, i, amount, run)
 
@@ -73,6 +74,7 @@ def bridge(cause, i, amount, too_often, run):
 @in_kernel
 def begun(memory):
     """Store the speed of the arm where a stop begins."""
+    # No torque of the stop has acted yet: the guard of still encoders marks anew.
     memory.run.unmarked = 1.0
     for joint in memory.joints:
         joint.begin_speed = abs(joint.speed)
@@ -84,10 +86,12 @@ def release(memory):
     """Replace the torque of the law by a ramp to the end of the stop, without feedback."""
     run = memory.run
     if run.released == HOLDING:
+        # A stop that begins as a ramp has not stored the speeds of the arm.
         if run.since < 0.0:
             begun(memory)
         run.released = RAMPING
         run.since = 0.0
+        # Begin at the torque that acted last, so that it does not jump.
         for joint in memory.joints:
             joint.begin_torque = joint.torque
 
@@ -95,6 +99,7 @@ def release(memory):
 @in_kernel
 def latch(reason, i, run):
     """Command zero torque until the next start."""
+    # Only the first reason counts.
     if run.released != LATCHED:
         run.released = LATCHED
         run.latch = reason
@@ -117,7 +122,9 @@ def begin_stop(memory):
     run.since = 0.0
     run.jumps = 0.0
     counted(memory)
+    # The reference moves faster than its speed states where calls were lost.
     lost = cause == OFF_BEAT and run.rhythm > run.fastest_rhythm
+    # Counts that run against the torque make a hold drive the arm, and the damping of a ramp, too.
     if cause == OPPOSES:
         latch(RUNS, int(run.event_joint), run)
     elif (
@@ -136,6 +143,7 @@ def begin_stop(memory):
             # Doubled calls: the arm moves at this share of the speed that the reference states.
             joint.begin_qd *= run.rhythm if cause == OFF_BEAT else 1.0
     else:
+        # The arm does not track its reference: brake from the motion that the counts show.
         if cause == IS_OFF and not elsewhere:
             running_away(memory)
         standing(memory)
@@ -153,6 +161,7 @@ def running_away(memory):
     """
     planned(memory)
     for i, joint in enumerate(memory.joints):
+        # The error grows where its rate and the error have the same sign.
         leaving = joint.reference_speed - joint.speed
         if leaving * (joint.reference - joint.counts) > 0.0 and abs(leaving) > joint.slack:
             latch(RUNS, i, memory.run)
@@ -184,6 +193,7 @@ def rising(memory):
     for joint in memory.joints:
         largest = max(largest, joint.begin_speed * joint.pulse)
     for i, joint in enumerate(memory.joints):
+        # A hold moves as its reference does, and may lag behind it.
         if run.released == HOLDING:
             allowed = GROWTH * abs(joint.reference_speed) + LAG * joint.begin_speed + joint.slack
         else:
@@ -203,6 +213,7 @@ def limit_time(memory):
         # Calls were lost, in whole numbers: each call stands for several periods.
         duration *= math.ceil(run.rhythm)
     for i, joint in enumerate(memory.joints):
+        # `direction` is 0 for a torque within its limit.
         joint.limit_time = abs(joint.direction) * duration + joint.limit_time
         if joint.limit_time > run.braking:
             latch(PUSHES, i, run)

@@ -57,6 +57,7 @@ MODEL_ERROR = 0.5
 @in_kernel
 def whole(count, run):
     """Whether an encoder can give this count."""
+    # NaN fails the first comparison.
     return abs(count) <= EXACT and (count == np.floor(count) or run.whole_counts == 0.0)
 
 
@@ -64,6 +65,7 @@ def whole(count, run):
 def usable(q_r, qd_r, qdd_r):
     """Whether a reference is finite, and its angles small enough for the sines of the kernels."""
     sound = True
+    # NaN fails every comparison, so the limits refuse it, too.
     for i in range(len(q_r)):
         sound = sound and abs(q_r[i]) <= FAR and abs(qd_r[i]) < np.inf and abs(qdd_r[i]) < np.inf
     return sound
@@ -72,11 +74,13 @@ def usable(q_r, qd_r, qdd_r):
 @inlined
 def refused(pulses, q_r, qd_r, qdd_r, now, run):
     """Return code of a call that no guard can bridge: the first, or any without guards."""
+    # From the second call on there is a previous sample that can bridge a bad one.
     if run.guarded == 1.0 and run.calls > 0.0:
         return DONE
     for count in pulses:
         if not whole(count, run):
             return BAD_PULSES
+    # NaN stands for no clock; neither comparison holds for it.
     if run.guarded == 0.0 and (now <= run.now or abs(now) == np.inf):
         return BAD_CLOCK
     return DONE if usable(q_r, qd_r, qdd_r) else BAD_REFERENCE
@@ -91,6 +95,7 @@ def in_time(now, run):
     """
     elapsed = now - run.now
     run.dt = run.period
+    # Without a clock, and in the first call, `elapsed` is NaN, for which no comparison holds.
     if run.guarded == 1.0 and (
         elapsed <= 0.0 or elapsed > GLITCH * run.period or abs(now) == np.inf
     ):
@@ -100,12 +105,14 @@ def in_time(now, run):
         run.passed = run.sampled * run.period
         bridge(BAD_TIME, 0, elapsed, run.bad_clocks > run.patience, run)
         return
+    # Delay beyond the one that `late` allows, in periods.
     over = elapsed / run.period - 1.0 - run.late
     run.now = now
     run.bad_clocks = 0.0
     # NaN without a clock compares as not late.
     if over > 0.0:
         run.dt = elapsed
+        # Each period without a call counts as a bad sample.
         run.late_calls += np.ceil(over)
         bridge(WAS_LATE, 0, elapsed - run.period, run.late_calls > run.patience, run)
     else:
@@ -115,12 +122,13 @@ def in_time(now, run):
 
 
 @inlined
-def follow(first, q_r, qd_r, qdd_r, memory):
+def follow(starting, q_r, qd_r, qdd_r, memory):
     """Guard of the reference: an unusable one is extrapolated from the last usable one."""
     run = memory.run
     if usable(q_r, qd_r, qdd_r):
         run.gaps = 0.0
-        if run.sampled == 1.0 and not first:
+        # The first reference has no previous one with which it could be compared.
+        if run.sampled == 1.0 and not starting:
             beat(q_r, qd_r, memory)
         for i, joint in enumerate(memory.joints):
             joint.q = q_r[i]
@@ -140,21 +148,24 @@ def beat(q_r, qd_r, memory):
     joint that moves most decides, if it moves by more than a pulse.
     """
     run = memory.run
+    # The motion must exceed one pulse: a smaller one says little about the rate.
     largest = 1.0
     rate = 0.0
     for i, joint in enumerate(memory.joints):
+        # The mean of both speeds is exact for a constant acceleration.
         due = 0.5 * (joint.qd + qd_r[i]) * run.dt
         if abs(due) > largest * joint.pulse:
             largest = abs(due) / joint.pulse
             rate = (q_r[i] - joint.q) / due
     if largest > 1.0:
+        # A mean over several samples, in which a step of the reference counts as `SUDDEN` at most.
         run.rhythm += REMEMBERED * (min(max(rate, -SUDDEN), SUDDEN) - run.rhythm)
         if run.rhythm < run.slowest_rhythm or run.rhythm > run.fastest_rhythm:
             stop(OFF_BEAT, 0, run.rhythm, run)
 
 
 @inlined
-def read(pulses, first, memory):
+def read(pulses, starting, memory):
     """Guard of the counts: a count with too large an innovation is replaced by its prediction.
 
     So is a count that is no number. If bad counts go on, the arm stops. A counter that has jumped
@@ -182,8 +193,10 @@ def read(pulses, first, memory):
                 worst = i
                 largest = 0.0
                 missing = True
-        elif not first and abs(innovation) > joint.jump + abs(joint.speed) * dt:
+        elif not starting and abs(innovation) > joint.jump + abs(joint.speed) * dt:
+            # The arm cannot have moved so far within a sample.
             joint.expected = np.floor(predicted + 0.5)
+            # A counter that repeats its value after a jump may be dead.
             dumb = dumb or pulses[i] == joint.raw_counts
             if not missing and abs(innovation) > abs(largest):
                 worst = i
@@ -204,16 +217,18 @@ def read(pulses, first, memory):
     # 3. Take the counts, and update their speed.
     for i, joint in enumerate(memory.joints):
         if lost and whole(pulses[i], run):
+            # The counter has lost counts for good: its value now stands for the prediction.
             joint.offset = pulses[i] - joint.expected
         joint.counts = joint.expected
         # Without feedback the speed is unknown from here on.
         joint.speed *= 1.0 - min(run.released, 1.0) if lost else 1.0
-    if not (lost or first):
+    # A jump, or a count without a previous one, gives no speed.
+    if not (lost or starting):
         measured(memory)
 
 
 @in_kernel
-def watch(first, memory):
+def watch(starting, memory):
     """Guards of the tracking error, and of an encoder that stands still; in a hold only the second.
 
     Static friction holds a joint while the torque stays within a band of twice its level. Once the
@@ -225,15 +240,17 @@ def watch(first, memory):
         error = joint.reference - joint.counts
         if run.cause == RUNNING and abs(error) > joint.error:
             stop(IS_OFF, i, error, run)
+        # Path of the reference, and change of the torque, since the count changed last.
         path = joint.reference - joint.mark
         change = joint.torque - joint.mark_torque
-        if first or joint.counts != joint.previous_counts:
+        if starting or joint.counts != joint.previous_counts:
             joint.mark = joint.reference
             joint.mark_torque = joint.torque
             joint.still = 0.0
             joint.pushed = 0.0
             continue
         settled = joint.still >= SETTLED
+        # Both have changed by more than friction explains.
         overdue = abs(path) > joint.stuck and abs(change) > joint.friction
         if overdue and stands(i, settled, memory):
             lose(IS_STUCK, i, path, memory)
@@ -243,10 +260,10 @@ def watch(first, memory):
         elif joint.still >= SETTLED:
             # It has settled within this sample: store the torque and the motion of all joints.
             joint.rest_torque = joint.mean_torque
-            for k, other in enumerate(memory.joints):
-                memory.motions[i, k].q = other.q
-                memory.motions[i, k].qd = other.qd
-                memory.motions[i, k].qdd = other.qdd
+            for k, neighbour in enumerate(memory.joints):
+                memory.motions[i, k].q = neighbour.q
+                memory.motions[i, k].qd = neighbour.qd
+                memory.motions[i, k].qdd = neighbour.qdd
 
 
 @inlined
@@ -255,6 +272,7 @@ def stands(i, settled, memory):
 
     The torque of a settled joint may also be what holds it while the other joints move.
     """
+    # Before the joint has settled, and without a model, only friction is taken into account.
     if not settled or memory.run.modelled == 0.0:
         return True
     joint = memory.joints[i]
@@ -281,8 +299,10 @@ def rest(i, memory):
 @in_kernel
 def unborne(i, change, memory):
     """Whether neither friction nor the motion of the other joints explains a change of torque."""
+    # Whether each reference is, to a pulse, where it was when joint i settled.
     alike = True
     for k, joint in enumerate(memory.joints):
+        # `needed` reads the motion of that instant from these fields.
         joint.rest_q = memory.motions[i, k].q
         joint.rest_qd = memory.motions[i, k].qd
         joint.rest_qdd = memory.motions[i, k].qdd
@@ -293,6 +313,7 @@ def unborne(i, change, memory):
     needed(memory)
     joint = memory.joints[i]
     expected = joint.model_change
+    # The model's change may be wrong by its share `MODEL_ERROR`.
     return abs(change - expected) > joint.rest + MODEL_ERROR * abs(expected)
 
 
@@ -300,6 +321,7 @@ def unborne(i, change, memory):
 def lose(cause, i, amount, memory):
     """Stop for an encoder that stands still; a hold cannot go on without it."""
     run = memory.run
+    # A hold that has begun goes on without feedback, as a ramp.
     if run.cause != RUNNING and run.since >= 0.0:
         release(memory)
     stop(cause, i, amount, run)
