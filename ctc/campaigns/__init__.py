@@ -1,5 +1,6 @@
-"""Many independent tasks by name, on one machine or many, kept in a folder as they end.
+"""Many independent tasks by name, on one machine or many; and robots over weeks: `Fleet`.
 
-Read `campaign`, then `ledger`, which holds what was finished. How calls reach workers is in
+Read `campaign`, then `ledger`, its finished tasks; `fleet`, then `effects`, `judgement` and
+`fleet_page`, judges the robots. How calls reach workers is in
 `plant.simulation.executors`.
 """

@@ -1,6 +1,4 @@
-"""Many independent tasks by name: results as they come, failures named, and a folder from which
-it goes on.
-"""
+"""Many independent tasks by name: results as they come, named failures, a folder to resume from."""
 
 import functools
 import inspect
@@ -22,20 +20,20 @@ from plant.simulation.executors import Executor, finished, reason
 
 Tasks = Mapping[str, tuple[Any, ...]] | Iterable[tuple[str, tuple[Any, ...]]]
 
-_SHOWN = 20  # failures in a printed campaign
+# Advice of every message about a task that has another form.
 _FORM = "Give {name: (function, args, kwargs)}, or pairs of these, such as ('a', (f, (1,), {}))."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign(Shown):
-    """What became of the tasks of a campaign.
+    """Results and failures of the tasks of a campaign.
 
     Attributes
     ----------
     results : mapping of str -> result
-        In the order of the tasks; of a campaign in a folder each is read when it is asked for.
+        In the order of the tasks; a campaign in a folder reads each on access.
     errors : mapping of str -> str
-        Why each of the others failed, in one line.
+        Reason of each failure, in one line.
     """
 
     results: Mapping[str, Any]
@@ -46,7 +44,8 @@ class Campaign(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short())
-        rows = list(itertools.islice(self.errors.items(), _SHOWN))
+        # A screen of failures: a campaign of a million may have as many.
+        rows = list(itertools.islice(self.errors.items(), 20))
         if rows:
             yield Table(("failed", "why"), rows, words=(1,))
 
@@ -61,7 +60,7 @@ def campaign(
     each: Callable[[str, Any], Any] | None = None,
     progress: bool = True,
 ) -> Campaign:
-    """Run many independent tasks, on this machine or many; with a folder, what is killed goes on.
+    """Run many independent tasks, on one machine or many; a folder lets a killed campaign resume.
 
     Parameters
     ----------
@@ -69,17 +68,17 @@ def campaign(
         Name -> (function, args, kwargs). An iterable is read as workers become free, so a million
         need not be listed.
     executor : optional
-        Where they run: a `concurrent.futures.Executor`, a Dask ``Client``, or a function that makes
-        one, which is called again when a worker was killed. By default threads, one per core.
+        A `concurrent.futures.Executor`, a Dask ``Client``, or a function that makes one, which is
+        called again when a worker was killed. By default threads, one per core.
     folder : str or Path, optional
-        Where results are kept: those that have `save` in files of their own, plain values and
-        arrays as JSON in ``ledger.sqlite``. Called again with the same tasks in the same order, and
-        maybe more after them, it does those that are not done. Memory then does not grow with the
-        number of tasks.
+        Folder of the results: those that have `save` in files of their own, plain values and arrays
+        as JSON in ``ledger.sqlite``. A later call with the same tasks in the same order, and maybe
+        more after them, does the unfinished ones. Memory then does not grow with the number of
+        tasks.
     retries : int
-        How often a task that fails, or kills its worker, is tried again.
+        Number of further attempts of a task that fails, or kills its worker.
     each : callable, optional
-        Called with name and result as they come, those kept in the folder before not among them.
+        Called with name and result of each task that ends, not of those that the folder held.
     progress : bool
         Show a progress bar, with the time left, where standard error is a terminal.
 
@@ -98,8 +97,8 @@ def campaign(
     Notes
     -----
     Results do not depend on the number of workers. Arguments that a file can hold are compared with
-    those of a folder value by value; functions by their text, and what they hold; other objects by
-    class and attributes.
+    those of a folder value by value; functions by their text and the values they hold; other
+    objects by class and attributes.
 
     See Also
     --------
@@ -115,47 +114,55 @@ def campaign(
     ZeroDivisionError: integer division or modulo by zero
     """
     retries = whole("retries", retries, "Give 0 or more.", least=0)
+    # A text is iterable, too: its letters would be refused one by one.
     if not isinstance(tasks, Iterable) or isinstance(tasks, str):
         raise ValueError(
             f"tasks must be a mapping or pairs; got a value of type {type(tasks).__name__}. {_FORM}"
         )
+    # An iterator has no length; its progress bar counts without an end.
     total = len(tasks) if isinstance(tasks, Sized) else None
-    where = Executor(executor)
+    pool = Executor(executor)
     with (
-        InMemory() if folder is None else Ledger(folder) as kept,
+        InMemory() if folder is None else Ledger(folder) as ledger,
         progress_bar(total, "campaign", "task", progress) as bar,
     ):
-        for (number, name), result, error in finished(
-            _open(tasks, kept, bar.update), where, retries
-        ):
+        # `finished` takes one task at a time, so that the ledger need not hold them all.
+        calls = _open(tasks, ledger, bar.update)
+        for (number, name), result, error in finished(calls, pool, retries):
             if error is None:
                 try:
-                    result = kept.done(number, name, result)
+                    result = ledger.done(number, name, result)
                 except (ValueError, TypeError) as refused:
+                    # A full disk ends the campaign; a result that no file can hold fails alone.
                     if str(refused).startswith("folder "):
                         raise
                     error = ValueError(f"its result must be kept in a file; {refused}")
             if error is not None:
-                kept.failed(number, name, reason(error))
+                ledger.failed(number, name, reason(error))
             elif each is not None:
+                # A failed task also counts as ended.
                 each(name, result)
             bar.update()
-    return Campaign(results=kept.ended("done"), errors=kept.ended("failed"))
+    return Campaign(results=ledger.ended("done"), errors=ledger.ended("failed"))
 
 
-def _open(tasks: Tasks, kept: Any, skipped: Callable[[], Any]) -> Iterator[Any]:
-    """The tasks that are not done, as calls with (number, name)."""
+def _open(tasks: Tasks, ledger: Any, skipped: Callable[[], Any]) -> Iterator[Any]:
+    """Unfinished tasks, as calls with (number, name)."""
     fingerprints = _Fingerprints()
+    # The pairs may be endless or read from a file: one at a time.
     for number, pair in enumerate(tasks.items() if isinstance(tasks, Mapping) else tasks):
-        name, parts = _checked(pair)
-        if kept.begins(number, name, fingerprints.of(parts) if isinstance(kept, Ledger) else None):
-            yield (number, name), parts
+        name, call = _checked(pair)
+        # In memory no earlier call can have had other tasks of these names.
+        work = fingerprints.of(call) if isinstance(ledger, Ledger) else None
+        if ledger.begins(number, name, work):
+            yield (number, name), call
         else:
             skipped()
 
 
 def _checked(pair: Any) -> tuple[str, Any]:
     """Name and (function, args, kwargs) of a task."""
+    # A mistake in the form of a task is met here, not on a worker.
     if (
         not isinstance(pair, tuple | list)
         or len(pair) != 2
@@ -165,68 +172,75 @@ def _checked(pair: Any) -> tuple[str, Any]:
         raise ValueError(
             f"a task must be a name and (function, args, kwargs); got {pair!r:.80}. {_FORM}"
         )
-    name, parts = pair
-    sound = isinstance(parts, tuple | list) and len(parts) == 3 and callable(parts[0])
-    if not sound or not isinstance(parts[1], tuple | list) or not isinstance(parts[2], Mapping):
+    name, call = pair
+    sound = isinstance(call, tuple | list) and len(call) == 3 and callable(call[0])
+    if not sound or not isinstance(call[1], tuple | list) or not isinstance(call[2], Mapping):
         raise ValueError(
-            f"task {name!r:.60} must be (function, args, kwargs); got {parts!r:.80}. {_FORM}"
+            f"task {name!r:.60} must be (function, args, kwargs); got {call!r:.80}. {_FORM}"
         )
-    return name, parts
+    return name, call
 
 
 class _Fingerprints:
-    """SHA-256 of tasks; what does not change, and comes again with the next task, is worked out
-    once.
-    """
+    """SHA-256 of tasks; that of a frozen value which comes again with the next task is reused."""
 
     def __init__(self) -> None:
-        self._last: dict[int, tuple[Any, Any]] = {}
-        # objects that are being told: one that holds itself ends there
+        # Id -> (value, fingerprint) of the frozen values used last. The value itself is held, so
+        # that no other object gets its id.
+        self._recent: dict[int, tuple[Any, Any]] = {}
+        # Ids of the objects being described: one that holds itself ends there.
         self._within: list[int] = []
 
-    def of(self, parts: Any) -> str:
-        function, args, kwargs = parts
-        called = (
-            self._told(function),
-            *map(self._one, args),
-            {k: self._one(v) for k, v in kwargs.items()},
-        )
-        return fingerprint(called)
+    def of(self, call: Any) -> str:
+        function, args, kwargs = call
+        text = self._described(function)
+        values = [self._value(value) for value in args]
+        named = {name: self._value(value) for name, value in kwargs.items()}
+        return fingerprint((text, *values, named))
 
-    def _one(self, value: Any) -> Any:
+    def _value(self, value: Any) -> Any:
         if value is None or isinstance(value, bool | int | float | str):
             return value
+        # Only what cannot change may be reused.
         frozen = field_names(type(value)) is not None
-        if frozen and id(value) in self._last:
-            return self._last[id(value)][1]
+        if frozen and id(value) in self._recent:
+            return self._recent[id(value)][1]
         try:
-            made = fingerprint(value)
+            digest = fingerprint(value)
         except ValueError:
-            made = self._told(value)
+            # No file can hold it.
+            digest = self._described(value)
         if frozen:
-            self._last = dict([*self._last.items(), (id(value), (value, made))][-16:])
-        return made
+            # Tasks share a handful of records and arms; sixteen bound the memory. Chosen by hand.
+            recent = [*self._recent.items(), (id(value), (value, digest))]
+            self._recent = dict(recent[-16:])
+        return digest
 
-    def _told(self, thing: Any) -> str:
-        """Of a function its text, and what a method, closure or `partial` holds; of an object
-        class and attributes.
+    def _described(self, thing: Any) -> str:
+        """Fingerprint of a function by its text and the values it holds, else of an object.
+
+        A method holds its object, a closure its variables, a `partial` its arguments; an object is
+        its class and attributes.
         """
         if id(thing) in self._within:
             return ""
+        # A `partial` and a method are called as their function with more arguments.
         self._within.append(id(thing))
         try:
             if isinstance(thing, functools.partial):
                 return self.of((thing.func, thing.args, thing.keywords))
+            # Two closures of one text differ by the values that they hold.
             if inspect.ismethod(thing):
                 return self.of((thing.__func__, (thing.__self__,), {}))
             if inspect.isfunction(thing) and (
                 thing.__closure__ or thing.__defaults__ or thing.__kwdefaults__
             ):
+                # An empty cell belongs to a variable that is not assigned yet.
                 cells = [
                     cell.cell_contents for cell in thing.__closure__ or () if cell != CellType()
                 ]
-                held = _text_of(thing), *cells, *(thing.__defaults__ or ())
-                return self.of((type(thing), held, thing.__kwdefaults__ or {}))
+                values = (_text_of(thing), *cells, *(thing.__defaults__ or ()))
+                return self.of((type(thing), values, thing.__kwdefaults__ or {}))
             if inspect.isroutine(thing) or inspect.isclass(thing):
                 return _text_of(cast(Any, thing))
             return self.of((type(thing), (), getattr(thing, "__dict__", {})))
@@ -236,7 +250,7 @@ class _Fingerprints:
 
 @functools.lru_cache(maxsize=256)
 def _text_of(function: Any) -> str:
-    """What tells functions apart: their text; of those that have none, the name."""
+    """Source text of a function or class; its name where it has none, as compiled ones."""
     try:
         return inspect.getsource(inspect.unwrap(function))
     except (OSError, TypeError):

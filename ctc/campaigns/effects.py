@@ -1,14 +1,13 @@
-"""One parameter over a fleet: mean, what robots differ by, what logs of one robot differ by, slope
-with temperature.
+"""Mixed-effects model of one parameter over a fleet: robots, weeks, slope with temperature.
 
 value = mean + robot + slope (temperature - its mean) + week + error, robot and week random, error
-of known variance: the variances by restricted maximum likelihood
-(`identification.equation_error.random_effects`), that of weeks about the means of the robots, that
-of robots on these means; the slope by weighted least squares within robots, in turn with it. Robots
-that scatter beyond the others (chi-square), or lie apart from them (Student), count in neither
-variance.
+of known variance. Restricted maximum likelihood (`identification.equation_error.random_effects`)
+gives the variance of weeks about the means of the robots, then that of robots about their common
+mean; weighted least squares within robots gives the slope, in turn with the former. Robots that
+scatter beyond the rest (chi-square), or lie apart from it (Student), count in neither variance.
 """
 
+import dataclasses
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
@@ -19,16 +18,31 @@ from identification.equation_error.least_squares import wider
 from identification.equation_error.random_effects import restricted
 from plant.parts.fields import Floats
 
-APART = 0.01  # probability, over all robots looked at, with which one is set apart by chance
 
-_ROUNDS = 3  # of variance and slope in turn
-_FEWEST = 4  # robots of which one can lie apart from the others
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EffectSettings:
+    """How the effects of a fleet are estimated; chosen by hand.
+
+    Parameters
+    ----------
+    apart : float
+        Probability of a false alarm, over all robots compared, below which one is set apart.
+    rounds : int
+        Alternations of the variance between weeks and the slope with temperature.
+    fewest : int
+        Robots of which one can still lie apart from the rest.
+    """
+
+    apart: float = 0.01
+    rounds: int = 3
+    fewest: int = 4
+
+
+EFFECTS = EffectSettings()
 
 
 class Values(NamedTuple):
-    """One parameter in all logs of a fleet (M,), in the order of time; `robot` is a place in
-    `robots`.
-    """
+    """One parameter in all logs of a fleet (M,), in the order of time; `robot` indexes `robots`."""
 
     name: str
     label: str
@@ -42,9 +56,12 @@ class Values(NamedTuple):
 
 
 class Effect(NamedTuple):
-    """Of one parameter: standard deviations between weeks and robots, NaN where not known; of each
-    robot (J,) mean, its standard deviation, and the probability that one of all would lie so far
-    apart from the others by chance.
+    """Effects on one parameter.
+
+    `robots` and `weeks` are standard deviations between robots and between weeks, NaN where they
+    do not follow from the logs; `freedom` belongs to `weeks`. `means`, `std` and `apart` (J,) are
+    for each robot its mean, the standard deviation of that, and the probability that chance sets
+    any of the robots so far apart from the rest.
     """
 
     of: Values
@@ -60,111 +77,145 @@ class Effect(NamedTuple):
 
 
 def values_of(rows: Iterable[Any]) -> Iterator[Values]:
-    """Each parameter in all logs that tell it, of rows of a fleet in the order of time."""
-    told = dict[str, list[Any]]()
+    """Group rows of a fleet, in the order of time, by parameter; assumed values are left out."""
+    by_name = dict[str, list[Any]]()
     for row in rows:
         if row.std is not None:
-            told.setdefault(row.name, []).append(row)
-    for name, own in told.items():
-        robots = {robot: i for i, robot in enumerate(dict.fromkeys(row.robot for row in own))}
-        at = np.array([robots[row.robot] for row in own], dtype=np.intp)
-        columns = np.array(
-            [(row.time, row.temperature, row.value, row.std) for row in own], dtype=float
-        ).T
-        yield Values(name, own[-1].label, own[-1].unit, tuple(robots), at, *columns)
+            by_name.setdefault(row.name, []).append(row)
+    for name, logs in by_name.items():
+        # Robots are counted in the order in which their first logs come.
+        robots = {robot: i for i, robot in enumerate(dict.fromkeys(row.robot for row in logs))}
+        robot = np.array([robots[row.robot] for row in logs], dtype=np.intp)
+        table = [(row.time, row.temperature, row.value, row.std) for row in logs]
+        columns = np.array(table, dtype=float).T
+        # Label and unit are those of the newest log.
+        yield Values(name, logs[-1].label, logs[-1].unit, tuple(robots), robot, *columns)
 
 
 def effect_of(values: Values) -> Effect:
-    """The mixed-effects view of one parameter."""
+    """Fit the mixed-effects model to one parameter."""
     count = len(values.robots)
     robot = values.robot
+    # Logs without a temperature get a weight of zero in all that concerns the slope.
     warm = np.isfinite(values.temperature)
     temperature = np.where(warm, values.temperature, 0.0)
     slope = 0.0
     slope_std = np.nan
 
-    def mean(weight: Floats, what: Floats) -> Floats:
+    def mean(weight: Floats, quantity: Floats) -> Floats:
         """Weighted mean of each robot (J,)."""
+        # A robot without weight gets a mean of zero in place of 0 / 0.
         total = np.bincount(robot, weight, count)
-        return np.asarray(
-            np.bincount(robot, weight * what, count) / np.where(total > 0, total, 1.0)
-        )
+        sums = np.bincount(robot, weight * quantity, count)
+        return np.asarray(sums / np.where(total > 0, total, 1.0))
 
-    for _ in range(_ROUNDS if warm.any() else 1):
+    # 1. Variance between weeks and slope depend on each other: estimate them in turn.
+    for _ in range(EFFECTS.rounds if warm.any() else 1):
         weeks, freedom = _between_weeks(values, values.value - slope * temperature)
         weight = 1 / (values.std**2 + np.nan_to_num(weeks) ** 2)
-        known = weight * warm
-        apart = (temperature - mean(known, temperature)[robot]) * warm
-        squares = float((known * apart**2).sum())
+        slope_weight = weight * warm
+        # Only differences within a robot count: its mean may have any cause.
+        deviation = (temperature - mean(slope_weight, temperature)[robot]) * warm
+        squares = float((slope_weight * deviation**2).sum())
         if squares > 0 and freedom > 1:
-            left = values.value - mean(known, values.value)[robot]
-            slope = float((known * apart * left).sum()) / squares
+            residual = values.value - mean(slope_weight, values.value)[robot]
+            slope = float((slope_weight * deviation * residual).sum()) / squares
+            # The slope takes one degree of freedom; Student's quantile widens its interval.
             slope_std = float(wider(freedom - 1)) / np.sqrt(squares)
-    level = float((known * temperature).sum()) / max(float(known.sum()), 1e-300)
-    own = mean(weight, values.value - slope * (temperature - level) * warm)
+
+    # 2. Means of the robots, all at the mean temperature of the fleet.
+    level = float((slope_weight * temperature).sum()) / max(float(slope_weight.sum()), 1e-300)
+    means = mean(weight, values.value - slope * (temperature - level) * warm)
     std = 1 / np.sqrt(np.bincount(robot, weight, count))
-    middle, robots, chance = _between_robots(values.name, own, std)
-    found = float(slope) if np.isfinite(slope_std) else np.nan
-    return Effect(values, middle, robots, weeks, freedom, found, slope_std, own, std, chance)
+
+    # 3. What these means differ by.
+    fit, chance = _between_robots(values.name, means, std)
+    between = float(np.sqrt(fit.between))
+    if not np.isfinite(slope_std):
+        slope = np.nan
+    return Effect(
+        values, fit.mean, between, weeks, freedom, float(slope), slope_std, means, std, chance
+    )
 
 
 def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
-    """Standard deviation between logs of one robot, and degrees of freedom of it; NaN, 0 where
-    no robot has two.
+    """Standard deviation between logs of one robot, and its degrees of freedom.
+
+    They are NaN and 0 where no robot has two logs.
     """
     from scipy.special import chdtri
 
+    # Rank of each log among those of its robot, in the order of time.
     logs = np.bincount(values.robot, minlength=len(values.robots))
     order = np.argsort(values.robot, kind="stable")
-    place = np.empty(len(y), int)
-    place[order] = np.arange(len(y)) - np.repeat(np.cumsum(logs) - logs, logs)
-    each, std, share = np.zeros((3, logs.max(), len(logs)))
-    std += 1.0
-    each[place, values.robot], std[place, values.robot], share[place, values.robot] = (
-        y,
-        values.std,
-        1.0,
-    )
-    kept = np.flatnonzero(logs > 1)
-    limit = chdtri(np.maximum(logs - 1, 1), APART / max(len(kept), 1))
-    while len(kept):
-        some = each[:, kept], std[:, kept], share[:, kept]
-        variance = restricted(values.label, *some)
-        weight = some[2] / (some[1] ** 2 + variance)
-        middle = (weight * some[0]).sum(axis=0) / weight.sum(axis=0)
-        beyond = (weight * (some[0] - middle) ** 2).sum(axis=0) / limit[kept]
-        if beyond.max() <= 1 or len(kept) < _FEWEST:
-            return float(np.sqrt(variance)), int((logs[kept] - 1).sum())
-        kept = np.delete(kept, beyond.argmax())
+    rank = np.empty(len(y), int)
+    rank[order] = np.arange(len(y)) - np.repeat(np.cumsum(logs) - logs, logs)
+    # One column per robot; `share` is 0 below its last log.
+    shape = (logs.max(), len(logs))
+    value = np.zeros(shape)
+    std = np.ones(shape)
+    share = np.zeros(shape)
+    value[rank, values.robot] = y
+    std[rank, values.robot] = values.std
+    share[rank, values.robot] = 1.0
+
+    # Set the robot that scatters most aside, and fit again, until the rest is of one kind.
+    robots = np.flatnonzero(logs > 1)
+    limit = chdtri(np.maximum(logs - 1, 1), EFFECTS.apart / max(len(robots), 1))
+    while len(robots):
+        v, s, present = value[:, robots], std[:, robots], share[:, robots]
+        variance = restricted(values.label, v, s, present)
+        weight = present / (s**2 + variance)
+        centre = (weight * v).sum(axis=0) / weight.sum(axis=0)
+        beyond = (weight * (v - centre) ** 2).sum(axis=0) / limit[robots]
+        if beyond.max() <= 1 or len(robots) < EFFECTS.fewest:
+            return float(np.sqrt(variance)), int((logs[robots] - 1).sum())
+        robots = np.delete(robots, beyond.argmax())
     return np.nan, 0
 
 
-def _between_robots(name: str, own: Floats, std: Floats) -> tuple[float, float, Floats]:
-    """Mean of a fleet, standard deviation between its robots, and the chance of each of lying so
-    far apart.
+class _Population(NamedTuple):
+    """Mean of some robots, the variance of that mean, and the variance between the robots."""
 
-    The robot that is farthest from the others is tested, and set apart, one after the other.
+    mean: float
+    variance: float
+    between: float
+
+
+def _between_robots(name: str, means: Floats, std: Floats) -> tuple[_Population, Floats]:
+    """Fit a fleet to the means of its robots, and give each robot's chance of lying so far apart.
+
+    The robot that is farthest from the rest is tested, and set apart, one after the other.
     """
     from scipy.special import stdtr
 
-    def fitted(some: NDArray[np.intp]) -> tuple[float, float, float]:
-        """Mean, its variance, and the variance between these robots."""
-        each = own[some, None], std[some, None], np.ones((len(some), 1))
-        between = restricted(name, *each) if len(some) > 1 else np.nan
-        weight = 1 / (std[some] ** 2 + np.nan_to_num(between))
-        return float((weight * own[some]).sum() / weight.sum()), 1 / float(weight.sum()), between
+    def fitted(robots: NDArray[np.intp]) -> _Population:
+        # One robot has no variance between robots.
+        between = np.nan
+        if len(robots) > 1:
+            ones = np.ones((len(robots), 1))
+            between = restricted(name, means[robots, None], std[robots, None], ones)
+        weight = 1 / (std[robots] ** 2 + np.nan_to_num(between))
+        mean = float((weight * means[robots]).sum() / weight.sum())
+        return _Population(mean, 1 / float(weight.sum()), between)
 
-    kept = np.arange(len(own))
-    chance = np.ones(len(own))
-    found = fitted(np.arange(len(own)))
-    while len(kept) >= max(_FEWEST, 3 * len(own) // 4):
-        worst = kept[np.argmax(np.abs(own[kept] - found[0]) / np.sqrt(std[kept] ** 2 + found[2]))]
-        rest = kept[kept != worst]
-        mean, variance, between = fitted(rest)
-        apart = abs(own[worst] - mean) / np.sqrt(variance + between + std[worst] ** 2)
-        chance[worst] = min(1.0, len(own) * 2 * float(stdtr(len(rest) - 1, -apart)))
-        if chance[worst] >= APART:
+    count = len(means)
+    chance = np.ones(count)
+    robots = np.arange(count)
+    fit = fitted(robots)
+    # A quarter of the fleet at most is set apart: beyond that the rest is no norm.
+    while len(robots) >= max(EFFECTS.fewest, 3 * count // 4):
+        distance = np.abs(means[robots] - fit.mean) / np.sqrt(std[robots] ** 2 + fit.between)
+        worst = robots[np.argmax(distance)]
+        # The robot must not widen the distribution that it is tested against.
+        rest = robots[robots != worst]
+        without = fitted(rest)
+        spread = np.sqrt(without.variance + without.between + std[worst] ** 2)
+        apart = abs(means[worst] - without.mean) / spread
+        # Two tails, times the number of robots that could have been the farthest (Bonferroni).
+        chance[worst] = min(1.0, count * 2 * float(stdtr(len(rest) - 1, -apart)))
+        if chance[worst] >= EFFECTS.apart:
             break
-        kept = rest
-        found = (mean, variance, between)
-    return found[0], float(np.sqrt(found[2])), chance
+        robots = rest
+        fit = without
+    return fit, chance

@@ -1,4 +1,4 @@
-"""What was identified of many robots over time, in one SQLite file that other tools may query.
+"""Identifications of many robots over time, in one SQLite file that other tools may query.
 
 The tables and their columns stand in ``docs/guides/campaigns.md``; format 1 is `_SCHEMA`.
 """
@@ -24,32 +24,47 @@ from plant.parts.arguments import instance, known_options, real
 from plant.parts.files import path_of, require_new, write_whole
 from plant.parts.saved import fingerprint, versions
 
-_MARK = 0x6F6E6570  # application_id of the file
-_FORMAT = 1  # user_version
+# `application_id` of the file: other tools recognise it by this number, so it never changes.
+_MARK = 0x6F6E6570
+# `user_version` of the file: it grows with the schema, so that an older library refuses the file.
+_FORMAT = 1
 _SCHEMA = """
 create table robots (id integer primary key, name text unique not null);
-create table identifications (id integer primary key autoincrement, robot integer not null references robots,
-    time real not null, temperature real, method text not null, versions text not null, covariance text not null);
-create table logs (id integer primary key, identification integer not null references identifications on delete cascade,
-    name text not null, samples integer not null, seconds real not null, sha256 text unique not null);
-create table parameters (identification integer not null references identifications on delete cascade,
-    place integer not null, name text not null, label text not null, unit text not null, value real not null, std real,
-    primary key (identification, place));
+create table identifications (
+    id integer primary key autoincrement, robot integer not null references robots,
+    time real not null, temperature real, method text not null, versions text not null,
+    covariance text not null);
+create table logs (
+    id integer primary key,
+    identification integer not null references identifications on delete cascade,
+    name text not null, samples integer not null, seconds real not null,
+    sha256 text unique not null);
+create table parameters (
+    identification integer not null references identifications on delete cascade,
+    place integer not null, name text not null, label text not null, unit text not null,
+    value real not null, std real, primary key (identification, place));
 create index by_robot on identifications (robot, time);
 """
+# Mark and version, and whether the file is new.
 _HEAD = """select application_id, user_version, not exists (select * from sqlite_master)
     from pragma_application_id, pragma_user_version"""
-_ROWS = """select robots.name, time, temperature, parameters.name, label, value, std, unit from parameters
-    join identifications on identifications.id = identification join robots on robots.id = robot
+# All values in the order of time; the columns are the fields of `FleetRow`.
+_ROWS = """select robots.name, time, temperature, parameters.name, label, value, std, unit
+    from parameters join identifications on identifications.id = identification
+    join robots on robots.id = robot
     order by time, identification, place"""
+# The identification of a log that is added again; its rows of other tables go with it.
 _REPLACED = (
     "delete from identifications where id in (select identification from logs where sha256 = ?)"
 )
+# Other robots that a log was added for.
 _OF = """select robots.name from logs join identifications on identifications.id = identification
     join robots on robots.id = robot where sha256 = ? and robots.name != ?"""
+# The robot's number comes from its name, within the statement.
 _IDENTIFIED = (
     "insert into identifications select null, id, ?, ?, ?, ?, ? from robots where name = ?"
 )
+# Kind of a parameter of the drive -> its name in a change.
 _WORDS = {
     "drive.viscous": "viscous friction",
     "drive.coulomb": "Coulomb friction",
@@ -60,11 +75,13 @@ _WORDS = {
     "drive.elasticity.damping": "gear damping",
     "drive.elasticity.backlash": "backlash of the gear",
 }
-# probability of a false alarm, over all parameters of a log, below which a change is called one
+# Probability of a false alarm, over all parameters of a log, below which a change is reported: one
+# log in a thousand.
 LEVEL = 1e-3
 
-
-_FEW = 30  # robots; of more, a log that is judged weighs little in what weeks differ by
+# Robots up to which a log is judged without itself; in larger fleets it hardly counts in the
+# scatter of weeks, and one fit of the effects serves all robots. Chosen by hand.
+_FEW = 30
 
 
 class FleetRow(NamedTuple):
@@ -81,12 +98,12 @@ class FleetRow(NamedTuple):
 
 
 class Fleet:
-    """Robots and what was identified of them, week after week, in one file.
+    """Identified parameters of many robots, week after week, in one SQLite file.
 
     Parameters
     ----------
     path : str or Path
-        A SQLite file; made if it is not there.
+        A SQLite file; a new one is made.
 
     Raises
     ------
@@ -96,8 +113,8 @@ class Fleet:
     Notes
     -----
     Iterating gives the judgement of each robot's last log, the one that needs attention first in
-    front; ``len`` is the number of identifications. What is judged, and how, stands in
-    ``docs/guides/campaigns.md``.
+    front; ``len`` is the number of identifications. ``docs/guides/campaigns.md`` describes how a
+    log is judged.
 
     See Also
     --------
@@ -108,7 +125,8 @@ class Fleet:
     >>> from ctc import Fleet
     >>> from identification import fit_torque
     >>> from plant import Record, puma560, simulate
-    >>> arm, rig, path, fleet = puma560.arm(), puma560.rig(), puma560.reference(), Fleet("fleet.sqlite")
+    >>> arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
+    >>> fleet = Fleet("fleet.sqlite")
     >>> for week in range(3):
     ...     log = simulate(arm, rig, puma560.p_law(), path, duration=2 + week / 100)
     ...     fit = fit_torque(arm.dynamics, log, band=20.0)
@@ -120,21 +138,21 @@ class Fleet:
 
     def __init__(self, path: str | Path) -> None:
         self.path = path_of("path", path)
-        self._known: tuple[Any, tuple[Effect, ...]] = (None, ())
+        # State of the file -> its effects: many judgements ask for them, each fit takes a while.
+        self._cached: tuple[Any, tuple[Effect, ...]] = (None, ())
         try:
             with self._base() as base:
-                mark, made, fresh = base.execute(_HEAD).fetchone()
-                if fresh:
-                    base.executescript(
-                        f"{_SCHEMA} pragma application_id = {_MARK}; pragma user_version ="
-                        f" {_FORMAT};"
-                    )
+                mark, version, new = base.execute(_HEAD).fetchone()
+                if new:
+                    pragmas = f"pragma application_id = {_MARK}; pragma user_version = {_FORMAT};"
+                    base.executescript(f"{_SCHEMA} {pragmas}")
         except (sqlite3.DatabaseError, OSError) as error:
             raise ValueError(
                 f"path must be a file of a Fleet, or a new one; {self.path}: {error}. Name it."
             ) from None
-        if not fresh and (mark != _MARK or made != _FORMAT):
-            got = f"of format {made}" if mark == _MARK else "another database"
+        # Another database must not get the tables of a fleet.
+        if not new and (mark != _MARK or version != _FORMAT):
+            got = f"of format {version}" if mark == _MARK else "another database"
             raise ValueError(
                 f"path must be a file of a Fleet of format {_FORMAT}; {self.path} is {got}. Name"
                 " another."
@@ -142,19 +160,22 @@ class Fleet:
 
     @contextlib.contextmanager
     def _base(self) -> Iterator[sqlite3.Connection]:
+        # A connection for each use: between them no file is open.
         with contextlib.closing(sqlite3.connect(self.path)) as base:
+            # SQLite deletes dependent rows only where a connection demands it.
             base.execute("pragma foreign_keys = on")
+            # Commits at the end, and takes all back after an exception.
             with base:
                 yield base
 
     @known_options
-    def add(self, *found: Any, notes: Mapping[str, Any] | None = None) -> None:
-        """Keep an identification, in place of one of the same log.
+    def add(self, *results: Any, notes: Mapping[str, Any] | None = None) -> None:
+        """Store an identification, in place of one of the same log.
 
         Parameters
         ----------
-        *found : Identification, or Record and what was identified of it
-            Of `identification.identify` or `identification.fit_torque`; a record beside it says
+        *results : Identification, or Record and its Identification or TorqueFit
+            Of `identification.identify` or `identification.fit_torque`; the notes of a record give
             robot and time.
         notes : dict, optional
             ``robot``, ``time`` and ``temperature`` in place of those of the record.
@@ -164,33 +185,38 @@ class Fleet:
         ValueError
             Without covariance, robot or time; logs of several robots.
         """
-        log, source = logged(found, notes)
+        log, source = logged(results, notes)
+        # The content of a record marks a log, whatever its file is called.
         sums = [fingerprint(record) for record in source.records]
-        warm = log.temperature if math.isfinite(log.temperature) else None
-        texts = (
-            source.method,
-            json.dumps(versions()),
-            json.dumps(np.nan_to_num(source.covariance).tolist()),
-        )
-        labels = _labels(source.dynamics, source.names), units(source.dynamics, source.names)
+        temperature = log.temperature if math.isfinite(log.temperature) else None
+        # JSON has no NaN.
+        covariance = json.dumps(np.nan_to_num(source.covariance).tolist())
+        texts = (source.method, json.dumps(versions()), covariance)
+        labels = _labels(source.dynamics, source.names)
+        columns = zip(labels, units(source.dynamics, source.names), log.values.items(), strict=True)
+        # One transaction: a failure leaves the file as it was.
         with self._base() as base:
-            for known in sums:
-                for (other,) in base.execute(_OF, (known, log.robot)):
+            # 1. A log that is in the file: of another robot it is a mistake, else it is replaced.
+            for digest in sums:
+                for (robot,) in base.execute(_OF, (digest, log.robot)):
                     raise ValueError(
-                        f"a log must be of one robot; this one is of {other!r} already. Name it so."
+                        f"a log must be of one robot; this one is of {robot!r} already. Name it so."
                     )
-            base.executemany(_REPLACED, [(each,) for each in sums])
+            base.executemany(_REPLACED, [(digest,) for digest in sums])
+
+            # 2. The identification, its logs, its values.
             base.execute("insert or ignore into robots (name) values (?)", (log.robot,))
-            number = base.execute(_IDENTIFIED, (log.time, warm, *texts, log.robot)).lastrowid
+            row = (log.time, temperature, *texts, log.robot)
+            number = base.execute(_IDENTIFIED, row).lastrowid
             rows = [
-                (None, number, record.name, len(record), float(np.ptp(record.t)), each)
-                for record, each in zip(source.records, sums, strict=True)
+                (None, number, record.name, len(record), float(np.ptp(record.t)), digest)
+                for record, digest in zip(source.records, sums, strict=True)
             ]
             base.executemany("insert into logs values (?, ?, ?, ?, ?, ?)", rows)
-            each = enumerate(zip(*labels, log.values.items(), strict=True))
+            # A value that was assumed has no standard deviation.
             values = [
-                (number, i, name, label, unit, value, std if 0 < std < math.inf else None)
-                for i, (label, unit, (name, (value, std))) in each
+                (number, place, name, label, unit, value, std if 0 < std < math.inf else None)
+                for place, (label, unit, (name, (value, std))) in enumerate(columns)
             ]
             base.executemany("insert into parameters values (?, ?, ?, ?, ?, ?, ?)", values)
 
@@ -202,70 +228,77 @@ class Fleet:
         return f"Fleet({str(self.path)!r}, {len(self)} identifications)"
 
     def parameters(self) -> list[FleetRow]:
-        """Every value in the order of time; see `to_csv`."""
+        """All values in the order of time; see `to_csv`."""
         with self._base() as base:
             return [FleetRow(*row) for row in base.execute(_ROWS)]
 
     def effects(self) -> tuple[Effect, ...]:
-        """Of each parameter: mean of the fleet, what robots and weeks differ by, slope with
-        temperature.
-        """
+        """Effects on each parameter: mean, scatter of robots and weeks, slope with temperature."""
+        # Numbers of identifications never return: count and largest show every change of the file.
         with self._base() as base:
             state = base.execute("select count(*), max(id) from identifications").fetchone()
-        if self._known[0] != state:
-            self._known = state, tuple(effect_of(each) for each in values_of(self.parameters()))
-        return self._known[1]
+        if self._cached[0] != state:
+            self._cached = state, tuple(map(effect_of, values_of(self.parameters())))
+        return self._cached[1]
 
     @known_options
     def judge(
-        self, *found: Any, notes: Mapping[str, Any] | None = None, level: float = LEVEL
+        self, *results: Any, notes: Mapping[str, Any] | None = None, level: float = LEVEL
     ) -> Judgement:
-        """A robot's new log against its own past: "same arm", or what changed.
+        """Judge a robot's new log against its own past: "same arm", or the changes.
 
         Parameters
         ----------
-        *found, notes
-            As of `add`; it need not have been added.
+        *results, notes
+            As of `add`; the log need not have been added.
         level : float
-            Probability of a false alarm below which a change is called one, over all parameters of
-            a log.
+            Probability of a false alarm, over all parameters of a log, below which a change is
+            reported.
 
         Returns
         -------
         Judgement
-            ``.verdict``, ``.changes`` with their probabilities, and ``.looked``, all that was
-            compared.
+            ``.verdict``, ``.changes`` with their probabilities, and ``.looked``, all
+            comparisons.
         """
         if not 0 < real("level", level, "Give a probability, such as 1e-3.") < 1:
             raise ValueError(
                 f"level must be between 0 and 1; got {level:g}. Give a probability, such as 1e-3."
             )
-        log = logged(found, notes)[0]
+        log, _ = logged(results, notes)
         return judged(log, self._before(log, self.parameters()), level)
 
     def _before(self, log: Logged, rows: Sequence[FleetRow]) -> tuple[Effect, ...]:
-        """As `effects`, of all but this log and what its robot did after it; in large fleets it
-        hardly counts.
-        """
+        """Effects of all but this log and later ones of its robot; in large fleets, `effects`."""
+        # What its robot did later would make a judgement depend on the date of the call.
+        # In a small fleet a defect would widen the scatter of weeks, and excuse itself.
         past = [row for row in rows if row.robot != log.robot or row.time < log.time]
-        alone = len(past) < len(rows) and len({row.robot for row in rows}) <= _FEW
-        return tuple(effect_of(each) for each in values_of(past)) if alone else self.effects()
+        small = len({row.robot for row in rows}) <= _FEW
+        if small and len(past) < len(rows):
+            return tuple(map(effect_of, values_of(past)))
+        return self.effects()
 
     def __iter__(self) -> Iterator[Judgement]:
-        last = dict[str, Logged]()
+        # The newest log of each robot; its rows follow one another.
+        newest = dict[str, Logged]()
         rows = self.parameters()
         for row in rows:
-            if row.robot not in last or row.time > last[row.robot].time:
-                warm = math.nan if row.temperature is None else row.temperature
-                last[row.robot] = Logged(row.robot, row.time, warm, {})
-            last[row.robot].values[row.name] = row.value, row.std or 0.0
-        found = [judged(log, self._before(log, rows), LEVEL) for log in last.values()]
-        yield from sorted(
-            found, key=lambda each: (each.looked[0].false_alarm if each.looked else 1.0, each.robot)
-        )
+            if row.robot not in newest or row.time > newest[row.robot].time:
+                temperature = math.nan if row.temperature is None else row.temperature
+                newest[row.robot] = Logged(row.robot, row.time, temperature, {})
+            newest[row.robot].values[row.name] = row.value, row.std or 0.0
+
+        def urgency(judgement: Judgement) -> tuple[float, str]:
+            """Probability that the surest change is a false alarm; robots of the same by name."""
+            chance = judgement.looked[0].false_alarm if judgement.looked else 1.0
+            return chance, judgement.robot
+
+        judgements = [judged(log, self._before(log, rows), LEVEL) for log in newest.values()]
+        yield from sorted(judgements, key=urgency)
 
     def to_csv(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write `parameters` as CSV."""
+        # First the text, then the file as a whole: no reader ever sees a half.
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([FleetRow._fields, *self.parameters()])
         write_whole(require_new(path, overwrite), [text.getvalue()])
@@ -277,6 +310,8 @@ class Fleet:
             from pyarrow import parquet
         except ImportError:
             raise ValueError("to_parquet needs pyarrow: pip install 'onepulse[parquet]'.") from None
+        # A column without a value, such as temperatures, has no type of its own: the schema gives
+        # it.
         rows = [row._asdict() for row in self.parameters()]
         kinds = {
             name: pyarrow.string() if kind is str else pyarrow.float64()
@@ -287,25 +322,27 @@ class Fleet:
         write_whole(require_new(path, overwrite), [stream.getvalue()])
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw the parameters that changed most, of the robots that need attention, over the
-        fleet.
-        """
+        """Draw the parameters that changed most: robots that need attention over the fleet."""
         return plot_fleet(self.effects(), list(self), ax)
 
     def report(
         self, path: str | Path, *, title: str = "Fleet of robot arms", overwrite: bool = False
     ) -> None:
         """Write one HTML page, whose size does not grow with the number of logs or robots."""
-        page = fleet_page(
-            instance("title", title, str, "Give a line."), self.effects(), list(self), len(self)
-        )
+        # A wrong title is refused before the figures are drawn.
+        instance("title", title, str, "Give a line.")
+        page = fleet_page(title, self.effects(), list(self), len(self))
         write_whole(require_new(path, overwrite), [page])
 
 
 def _labels(dynamics: Any, names: Sequence[str]) -> Iterator[str]:
-    """What each parameter is called: ``viscous friction of joint 2 (q[0])``."""
+    """Parameters in words, such as ``viscous friction of joint 2 (q[0])``."""
     for name, short in zip(names, short_names(dynamics, names), strict=True):
         kind, _, place = name.removesuffix("]").partition("[")
-        known = kind in _WORDS and place.isdigit()
-        joint = dynamics.chain.joint_labels[int(place)].split(" (q[")[0] if known else ""
-        yield f"{_WORDS[kind]} of {joint}" if known else short
+        # Parameters of the arm have short names of their own.
+        if kind not in _WORDS or not place.isdigit():
+            yield short
+            continue
+        # The label's "(q[i])" goes: a sentence names the joint, not its coordinate.
+        joint = dynamics.chain.joint_labels[int(place)].split(" (q[")[0]
+        yield f"{_WORDS[kind]} of {joint}"

@@ -1,6 +1,4 @@
-"""A robot's log against its own past: which parameters changed, each with its probability of a
-false alarm.
-"""
+"""Judge a robot's log against its own past: changed parameters, probabilities of a false alarm."""
 
 import contextlib
 import dataclasses
@@ -20,22 +18,41 @@ from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
+# Advice of two messages: where notes come from.
 _NOTES = (
     'Give notes={"robot": "cell_7", "time": "2026-05-12"}; of files, or in a plan,'
     ' notes="{robot}_{time}".'
 )
-# Unix s: neither parts of a date nor milliseconds
-_EARLIEST = 1e8
-_LATEST = 1e11
-_TAIL = 1e-6  # probability below which none is told
-_LINE = 3  # logs before it from which on a line is laid through a robot's
-_KNOWN = 3.0  # standard deviations of the past from which on a change is told as a share of it
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JudgementSettings:
+    """How a log is judged and a change is worded; chosen by hand.
+
+    Parameters
+    ----------
+    earliest, latest : float
+        Range of a time [Unix s]: smaller numbers are parts of a date, larger ones milliseconds.
+    tail : float
+        Smallest probability that is printed: no tail of a distribution holds beyond it.
+    line : int
+        Earlier logs of a robot from which on a line is laid through them.
+    relative : float
+        Standard deviations that the earlier value must exceed to give the change as a percentage.
+    """
+
+    earliest: float = 1e8
+    latest: float = 1e11
+    tail: float = 1e-6
+    line: int = 3
+    relative: float = 3.0
+
+
+JUDGEMENT = JudgementSettings()
 
 
 class Logged(NamedTuple):
-    """What one identification says of a robot at a time [Unix s]; `temperature` NaN where not
-    known.
-    """
+    """Values of one robot at a time [Unix s], each (value, std); `temperature` may be NaN."""
 
     robot: str
     time: float
@@ -44,7 +61,7 @@ class Logged(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Where it comes from."""
+    """Records, model and method of an identification, and names and covariance of its values."""
 
     records: tuple[Record, ...]
     dynamics: Dynamics
@@ -53,36 +70,17 @@ class Source(NamedTuple):
     covariance: Floats
 
 
-def logged(found: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Logged, Source]:
-    """What `Fleet` takes: an Identification, or a record and what was identified of it, with
-    notes of both.
-    """
-    fit = found[-1] if found else None
-    advice = "Give found, or record and found."
-    beside = len(found) == 2 and isinstance(found[0], Record)
-    if isinstance(fit, Identification) and (beside or len(found) == 1):
-        if fit.covariance is None:
-            why = fit.fit.fallback_reason or f"method {fit.search.method!r} gives none"
-            raise ValueError(
-                f"found must have a covariance; it has none: {why}. Identify with method 'seeded'."
-            )
-        own = fit.arm.dynamics, fit.search.method, tuple(fit.fit.unknown), fit.covariance
-        values = fit.fit.values
-        records = fit.records
-    elif isinstance(fit, TorqueFit) and beside:
-        own = (fit.dynamics, "fit_torque", fit.names, fit.covariance)
-        values = fit.values
-        records = ()
-    else:
-        got = ", ".join(type(each).__name__ for each in found) or "nothing"
-        raise ValueError(
-            f"a fleet takes what identify found, or a Record and what was found; got {got}."
-            f" {advice}"
-        )
-    records = (found[0],) if beside else records
-    said = [{**(record.notes or {}), **(notes or {})} for record in records]
-    robots = {str(each.get("robot", "")) for each in said}
-    missing = "robot" if robots == {""} else "time" if "time" not in said[0] else ""
+def logged(results: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Logged, Source]:
+    """Read what `Fleet` takes: an Identification, or a record and its fit, with notes of both."""
+    source, fitted = _source_of(results)
+    # Notes of the call go before those of the records.
+    remarks = [{**(record.notes or {}), **(notes or {})} for record in source.records]
+
+    # 1. The notes must name one robot and a time.
+    robots = {str(remark.get("robot", "")) for remark in remarks}
+    missing = "time" if "time" not in remarks[0] else ""
+    if robots == {""}:
+        missing = "robot"
     if missing:
         raise ValueError(
             f"the record must have notes of robot and time; {missing} is missing. {_NOTES}"
@@ -92,31 +90,61 @@ def logged(found: Sequence[Any], notes: Mapping[str, Any] | None) -> tuple[Logge
             f"records must be of one robot; got {', '.join(sorted(robots))}. Identify each by"
             " itself."
         )
-    warm = [
-        real("temperature", each["temperature"], "Give °C.")
-        for each in said
-        if "temperature" in each
+
+    # 2. Several records of one identification share its values: their mean temperature.
+    temperatures = [
+        real("temperature", remark["temperature"], "Give °C.")
+        for remark in remarks
+        if "temperature" in remark
     ]
-    std = np.sqrt(np.diag(own[-1]))
-    known = {
-        name: (value, s)
-        for name, value, s in zip(own[2], values.tolist(), std.tolist(), strict=True)
-    }
-    temperature = float(np.mean(warm)) if warm else np.nan
-    return Logged(robots.pop(), seconds_of(said[0]["time"]), temperature, known), Source(
-        tuple(records), *own
+    temperature = float(np.mean(temperatures)) if temperatures else np.nan
+    # A change is judged parameter by parameter: their correlations are not used.
+    std = np.sqrt(np.diag(source.covariance)).tolist()
+    pairs = zip(fitted.tolist(), std, strict=True)
+    values = dict(zip(source.names, pairs, strict=True))
+    return Logged(robots.pop(), seconds_of(remarks[0]["time"]), temperature, values), source
+
+
+def _source_of(results: Sequence[Any]) -> tuple[Source, Floats]:
+    """Source and values of an identification, or of a record and the fit of it."""
+    fit = results[-1] if results else None
+    beside = len(results) == 2 and isinstance(results[0], Record)
+    if isinstance(fit, Identification) and (beside or len(results) == 1):
+        if fit.covariance is None:
+            why = fit.fit.fallback_reason or f"method {fit.search.method!r} gives none"
+            raise ValueError(
+                f"found must have a covariance; it has none: {why}. Identify with method 'seeded'."
+            )
+        # A record given beside it stands for those that it was identified of.
+        records = (results[0],) if beside else tuple(fit.records)
+        names = tuple(fit.fit.unknown)
+        return (
+            Source(records, fit.arm.dynamics, fit.search.method, names, fit.covariance),
+            fit.fit.values,
+        )
+    if isinstance(fit, TorqueFit) and beside:
+        # A fit of torques keeps no record.
+        return (
+            Source((results[0],), fit.dynamics, "fit_torque", fit.names, fit.covariance),
+            fit.values,
+        )
+    got = ", ".join(type(result).__name__ for result in results) or "nothing"
+    raise ValueError(
+        f"a fleet takes the result of identify, or a Record and its fit; got {got}."
+        " Give found, or record and found."
     )
 
 
 def seconds_of(time: Any) -> float:
-    """Unix seconds of a note: a number, or a date of ISO 8601, of UTC where it says no other."""
+    """Unix seconds of a note: a number, or a date of ISO 8601, of UTC where it has no zone."""
     try:
         day = time if isinstance(time, datetime.datetime) else datetime.datetime.fromisoformat(time)
         return (day if day.tzinfo else day.replace(tzinfo=datetime.UTC)).timestamp()
     except (TypeError, ValueError):
         pass
+    # Names of files give numbers as texts.
     with contextlib.suppress(TypeError, ValueError):
-        if _EARLIEST <= float(time) < _LATEST:
+        if JUDGEMENT.earliest <= float(time) < JUDGEMENT.latest:
             return float(time)
     raise ValueError(
         f"time must be Unix seconds after 1973, or a date such as 2026-05-12; got {time!r:.40}."
@@ -125,8 +153,10 @@ def seconds_of(time: Any) -> float:
 
 
 class Change(NamedTuple):
-    """A parameter now and before, or, where it drifts, at the robot's first log, a time [Unix s];
-    `std` of the difference, and the probability of a false alarm.
+    """A parameter before and after, the standard deviation of the difference, its false alarm.
+
+    `since`: where the parameter drifts, the time [Unix s] of the robot's first log, at which
+    `before` holds.
     """
 
     name: str
@@ -139,17 +169,14 @@ class Change(NamedTuple):
     since: float | None = None
 
     def __str__(self) -> str:
-        by = abs(self.after) - abs(self.before)
-        said = "" if self.since is None else f" since {day_of(self.since)}"
-        if abs(self.before) > _KNOWN * self.std:
-            return (
-                f"{self.label} {'up' if by > 0 else 'down'} {100 * abs(by / self.before):.2g}"
-                f" %{said}"
-            )
-        return (
-            f"{self.label} changed by"
-            f" {f'{self.after - self.before:+.2g} {self.unit}'.rstrip()}{said}"
-        )
+        since = "" if self.since is None else f" since {day_of(self.since)}"
+        # A percentage of a value that noise hides would be arbitrary.
+        if abs(self.before) > JUDGEMENT.relative * self.std:
+            growth = abs(self.after) - abs(self.before)
+            direction = "up" if growth > 0 else "down"
+            return f"{self.label} {direction} {100 * abs(growth / self.before):.2g} %{since}"
+        difference = f"{self.after - self.before:+.2g} {self.unit}".rstrip()
+        return f"{self.label} changed by {difference}{since}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -204,19 +231,18 @@ class Judgement(Shown):
         return f"{self.robot}: {self.verdict}"
 
     def _shown(self) -> Iterator[Piece]:
-        yield Verdict(
-            f"{self.robot}, {self.day}: {self.verdict}", None if self.unknown else not self.changes
-        )
+        good = None if self.unknown else not self.changes
+        yield Verdict(f"{self.robot}, {self.day}: {self.verdict}", good)
         rows = [
             (
-                each.label,
-                f"{each.before:.4g}",
-                f"{each.after:.4g}",
-                each.unit,
-                f"{(each.after - each.before) / each.std:+.1f}",
-                chance_of(each.false_alarm),
+                change.label,
+                f"{change.before:.4g}",
+                f"{change.after:.4g}",
+                change.unit,
+                f"{(change.after - change.before) / change.std:+.1f}",
+                chance_of(change.false_alarm),
             )
-            for each in self.looked
+            for change in self.looked
         ]
         if rows:
             yield Table(
@@ -225,8 +251,9 @@ class Judgement(Shown):
 
 
 def chance_of(probability: float) -> str:
-    """In words; no tail of a distribution is known beyond one in a million."""
-    return f"{probability:.1g}" if probability >= _TAIL else f"below {_TAIL:g}"
+    """A probability in words, with a limit below which no distribution is trusted."""
+    tail = JUDGEMENT.tail
+    return f"{probability:.1g}" if probability >= tail else f"below {tail:g}"
 
 
 def day_of(time: float) -> str:
@@ -235,68 +262,88 @@ def day_of(time: float) -> str:
 
 
 def judged(log: Logged, effects: Sequence[Effect], level: float) -> Judgement:
-    """A log against those of the same robot before it."""
+    """Judge a log against the earlier ones of the same robot."""
     tests = list[Change]()
     unknown = "it has no log before this one of the same parameters"
     for effect in effects:
         of = effect.of
-        if log.robot not in of.robots or not 0 < log.values.get(of.name, (0.0, 0.0))[1] < np.inf:
+        _, std = log.values.get(of.name, (0.0, 0.0))
+        # A value that was assumed has no standard deviation, and nothing to compare.
+        if log.robot not in of.robots or not 0 < std < np.inf:
             continue
         past = (of.robot == of.robots.index(log.robot)) & (of.time < log.time)
         if past.any() and effect.freedom:
             tests += _tests(log, effect, past)
         elif past.any():
             unknown = "no robot has two logs yet, so what weeks differ by is not known"
+    # The surest test of each parameter speaks for it; all tests count as chances of a false alarm.
     surest = dict[str, Change]()
-    for each in sorted(tests, key=lambda each: each.false_alarm):
-        surest.setdefault(
-            each.name, each._replace(false_alarm=min(1.0, len(tests) * each.false_alarm))
-        )
-    said = "" if surest else unknown
+    for change in sorted(tests, key=lambda test: test.false_alarm):
+        false_alarm = min(1.0, len(tests) * change.false_alarm)
+        surest.setdefault(change.name, change._replace(false_alarm=false_alarm))
     return Judgement(
-        robot=log.robot, time=log.time, looked=tuple(surest.values()), level=level, unknown=said
+        robot=log.robot,
+        time=log.time,
+        looked=tuple(surest.values()),
+        level=level,
+        unknown="" if surest else unknown,
     )
 
 
 def _tests(log: Logged, effect: Effect, past: NDArray[np.bool_]) -> Iterator[Change]:
-    """One parameter against its past (M,), at the temperature of the new log where all are
-    known.
+    """Compare one parameter with its past (M,): its mean, then a line through all logs.
+
+    All values are converted to the temperature of the new log where every temperature is noted.
     """
     of = effect.of
-    (value, std), weight = log.values[of.name], 1 / (of.std[past] ** 2 + effect.weeks**2)
-    warmer = log.temperature - of.temperature[past]
+    value, std = log.values[of.name]
+    # Errors of a fit and scatter of weeks are independent: their variances add.
+    weight = 1 / (of.std[past] ** 2 + effect.weeks**2)
+    weight_now = 1 / (std**2 + effect.weeks**2)
     y = of.value[past]
-    cold = not (np.isfinite(effect.slope) and np.isfinite(warmer).all())
-    y, own = (y, 0.0) if cold else (y + effect.slope * warmer, effect.slope_std)
+    warmer = log.temperature - of.temperature[past]
+    slope_std = 0.0
+    if np.isfinite(effect.slope) and np.isfinite(warmer).all():
+        y = y + effect.slope * warmer
+        slope_std = effect.slope_std
+    else:
+        # Without a correction none of its error remains.
+        warmer = np.zeros(len(y))
+
+    # 1. Against the mean of the past: sees a step.
     total = float(weight.sum())
-    now = 1 / (std**2 + effect.weeks**2)
-    before = float((weight * y).sum()) / total
-    variance = (
-        1 / now + 1 / total + (0.0 if cold else own * float((weight * warmer).sum()) / total) ** 2
-    )
-    yield _change(effect, before, value, float(np.sqrt(variance)))
-    if len(y) < _LINE:
+    mean = float((weight * y).sum()) / total
+    by_slope = slope_std * float((weight * warmer).sum()) / total
+    variance = 1 / weight_now + 1 / total + by_slope**2
+    yield _change(effect, mean, value, float(np.sqrt(variance)))
+    # A line through fewer logs has more uncertainty than the step.
+    if len(y) < JUDGEMENT.line:
         return
+
+    # 2. Along a line through all logs: sees a drift that no single step shows.
     time = np.append(of.time[past], log.time)
     y = np.append(y, value)
-    weight = np.append(weight, now)
-    lasts = np.ptp(time)
+    weight = np.append(weight, weight_now)
+    duration = np.ptp(time)
+    # Times about their weighted mean make slope and mean of the line independent.
     time = time - (weight * time).sum() / weight.sum()
-    lever = weight * time / (weight * time**2).sum() * lasts
-    by = float((lever * y).sum())
+    # The drift over the duration is this linear function of the values.
+    lever = weight * time / (weight * time**2).sum() * duration
+    drift = float((lever * y).sum())
     middle = float((weight * y).sum() / weight.sum())
-    begin = middle + by * time.min() / lasts
-    apart = 0.0 if cold else own * float((lever[:-1] * warmer).sum())
-    variance = float((lever**2 / weight).sum()) + apart**2
-    yield _change(effect, begin, begin + by, float(np.sqrt(variance)), float(of.time[past].min()))
+    begin = middle + drift * time.min() / duration
+    by_slope = slope_std * float((lever[:-1] * warmer).sum())
+    variance = float((lever**2 / weight).sum()) + by_slope**2
+    first_time = float(of.time[past].min())
+    yield _change(effect, begin, begin + drift, float(np.sqrt(variance)), first_time)
 
 
 def _change(
-    effect: Effect, before: float, after: float, std: float, since: float | None = None
+    effect: Effect, old: float, new: float, std: float, since: float | None = None
 ) -> Change:
     from scipy.special import stdtr
 
-    chance = 2 * float(stdtr(effect.freedom, -abs(after - before) / std))
-    return Change(
-        effect.of.name, effect.of.label, effect.of.unit, before, after, std, chance, since
-    )
+    # Student's, two-sided: the scatter of weeks is itself an estimate.
+    chance = 2 * float(stdtr(effect.freedom, -abs(new - old) / std))
+    of = effect.of
+    return Change(of.name, of.label, of.unit, old, new, std, chance, since)

@@ -5,6 +5,7 @@ gives it, or on a new figure, returns the Axes and leaves saving to the caller:
 ``axes.flat[0].figure.savefig(...)``.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,42 +25,61 @@ from plant.parts.figures import (
 )
 from plant.parts.messages import joint_labels
 
-_ABREAST = 4  # controllers beside each other at most; more stand below each other
-_PHASES = 3  # phase plots beside each other at most
-_WIDEST = 22.0  # of a figure [inches]
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FigureSettings:
+    """Layout of the figures of errors; chosen by hand.
+
+    Parameters
+    ----------
+    abreast : int
+        Controllers beside each other at most; more stand below each other.
+    phases : int
+        Phase plots beside each other at most.
+    widest : float
+        Width of a figure at most [inch].
+    """
+
+    abreast: int = 4
+    phases: int = 3
+    widest: float = 22.0
+
+
+LAYOUT = FigureSettings()
 
 
 def draw_band(axis: Any, pulses: float = 1) -> None:
-    """The specified band, shaded, and whole pulses on the axis, which never ends at the band."""
+    """Shade the specified band; the axis has whole pulses, and never ends at the band."""
     from matplotlib.ticker import MaxNLocator
 
+    # Behind the curves.
     axis.axhspan(-pulses, pulses, color=BAND, zorder=0)
     axis.yaxis.set_major_locator(MaxNLocator(integer=True))
+    # At the band's edges a small error would look as large as the limit.
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, -2.0 * pulses), max(high, 2.0 * pulses))
 
 
 def _pulses(axis: Any, t: NDArray[Any], error: NDArray[Any], colour: str) -> None:
+    # A count holds until the next sample: steps, no slopes between whole pulses.
     axis.plot(t, error, drawstyle="steps-post", color=colour, linewidth=0.7)
 
 
 def _limit(axis: Any, drive: Any, joint: int) -> bool:
-    """The amplifier's limit as dashed lines, where it has one; coupled motors have theirs on the
-    shafts.
-    """
+    """Draw the amplifier's limit as dashed lines; False where the joint has none."""
     limit = drive.torque_limit()[joint]
+    # Limits of coupled motors act on their shafts, not on one joint.
     if not np.isfinite(limit) or drive.coupling.matrix:
         return False
     for sign in (1, -1):
         axis.axhline(sign * limit, color="0.35", linewidth=0.7, linestyle="--")
+    # A little more than the limit, so that its lines do not lie on the frame.
     axis.set_ylim(-1.2 * limit, 1.2 * limit)
     return True
 
 
 def equal_rows(axes: NDArray[Any], headroom: float = 1.0) -> None:
-    """One scale per row, so that columns can be compared; `headroom` above one leaves place for
-    a legend.
-    """
+    """Give each row one scale, to compare its columns; `headroom` above one is for a legend."""
     for row in axes:
         largest = max(abs(limit) for axis in row for limit in axis.get_ylim())
         for axis in row:
@@ -67,6 +87,7 @@ def equal_rows(axes: NDArray[Any], headroom: float = 1.0) -> None:
 
 
 def _require_evaluation(name: str, evaluation: Any) -> None:
+    # By its attribute: the class is in a room above the figures.
     if not hasattr(evaluation, "true_error_pulses"):
         raise ValueError(
             f"{name} must be an Evaluation; got {type(evaluation).__name__}. Pass what evaluate"
@@ -75,27 +96,27 @@ def _require_evaluation(name: str, evaluation: Any) -> None:
 
 
 def titled(axes: NDArray[Any], head: str, labels: Sequence[str] = ()) -> None:
-    """A head above the first of the axes (n,), and the label of each joint above its own."""
+    """Set a head above the first of the axes (n,), and each joint's label above its axis."""
     for axis, label in zip(axes, labels or [""] * len(axes), strict=True):
         dressed(axis, f"{head}\n{label}" if axis is axes[0] else label, 10)
 
 
 @literal
 def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
-    """Encoder error with the ±1 pulse band (left), torque and the amplifier's limit (right), one
-    row per joint.
-    """
+    """Draw encoder error with the ±1 pulse band, and torque with its limit; one row per joint."""
     _require_evaluation("evaluation", evaluation)
     record = evaluation.record
     limited = False
     axes = row_by_row(ax, record.n, 2, width=11)
-    for joint, (left, right) in enumerate(axes):
-        _pulses(left, record.t, record.error_pulses[:, joint], colour_of(joint))
-        draw_band(left)
-        left.set_ylabel("error [pulses]")
-        right.plot(record.t, record.torque[:, joint], color=colour_of(joint), linewidth=0.7)
-        right.set_ylabel("torque [N m]")
-        limited |= _limit(right, record.rig.drive, joint)
+    for joint, (error_axis, torque_axis) in enumerate(axes):
+        # The band comes after the curve, whose range the axis keeps.
+        _pulses(error_axis, record.t, record.error_pulses[:, joint], colour_of(joint))
+        draw_band(error_axis)
+        error_axis.set_ylabel("error [pulses]")
+        torque_axis.plot(record.t, record.torque[:, joint], color=colour_of(joint), linewidth=0.7)
+        torque_axis.set_ylabel("torque [N m]")
+        # The title explains the dashed lines only where there are some.
+        limited |= _limit(torque_axis, record.rig.drive, joint)
     titled(
         axes[:, 0],
         f"{evaluation.share_within(1)} of the samples within ±1 pulse (shaded)",
@@ -107,24 +128,25 @@ def plot_evaluation(evaluation: Any, ax: Any = None) -> NDArray[Any]:
 
 @literal
 def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
-    """Phase plot: rate of the true error over the true error, one panel per joint; a limit cycle
-    shows as a ring.
-    """
+    """Phase plot: rate of the true error over it, a panel per joint; limit cycles are rings."""
     _require_evaluation("evaluation", evaluation)
     record = evaluation.record
     error = evaluation.true_error_pulses
+    # The true error has several instants to a sample of the record.
     rate = np.gradient(error, record.rig.period * len(record) / len(error), axis=0)
 
     def new() -> Any:
         import matplotlib.pyplot as plt
 
-        columns = min(record.n, _PHASES)
+        columns = min(record.n, LAYOUT.phases)
+        # Rounded up.
         rows = -(-record.n // columns)
         size = (4.5 * columns, 4 * rows)
-        made = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")[1]
-        for axis in made.flat[record.n :]:
+        _, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+        # The last row may have more panels than joints.
+        for axis in grid.flat[record.n :]:
             axis.remove()
-        return made.flat[: record.n]
+        return grid.flat[: record.n]
 
     axes = axes_of(ax, (record.n,), new)
     for joint, axis in enumerate(axes):
@@ -132,6 +154,7 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
         axis.axvspan(-1, 1, color=BAND, zorder=0)
         axis.plot(error[:, joint], rate[:, joint], color=colour_of(joint), linewidth=0.5, alpha=0.8)
         axis.plot(error[0, joint], rate[0, joint], "o", color="0.2", markersize=4, label="start")
+        # Both sides alike, and never less than two pulses: the band keeps its meaning.
         reach = 1.1 * max(np.abs(error[:, joint]).max(), 2.0)
         axis.set(xlim=(-reach, reach), xlabel="true error [pulses]; shaded: ±1 pulse")
         axis.set_ylabel("rate of the error [pulses/s]")
@@ -143,25 +166,29 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
 def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]:
     """Tracking errors of several controllers on the same arm."""
     if not isinstance(evaluations, dict) or not evaluations:
-        given = f"{evaluations!r:.40}" if evaluations else "none"
+        got = f"{evaluations!r:.40}" if evaluations else "none"
         raise ValueError(
-            f"evaluations must be a dict, one per controller; got {given}. Pass {{name:"
+            f"evaluations must be a dict, one per controller; got {got}. Pass {{name:"
             " evaluate(...)}."
         )
     for name, evaluation in evaluations.items():
         _require_evaluation(f"evaluation {name!r}", evaluation)
     n = next(iter(evaluations.values())).record.n
     laws = len(evaluations)
-    if abreast := laws <= _ABREAST:
+    # A column for each controller; of many controllers a row for each, by the transposed axes.
+    abreast = laws <= LAYOUT.abreast
+    if abreast:
+        # `drawn` has the shape of the page, `axes` (joint, controller).
         drawn = axes = row_by_row(ax, n, laws, width=5.2 * laws)
     else:
-        drawn = row_by_row(ax, laws, n, width=min(5.2 * n, _WIDEST), height=1.5)
+        drawn = row_by_row(ax, laws, n, width=min(5.2 * n, LAYOUT.widest), height=1.5)
         axes = drawn.T
     for column, (name, evaluation) in enumerate(evaluations.items()):
         record = evaluation.record
         for joint, axis in enumerate(axes[:, column]):
             _pulses(axis, record.t, record.error_pulses[:, joint], colour_of(joint))
             draw_band(axis)
+            # Inner axes need no label of their own.
             axis.set_ylabel("error [pulses]" if (column if abreast else joint) == 0 else "")
             if not abreast and column == laws - 1:
                 axis.set_xlabel(f"{evaluation.joint_labels[joint]}\ntime [s]")
@@ -170,6 +197,7 @@ def plot_comparison(evaluations: dict[str, Any], ax: Any = None) -> NDArray[Any]
             titled(axes[:, column], head, evaluation.joint_labels if column == 0 else ())
         else:
             dressed(axes[0, column], head, 10)
+    # Stacked panels hold one controller each: a common scale would flatten the good ones.
     if abreast:
         equal_rows(axes)
     return drawn
@@ -183,7 +211,8 @@ def plot_record(
     models: tuple[Sequence[Record], Record] | None = None,
     ax: Any = None,
 ) -> NDArray[Any]:
-    """Tracking error and motor current of every joint, or the errors beside those of models.
+    """Draw tracking error and motor current of every joint, or errors beside those of models.
+
     Source: paper Figs. 6-15.
 
     Parameters
@@ -192,8 +221,8 @@ def plot_record(
     joints : sequence of str, optional
         Names of the joints; by default those of the rig's drive.
     models : (sequence of Record, Record), optional
-        What models of the initial population give, the best first and the others thin; and the best
-        of the last one.
+        Simulations of models of the initial population, the best first (the rest is drawn thin),
+        and of the best model of the last population.
     ax : (n, 2) array of matplotlib Axes, optional
         Where to draw, (n, 1) of a record without currents; a new figure by default.
 
@@ -215,13 +244,16 @@ def plot_record(
     --------
     >>> from plant import puma560, replay, simulate
     >>> from ctc import plot_record
-    >>> record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.5)
+    >>> arm, rig, path = puma560.arm(), puma560.rig(), puma560.reference()
+    >>> record = simulate(arm, rig, puma560.p_law(), path, duration=0.5)
     >>> drawn = plot_record(record)
-    >>> beside = plot_record(record, models=([replay(puma560.literature_arm(1.5), record)], record))
+    >>> models = [replay(puma560.literature_arm(1.5), record)], record
+    >>> beside = plot_record(record, models=models)
     """
     labels = joint_labels(joints or record.rig.drive.joints, record.n)
     if models is not None:
         return _beside(record, *models, labels, ax)
+    # A log without currents has a column of errors alone.
     current = record.current
     columns = 1 if current is None else 2
     axes = row_by_row(ax, record.n, columns, width=5.5 * columns)
@@ -231,37 +263,36 @@ def plot_record(
         if current is not None:
             row[1].plot(record.t, current[:, joint], color=colour_of(joint), linewidth=0.7)
             row[1].set_ylabel("current [A]")
-    titles = ("tracking error (paper: Figs. 6, 7)", "motor current (paper: Figs. 8, 9)")
-    for column, title, named in zip(axes.T, titles, (labels, ()), strict=False):
-        titled(column, title, named)
+    titled(axes[:, 0], "tracking error (paper: Figs. 6, 7)", labels)
+    if current is not None:
+        titled(axes[:, 1], "motor current (paper: Figs. 8, 9)")
     return axes
 
 
 def _beside(
     record: Record, initial: Sequence[Record], best: Record, labels: list[str], ax: Any
 ) -> NDArray[Any]:
-    """Measured tracking errors beside those of models."""
+    """Draw measured tracking errors beside those of models."""
     axes = row_by_row(ax, record.n, 2, width=11)
     titles = (
         "initial population (paper: Figs. 12, 13)",
         "after identification (paper: Figs. 14, 15)",
     )
     (_, robot), (_, thin) = LOGS
-    for column, ((model, *others), title) in enumerate(zip((initial, [best]), titles, strict=True)):
+    for column, (models, title) in enumerate(zip((initial, [best]), titles, strict=True)):
+        # The best of a population comes first.
+        model, *alternatives = models
         for joint, axis in enumerate(axes[:, column]):
-            for i, other in enumerate(others):
-                label = f"next {len(others)} models" if i == 0 else None
-                axis.plot(
-                    other.t,
-                    other.error_pulses[:, joint],
-                    color=colour_of(5),
-                    linewidth=0.5,
-                    label=label,
-                )
+            # Behind the robot and the best; one entry of the legend stands for all of them.
+            for i, alternative in enumerate(alternatives):
+                label = f"next {len(alternatives)} models" if i == 0 else None
+                error = alternative.error_pulses[:, joint]
+                axis.plot(alternative.t, error, color=colour_of(5), linewidth=0.5, label=label)
             axis.plot(record.t, record.error_pulses[:, joint], label="robot", **robot)
             axis.plot(model.t, model.error_pulses[:, joint], label="best model", **thin)
             axis.set_ylabel("error [pulses]" if column == 0 else "")
         titled(axes[:, column], title, labels if column == 0 else ())
         axes[0, column].legend(loc="upper right", fontsize=8, ncols=3, frameon=False)
+    # The progress shows only on one scale.
     equal_rows(axes, headroom=1.3)
     return axes

@@ -1,3 +1,4 @@
-"""One page of an identification and its controller, for whoever has only a browser:
-`write_report`.
+"""One HTML page of an identification and its controller: `write_report`.
+
+Read `report`, then `sections` and `page`.
 """

@@ -1,4 +1,4 @@
-"""The page itself: sections, figures as inline SVG, and one style for screens, phones and paper."""
+"""An HTML page: sections, figures as inline SVG, one style for screens, phones and paper."""
 
 import io
 import re
@@ -11,13 +11,12 @@ import numpy as np
 
 from plant.parts.shown import text
 
-_LINE = 0.14  # height of a line below the Axes of a figure [inch]
-_PLACES = 40  # along an axis, per inch
-_PAGE = Path(__file__).with_suffix(".html")  # template of it, with its style
+# Template of the page, with its style.
+_PAGE = Path(__file__).with_suffix(".html")
 
 
 def page(title: str, subtitle: str, parts: Iterable[str]) -> str:
-    """The whole page."""
+    """A page of these parts."""
     template = Template(_PAGE.read_text(encoding="utf-8"))
     return template.substitute(title=text(title), subtitle=text(subtitle), parts="\n".join(parts))
 
@@ -27,89 +26,100 @@ def section(title: str, *parts: str) -> str:
     return f"<section>\n<h2>{text(title)}</h2>\n" + "\n".join(parts) + "\n</section>"
 
 
-def figure(drawing: Any, says: str, caption: str) -> str:
-    """The figure of some Axes as inline SVG, with text as text; closed afterwards.
+def figure(drawing: Any, label: str, caption: str) -> str:
+    """The figure of some Axes as inline SVG, with text as text; it is closed.
 
-    What stands above and below them is said by the page, in words. Curves have what a page can show
-    of them.
+    The caption of the page replaces titles above and texts below the Axes. Curves keep only the
+    points that a page can show.
     """
     import matplotlib as mpl
     import matplotlib.pyplot as plt
 
-    stream = io.StringIO()
+    # 1. Take away the texts, and the height of those below: 0.14 inch a line, at their size.
     drawing = np.ravel(drawing)[0].figure
-    below = drawing.get_supxlabel()
-    drawing.set_size_inches(
-        drawing.get_figwidth(), drawing.get_figheight() - _LINE * len(below.splitlines())
-    )
+    lines = drawing.get_supxlabel().splitlines()
+    drawing.set_size_inches(drawing.get_figwidth(), drawing.get_figheight() - 0.14 * len(lines))
     drawing.suptitle("")
     drawing.supxlabel("")
+
+    # 2. Lay out once with the full curves: their extent decides the axes, and thinning follows
+    # the pixels of a fixed layout.
     drawing.draw_without_rendering()
-    drawing.set_layout_engine("none")  # is laid out
+    drawing.set_layout_engine("none")
     for axis in drawing.axes:
         for line in axis.lines:
             _thin(line, axis)
-    with mpl.rc_context(
-        {"svg.fonttype": "none", "svg.hashsalt": says, "font.sans-serif": ["DejaVu Sans"]}
-    ):
+
+    # 3. Text that a browser can select and search; no date and no random ids, so that the same
+    # results give the same page.
+    style = {"svg.fonttype": "none", "svg.hashsalt": label, "font.sans-serif": ["DejaVu Sans"]}
+    stream = io.StringIO()
+    with mpl.rc_context(style):
         drawing.savefig(stream, format="svg", metadata={"Date": None})
     plt.close(drawing)
-    svg = _short(stream.getvalue(), re.sub(r"\W+", "-", says.lower()))
-    svg = svg.replace("<svg", f'<svg role="img" aria-label="{text(says)}"', 1)
+    svg = _short(stream.getvalue(), re.sub(r"\W+", "-", label.lower()))
+    # Screen readers read the label in place of the drawing.
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{text(label)}"', 1)
     return (
-        "<figure>\n<div"
-        f' class="drawing">{svg}</div>\n<figcaption>{text(caption)}</figcaption>\n</figure>'
+        f'<figure>\n<div class="drawing">{svg}</div>\n'
+        f"<figcaption>{text(caption)}</figcaption>\n</figure>"
     )
 
 
 def _thin(line: Any, axis: Any) -> None:
-    """Keep two points of a long curve per place of its axis, the least and the largest, in their
-    order.
-    """
-    places = int(axis.get_window_extent().width / axis.figure.dpi * _PLACES)
+    """Keep the minimum and the maximum of a long curve in each column of its axis, in order."""
+    # Forty columns to an inch: finer than a screen shows a line. Chosen by hand.
+    columns = int(axis.get_window_extent().width / axis.figure.dpi * 40)
     x, y = (np.asarray(values) for values in line.get_data())
-    if len(x) <= 4 * places or (np.diff(x) <= 0).any():
+    # Two points a column save little of a short curve; a curve that turns back has no columns.
+    if len(x) <= 4 * columns or (np.diff(x) <= 0).any():
         return
+    # On the screen, since the axis may be logarithmic.
     along = axis.transData.transform(np.column_stack([x, y]))[:, 0]
-    own = np.floor((along - along[0]) / (along[-1] - along[0]) * places).astype(int)
-    parts = np.split(np.arange(len(x)), np.flatnonzero(np.diff(own)) + 1)
-    kept = [
-        i
-        for part in parts
-        for i in sorted({int(part[y[part].argmin()]), int(part[y[part].argmax()])})
-    ]
-    line.set_data(x[kept], y[kept])
+    column = np.floor((along - along[0]) / (along[-1] - along[0]) * columns).astype(int)
+    points: list[int] = []
+    for part in np.split(np.arange(len(x)), np.flatnonzero(np.diff(column)) + 1):
+        # One point where both are the same; in order of x, so that the curve does not turn back.
+        points += sorted({int(part[y[part].argmin()]), int(part[y[part].argmax()])})
+    line.set_data(x[points], y[points])
+    # Steps between such points would draw blocks.
     line.set_drawstyle("default")
 
 
 def _short(svg: str, key: str) -> str:
-    """An SVG with the same drawing in less text: tenths of a point, one class for one style; ids
-    begin with `key`.
+    """The same drawing in a shorter SVG; classes and ids begin with `key`.
+
+    Coordinates have tenths of a point, and one class stands for each style.
     """
-    styles: dict[str, int] = {}
-    svg = re.sub(
-        r"<metadata>.*?</metadata>|<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.DOTALL
-    )
+    # 1. What only a file of its own needs: prologue, metadata, comments, namespaces.
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg).replace("xlink:href", "href")
+    # 2. Turns by nothing, and digits that no screen shows.
     svg = re.sub(r' transform="rotate\(-0 [^)]*\)"', "", svg)
     svg = re.sub(
-        r' (d|x|y|transform)="[^"]*"', lambda found: re.sub(r"-?\d+\.\d+", _tenths, found[0]), svg
+        r' (d|x|y|transform)="[^"]*"', lambda match: re.sub(r"-?\d+\.\d+", _tenths, match[0]), svg
     )
+    # 3. White space: letters separate the numbers of a path by themselves.
     svg = re.sub(
-        r'(?<= d=")[^"]*', lambda found: re.sub(r"\s*([A-Za-z])\s*", r"\1", found[0].strip()), svg
+        r'(?<= d=")[^"]*', lambda match: re.sub(r"\s*([A-Za-z])\s*", r"\1", match[0].strip()), svg
     )
     svg = re.sub(r"\s+", " ", svg)
+    # 4. Ids that nothing refers to.
     used = set(re.findall(r'#([^")]+)', svg))
-    svg = re.sub(r' id="([^"]*)"', lambda found: found[0] if found[1] in used else "", svg)
+    svg = re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", svg)
+    # 5. A number for each style, as a class; its text then stands once in the drawing.
+    styles: dict[str, int] = {}
     svg = re.sub(
         r' style="([^"]*)"',
-        lambda found: f' class="{key}-{styles.setdefault(found[1], len(styles))}"',
+        lambda match: f' class="{key}-{styles.setdefault(match[1], len(styles))}"',
         svg,
     )
+    # Figures share one page: the key keeps their ids apart.
     svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{key}-", svg)
-    rules = "".join(f".{key}-{place}{{{style}}}" for style, place in styles.items())
+    rules = "".join(f".{key}-{number}{{{style}}}" for style, number in styles.items())
     return svg.replace("</svg>", f"<style>{rules}</style></svg>")
 
 
-def _tenths(found: re.Match[str]) -> str:
-    return f"{float(found[0]):.1f}".removesuffix(".0")
+def _tenths(match: re.Match[str]) -> str:
+    return f"{float(match[0]):.1f}".removesuffix(".0")

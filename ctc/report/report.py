@@ -31,18 +31,18 @@ def write_report(
     ----------
     found : Identification
     *results : Evaluation or Certificate
-        Of a controller for it, one of each at most, in any order; the path may come last.
+        Of a controller for `found`, one of each at most, in any order; the path may come last.
     path : str or Path
         Such as ``"page.html"``.
     title : str
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
 
     Raises
     ------
     ValueError
-        Something else, or two of a kind; results of another identification; no path; a file that is
-        there.
+        Other types, or two results of one type; results of another identification; no path; an
+        existing file.
 
     See Also
     --------
@@ -60,34 +60,36 @@ def write_report(
     instance(
         "found", found, Identification, "Give what identify returned, or Identification.load(...)."
     )
-    given = list(results)
-    if path is None and given and isinstance(given[-1], (str, Path)):
-        path = given.pop()  # type: ignore[assignment]  # one of them, as was just asked
+    # 1. The path may come last, as in other functions that write.
+    values = list(results)
+    if path is None and values and isinstance(values[-1], (str, Path)):
+        path = values.pop()  # type: ignore[assignment]  # one of them, as was just asked
     if path is None:
         raise ValueError('path must be that of the page; got none. Give path="page.html".')
-    kinds: dict[type, Evaluation | Certificate] = {}
-    for each in given:
-        if not isinstance(each, (Evaluation, Certificate)) or type(each) in kinds:
-            got = f"got {each!r:.60}. Pass what evaluate and certify returned."
+
+    # 2. One result of each type, both of this identification: the page names no other arm.
+    by_type: dict[type, Evaluation | Certificate] = {}
+    for result in values:
+        if not isinstance(result, (Evaluation, Certificate)) or type(result) in by_type:
+            got = f"got {result!r:.60}. Pass what evaluate and certify returned."
             raise ValueError(f"results must be one Evaluation and one Certificate at most; {got}")
-        kinds[type(each)] = each
-    laws = [
-        (each, each.law if isinstance(each, Certificate) else each.record.law)
-        for each in kinds.values()
-    ]
-    arms = [(type(each).__name__.lower(), getattr(law, "arm", None)) for each, law in laws]
-    others = [
-        name for name, arm in arms if arm is not None and not np.array_equal(arm.f, found.arm.f)
-    ]
-    if others:
-        both = f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} another"
+        by_type[type(result)] = result
+    strangers = []
+    for result in by_type.values():
+        law = result.law if isinstance(result, Certificate) else result.record.law
+        # Laws without a model fit every arm.
+        arm = getattr(law, "arm", None)
+        if arm is not None and not np.array_equal(arm.f, found.arm.f):
+            strangers.append(type(result).__name__.lower())
+    if strangers:
+        both = f"{' and '.join(strangers)} {'have' if len(strangers) > 1 else 'has'} another"
         advice = "Make it again from found, or give the identification that they are of"
         raise ValueError(f"results must be of laws with this identification's f; {both}. {advice}.")
-    place = require_new(path, overwrite)
+
+    # 3. The file is checked before the figures are drawn, which takes seconds.
+    file = require_new(path, overwrite)
+    joints = ", ".join(found.arm.dynamics.chain.joint_labels)
     today = datetime.date.today().isoformat()
-    subtitle = (
-        f"{', '.join(found.arm.dynamics.chain.joint_labels)}; {found.search.method}; written on"
-        f" {today}"
-    )
-    parts = sections(found, kinds.get(Evaluation), kinds.get(Certificate))
-    write_whole(place, [page(instance("title", title, str, "Give a line."), subtitle, parts)])
+    subtitle = f"{joints}; {found.search.method}; written on {today}"
+    parts = sections(found, by_type.get(Evaluation), by_type.get(Certificate))
+    write_whole(file, [page(instance("title", title, str, "Give a line."), subtitle, parts)])

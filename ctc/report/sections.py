@@ -1,4 +1,4 @@
-"""What a report says, section by section."""
+"""Sections of a report: verdict, parameters, fit, logs, assumptions, controller, provenance."""
 
 import math
 import textwrap
@@ -13,32 +13,32 @@ from identification.results.seen import seen
 from identification.results.summary import doubts
 from plant.parts.shown import body, details, items, preformatted, table, text
 
-_SEARCHED = "identification"
-_ASIDE = "validation"
+# Uses of a log.
+_IDENTIFICATION = "identification"
+_VALIDATION = "validation"
 
 
-def sections(found: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
+def sections(identification: Any, evaluation: Any, certificate: Any) -> Iterator[str]:
     """All sections, the verdict first."""
-    yield _verdict(found, evaluation, certificate)
-    yield from (part(found) for part in (_values, _fit, _logs, _assumptions))
+    yield _verdict(identification, evaluation, certificate)
+    yield from (part(identification) for part in (_values, _fit, _logs, _assumptions))
     if evaluation is not None:
-        yield _controller(found, evaluation)
+        yield _controller(identification, evaluation)
     if certificate is not None:
         yield _certificate(certificate)
-    yield _origin(found, certificate)
+    yield _origin(identification, certificate)
 
 
-def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
-    """What somebody reads who reads nothing else."""
+def _verdict(identification: Any, evaluation: Any, certificate: Any) -> str:
+    """One line for each result, good or bad, for a reader of nothing else; then the warnings."""
+    # 1. The identification. All later lines rest on it, and none is good where it is doubtful.
     lines = []
-    doubtful = doubts(found)
+    doubtful = doubts(identification)
     if doubtful:
-        said = (
-            "One line under it says"
-            if len(doubtful) == 1
-            else f"{len(doubtful)} lines under it say"
-        )
-        lines.append((False, "The identification is unreliable", f"{said} why, below: Warnings."))
+        count = len(doubtful)
+        lead = "One line under it says" if count == 1 else f"{count} lines under it say"
+        reason = f"{lead} why, below: Warnings."
+        lines.append((False, "The identification is unreliable", reason))
     else:
         lines.append(
             (
@@ -47,80 +47,110 @@ def _verdict(found: Any, evaluation: Any, certificate: Any) -> str:
                 "What was tested, and what would have been seen, stands under Assumptions.",
             )
         )
+
+    # 2. The controller on the arm as identified.
     if evaluation is not None:
         law = type(evaluation.record.law).__name__
-        share = evaluation.share_within(1)
-        said = (
-            f"{share} of {len(evaluation.record)} samples within ±1 pulse, simulated on the arm"
-            " that was found."
+        reason = (
+            f"{evaluation.share_within(1)} of {len(evaluation.record)} samples within ±1 pulse,"
+            " simulated on the arm that was found."
         )
-        # of gears a certificate's verdict speaks
-        why = evaluation.conditions if certificate is None else evaluation.reasons
-        said += "".join(f" {line[:1].upper()}{line[1:]}." for line in why)
-        nominal = "the nominal arm" + ", which is unreliable" * bool(doubtful)
-        lines.append((evaluation.holds and not doubtful, f"{law} on {nominal}", said))
+        # A certificate has gears of its own: its verdict speaks of them.
+        conditions = evaluation.conditions if certificate is None else evaluation.reasons
+        reason += "".join(f" {_sentence(line)}." for line in conditions)
+        title = f"{law} on the nominal arm"
+        if doubtful:
+            title += ", which is unreliable"
+        lines.append((evaluation.holds and not doubtful, title, reason))
+
+    # 3. The controller on arms as uncertain as stated.
     if certificate is not None:
         title = f"{type(certificate.law).__name__} on {len(certificate.plants)} sampled arms"
-        title += ", of what is unreliable" * bool(doubtful)
+        if doubtful:
+            title += ", of what is unreliable"
+        reason = certificate.verdict
+        # A cross because of a rare event needs its reason on the same line.
         rare = certificate.rare
-        missed = "" if rare is None or rare.met else f" {str(rare)[:1].upper()}{str(rare)[1:]}."
-        lines.append((certificate.holds and not doubtful, title, certificate.verdict + missed))
+        if rare is not None and not rare.met:
+            reason += f" {_sentence(str(rare))}."
+        lines.append((certificate.holds and not doubtful, title, reason))
+
     rows = "\n".join(
         f'<li class="{"good" if good else "bad"}"><b>{"✓" if good else "✗"}'
-        f" {text(title)}</b>{text(said)}</li>"
-        for good, title, said in lines
+        f" {text(title)}</b>{text(reason)}</li>"
+        for good, title, reason in lines
     )
     parts = [f'<ul class="verdict">\n{rows}\n</ul>']
-    if found.warnings:
-        parts += ["<h3>Warnings</h3>", items(found.warnings)]
+    if identification.warnings:
+        parts += ["<h3>Warnings</h3>", items(identification.warnings)]
     return section("Verdict", *parts)
 
 
-def _values(found: Any) -> str:
-    names = found.short_names
-    units = units_of(found.arm.dynamics, found.fit.unknown)
-    if found.covariance is None:
-        why = found.fit.fallback_reason or "this method gives no intervals"
-        own = [
+def _sentence(phrase: str) -> str:
+    """A phrase with a capital letter; `str.capitalize` would make small letters of all others."""
+    return phrase[:1].upper() + phrase[1:]
+
+
+def _values(identification: Any) -> str:
+    names = identification.short_names
+    units = units_of(identification.arm.dynamics, identification.fit.unknown)
+    # 1. A method without intervals: the values alone, and the reason.
+    if identification.covariance is None:
+        why = identification.fit.fallback_reason or "this method gives no intervals"
+        rows = [
             (name, f"{value:.5g}", unit)
-            for name, value, unit in zip(names, found.fit.values, units, strict=True)
+            for name, value, unit in zip(names, identification.fit.values, units, strict=True)
         ]
-        said = f"<p>Without intervals: {text(why)}.</p>"
-        return section("Parameters", said, table(("", "value", "unit"), own), _legend(found))
+        reason = f"<p>Without intervals: {text(why)}.</p>"
+        return section(
+            "Parameters", reason, table(("", "value", "unit"), rows), _legend(identification)
+        )
+
+    # 2. Values as precise as their intervals; an assumed one has none.
     rows = []
-    for name, value, s, unit in zip(names, found.fit.values, found.fit.std, units, strict=True):
-        if s > 0:
-            digits = max(0, 1 - math.floor(math.log10(s)))  # two of the standard deviation
+    for name, value, std, unit in zip(
+        names, identification.fit.values, identification.fit.std, units, strict=True
+    ):
+        if std > 0:
+            # Two digits of the standard deviation; further ones are noise.
+            digits = max(0, 1 - math.floor(math.log10(std)))
             middle, low, high = (
-                f"{each:.{digits}f}" for each in (value, value - 1.96 * s, value + 1.96 * s)
+                f"{number:.{digits}f}" for number in (value, value - 1.96 * std, value + 1.96 * std)
             )
-            share = 196 * s / abs(value) if value else math.inf
-            said = f"{share:.2g} %" if share < 10 else f"{share:.0f} %"
-            rows.append((name, middle, said, unit, f"{s:.2g}", low, high))
+            # A value of zero has no share.
+            share = 196 * std / abs(value) if value else math.inf
+            half_width = f"{share:.2g} %" if share < 10 else f"{share:.0f} %"
+            rows.append((name, middle, half_width, unit, f"{std:.2g}", low, high))
         else:
             rows.append((name, f"{value:.5g}", "assumed", unit, "", "", ""))
     head = ("", "value", "95 % half-width", "unit", "standard deviation", "95 % from", "to")
-    counted = f"<p>{text(f'The intervals count noise and {found.search.tolerances}.')}</p>"
-    return section("Parameters", table(head, rows), counted, _legend(found))
+    counted = f"<p>{text(f'The intervals count noise and {identification.search.tolerances}.')}</p>"
+    return section("Parameters", table(head, rows), counted, _legend(identification))
 
 
-def _legend(found: Any) -> str:
-    legend = "\n".join(found.arm.dynamics.legend.splitlines())
+def _legend(identification: Any) -> str:
+    legend = "\n".join(identification.arm.dynamics.legend.splitlines())
     return details("What the parameters mean", preformatted(legend)) if legend else ""
 
 
-def _fit(found: Any) -> str:
-    apart = found.diagnostics.difference
-    aside = found.diagnostics.held_out_difference
-    known = f"{apart:.2f} pulses (rms)" if np.isfinite(apart) else "an amount that is not known"
-    names = ", ".join(name for use, name, _ in _named(found) if use == _ASIDE)
-    kept = "No record was held out for validation."
-    if aside is not None:
-        kept = f"In the validation data, {names}, they differ by {aside:.2f} pulses."
-    said = (
-        f"Errors measured and simulated with these values differ by {known}; two roundings alone"
+def _fit(identification: Any) -> str:
+    # 1. How far measurement and simulation differ, in the logs used and in those held out.
+    difference = identification.diagnostics.difference
+    validation = identification.diagnostics.held_out_difference
+    amount = "an amount that is not known"
+    if np.isfinite(difference):
+        amount = f"{difference:.2f} pulses (rms)"
+    held_out = "No record was held out for validation."
+    if validation is not None:
+        names = ", ".join(name for use, name, _ in _named(identification) if use == _VALIDATION)
+        held_out = f"In the validation data, {names}, they differ by {validation:.2f} pulses."
+    # The limit that rounding sets is given beside it: alone the number has no scale.
+    summary = (
+        f"Errors measured and simulated with these values differ by {amount}; two roundings alone"
         " give 0.58."
     )
+
+    # 2. The curves behind it.
     caption = (
         "Tracking error of the first record, all of it and a segment; innovations, the counts less"
         " their prediction from one sample to the next; spectrum of both; half-widths of the 95 %"
@@ -128,144 +158,166 @@ def _fit(found: Any) -> str:
     )
     return section(
         "Fit",
-        f"<p>{text(f'{said} {kept} {found.message}')}</p>",
-        figure(found.plot(), "fit", caption),
+        f"<p>{text(f'{summary} {held_out} {identification.message}')}</p>",
+        figure(identification.plot(), "fit", caption),
     )
 
 
-def _logs(found: Any) -> str:
+def _logs(identification: Any) -> str:
     rows = []
     parts = []
-    for use, name, record in _named(found):
+    for use, name, record in _named(identification):
         law = type(record.law).__name__ if record.law is not None else "none"
         seconds = f"{record.t[-1] - record.t[0]:.3g}"
         rows.append((name, use, law, f"{len(record)}", seconds, f"{1e3 * record.rig.period:g}"))
+        # Problems in sight; all checks behind a line to unfold.
         checkup = record.check()
-        if problems := [
-            f"{each.check}: {each.verdict}. {each.advice}" for each in checkup.problems
-        ]:
+        problems = [
+            f"{problem.check}: {problem.verdict}. {problem.advice}" for problem in checkup.problems
+        ]
+        if problems:
             parts += [f"<h3>Checkup of {text(name)}</h3>", items(problems)]
         parts.append(details(f"All checks of {name}", body(checkup)))
     head = ("log", "use", "controller", "samples", "duration [s]", "period [ms]")
     return section("Logs", table(head, rows, words=range(3)), *parts)
 
 
-def _assumptions(found: Any) -> str:
-    tested = f"{found.diagnostics.detection}."
-    parts = ["<h3>Tested against this log</h3>", f"<p>{text(tested[:1].upper() + tested[1:])}</p>"]
-    if found.covariance is not None and found.diagnostics.detection.assumed:
-        assumed = found.assumed()
+def _assumptions(identification: Any) -> str:
+    # 1. Errors of the stated rig that the log would have revealed.
+    tested = f"{identification.diagnostics.detection}."
+    parts = ["<h3>Tested against this log</h3>", f"<p>{text(_sentence(tested))}</p>"]
+
+    # 2. Those that no log of this kind reveals, by the values that they would move.
+    if identification.covariance is not None and identification.diagnostics.detection.assumed:
+        assumed = identification.assumed()
+        # A twentieth of a standard deviation is invisible beside the noise; an assumed value has
+        # no standard deviation, and no move of it counts.
         strong = np.abs(assumed.moves) > 0.05 * np.where(assumed.std > 0, assumed.std, np.inf)
-        rows = [
-            (name, ", ".join(f"{assumed.unknown[i]} {row[i]:+.2g}" for i in np.flatnonzero(mark)))
-            for name, row, mark in zip(assumed.names, assumed.moves, strong, strict=True)
-        ]
-        larger = (
-            "how values move if an assumed number is 1 % larger, from 0.05 standard deviations on."
+        rows = []
+        for name, moves, mark in zip(assumed.names, assumed.moves, strong, strict=True):
+            moved = [f"{assumed.unknown[i]} {moves[i]:+.2g}" for i in np.flatnonzero(mark)]
+            rows.append((name, ", ".join(moved)))
+        meaning = (
+            "What no log of this kind reveals: how values move if an assumed number is 1 % larger,"
+            " from 0.05 standard deviations on."
         )
-        told = f"What no log of this kind reveals: {larger}"
-        head = ("sensitivity to 1 % of", "moves")
         parts += [
             "<h3>Assumed values</h3>",
-            f"<p>{text(told)}</p>",
-            table(head, rows, words=range(2)),
+            f"<p>{text(meaning)}</p>",
+            table(("sensitivity to 1 % of", "moves"), rows, words=range(2)),
         ]
-    stated = [*zip(found.rig.number_names(), found.rig.number_values(), strict=True)]
-    stated += [*zip(found.law.number_names("law."), found.law.number_values(), strict=True)]
-    shown_numbers = [
-        (name, f"{value:.6g}") for name, value in stated if name not in found.fit.unknown
-    ]
-    parts.append(
-        details(
-            "Assumed numbers of rig and controller",
-            table(("motor side, SI", "value"), shown_numbers),
-        )
+
+    # 3. All numbers of rig and controller that were not identified.
+    stated = dict(
+        zip(identification.rig.number_names(), identification.rig.number_values(), strict=True)
     )
-    if found.fit.resonance is not None:
-        parts += ["<h3>Gears</h3>", body(found.fit.resonance)]
+    stated |= zip(
+        identification.law.number_names("law."), identification.law.number_values(), strict=True
+    )
+    rows = [
+        (name, f"{value:.6g}")
+        for name, value in stated.items()
+        if name not in identification.fit.unknown
+    ]
+    numbers = table(("motor side, SI", "value"), rows)
+    parts.append(details("Assumed numbers of rig and controller", numbers))
+    if identification.fit.resonance is not None:
+        parts += ["<h3>Gears</h3>", body(identification.fit.resonance)]
     return section("Assumptions", *parts)
 
 
-def _controller(found: Any, evaluation: Any) -> str:
-    law = type(evaluation.record.law).__name__
+def _controller(identification: Any, evaluation: Any) -> str:
+    law = evaluation.record.law
+    name = type(law).__name__
+    # 1. The curves.
     caption = (
-        f"Quantised tracking error and torque of {law} along the path, simulated on the arm that"
+        f"Quantised tracking error and torque of {name} along the path, simulated on the arm that"
         " was found."
     )
-    drawn = figure(evaluation.plot(), "controller", caption)
+    drawing = figure(evaluation.plot(), "controller", caption)
+
+    # 2. The path that the verdict holds for: its speeds say how demanding it is.
     path = evaluation.record.reference
     t = evaluation.record.t
     fastest = np.abs(path(t).qd).max(axis=0)
     units = ["m" if link.prismatic else "rad" for link in evaluation.arm.dynamics.chain.links]
     joints = zip(evaluation.joint_labels, fastest, units, strict=True)
     speeds = ", ".join(f"{label} {speed:.2g} {unit}/s" for label, speed, unit in joints)
-    bandwidth = getattr(evaluation.record.law, "bandwidth", None)
-    said = "" if bandwidth is None else f"{law} with a bandwidth of {bandwidth:g} rad/s. "
-    said += (
+    # Not every law is designed by a bandwidth.
+    bandwidth = getattr(law, "bandwidth", None)
+    summary = ""
+    if bandwidth is not None:
+        summary = f"{name} with a bandwidth of {bandwidth:g} rad/s. "
+    summary += (
         f"The path of this verdict ({type(path).__name__}), {t[-1]:.3g} s; greatest speeds:"
         f" {speeds}."
     )
-    return section(
-        "Controller", f"<p>{text(said)}</p>", drawn, body(evaluation), _beyond(found, evaluation)
-    )
 
-
-def _beyond(found: Any, evaluation: Any) -> str:
-    """Where the path of an evaluation leaves the logs."""
+    # 3. Where the path goes beyond the logs the verdict is an extrapolation.
     record = evaluation.record
-    places = seen(found, record.reference, len(record) * record.rig.period).beyond
-    only = "What only shows there (friction, cables, stops) is not in the model."
-    said = f"The path leaves the log: {'; '.join(places)}. {only}"
-    return f"<p>{text(said)}</p>" if places else ""
+    beyond = ""
+    places = seen(identification, path, len(record) * record.rig.period).beyond
+    if places:
+        warning = (
+            f"The path leaves the log: {'; '.join(places)}. What only shows there (friction,"
+            " cables, stops) is not in the model."
+        )
+        beyond = f"<p>{text(warning)}</p>"
+    return section("Controller", f"<p>{text(summary)}</p>", drawing, body(evaluation), beyond)
 
 
-def _named(found: Any) -> Iterator[tuple[str, str, Any]]:
-    """Use of each record, what to call it (its file, or its place among those given), and it
-    itself.
-    """
-    used = [
-        *((_SEARCHED, record) for record in found.records),
-        *((_ASIDE, record) for record in found.held_out),
-    ]
-    names = [record.name for _, record in used]
-    for place, (use, record) in enumerate(used, 1):
-        numbered = f"record {place}" if names.count(record.name) > 1 or not record.name else ""
-        yield use, ", ".join(filter(None, (record.name, numbered))), record
+def _named(identification: Any) -> Iterator[tuple[str, str, Any]]:
+    """Use, name and record of each log; the name is that of its file, or its place in the list."""
+    records = [*identification.records, *identification.held_out]
+    names = [record.name for record in records]
+    for number, record in enumerate(records, 1):
+        use = _IDENTIFICATION if number <= len(identification.records) else _VALIDATION
+        # Files of two folders may have one name: the number keeps them apart.
+        parts = [record.name] if record.name else []
+        if not record.name or names.count(record.name) > 1:
+            parts.append(f"record {number}")
+        yield use, ", ".join(parts), record
 
 
 def _certificate(certificate: Any) -> str:
-    drawn, missing = certificate.plants.said
+    sampled, missing = certificate.plants.said
     caption = "Peak errors of all arms, the worst of them, and what they follow from."
     return section(
         "Certificate",
         figure(certificate.plot(), "certificate", caption),
-        f"<p><b>Sampled</b>: {text(', '.join(drawn))}.</p>",
+        # A probability holds for the sampled numbers alone: both lists stand beside it.
+        f"<p><b>Sampled</b>: {text(', '.join(sampled))}.</p>",
         f"<p><b>Not sampled, and so not covered</b>: {text(', '.join(missing))}.</p>",
         details("Table", body(certificate)),
     )
 
 
-def _origin(found: Any, certificate: Any) -> str:
-    provenance = found.provenance()
+def _origin(identification: Any, certificate: Any) -> str:
+    # 1. Versions, seeds and logs that the results follow from.
+    provenance = identification.provenance()
     rows = [(name, str(value)) for name, value in provenance["versions"].items()]
     rows += [
-        ("method", found.search.method),
-        ("seed", str(found.search.seed)),
-        ("evaluations", f"{found.evaluations}"),
+        ("method", identification.search.method),
+        ("seed", str(identification.search.seed)),
+        ("evaluations", f"{identification.evaluations}"),
     ]
-    digests = zip(_named(found), (*provenance["records"], *provenance["held_out"]), strict=True)
-    rows += [(f"SHA-256 of {name}, as it was read", digest) for (_, name, _), digest in digests]
+    digests = (*provenance["records"], *provenance["held_out"])
+    for (_, name, _), digest in zip(_named(identification), digests, strict=True):
+        rows.append((f"SHA-256 of {name}, as it was read", digest))
     if certificate is not None:
         rows.append(("seed of the certificate", str(certificate.provenance()["seed"])))
-    settings = f"method={found.search.method!r}, seed={found.search.seed}"
-    names = ", ".join(repr(name) for name in found.short_names)
-    listed = textwrap.indent(textwrap.fill(names, 80), " " * 20)
-    code = (
-        "from identification import Identification, identify\n\nfound ="
-        ' Identification.load("found.json")            # where it was saved\nagain ='
-        " identify(found.arm.dynamics, list(found.records), held_out=list(found.held_out),\n      "
-        f"           {settings}, unknown=[\n{listed}\n                 ])\nassert (again.fit.values"
-        " == found.fit.values).all()           # the same versions, the same bits"
-    )
-    again = "<h3>Once more</h3>", preformatted(code)
-    return section("Where it comes from", table(("", ""), rows, words=range(2)), *again)
+
+    # 2. The code that gives them again.
+    settings = f"method={identification.search.method!r}, seed={identification.search.seed}"
+    names = ", ".join(repr(name) for name in identification.short_names)
+    unknown = textwrap.indent(textwrap.fill(names, 80), " " * 20)
+    code = f"""from identification import Identification, identify
+
+found = Identification.load("found.json")            # where it was saved
+again = identify(found.arm.dynamics, list(found.records), held_out=list(found.held_out),
+                 {settings}, unknown=[
+{unknown}
+                 ])
+assert (again.fit.values == found.fit.values).all()           # the same versions, the same bits"""
+    parts = [table(("", ""), rows, words=range(2)), "<h3>Once more</h3>", preformatted(code)]
+    return section("Where it comes from", *parts)
