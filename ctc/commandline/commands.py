@@ -41,6 +41,7 @@ _OF_FINDINGS = ("check", "joint", "value", "unit", "verdict", "advice")
 
 def run_demo(options: Namespace) -> Answer:
     """The paper from end to end."""
+    # Before the minutes of work, not after them.
     if options.figures.exists() and not options.figures.is_dir():
         raise ValueError(
             f"{options.figures} must be a folder for figures; it is a file. Name another with"
@@ -52,6 +53,7 @@ def run_demo(options: Namespace) -> Answer:
 
 def run_robots(options: Namespace) -> Answer:
     """List the robot files of the package, print one, or begin one from a URDF file."""
+    # 1. What is asked for: a list, a file of the package, or a new one.
     names = sorted(path.stem for path in FOLDER.glob("*.toml"))
     new = options.name == "new"
     if new and options.model is None:
@@ -75,6 +77,7 @@ def run_robots(options: Namespace) -> Answer:
             f"a robot of the package is one of {', '.join(names)}; got {options.name!r}. Choose"
             " one."
         )
+    # 2. The text of the file. The path is checked first, a model may take a while to read.
     model = None
     place = None
     if options.output is not None:
@@ -84,7 +87,9 @@ def run_robots(options: Namespace) -> Answer:
     else:
         model = read_robot(options.name).model
         text = (FOLDER / f"{options.name}.toml").read_text(encoding="utf-8")
+    # Every robot file ends with the columns of its logs, which nobody else can know.
     text += _COLUMNS.read_text(encoding="utf-8")
+    # 3. Print it, or write it.
     if place is None:
         return Answer(text.rstrip(), {"robot": options.name, "toml": text})
     places = [place]
@@ -100,6 +105,7 @@ def run_robots(options: Namespace) -> Answer:
 
 def run_check(options: Namespace) -> Answer:
     """Logs examined before anything is identified."""
+    # Without a robot file the records hold their own rig.
     robot = None if options.robot is None else read_robot(options.robot)
     texts = []
     data = {}
@@ -110,24 +116,29 @@ def run_check(options: Namespace) -> Answer:
         findings = [
             {name: getattr(finding, name) for name in _OF_FINDINGS} for finding in checkup.findings
         ]
+        # A value that is not finite becomes null.
         data[record.name] = [
             finding | {"value": plain_number(finding["value"])} for finding in findings
         ]
+        # One bad log makes the answer negative.
         good &= checkup.ok
     return Answer("\n\n".join(texts), {"good": good, "logs": data}, good)
 
 
 def run_identify(options: Namespace) -> Answer:
     """Identify the parameters with intervals, and save them for `certify` and `report`."""
+    # Check the output path before a search of minutes.
     place = _place(options)
     robot = read_robot(options.robot)
     records = records_of(options.logs, robot, options.cut)
     held_out = records_of(options.held_out, robot, options.cut) if options.held_out else None
     identification = identify(
         cast(Dynamics, robot.dynamics),
+        # One record alone is identified as one, several jointly.
         records if len(records) > 1 else records[0],
         seed=options.seed,
         method=options.method,
+        # The parameters f are always unknown; options add to them.
         unknown=options.unknown and ("f", *options.unknown),
         held_out=held_out,
         elasticity=options.elasticity,
@@ -137,6 +148,7 @@ def run_identify(options: Namespace) -> Answer:
     )
     # Saved before anything is printed: a search of minutes is not lost to a closed terminal.
     identification.save(place)
+    # Doubts give exit code 1, as a script would not read the warnings.
     good = not doubts(identification)
     return Answer(
         f"{identification.summary()}\n\nwrote {place}",
@@ -170,6 +182,7 @@ def run_certify(options: Namespace) -> Answer:
     place = _place(options)
     identification = Identification.load(options.found)
     law = _law(identification, options)
+    # The uncertainty comes from covariance and options, the motions from the log or a file.
     motions = motions_asked(identification, options.path, options.everyday)
     certificate = certify(
         identification,
@@ -214,6 +227,7 @@ def _place(options: Namespace) -> Any:
     """Path of the output file, never a file that the command reads; None to print alone."""
     if options.output is None:
         return None
+    # Any file that this command reads, whatever its option is called.
     inputs: list[str] = []
     for name in ("logs", "held_out", "robot", "found", "certificate", "path"):
         value = vars(options).get(name)
@@ -230,6 +244,7 @@ def _uncertainty(options: Namespace, identification: Identification) -> Uncertai
             f"{options.robot} must have a table [uncertainty]; it has none. Add it, or leave out"
             " --robot."
         )
+    # Options have the names of the fields, so that a new field needs no code here.
     fields = {
         field.name: getattr(options, field.name, None) for field in dataclasses.fields(Uncertainty)
     }
@@ -273,6 +288,7 @@ def _certified(
         messages = [f"{doubt}; what follows takes it for right.", *messages]
     if place is not None:
         certificate.save(place)
+    # The same keys for one motion and for several.
     data = _data(certificate) | {"verdict": certificate.verdict, "doubts": doubtful, **of_law}
     if isinstance(certificate, Certificates):
         data |= {
@@ -292,10 +308,12 @@ def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
         "samples": len(certificate.plants),
         "interval": [*certificate.interval],
         "after": certificate.settings["after"],
+        # The loudest joint, of the median sample: one sample that diverges must not decide.
         "chatter": plain_number(np.median(certificate.runs.chatter, axis=0).max()),
     }
     if isinstance(certificate, Certificates):
         return data
+    # Only a single motion has been compared with the log, and has a start.
     seen = certificate.seen
     rest = certificate.from_rest
     data["from_rest"] = None if rest is None else str(rest)
@@ -319,6 +337,7 @@ def run_report(options: Namespace) -> Answer:
     )
     if isinstance(certificate, Certificates):  # a page shows one path: the worst
         certificate = certificate[certificate.worst]
+    # Two statements about one controller could contradict each other.
     if certificate is not None and options.bandwidth is not None:
         raise ValueError(
             "the controller must be the certificate's; got --bandwidth beside it. Leave it out."
@@ -335,6 +354,7 @@ def run_report(options: Namespace) -> Answer:
         if options.path is not None:
             raise
     else:
+        # Nominal arm and rig: what the certificate adds is their uncertainty.
         evaluation = evaluate(identification.arm, identification.rig, law, path)
     results = [result for result in (evaluation, certificate) if result is not None]
     write_report(identification, *results, path=place, overwrite=options.force)

@@ -32,6 +32,7 @@ def demo(seed: int, figures: Path) -> bool:
         identify(puma560.dynamics(), measured, seed=seed, method=method)
         for method in ("paper", "seeded")
     )
+    # Both methods for the same objective, so that the table compares search methods alone.
     for run in (paper, default):
         costs = f"{run.initial_objective:.0f} -> {run.objective:.0f} pulses^2"
         print(f"   {run.search.method}: objective (4) {costs} in {run.seconds:.1f} s")
@@ -43,6 +44,7 @@ def demo(seed: int, figures: Path) -> bool:
         "   " + "".join(f"{value:8.3f}" for value in default.fit.std) + "   its standard deviations"
     )
 
+    # The verdict is on the robot itself, not on the arm as identified.
     print("3. control: the same arm under P and under computed torque from the f that were found")
     laws = {"P": p, "computed torque": ComputedTorque(default)}
     verdicts = {name: evaluate(robot, rig, law, path) for name, law in laws.items()}

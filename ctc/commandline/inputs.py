@@ -59,6 +59,7 @@ def records_of(
     paths: list[str], robot: Robot | None, cut: tuple[float, float] | None = None
 ) -> tuple[Record, ...]:
     """Logs as records: with the columns of a robot's file, or such as the library wrote."""
+    # Without a robot file each log must hold its own rig.
     options: dict[str, Any] = {}
     if robot is not None:
         options = {name: getattr(robot, name) for name in ("rig", "law", "columns", "units")}
@@ -78,10 +79,12 @@ def path_of(identification: Identification, file: str | None = None) -> Referenc
             f"the path to follow must be a CSV file that is there; {file} is not. Its columns: t,"
             " q_1, ..."
         )
+    # 1. The path: of the file, of the log, or of its commanded counts.
     record = identification.records[0]
     path = _table(file, identification) if file is not None else record.reference
     # Without a reference the commanded counts are the path, smoothed within their rounding.
     if path is None:
+        # Counts that never change command no motion.
         if not np.ptp(record.reference_pulses):
             raise ValueError(
                 "the log must hold the path that was followed; it does not. Give --path FILE: t,"
@@ -93,8 +96,10 @@ def path_of(identification: Identification, file: str | None = None) -> Referenc
         times = np.array(path.times) - path.times[0]
         points = np.array(path.points)
     else:
+        # Other references are smooth by themselves.
         return path
     # The spline begins and ends at rest only where the table does.
+    # 2. Thin it out. The last point always stays, else the path would end early.
     step = max(1, round(PATHS.knots / float(np.median(np.diff(times)))))
     knots = np.unique([*range(0, len(times), step), len(times) - 1])
     ends = np.abs(
@@ -120,9 +125,11 @@ def motions_asked(
 def _table(file: str, identification: Identification) -> Table:
     """A path from a file; warns where its units look wrong or its rows are far apart."""
     record = identification.records[0]
+    # Columns may have the joints' names.
     path = Table.from_csv(
         file, joints=[link.name or "" for link in identification.arm.dynamics.chain.links]
     )
+    # 1. What cannot be followed at all is an error.
     n = identification.arm.n
     if path.n != n:
         columns = ", ".join(f"q_{i + 1}" for i in range(n))
@@ -133,6 +140,7 @@ def _table(file: str, identification: Identification) -> Table:
     times = np.asarray(path.times)
     points = np.asarray(path.points)
     spacing = float(np.median(np.diff(times)))
+    # 2. What only looks wrong is a warning: a slow path may be meant.
     if np.ptp(times) > PATHS.longer * np.ptp(record.t):
         warn(
             f"{file} lasts {np.ptp(times):.4g} s, the log {np.ptp(record.t):.3g} s: is its t in ms?"
@@ -159,6 +167,7 @@ def new_place(path: str, force: bool, inputs: Sequence[str] = ()) -> Path:
     not exist or cannot be written.
     """
     place = Path(path)
+    # `samefile` also sees links, and another spelling of one path.
     if any(Path(file).exists() and place.exists() and place.samefile(file) for file in inputs):
         raise ValueError(f"{path} is what is read. Name another file to write.")
     if place.exists() and not force:

@@ -17,6 +17,7 @@ from ctc.commandline.words import in_the_shell
 from identification.results.summary import IdentificationWarning
 from plant.version import __version__
 
+# The last lines of every help: a script decides by these codes.
 _CODES = (
     "exit codes: 0 fine; 1 the verdict is negative: a finding of the checkup, an unreliable"
     " identification, a plant that exceeds the limit, a path that begins in motion; 2 bad input,"
@@ -24,6 +25,7 @@ _CODES = (
 )
 
 
+# A message that names one of these keeps its word: there is no option to put in its place.
 _PLACES = {"command", "found", "logs", "name", "model", "plan"}  # arguments that are no options
 
 
@@ -45,6 +47,7 @@ class _Parser(argparse.ArgumentParser):
         self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
 
     def error(self, message: str) -> NoReturn:
+        # The usage that argparse would print before the message hides it on a small terminal.
         print(f"onepulse: {message}. See: {self.prog} --help", file=sys.stderr)
         raise SystemExit(2)
 
@@ -58,18 +61,23 @@ def main(arguments: list[str] | None = None) -> int:
             warnings.simplefilter("ignore", IdentificationWarning)  # printed in the answer
             # numpy warns of overflow in runs that diverge; the library checks its results itself.
             warnings.simplefilter("ignore", RuntimeWarning)
+            # A warning of the library is one line on standard error; standard output is the
+            # answer's alone.
             warnings.showwarning = _said
             if options.command == "campaign":
+                # A campaign gives its plan's options to the parser of the other commands.
                 answer = run_campaign(options, _parser().parse_args)
             else:
                 answer = COMMANDS[options.command](options)
     except KeyboardInterrupt:
+        # Whoever interrupts learns how to go on.
         advice = ""
         if options.command == "campaign":
             advice = " What was finished is kept: go on with --resume."
         elif getattr(options, "checkpoint", None):
             advice = f" What was finished is in {options.checkpoint}: call again."
         return _failed(f"interrupted.{advice}", 130)
+    # A mistake of the user: one line, and no traceback. Line breaks of the message go.
     except (ValueError, OSError, ImportError, MemoryError) as error:
         message = in_the_shell(" ".join(str(error).split()), set(vars(options)) - _PLACES)
         return _failed(message or type(error).__name__, 2)
@@ -77,6 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception:
         traceback.print_exc()
         return _failed("this is a defect of the library; please report the lines above", 3)
+    # JSON has no NaN: a number that is not finite must have become null before.
     text = json.dumps(answer.data, indent=1, allow_nan=False) if options.json else answer.text
     try:
         _print(in_the_shell(text, set(vars(options)) - _PLACES))
@@ -93,6 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _print(text: str) -> None:
+    # A stream that replaces standard output, as in tests, may have no encoding.
     """Print a text; characters that the output's encoding lacks become "?"."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     if text:
@@ -101,6 +111,7 @@ def _print(text: str) -> None:
             if encoding != "utf-8"
             else text
         )
+    # A full disk shows here, while it can still be reported, and not at the end of Python.
     sys.stdout.flush()
 
 
@@ -123,6 +134,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         dest="command", required=True, metavar="COMMAND", parser_class=_Parser
     )
+    # Options of every command stand first, so that all helps begin alike.
     for name, (message, options) in _COMMANDS.items():
         command = commands.add_parser(name, help=message, description=message.capitalize() + ".")
         for names, settings in (*_EVERY, *options):
@@ -136,6 +148,7 @@ def _option(*names: str, **settings: Any) -> tuple[tuple[str, ...], dict[str, An
 
 
 def _output(about: str, *, required: bool = True) -> Any:
+    # Whatever writes a file has the same two options.
     force = _option("--force", action="store_true", help="overwrite output files")
     return _option("-o", "--output", metavar="FILE", required=required, help=about), force
 
@@ -145,6 +158,7 @@ class _Ends(argparse.Action):
     """One number, or the two ends of a range."""
 
     def __call__(self, parser: Any, options: Any, values: Any, option: Any = None) -> None:
+        # `nargs="+"` takes any number of values.
         if len(values) > 2:
             parser.error(
                 f"argument {option}: expected one number, or the two ends of a range; got"
@@ -154,6 +168,7 @@ class _Ends(argparse.Action):
 
 
 def _seed(text: str) -> int:
+    # `int` would take "-1", "1_000" and digits of other scripts.
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"a seed is a whole number from 0; got {text!r}")
     return int(text)
@@ -171,6 +186,7 @@ _LOGS = (
     _option("logs", nargs="+", metavar="LOG", help="CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2"),
     _option("--cut", nargs=2, type=float, metavar=("BEGIN", "END"), help="this part alone [s]"),
 )
+# Where it is drawn at random at all, a result must be repeatable by default.
 _SEED = _option("--seed", type=_seed, default=0, help="same seed, same result")
 _FOUND = _option("found", help="file of identify -o")
 _PATH = _option(
@@ -206,6 +222,7 @@ _UNCERTAIN = (
         _option(f"--{name.replace('_', '-')}", **_ENDS, help=f"{row.words} [{row.unit}]")
         for name, row in IMPERFECTIONS.items()
     ),
+    # How the samples are simulated and judged.
     _option("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost"),
     _option("--within", type=float, default=1.0, help="limit [pulses] (default 1)"),
     _option(
@@ -218,6 +235,7 @@ _UNCERTAIN = (
         "--everyday", action="store_true", help="everyday motions, with --path one more; a row each"
     ),
     _option("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)"),
+    # Output and checkpoint come last, as in every command.
     *_output("file for report", required=False),
     _CHECKPOINT,
 )
@@ -227,6 +245,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
     "demo": (
         "the paper from end to end: measure, identify, control",
         (
+            # The seed for which the documentation quotes the numbers of the demo.
             _option("--seed", **_SEED[1] | {"default": 1}),
             _option("--figures", type=Path, default=Path("figures"), help="folder for the figures"),
         ),
@@ -253,6 +272,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         "examine logs before anything is identified",
         (
             *_LOGS,
+            # Without a robot file the log must be one that the library wrote.
             _option("--robot", **_ROBOT, help="robot file, or the name of one of the package"),
         ),
     ),
@@ -261,10 +281,12 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         (
             _SEED,
             *_LOGS,
+            # A model is needed here; its columns read the logs, too.
             _option("--robot", **_ROBOT, required=True, help="robot file, or the name of one"),
             _option(
                 "--method", default="seeded", help="seeded (default), paper, prediction_error, ..."
             ),
+            # Further unknowns make the intervals wider: none is added without being asked for.
             _option(
                 "--unknown",
                 nargs="+",
@@ -294,6 +316,8 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         "the probability that computed torque exceeds the pulse limit",
         (
             *_UNCERTAIN,
+            # The controller of `certify` is given; that of `tune` is searched, so it has no
+            # bandwidth.
             _BANDWIDTH,
             _PATH,
             _option(
@@ -315,6 +339,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
                 metavar="PLAN.toml",
                 help="robots, logs, what to do, and where results are kept",
             ),
+            # Where and how far, both apart from the plan: one plan runs on several machines.
             _option(
                 "--executor", metavar="WHERE", help="threads (default), processes, or dask:ADDRESS"
             ),
@@ -328,6 +353,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         "one page of an identification and its controller (HTML)",
         (
             _FOUND,
+            # A certificate has its own controller; --bandwidth is for a page without one.
             _option("--certificate", metavar="FILE", help="file of certify -o or tune -o"),
             _BANDWIDTH,
             _PATH,

@@ -32,6 +32,7 @@ from plant.logs.several import notes_of
 from plant.models.robot_file import read_robot
 from plant.parts.arguments import choice, instance
 
+# The steps in the order in which one needs the file of another.
 _DO = ("check", "identify", "certify", "report")
 _KEYS = ("folder", "do", "robots", "executor", "fleet", "notes", *_DO)
 _ROBOT_KEYS = ("robot", "logs")
@@ -56,6 +57,7 @@ def run_campaign(options: Namespace, parse: Parse) -> Answer:
     """Run the plan; `parse` reads the options of the other commands."""
     plan = _read(Path(options.plan))
     folder = Path(options.plan).parent / plan["folder"]
+    # The folder of the plan counts, not that of the call: a plan can be moved with its logs.
     ledger = folder / "ledger.sqlite"
     logs = _tasks(plan, Path(options.plan), folder, parse)
     if options.status:
@@ -65,6 +67,7 @@ def run_campaign(options: Namespace, parse: Parse) -> Answer:
         raise ValueError(
             f"{folder} holds a campaign. Pass --resume to go on with it, or name another folder."
         )
+    # Two logs of one name would write the same files.
     tasks: dict[str, Any] = {}
     for name, steps, stamp in logs:
         if name in tasks:
@@ -82,13 +85,16 @@ def run_campaign(options: Namespace, parse: Parse) -> Answer:
         done = campaign(
             tasks, executor=executor, folder=folder, retries=0, progress=not options.quiet
         )
+    # Read the results once: each access opens the ledger.
     results = dict(done.results)
+    # The fleet judges all robots together, so it follows when all logs are done.
     judged = _fleet(plan, Path(options.plan), tasks, results) if "fleet" in plan else {}
     negative = [
         name
         for name, result in results.items()
         if not all(answer["good"] for answer in result.values())
     ]
+    # Text for people names the exceptions; JSON has every result.
     lines = [
         f"{name}: {command}: {answer['said']}"
         for name in negative
@@ -116,9 +122,11 @@ def _read(path: Path) -> dict[str, Any]:
     """A plan, its keys checked."""
     try:
         plan = tomllib.loads(path.read_text(encoding="utf-8"))
+    # Without a traceback: line breaks and places of the parser's message go.
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
         raise ValueError(f"{path} must be a plan in TOML; {reason}. Correct it.") from None
+    # A misspelt key would be ignored in silence, and hours of work lost.
     for key, value in plan.items():
         choice(f"a key of {path}", key, _KEYS)
         if isinstance(value, dict) != (key in ("robots", *_DO)):
@@ -137,6 +145,7 @@ def _read(path: Path) -> dict[str, Any]:
             )
     robots = plan.get("robots")
     do = plan.get("do")
+    # These three keys have no default.
     if not isinstance(plan.get("folder"), str) or not isinstance(robots, dict) or not robots:
         raise ValueError(
             f'{path} must have folder = "..." and a table [robots.NAME] for each robot. Add them.'
@@ -148,6 +157,7 @@ def _read(path: Path) -> dict[str, Any]:
         )
     if "identify" not in do and do != ["check"]:
         raise ValueError(f"do of {path} must have identify before {do[-1]}; it has not. Add it.")
+    # A fleet holds identifications, and notes are for a fleet alone.
     for key in ("fleet", "notes"):
         if key in plan and (
             not isinstance(plan[key], str) or "identify" not in do or "fleet" not in plan
@@ -163,6 +173,7 @@ def _read(path: Path) -> dict[str, Any]:
             isinstance(robot, dict)
             and set(robot) == set(_ROBOT_KEYS)
             and isinstance(robot["robot"], str)
+            # One pattern may stand without a list.
         )
         logs = (
             (robot["logs"] if isinstance(robot["logs"], list) else [robot["logs"]]) if sound else []
@@ -181,11 +192,13 @@ def _tasks(
     """For each log: the name of its task, the options of its commands, its digest."""
     for name, of_robot in plan["robots"].items():
         # Beside the plan, or the name of a robot of the package.
+        # A misspelt robot is found before anything runs.
         file = path.parent / of_robot["robot"]
         robot = str(file) if file.is_file() else of_robot["robot"]
         read_robot(robot)
         patterns = of_robot["logs"] if isinstance(of_robot["logs"], list) else [of_robot["logs"]]
         for pattern in patterns:
+            # Sorted: `glob` gives files in the order of the disk, a campaign must repeat its own.
             logs = sorted(glob.glob(str(path.parent / pattern)))
             if not logs:
                 raise ValueError(
@@ -193,12 +206,16 @@ def _tasks(
                 )
             for log in logs:
                 place = folder / name / Path(log).stem
+                # A time that no fleet can read is refused now, not after the identification.
+                # Without a time in the name that of the log's notes counts.
                 if "notes" in plan:
                     seconds_of(notes_of(plan["notes"], log).get("time", 1e9))
+                # The parser of the commands checks the plan's options, with the same messages.
                 steps = [
                     vars(parse(_arguments(command, plan, robot, log, place)))
                     for command in plan["do"]
                 ]
+                # A log that has changed since is another task, so a resumed campaign refuses it.
                 with open(log, "rb") as content:
                     yield (
                         f"{name}/{Path(log).stem}",
@@ -223,6 +240,7 @@ def _fleet(
             fleet.add(Identification.load(step["output"]), notes=notes)
         except ValueError as error:
             excluded[name] = f"not in the fleet: {error}"
+    # An empty fleet has no page.
     if len(fleet):
         fleet.report(place.with_suffix(".html"), overwrite=True)
     changes = {judgement.robot: judgement.verdict for judgement in fleet if judgement.changes}
@@ -231,6 +249,7 @@ def _fleet(
 
 def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:
     """One command as it would be typed."""
+    # Fixed names in a folder for each log: later steps find the files of earlier ones.
     found = str(place / "found.json")
     certificate = str(place / "certificate.json")
     arguments = {
@@ -255,9 +274,11 @@ def _worked(steps: list[dict[str, Any]], stamp: Any) -> dict[str, Any]:
     """Run the commands of one log in a worker, and return their answers."""
     answers = {}
     for step in steps:
+        # On the worker: its file system may be another machine's.
         if step.get("output"):
             Path(step["output"]).parent.mkdir(parents=True, exist_ok=True)
         answer = COMMANDS[step["command"]](Namespace(**step))
+        # The first sentence says what is wrong; the rest is in the files.
         sentence = " ".join(answer.text.split()).partition(". ")[0]
         answers[step["command"]] = answer.data | {"good": bool(answer.good), "said": sentence}
     return answers
@@ -267,11 +288,13 @@ def _worked(steps: list[dict[str, Any]], stamp: Any) -> dict[str, Any]:
 def _executor(where: str) -> Iterator[Any]:
     """The executor of a name."""
     if where == "threads":
+        # Threads are the default of `campaign`.
         yield None
     elif where == "processes":
         methods = multiprocessing.get_all_start_methods()
         # A fork of a process with threads may hang; the server forks before there are any.
         context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
+        # Imported once in the server, not in every worker.
         if hasattr(context, "set_forkserver_preload"):
             context.set_forkserver_preload(["ctc.commandline.plan"])
         yield functools.partial(
@@ -300,11 +323,13 @@ def _executor(where: str) -> Iterator[Any]:
 def _ends_with_its_parent() -> None:
     """End this worker when its campaign is killed; by itself it would wait for tasks for ever."""
     parent: Any = multiprocessing.parent_process()
+    # Daemon: the thread must not keep a worker alive that ends by itself.
     threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
 
 
 def _status(ledger: Path, logs: Iterator[Any]) -> Answer:
     """Number of tasks in each state, from the ledger, and of logs."""
+    # Read only: a question about a campaign must not begin one.
     if not ledger.is_file():
         raise ValueError(
             f"{ledger.parent} must hold a campaign; there is none. Run it without --status first."
@@ -313,6 +338,7 @@ def _status(ledger: Path, logs: Iterator[Any]) -> Answer:
     failed = dict(
         rows_of(ledger, "select name, error from tasks where state = 'failed' order by number")
     )
+    # Logs that have come since the last call are not in the ledger yet.
     data = {state: states.get(state, 0) for state in ("done", "open", "failed")} | {
         "logs": sum(1 for _ in logs)
     }
