@@ -313,7 +313,7 @@ def _data(certificate: Certificate | Certificates) -> dict[str, Any]:
     }
     if isinstance(certificate, Certificates):
         return data
-    # Only a single motion has been compared with the log, and has a start.
+    # Each motion of a set has its own start, and its own comparison with the log.
     seen = certificate.seen
     rest = certificate.from_rest
     data["from_rest"] = None if rest is None else str(rest)

@@ -102,8 +102,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _print(text: str) -> None:
-    # A stream that replaces standard output, as in tests, may have no encoding.
     """Print a text; characters that the output's encoding lacks become "?"."""
+    # A stream that replaces standard output, as in tests, may have no encoding.
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     if text:
         print(
@@ -245,7 +245,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
     "demo": (
         "the paper from end to end: measure, identify, control",
         (
-            # The seed for which the documentation quotes the numbers of the demo.
+            # The demo has another default than the commands for a user's own logs.
             _option("--seed", **_SEED[1] | {"default": 1}),
             _option("--figures", type=Path, default=Path("figures"), help="folder for the figures"),
         ),
@@ -339,7 +339,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
                 metavar="PLAN.toml",
                 help="robots, logs, what to do, and where results are kept",
             ),
-            # Where and how far, both apart from the plan: one plan runs on several machines.
+            # How it runs is no matter of the plan alone: one plan runs on several machines.
             _option(
                 "--executor", metavar="WHERE", help="threads (default), processes, or dask:ADDRESS"
             ),
