@@ -52,7 +52,7 @@ def figure(drawing: Any, label: str, caption: str) -> str:
 
     # 3. Text that a browser can select and search; no date and no random ids, so that the same
     # results give the same page.
-    style = {"svg.fonttype": "none", "svg.hashsalt": label, "font.sans-serif": ["DejaVu Sans"]}
+    style: Any = {"svg.fonttype": "none", "svg.hashsalt": label, "font.sans-serif": ["DejaVu Sans"]}
     stream = io.StringIO()
     with mpl.rc_context(style):
         drawing.savefig(stream, format="svg", metadata={"Date": None})

@@ -107,7 +107,7 @@ def _values(identification: Any) -> str:
         )
 
     # 2. Values as precise as their intervals; an assumed one has none.
-    rows = []
+    lines = []
     for name, value, std, unit in zip(
         names, identification.fit.values, identification.fit.std, units, strict=True
     ):
@@ -120,12 +120,12 @@ def _values(identification: Any) -> str:
             # A value of zero has no share.
             share = 196 * std / abs(value) if value else math.inf
             half_width = f"{share:.2g} %" if share < 10 else f"{share:.0f} %"
-            rows.append((name, middle, half_width, unit, f"{std:.2g}", low, high))
+            lines.append((name, middle, half_width, unit, f"{std:.2g}", low, high))
         else:
-            rows.append((name, f"{value:.5g}", "assumed", unit, "", "", ""))
+            lines.append((name, f"{value:.5g}", "assumed", unit, "", "", ""))
     head = ("", "value", "95 % half-width", "unit", "standard deviation", "95 % from", "to")
     counted = f"<p>{text(f'The intervals count noise and {identification.search.tolerances}.')}</p>"
-    return section("Parameters", table(head, rows), counted, _legend(identification))
+    return section("Parameters", table(head, lines), counted, _legend(identification))
 
 
 def _legend(identification: Any) -> str:
