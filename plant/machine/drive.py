@@ -1,5 +1,4 @@
-"""The drive of each joint: motor, gear, friction and amplifier. The only file that crosses the
-gear.
+"""The drive of each joint: motor, gear, friction, amplifier. Only this file crosses the gear.
 
 Source: paper Fig. 4 and appendix. Conventions: q_m = k q, tau = k tau_m, with k signed; friction is
 given motor side, as the paper measured it, and becomes b k^2 and c abs(k) on the joint. Where one
@@ -40,8 +39,7 @@ _FRICTION = ("viscous", "coulomb")  # what may be left open
 
 @part
 class Drive(Part):
-    """Motors and gears of all joints; every field has one number per joint, or one for all, and is
-    *motor side*.
+    """Motors and gears, *motor side*; every field has one number per joint, or one for all.
 
     Parameters
     ----------
@@ -122,15 +120,18 @@ class Drive(Part):
     left_open: tuple[str, ...] = structure(default=())
 
     def __post_init__(self) -> None:
+        # None opens a kind of friction: it is zero until an identification finds it.
         for name in _FRICTION:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(np.shape(self.gear)))
                 object.__setattr__(self, "left_open", (*self.left_open, name))
         super().__post_init__()
+        # Numbers that an identification puts in close what was open.
         still_open = tuple(
             name for name in _FRICTION if name in self.left_open and not getattr(self, name).any()
         )
         object.__setattr__(self, "left_open", still_open)
+        # The names are checked before the numbers, since the messages below use them as labels.
         joints = self.joints
         if (
             isinstance(joints, str)
@@ -142,7 +143,9 @@ class Drive(Part):
             )
         object.__setattr__(self, "joints", tuple(joints))
         labels = joint_labels(joints, self.n)
-        if (zero := np.flatnonzero(self.gear == 0)).size:
+        # A gear may be negative, but zero would leave the motor without effect.
+        zero = np.flatnonzero(self.gear == 0)
+        if zero.size:
             raise ValueError(
                 f"gear must not be zero; got 0.0 at {labels[zero[0]]}. Its sign is the motor's."
             )
@@ -154,11 +157,13 @@ class Drive(Part):
             labels=labels,
         )
         self.coupling.require_size(self.n, "drive")
+        # Plain numbers become parts, so that all users find one form; a lag of 0 is none.
         if self.current_lag is not None and not isinstance(self.current_lag, CurrentLag):
             lag = real("current_lag", self.current_lag, "Give seconds, or None.")
             object.__setattr__(self, "current_lag", CurrentLag(time=lag) if lag else None)
         if self.torque_step is not None:
             object.__setattr__(self, "torque_step", torque_steps(self.torque_step, self.n))
+        # Only here are the gears and the motors known that turn a resonance into a stiffness.
         if isinstance(self.elasticity, Resonance):
             object.__setattr__(self, "elasticity", self.elasticity.of(self))
         if self.load_friction is not None and not isinstance(self.load_friction, LoadFriction):
@@ -168,18 +173,14 @@ class Drive(Part):
                 "elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=..., ...)."
             )
         self.require_joints(self.n)
+        # A backlash beyond one turn of the motor is one that was given motor side.
         play = None if self.elasticity is None else self.elasticity.backlash
-        if (
-            play is not None
-            and (beyond := np.flatnonzero(play * np.abs(self.gear) > 2 * np.pi)).size
-        ):
-            turn = (
-                f"one turn of the motor, {2 * np.pi / abs(self.gear[beyond[0]]):.3g} rad at"
-                f" {labels[beyond[0]]}"
-            )
+        if play is not None and (play * np.abs(self.gear) > 2 * np.pi).any():
+            i = np.argmax(play * np.abs(self.gear) > 2 * np.pi)
+            turn = 2 * np.pi / abs(self.gear[i])
             raise ValueError(
-                f"backlash must be within {turn}; got {play[beyond[0]]:g}. Give it joint side, in"
-                " rad."
+                f"backlash must be within one turn of the motor, {turn:.3g} rad at {labels[i]}; got"
+                f" {play[i]:g}. Give it joint side, in rad."
             )
 
     @classmethod
@@ -192,8 +193,7 @@ class Drive(Part):
         tip: str | None = None,
         **fields: Any,
     ) -> Self:
-        """A drive with the friction and the efforts that a URDF file states on the joints of
-        `Chain.from_urdf`.
+        """A drive with the friction and efforts of a URDF file, on the joints of `Chain.from_urdf`.
 
         The other ``fields`` are those of a `Drive`: gear, motor_inertia and motor_gain, which no
         file has; those that the file has too go before it. A joint of which it does not state what
@@ -202,27 +202,35 @@ class Drive(Part):
         Examples
         --------
         >>> from plant import Drive, read_robot
-        >>> motors = {"gear": 101, "motor_inertia": 1e-4, "motor_gain": 0.1, "viscous": 1e-3, "coulomb": 0.05}
-        >>> Drive.from_urdf(read_robot("ur5e").model, tip="forearm", **motors).torque_limit().round()
+        >>> motors = {"gear": 101, "motor_inertia": 1e-4, "motor_gain": 0.1}
+        >>> friction = {"viscous": 1e-3, "coulomb": 0.05}
+        >>> model = read_robot("ur5e").model
+        >>> drive = Drive.from_urdf(model, tip="forearm", **motors, **friction)
+        >>> drive.torque_limit().round()
         array([150., 150., 150.])
         """
         chosen = read_urdf(path).chain_joints(joints, base, tip)
+        # One gear for all joints: the number of joints comes from the file.
         if np.ndim(fields.get("gear", ())) == 0:
             fields["gear"] = np.full(len(chosen), fields["gear"])
         names = tuple(joint.name for joint in chosen)
-        own = {"viscous": 0.0, "coulomb": 0.0, "current_limit": np.inf}
-        drive = cls(**({"joints": names} | own | fields))
+        # First a drive with placeholders, which checks the fields and knows the gears; the numbers
+        # of the file are joint side and go to the motor with them.
+        placeholders = {"viscous": 0.0, "coulomb": 0.0, "current_limit": np.inf}
+        drive = cls(**({"joints": names} | placeholders | fields))
         per_motor = np.abs(drive.gear)
         stated = np.array([(*joint.friction, joint.limits[3]) for joint in chosen]).T
+        # b = b_joint / k^2, c = c_joint / abs(k), i = tau / (abs(k) K_i).
         scales = per_motor**2, per_motor, per_motor * drive.motor_gain
         changes: dict[str, Any] = {}
-        for key, what, values, scale in zip(
-            own, ("damping", "friction", "effort"), stated, scales, strict=True
+        for key, element, values, scale in zip(
+            placeholders, ("damping", "friction", "effort"), stated, scales, strict=True
         ):
             if key in fields:
                 continue
-            if (lacking := np.flatnonzero(~np.isfinite(values))).size:
-                where = f"{what} of joint {names[lacking[0]]} in {Path(path).name}"
+            lacking = np.flatnonzero(~np.isfinite(values))
+            if lacking.size:
+                where = f"{element} of joint {names[lacking[0]]} in {Path(path).name}"
                 raise ValueError(
                     f"{where} must be stated; it is not, or 0. Give {key} motor side (friction: or"
                     " None)."
@@ -236,7 +244,7 @@ class Drive(Part):
         return int(self.gear.shape[0])
 
     def require_friction(self) -> None:
-        """Refuse friction that is left open."""
+        """Refuse a drive whose friction is open."""
         if self.left_open:
             raise ValueError(
                 f"friction must be known; this drive leaves {' and '.join(self.left_open)} open."
@@ -245,6 +253,8 @@ class Drive(Part):
 
     def motor_angle(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle q_m = k q [rad]."""
+        # In each of these four crossings the sign of k is that of the paper: a positive motor angle
+        # turns a joint with negative k backwards.
         return self.gear * self.coupling.shaft(q)
 
     def joint_angle(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -252,9 +262,8 @@ class Drive(Part):
         return self.coupling.joint(q_m / self.gear)
 
     def joint_torque(self, tau_m: ArrayOrSymbols, times: ArrayOrSymbols = 1.0) -> ArrayOrSymbols:
-        """Joint torque tau = k tau_m [N m] of motor torques, or of gains (motor torque per unit)
-        times a quantity.
-        """
+        """Joint torque tau = k tau_m [N m] of motor torques, or of motor gains times a quantity."""
+        # gear * tau_m first: gains (one per joint) are carried over before they meet the quantity.
         return self.coupling.joint_torque(self.gear * tau_m * times)
 
     def motor_torque(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -266,25 +275,23 @@ class Drive(Part):
         return self.motor_torque(per_joint("torque", tau, self.n)) / self.motor_gain
 
     def torque_limit(self) -> Floats:
-        """Largest torque that the amplifier allows [N m], on the joint (of coupled motors: on
-        the shaft).
-        """
+        """Largest torque of the amplifier [N m], on the joint (of coupled motors: the shaft)."""
+        # abs(k): a limit is a magnitude, whatever the direction of the gear.
         return self.motor_gain * self.current_limit * _magnitude(self.gear)
 
     def limited_to(self, torque: ArrayLike) -> Self:
-        """This drive with an amplifier that allows at most these torques [N m], on the joint (or
-        shaft).
-        """
+        """This drive with amplifiers limited to these torques [N m], on the joint (or shaft)."""
         current = np.minimum(
             self.current_limit, np.asarray(torque) / (self.motor_gain * np.abs(self.gear))
         )
         return dataclasses.replace(self, current_limit=current)
 
     def limited(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Joint torque [N m] after rounding to the drive's step, if it has one, and saturation
-        of the amplifier.
-        """
+        """Joint torque [N m] after rounding to `torque_step`, if any, and saturation."""
         limit: ArrayOrSymbols = self.torque_limit()
+        # Rounding and saturation happen in the amplifier, so the torque goes to the shaft, is
+        # limited there, and comes back. It is rounded first: the limit need not be a multiple
+        # of the step.
         shaft = self.coupling.shaft_torque(tau)
         if self.torque_step is not None:
             shaft = rounded(shaft, np.array(self.torque_step) * _magnitude(self.gear))
@@ -294,60 +301,55 @@ class Drive(Part):
 
     def joint_viscous(self) -> Floats:
         """Viscous friction b k^2 [N m s/rad], on the joint (of coupled motors: on the shaft)."""
+        # k enters squared: once for the speed of the motor, once for its torque.
         return self.viscous * self.gear * self.gear
 
     def joint_coulomb(self, qd: ArrayOrSymbols = 0.0) -> ArrayOrSymbols:
-        """Coulomb level c abs(k) [N m] at speeds qd [rad/s], by default at rest; on the joint,
-        or shaft.
-        """
-        level = (
-            self.coulomb if self.curve is None else self.coulomb + self.curve.level(self.gear * qd)
-        )
+        """Coulomb level c abs(k) [N m] on the joint (or shaft) at speeds qd [rad/s]."""
+        # The curve takes the speed of the motor, k qd; its level is even in it.
+        level = self.coulomb
+        if self.curve is not None:
+            level = level + self.curve.level(self.gear * qd)
         return level * _magnitude(self.gear)
 
     def joint_presliding(self) -> tuple[ArrayOrSymbols, ArrayOrSymbols | None]:
-        """Presliding distance d / abs(k) [rad] and, if any, micro-damping [N m s/rad], on the
-        joint (or shaft).
+        """Presliding distance [rad] and micro-damping [N m s/rad] (or None), joint (or shaft).
+
+        d / abs(k), and the damping of the motor times k^2.
         """
-        given: Any = self.presliding
-        damping = None if given.damping is None else given.damping * self.gear * self.gear
-        return given.distance / _magnitude(self.gear), damping
+        presliding: Any = self.presliding
+        damping = presliding.damping
+        # Micro-damping is crossed like viscous friction, the distance like an angle.
+        if damping is not None:
+            damping = damping * self.gear * self.gear
+        return presliding.distance / _magnitude(self.gear), damping
 
     def ripple_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Joint torque of the motors' ripple [N m] at motors that are where joints at q on rigid
-        gears have them.
-        """
-        given: Any = self.ripple
-        return self.joint_torque(given.torque(self.motor_angle(q)))
+        """Joint torque of the motors' ripple [N m] at joint angles q [rad] on rigid gears."""
+        ripple: Any = self.ripple
+        return self.joint_torque(ripple.torque(self.motor_angle(q)))
 
     def joint_offset(self) -> ArrayOrSymbols:
-        """Friction torque that keeps its sign when the motion reverses [N m], on the joint (or
-        shaft).
-        """
+        """Friction offset [N m], on the joint (or shaft): the same in both directions of motion."""
+        # Signed k: the offset has the direction of the motor, not of the motion.
         return 0.0 if self.curve is None else self.gear * self.curve.offset
 
     def friction(self, qd: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Friction torque [N m] at joint speeds qd, joint side; its Coulomb part is zero at rest
-        (feed-forward).
-        """
+        """Friction torque [N m], joint side, at joint speeds qd; no Coulomb part at rest."""
         qd = self.coupling.shaft(qd)
+        # sign(0) = 0: at rest a feed-forward does not know which way friction points.
         sign = np.sign(qd) if isinstance(qd, np.ndarray) else ca.sign(qd)
         shaft = self.joint_viscous() * qd + self.joint_coulomb(qd) * sign + self.joint_offset()
         return self.coupling.joint_torque(shaft)
 
     def rotor_torque(self, qdd: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Torque that accelerates the rotors alone [N m], joint side; qdd as joints on rigid
-        gears would have it.
-        """
+        """Torque that accelerates the rotors alone [N m], joint side, for qdd on rigid gears."""
         return self.coupling.joint_torque(self.reflected_inertia() * self.coupling.shaft(qdd))
 
     def reflected_inertia(self, motor_inertia: Floats | None = None) -> Floats:
-        """Rotor inertia reflected to the joint (or shaft), Jm k^2 [kg m^2]; of this drive's Jm,
-        or of another.
-        """
-        return (
-            (self.motor_inertia if motor_inertia is None else motor_inertia) * self.gear * self.gear
-        )
+        """Rotor inertia on the joint (or shaft), Jm k^2 [kg m^2]; by default of this drive's Jm."""
+        inertia = self.motor_inertia if motor_inertia is None else motor_inertia
+        return inertia * self.gear * self.gear
 
 
 def _magnitude(x: ArrayOrSymbols) -> ArrayOrSymbols:

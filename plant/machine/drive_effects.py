@@ -1,6 +1,4 @@
-"""What drives do beside their torque: current lag, torque ripple, friction that depends on load
-or drifts.
-"""
+"""Secondary effects of drives: current lag, torque ripple, load-dependent and drifting friction."""
 
 from typing import Any
 
@@ -58,12 +56,13 @@ class TorqueRipple(Part):
 
     def torque(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor torque [N m] at motor angles [rad]."""
+        # No phase is not the same as phase 0: it leaves a term out of the equations.
         angle = self.cycles * q_m if self.phase is None else self.cycles * q_m + self.phase
         return self.amplitude * (np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle))
 
 
-# Of a time constant [s]: a current loop of 8 Hz, which is none. Milliseconds given as seconds are
-# above.
+# Largest time constant [s]: a current loop of 8 Hz. Real ones are faster; milliseconds that were
+# given as seconds exceed it.
 _LONGEST = 0.02
 
 
@@ -93,19 +92,19 @@ class CurrentLag(Part):
 
 
 def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Mean torque in a step of length h, and the torque at its end, of currents that follow with
-    a time constant.
-    """
+    """Mean torque in a step of length h [s] and torque at its end, under a first-order lag."""
+    # i' = (commanded - i) / time, solved exactly over the step, and its mean by integration: stable
+    # for any step and any time constant.
     decay = ca.exp(-h / lag.time)
     end = commanded + (driven - commanded) * decay
     return commanded + (driven - commanded) * (lag.time / h) * (1 - decay), end
 
 
-def torque_steps(given: Any, n: int) -> tuple[float, ...]:
-    """Steps of the commanded motor torques [N m], one per joint, of one for all or of one each."""
-    step = array(
-        "torque_step", np.full(n, given) if np.ndim(given) == 0 else given, (n,), advice="Give N m."
-    )
+def torque_steps(step: Any, n: int) -> tuple[float, ...]:
+    """Steps of the commanded motor torques [N m], one per joint, from one number or from n."""
+    if np.ndim(step) == 0:
+        step = np.full(n, step)
+    step = array("torque_step", step, (n,), advice="Give N m.")
     if not (step > 0).all():
         raise ValueError(f"torque_step must be positive; got {step}. Leave it out for none.")
     return tuple(step.tolist())
@@ -113,6 +112,7 @@ def torque_steps(given: Any, n: int) -> tuple[float, ...]:
 
 def rounded(torque: ArrayOrSymbols, step: ArrayOrSymbols) -> ArrayOrSymbols:
     """The nearest multiple of a step [N m]."""
+    # floor(x + 1/2): halves go up, in numpy and casadi alike.
     return step * (np.floor if isinstance(torque, np.ndarray) else ca.floor)(torque / step + 0.5)
 
 
@@ -130,6 +130,7 @@ class LoadFriction(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # A share of 1 would be a gear that locks itself.
         if not ((self.share >= 0) & (self.share < 1)).all():
             raise ValueError(
                 f"load_friction must be from 0 to below 1; got {self.share}. Give a share, such as"
@@ -143,8 +144,7 @@ class LoadFriction(Part):
 
 @part
 class FrictionDrift(Part):
-    """Slow drift of friction from the start of a run, as of a gear that warms up; viscous and dry
-    friction alike.
+    """Slow relative drift of viscous and dry friction from the start of a run, as a gear warms up.
 
     Friction is 1 + amount (1 - exp(-t / time)) times its value at the start.
 
@@ -178,11 +178,12 @@ class FrictionDrift(Part):
             )
 
     def factor(self, drifted: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Friction over that at the start, when so much of the way is done (0 to 1)."""
+        """Friction relative to the start, for a drift of 0 (start) to 1 (end)."""
         return 1 + self.amount * drifted
 
     def following(self, drifted: ArrayOrSymbols, h: ArrayOrSymbols) -> ArrayOrSymbols:
-        """How much of the way is done a time h [s] later."""
+        """The drift (0 to 1) a time h [s] later."""
+        # 1 - drifted decays by exp(-h / time): exact for any step.
         passed = -h / self.time
         return 1 - (1 - drifted) * (
             np.exp(passed) if isinstance(passed, np.ndarray) else ca.exp(passed)

@@ -1,6 +1,4 @@
-"""Elastic gears: stiffness, damping and backlash between the motor's shaft and its joint, and
-their sub-step.
-"""
+"""Elastic gears: stiffness, damping and backlash between motor shaft and joint; their sub-step."""
 
 from typing import Any, NamedTuple
 
@@ -15,16 +13,13 @@ from plant.parts.fields import Vector
 from plant.parts.messages import joint_label, warn
 from plant.parts.part import Part, number, part
 
-# of gears of which none is stated, against their locked motors; measured ones have 0.01 to 0.03
+# Damping ratio of a gear against its locked motor where none is stated; measured ones: 0.01 to 0.03
 DAMPING_RATIO = 0.01
-
-_CRITICAL = 1.0
 
 
 @part
 class Elasticity(Part):
-    """Stiffness, damping and backlash of every gear, joint side (of coupled motors: on their
-    shafts).
+    """Stiffness, damping and backlash of the gears, joint side (of coupled motors: on the shafts).
 
     Parameters
     ----------
@@ -60,6 +55,7 @@ class Elasticity(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # Stiffness 0 would be a broken gear, not a rigid one.
         advice = "Give it joint side, in N m, rad and s; leave elasticity out of a rigid drive."
         signs(self, positive=("stiffness",), not_negative=("damping", "backlash"), advice=advice)
         if self.backlash is not None and (self.backlash > 2 * np.pi).any():
@@ -103,7 +99,9 @@ class Elasticity(Part):
         instance("arm", arm, Arm, "The order is arm, hz, damping_ratio.")
         n = arm.n
         hz, ratio = (np.broadcast_to(np.asarray(value, float), n) for value in (hz, damping_ratio))
-        if (rigid := np.flatnonzero(np.isinf(hz))).size:
+        # A rigid gear has no resonance; the model has elastic gears on all joints or on none.
+        rigid = np.flatnonzero(np.isinf(hz))
+        if rigid.size:
             advice = "Give it one above all that matters, or leave elasticity out if all are rigid."
             raise ValueError(
                 f"hz must be finite; {arm.dynamics.chain.joint_labels[rigid[0]]} has inf. {advice}"
@@ -111,14 +109,15 @@ class Elasticity(Part):
         pose = array(
             "q", np.zeros(n) if q is None else q, (n,), advice="Give one angle per joint [rad]."
         )
+        # Motors and gears are on the shafts, so the inertia is taken there too.
         shaft = arm.dynamics.chain.coupling.shaft_inertia(ca.DM(arm.D(pose))).full()
-        found = Resonance(hz=hz, damping_ratio=ratio, inertia=np.diag(shaft), backlash=backlash)
-        return found if drive is None else found.of(drive)
+        resonance = Resonance(hz=hz, damping_ratio=ratio, inertia=np.diag(shaft), backlash=backlash)
+        return resonance if drive is None else resonance.of(drive)
 
 
 @part
 class Resonance(Part):
-    """Gears known by their locked-rotor resonance [Hz], until a drive says what its motors weigh.
+    """Gears given by their locked-rotor resonance [Hz], until a drive states the motors' inertia.
 
     ``inertia``: diagonal (n,) of D at the pose, motors included [kg m^2].
     """
@@ -132,19 +131,18 @@ class Resonance(Part):
         super().__post_init__()
         signs(self, positive=("hz",), advice="Leave elasticity out of a rigid drive.")
         if (self.damping_ratio < 0).any():
-            least = self.damping_ratio.min()
-            usual = DAMPING_RATIO
+            smallest = self.damping_ratio.min()
             raise ValueError(
-                f"damping_ratio must not be negative; got {least:g}. Gears have {usual:g} to 0.03."
+                f"damping_ratio must not be negative; got {smallest:g}. Gears have"
+                f" {DAMPING_RATIO:g} to 0.03."
             )
-        if (self.damping_ratio > _CRITICAL).any():
-            most = self.damping_ratio.max()
-            warn(f"damping_ratio {most:g} is above critical: such a joint does not oscillate.")
+        if (self.damping_ratio > 1).any():
+            largest = self.damping_ratio.max()
+            warn(f"damping_ratio {largest:g} is above critical: such a joint does not oscillate.")
 
     def of(self, drive: Any) -> Elasticity:
-        """The elasticity of a drive; motors that weigh more than the arm's whole inertia are
-        refused.
-        """
+        """The elasticity with a drive, whose motors must be lighter than the inertia of the arm."""
+        # The motor is locked: only the links swing, and D_ii holds the rotor Jm k^2 as well.
         links = self.inertia - drive.reflected_inertia()
         if (links <= 0).any():
             joint = int(np.flatnonzero(links <= 0)[0])
@@ -159,21 +157,24 @@ class Resonance(Part):
 
 
 def gears(hz: Any, damping_ratio: Any, inertia: Any) -> tuple[Any, Any]:
-    """Stiffness [N m/rad] and damping [N m s/rad] of gears of a locked-rotor resonance, with an
-    inertia [kg m^2].
+    """Stiffness [N m/rad] and damping [N m s/rad] of a locked-rotor resonance [Hz].
+
+    The inertia [kg m^2] is that of the link alone.
     """
+    # k = I omega^2 and d = 2 zeta I omega, with omega = 2 pi hz.
     omega = 2 * np.pi * hz
     return inertia * omega**2, 2 * damping_ratio * inertia * omega
 
 
-# (omega h)^2 of the free vibration up to which its frequency is right to 1 %; beyond, a step has it
+# Up to this (omega h)^2 of the free vibration its frequency is right to 1 %; beyond it the step is
 # too slow.
 FOLLOWED = 2
 
 
 class Spring(NamedTuple):
-    """Torque on the link at the middle of a step, with the speeds at its start [N m], and the
-    inertia that is added.
+    """Torque of a gear on its link in a step [N m], and the inertia that it adds.
+
+    The torque is that of the middle of the step, with the speeds at its start.
 
     ``added`` [kg m^2]: inertia by which the spring resists a change of the deflection's speed.
     """
@@ -183,8 +184,9 @@ class Spring(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """Motors and links in a step: motors feel each other through the links alone, so one matrix (n,
-    n) is left.
+    """Motors and links in a step, reduced to one matrix (n, n) of the links.
+
+    Motors act on each other through the links alone, so they can be eliminated.
 
     ``alone`` (n, 1): inertia of a motor and of the spring that it drags along. ``passed``: share of
     its impulse that its link gets. ``links``: inverse of the links' inertia, with that of the
@@ -197,6 +199,8 @@ class Joined(NamedTuple):
 
     def motors(self, speed: ca.SX, impulse: ca.SX, gained: ca.SX) -> ca.SX:
         """Speed of the motors after an impulse, where links gained a speed."""
+        # (motor + added) change = impulse + added gained: the spring drags the motor along with its
+        # link.
         return speed + impulse / self.alone + self.passed * gained
 
     def mobility(self) -> Inverse:
@@ -207,21 +211,22 @@ class Joined(NamedTuple):
 
 def joined(motor: ca.SX, link: ca.SX, added: ca.SX) -> Joined:
     """Inertias (n, 1) of motors and (n, n) of links, joined by what the springs add."""
+    # Eliminating the motors from [[motor + added, -added], [-added, link + added]] leaves the
+    # links' matrix with added - added^2 / alone = passed motor on its diagonal.
     alone = motor + added
     passed = added / alone
     return Joined(alone, passed, inverse(link + ca.diag(passed * motor)))
 
 
 def reduced(motor: Any, link: Any) -> Any:
-    """Inertia with which two, on either side of a spring, vibrate against each other [kg m^2]."""
+    """Reduced inertia of two bodies that vibrate against each other through a spring [kg m^2]."""
     return motor * link / (motor + link)
 
 
 def spring(
     elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.SX, link: ca.SX
 ) -> Spring:
-    """The spring of each gear in a step of length h [s], between the inertias of motor and link (n,
-    1) [kg m^2].
+    """The spring of each gear in a step of length h [s], between motor and link (n, 1) [kg m^2].
 
     Deflection: shaft minus link at the middle of the step [rad]; rate: its rate at the start
     [rad/s].
@@ -235,10 +240,15 @@ def spring(
     """
     stiffness = elasticity.stiffness
     swinging = reduced(motor, link)
+    # kappa h^2 k, with kappa = 1/12, and above (omega h)^2 = 2 that kappa which keeps the step
+    # stable.
     kick = h * h * stiffness
     added = ca.fmax(kick / 12, kick / 3 - swinging / 2)
+    # The correction of the damper stays where it is accurate: beyond FOLLOWED it is constant.
     damping = elasticity.damping * (1 + ca.fmin(kick / swinging, FOLLOWED) / 12)
     if elasticity.backlash is not None:
+        # Backlash: the spring is wound only by what exceeds half the play to either side, and
+        # within the play neither spring nor damper acts.
         half = elasticity.backlash / 2
         wound = deflection - ca.fmin(ca.fmax(deflection, -half), half)
         touching = ca.if_else(ca.fabs(wound) > 0, 1, 0)
@@ -246,4 +256,5 @@ def spring(
         damping = touching * damping
         deflection = wound
         added = touching * added
+    # h / 2 damping: the damper acts with the mean of the rates at both ends of the step.
     return Spring(stiffness * deflection + damping * rate, added + h / 2 * damping)

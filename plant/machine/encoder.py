@@ -1,6 +1,4 @@
-"""The incremental encoder on the motor shaft: the only file that crosses to pulses.
-Source: paper Fig. 4.
-"""
+"""The incremental encoder on the motor shaft: angles to pulses. Source: paper Fig. 4."""
 
 from typing import Any
 
@@ -14,16 +12,14 @@ from plant.parts.part import Part, number, part, structure
 
 
 def fix(x: ArrayOrSymbols) -> ArrayOrSymbols:
-    """Round towards zero: the quantisation cell around zero is two pulses wide.
-    Source: paper 3.3.
-    """
+    """Round towards zero: the cell around zero is two pulses wide. Source: paper 3.3."""
+    # copysign keeps casadi's expression free of a branch at zero.
     return ca.copysign(ca.floor(ca.fabs(x)), x) if isinstance(x, ca.SX) else np.trunc(x)
 
 
 @part
 class Phase(Part):
-    """Offset of the counters' zero within a pulse, unknown to a controller: it is added before
-    rounding.
+    """Offset of the counters' zero within a pulse, added before rounding; unknown to a controller.
 
     Parameters
     ----------
@@ -46,8 +42,7 @@ class Phase(Part):
 
 @part
 class QuadratureError(Part):
-    """Periodic error of an encoder's tracks: of their phase and their duty cycle, with the period
-    of four counts.
+    """Periodic error of an encoder's tracks (phase and duty cycle), with a period of four counts.
 
     Counts are taken of the position plus amplitude sin(pi/2 position + phase), in pulses; a
     controller does not know.
@@ -75,6 +70,7 @@ class QuadratureError(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # The slope of the shown position, 1 + amplitude pi/2 cos, stays positive below 2/pi.
         if not ((self.amplitude >= 0) & (self.amplitude < 2 / np.pi)).all():
             raise ValueError(
                 f"amplitude must be from 0 to below 2/pi pulses; got {self.amplitude}. Give pulses."
@@ -82,6 +78,7 @@ class QuadratureError(Part):
 
     def shifted(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
         """Position that the tracks show, of a true one, both in pulses."""
+        # Four counts per line of the tracks: the error repeats every four pulses.
         angle = np.pi / 2 * position if self.phase is None else np.pi / 2 * position + self.phase
         return position + self.amplitude * (
             np.sin(angle) if isinstance(angle, np.ndarray) else ca.sin(angle)
@@ -137,12 +134,10 @@ class Encoder(Part):
         super().__post_init__()
         signs(self, positive=("resolution",), advice="Give pulses per motor turn.")
         choice("rounding", self.rounding, ("floor", "fix", "round"))
+        # Two encoders on some joints alone: the motor's is then always among them.
         if isinstance(self.side, (tuple, list)):
-            object.__setattr__(
-                self,
-                "side",
-                tuple(choice("side of a joint", x, ("motor", "both")) for x in self.side),
-            )
+            sides = tuple(choice("side of a joint", x, ("motor", "both")) for x in self.side)
+            object.__setattr__(self, "side", sides)
             self.require_joints(len(self.side))
         else:
             choice("side", self.side, ("motor", "link", "both"))
@@ -155,6 +150,7 @@ class Encoder(Part):
 
     def position_in_pulses(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
         """Motor angle [rad] in pulses, before rounding."""
+        # The constant factor comes first: a kernel then multiplies and does not divide.
         return q_m * (self.resolution * (1 / (2 * np.pi)))
 
     def counts(self, q_m: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -162,20 +158,20 @@ class Encoder(Part):
         return self.quantised(self.position_in_pulses(q_m))
 
     def quantised(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Counts of a position in pulses, without the phase; the position itself if the encoder
-        is smooth.
-        """
+        """Counts of a position in pulses, without the phase; the position itself if smooth."""
+        # A smooth encoder is for derivatives: those of a quantiser are zero almost everywhere.
         if self.smooth:
             return position
         if self.rounding == "fix":
             return fix(position)
+        # floor(x + 1/2) is the same in numpy and casadi, also for halves.
         position = position + 0.5 if self.rounding == "round" else position
         return ca.floor(position) if isinstance(position, ca.SX) else np.floor(position)
 
     def true_counts(self, position: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Counts at a position in pulses, with the phase and the quadrature error (a smooth
-        encoder has none).
-        """
+        """Counts of a position in pulses, with phase and (unless smooth) quadrature error."""
+        # First the error of the tracks, which depends on the true position, then the phase of the
+        # counter's zero.
         if self.quadrature is not None and not self.smooth:
             position = self.quadrature.shifted(position)
         return self.quantised(position if self.phase is None else position + self.phase.shift)
@@ -185,9 +181,10 @@ class Encoder(Part):
         return position * (2 * np.pi / self.resolution)
 
     def cell_centre(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Motor angle [rad] in the middle of the quantisation cell of these counts, as far as a
-        controller knows.
-        """
+        """Motor angle [rad] in the middle of the cell of these counts, without the phase."""
+        # The estimate of the position with the smallest error is the middle of the cell: at the
+        # count itself when rounding, half a pulse above it with floor, half a pulse further from
+        # zero with fix.
         if self.smooth or self.rounding == "round":
             return self.to_angle(counts)
         if self.rounding == "floor":
@@ -197,7 +194,6 @@ class Encoder(Part):
         )
 
     def half_cell(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Half the width of the quantisation cell of these counts [pulses]: a half, but around
-        zero of `fix` one.
-        """
+        """Half the width of the cell of these counts [pulses]: 0.5, or 1 around zero of `fix`."""
+        # `0 * counts` gives the result the shape, and the kind, of the counts.
         return 0.5 + (0.5 * (counts == 0) if self.rounding == "fix" else 0 * counts)

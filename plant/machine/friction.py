@@ -67,6 +67,7 @@ class FrictionCurve(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         signs(self, positive=("speed",), not_negative=("breakaway",), advice="Both are magnitudes.")
+        # One without the other defines no Stribeck curve.
         if (self.breakaway is None) != (self.speed is None):
             raise ValueError(
                 "breakaway and speed must be given together; one is missing. Give both, or neither."
@@ -76,6 +77,7 @@ class FrictionCurve(Part):
         """Excess over the Coulomb level [N m] at motor speeds [rad/s]."""
         if self.breakaway is None:
             return 0.0
+        # The square makes the level even: the same in both directions.
         ratio = qd_m / self.speed
         return self.breakaway * (
             np.exp(-(ratio**2)) if isinstance(ratio, np.ndarray) else ca.exp(-(ratio**2))
@@ -85,8 +87,7 @@ class FrictionCurve(Part):
 def friction_impulse(
     inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int
 ) -> ca.SX:
-    """Friction impulse (n, 1) of one step [N m s]; the sweeps over the joints start from that of
-    the last step.
+    """Friction impulse (n, 1) of one step [N m s], from that of the previous step by sweeps.
 
     `inverse` is of the inertia matrix [kg m^2], joint side; `stopping` would stop joint i if
     friction acted on it alone: -inverse.alone qd, the velocity that of the end without Coulomb
@@ -94,7 +95,10 @@ def friction_impulse(
     """
     n = stopping.shape[0]
     impulses = ca.vertsplit(impulse)
+    # A level below zero would turn the interval around.
     bound = ca.fabs(bound)
+    # Projected Gauss-Seidel: each joint takes the impulse that stops it, given the impulses of all
+    # others now, and is cut to the interval +-bound.
     for _ in range(sweeps):
         for i in range(n):
             wanted = sum(
@@ -106,11 +110,13 @@ def friction_impulse(
 
 def smooth_impulse(inverse: Inverse, stopping: ca.SX, bound: ca.SX) -> ca.SX:
     """Friction impulse of a differentiable law: -bound tanh(qd / REGULARISATION)."""
+    # stopping = -qd / diagonal: the speed without Coulomb friction comes back from it.
     qd = -inverse.diagonal * stopping
     return -bound * ca.tanh(qd / REGULARISATION)
 
 
-_TINY = 1e-300  # keeps zero over zero zero
+# Makes 0 / 0 zero, and is lost in any other denominator.
+_TINY = 1e-300
 
 
 @part
@@ -152,22 +158,22 @@ class Presliding(Part):
 
 
 class Bristles(NamedTuple):
-    """Bristles of all shafts: deflection (-1 to 1, over the distance), distance [rad], damping
-    [N m s/rad].
-    """
+    """Bristles of all shafts: deflection (-1 to 1), distance [rad], damping [N m s/rad]."""
 
     deflection: ca.SX
     distance: ca.SX
     damping: ca.SX | None
 
     def damped(self, bound: ca.SX) -> ca.SX:
-        """Impulse per change of deflection in a step with this largest impulse of friction [N m
-        s].
-        """
+        """Impulse per change of deflection in a step with this bound of the friction impulse."""
+        # The step damps the bristles like a damping of stiffness h / 2 already: the larger one
+        # counts.
         return bound if self.damping is None else ca.fmax(bound, 2 * self.distance * self.damping)
 
     def bent(self, speed: ca.SX, time: ca.SX) -> Self:
-        """The bristles a short time later, at this speed."""
+        """The bristles a time [s] later, at this speed [rad/s]."""
+        # An implicit Euler step of dr/dt = (v - abs(v) r) / d: it stays within -1 to 1 for any
+        # step.
         path = time * ca.fabs(speed)
         change = (time * speed - path * self.deflection) / ca.fmax(self.distance + path, _TINY)
         return self._replace(deflection=self.deflection + change)
@@ -182,13 +188,14 @@ def bristle_impulse(
     h: ca.SX,
     sweeps: int,
 ) -> tuple[ca.SX, ca.SX]:
-    """Friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end; as
-    `friction_impulse`.
+    """Presliding friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end.
 
     The bristles are those of the middle of the step, of length h [s]. Of a joint alone, with x its
     momentum at the end, m what it would be if the friction of the middle stayed, and D the momentum
     with which it goes the distance in half a step: x^2 + (D - m + damped (1 - r)) x - D m = 0.
     """
+    # In units of momentum: `distance` is D of the docstring, the momentum with which the joint goes
+    # the presliding distance in half a step.
     n = stopping.shape[0]
     impulses = ca.vertsplit(impulse)
     bound = ca.vertsplit(ca.fabs(bound))
@@ -201,13 +208,18 @@ def bristle_impulse(
             wanted = sum(
                 (inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i]
             )
+            # m, with its sign, is the momentum that remains if the bristles do not bend any
+            # further. The joint moves that way, so the equation is solved for a positive momentum.
             free = -(wanted + bound[i] * deflection[i])
             forwards = ca.sign(free)
             m = ca.fabs(free)
             room = 1 - forwards * deflection[i]
+            # The positive root of x^2 + 2 half x - D m = 0. For half > 0 it is the product of the
+            # roots over the other root: the direct formula would cancel there.
             half = (distance[i] - m + damped[i] * room) / 2
             larger = ca.fabs(half) + ca.sqrt(half * half + distance[i] * m)
             momentum = ca.if_else(half > 0, distance[i] * m / ca.fmax(larger, _TINY), larger)
+            # The impulse is what would stop the joint, plus the momentum that it keeps.
             impulses[i] = wanted + forwards * momentum
             bending = forwards * momentum * room / ca.fmax(distance[i] + momentum, _TINY)
             following[i] = deflection[i] + bending
@@ -217,17 +229,18 @@ def bristle_impulse(
 def smooth_bristle_impulse(
     inverse: Inverse, stopping: ca.SX, bristles: Bristles, bound: ca.SX, h: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Friction impulse and deflection (n, 1) of a differentiable step, the bristles those of its
-    start.
+    """Friction impulse and deflection (n, 1) of a differentiable step, from bristles at its start.
 
     Every joint by itself, linear in the change of its speed, and bent at the speed of the end all
     along: of first order, with a limit for h to 0, and at rest where Coulomb friction is, also if
     the bristles are stiff for the step.
     """
-    kept = bound * bristles.deflection
-    speed = -inverse.diagonal * (stopping + kept)
+    holding = bound * bristles.deflection
+    # Speed at the end, if the friction at the start stayed: joints alone, no sweeps, so that the
+    # derivative is cheap.
+    speed = -inverse.diagonal * (stopping + holding)
     path = h * ca.fabs(speed)
     added = bound if bristles.damping is None else bound + bristles.distance * bristles.damping
     room = bristles.distance + path + h * inverse.diagonal * added
     bending = (h * speed - path * bristles.deflection) / room
-    return -(kept + added * bending), bristles.deflection + bending
+    return -(holding + added * bending), bristles.deflection + bending

@@ -18,8 +18,7 @@ _REFUSED = (TypeError, ValueError, RuntimeError, IndexError, AttributeError, Not
 
 
 class KnownTorque(Part, abc.ABC):
-    """Base of all that drives the joints beside the motors, by where they are: a `@part` class that
-    gives ``torque``.
+    """Base class of torques on the joints that depend on q alone; a subclass is a `@part`.
 
     It acts on the links, also behind elastic gears; no motor, no gear and no amplifier feels it but
     through the arm. Its fields declared with `plant.number` are numbers of the rig,
@@ -45,18 +44,17 @@ class KnownTorque(Part, abc.ABC):
 
     @abc.abstractmethod
     def torque(self, q: ca.SX) -> ca.SX:
-        """Torque (n, 1) [N m] on the joints at q (n, 1) [rad], in casadi; positive in the
-        direction of q.
-        """
+        """Torque (n, 1) [N m] at q (n, 1) [rad], in casadi; positive in the direction of q."""
 
 
 def total_torque(parts: Iterable[KnownTorque], q: ArrayOrSymbols) -> ArrayOrSymbols:
-    """Sum of their torques [N m] at q: (n, 1) of casadi symbols, (..., n) of an array (..., n)
-    [rad].
-    """
+    """Sum of the torques [N m] at q [rad]: (n, 1) of symbols, (..., n) of an array (..., n)."""
     if isinstance(q, (ca.SX, ca.MX, ca.DM)):
+        # Symbols stay symbols: the torque becomes part of a kernel.
         return functools.reduce(operator.add, (part.torque(q) for part in parts))
     angles = np.asarray(q, dtype=float)
+    # Arrays go through the same casadi expression, so that both ways agree; `map` takes all rows at
+    # once.
     symbols = ca.SX.sym("q", angles.shape[-1])
     function = ca.Function("torque", [symbols], [ca.densify(total_torque(parts, symbols))])
     rows = angles.reshape(-1, angles.shape[-1])
@@ -68,35 +66,37 @@ def total_torque(parts: Iterable[KnownTorque], q: ArrayOrSymbols) -> ArrayOrSymb
 
 
 def require_torques(parts: Iterable[Any], n: int) -> None:
-    """Refuse what is no torque of n joints."""
-    for each in parts:
-        if not isinstance(each, KnownTorque):
-            given = type(each).__name__
+    """Refuse parts that are no torques of n joints."""
+    for spring in parts:
+        kind = type(spring).__name__
+        if not isinstance(spring, KnownTorque):
             raise ValueError(
-                f"springs must be KnownTorque, or several; got {given}. Give"
+                f"springs must be KnownTorque, or several; got {kind}. Give"
                 " JointSpring(stiffness=...)."
             )
-        kind = type(each).__name__
-        each.require_joints(n, f"{kind}.")
+        spring.require_joints(n, f"{kind}.")
+        # The torque is evaluated once on symbols. A wrong part is refused here, with its name, and
+        # not in a simulation.
         q = ca.SX.sym("q", n)
-        numbers = ca.SX.sym("numbers", len(each.number_names()))
+        numbers = ca.SX.sym("numbers", len(spring.number_names()))
         try:
-            torque = each.with_numbers(numbers).torque(q)
+            torque = spring.with_numbers(numbers).torque(q)
         except _REFUSED as error:
+            # The last line of casadi's message is the one that says something.
             reason = (str(error).strip() or "it fails").splitlines()[-1][:80].rstrip(".")
             raise ValueError(
                 f"torque of {kind} must be a casadi expression of q ({n}, 1); {reason}."
             ) from error
         if not isinstance(torque, ca.SX) or torque.shape != (n, 1):
-            given = (
-                torque.shape if isinstance(torque, (ca.SX, np.ndarray)) else type(torque).__name__
-            )
+            shaped = isinstance(torque, (ca.SX, np.ndarray))
+            result = torque.shape if shaped else type(torque).__name__
             raise ValueError(
                 f"torque of {kind} must return casadi SX of shape ({n}, 1), one torque per joint;"
-                f" got {given}. Write ca.vertcat(...), 0 for joints that it does not drive."
+                f" got {result}. Write ca.vertcat(...), 0 for joints that it does not drive."
             )
-        known = {symbol.name() for symbol in (*ca.vertsplit(q), *ca.vertsplit(numbers))}
-        free = [symbol.name() for symbol in ca.symvar(torque) if symbol.name() not in known]
+        # A symbol that is neither q nor a number of the part would stay open in every kernel.
+        allowed = {symbol.name() for symbol in (*ca.vertsplit(q), *ca.vertsplit(numbers))}
+        free = [symbol.name() for symbol in ca.symvar(torque) if symbol.name() not in allowed]
         if free:
             raise ValueError(
                 f"torque of {kind} must depend on q and the part's numbers alone; got {free[0]!r}."
@@ -105,8 +105,7 @@ def require_torques(parts: Iterable[Any], n: int) -> None:
 
 @part
 class JointSpring(KnownTorque):
-    """Linear springs about the joints' axes: preload - stiffness (q - angle). Joint side, on the
-    links.
+    """Linear springs about the joints' axes: preload - stiffness (q - angle). Joint side.
 
     Parameters
     ----------
@@ -149,18 +148,14 @@ class JointSpring(KnownTorque):
         )
 
     def torque(self, q: ca.SX) -> ca.SX:
+        # A spring pulls back, hence the minus.
         torque = -self.stiffness * (q - self.angle)
         return torque if self.preload is None else torque + self.preload
 
 
-# square of a length [m^2] below which a spring has no direction: of joints that have none, all is 0
-_SHORTEST = 1e-18
-
-
 @part
 class Counterbalance(KnownTorque):
-    """A coil spring per joint, between a point of the link before it and a point of the link after
-    it.
+    """A coil spring per joint, between a point of the previous link and a point of its own link.
 
     Both points turn about the joint's axis, at the distances a and b from it, so that the spring is
     L = sqrt(a^2 + b^2 - 2 a b cos(q - angle)) long, pulls with tension + stiffness (L -
@@ -195,7 +190,11 @@ class Counterbalance(KnownTorque):
     --------
     >>> from plant import Counterbalance
     >>> spring = Counterbalance(
-    ...     stiffness=(2000, 0), base_arm=(0.2, 0), link_arm=(0.1, 0), free_length=(0.05, 0), angle=(0, 0)
+    ...     stiffness=(2000, 0),
+    ...     base_arm=(0.2, 0),
+    ...     link_arm=(0.1, 0),
+    ...     free_length=(0.05, 0),
+    ...     angle=(0, 0),
     ... )
     >>> print(spring.torque((0.5, 0)))
     [-11.3209, -0]
@@ -216,6 +215,8 @@ class Counterbalance(KnownTorque):
             not_negative=("stiffness", *lengths),
             advice="Give magnitudes; angle says where it is shortest.",
         )
+        # Where both arms are equal, the length is 0 at the dead centre and the direction of the
+        # force undefined. Without force there, of free length 0 and no tension, nothing is wrong.
         forced = (self.stiffness * self.free_length > 0) | (
             0 if self.tension is None else self.tension != 0
         )
@@ -231,16 +232,17 @@ class Counterbalance(KnownTorque):
         a = self.base_arm
         b = self.link_arm
         phi = q - self.angle
-        length = ca.sqrt(ca.fmax(a * a + b * b - 2 * (a * b) * ca.cos(phi), _SHORTEST))
+        # Law of cosines. The floor [m^2] keeps a joint without a spring (a = b = 0) from 0 / 0.
+        length = ca.sqrt(ca.fmax(a * a + b * b - 2 * (a * b) * ca.cos(phi), 1e-18))
         force = self.stiffness * (length - self.free_length)
         force = force if self.tension is None else force + self.tension
+        # tau = -F dL/dq with dL/dq = a b sin(phi) / L.
         return -force / length * (a * b) * ca.sin(phi)
 
 
 @part
 class CosineTorque(KnownTorque):
-    """amplitude cos(q - phase) on each joint: of an ideal counterbalance, of a weight on the other
-    side of the axis.
+    """amplitude cos(q - phase) on each joint: an ideal counterbalance, or a counterweight.
 
     Parameters
     ----------

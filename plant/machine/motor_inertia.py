@@ -6,6 +6,7 @@ for all q, with Jm_min the smallest rotor inertia of such a motor (of coupled mo
 their shafts).
 """
 
+import dataclasses
 import functools
 
 import casadi as ca
@@ -24,27 +25,42 @@ from plant.parts.fields import Floats
 # jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2.
 LEAST_MOTOR_INERTIA = 0.5
 
-# poses of a joint when D depends on it alone; between two of them D changes by less than 4e-5 of
-# its range
-_GRID = 360
 
-_SCATTERED = 4096  # poses (a Sobol sequence) when D depends on several joints
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PoseSettings:
+    """Poses at which the inertia matrix of candidates is checked.
 
-_BATCH = 16384  # poses of candidates in one batch: they stay in the processor's cache
+    Parameters
+    ----------
+    grid : int
+        Poses of one turn if D depends on one joint alone. Between two of 360 D changes by less than
+        4e-5 of its range.
+    scattered : int
+        Poses of a Sobol sequence if D depends on several joints; chosen by hand.
+    batch : int
+        Poses times candidates in one call of the kernel: as many as stay in the processor's cache.
+    """
+
+    grid: int = 360
+    scattered: int = 4096
+    batch: int = 16384
+
+
+SETTINGS = PoseSettings()
 
 
 def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
-    """Smallest pivot (P,) of D(q) - diag(Jm_min k^2) over all poses q, for each candidate f (P, p)
-    [kg m^2].
+    """Smallest pivot (P,) [kg m^2] of D(q) - diag(Jm_min k^2) over all q, per candidate f (P, p).
 
     Negative where the matrix is indefinite somewhere.
     """
     f = np.asarray(f, dtype=float)
     kernel, poses = _smallest_pivot(dynamics, rig.drive.coupling)
     least = rig.drive.reflected_inertia(LEAST_MOTOR_INERTIA * rig.drive.motor_inertia)
+    # One row per number, one column per candidate, as the kernel takes them.
     candidates = np.vstack([np.repeat(least[:, None], len(f), axis=1), f.T])
     margins = np.empty(len(f))
-    size = max(1, _BATCH // poses.shape[1])
+    size = max(1, SETTINGS.batch // poses.shape[1])
     for start in range(0, len(f), size):
         batch = slice(start, start + size)
         margins[batch] = kernel(poses, candidates[:, batch])[0].min(axis=1)
@@ -52,15 +68,16 @@ def least_inertia_margin(dynamics: Dynamics, rig: Rig, f: ArrayLike) -> Floats:
 
 
 def shaft_inertias(dynamics: Dynamics, rig: Rig, q: ArrayLike) -> Floats:
-    """Diagonal (p, n) of D on the motors' shafts at a pose (n,), of each parameter alone: D is
-    linear in f.
-    """
-    own = [rig.drive.coupling.shaft_inertia(dynamics.D(q, unit)) for unit in np.eye(dynamics.p)]
-    return np.array([np.diag(matrix.full()) for matrix in own])
+    """Diagonal (p, n) of D on the motors' shafts at a pose q (n,), for each parameter alone."""
+    # D is linear in f: the unit vectors of f give the share of each parameter.
+    coupling = rig.drive.coupling
+    matrices = [coupling.shaft_inertia(dynamics.D(q, unit)) for unit in np.eye(dynamics.p)]
+    return np.array([np.diag(matrix.full()) for matrix in matrices])
 
 
 def rotors_alone(dynamics: Dynamics) -> dict[int, int]:
-    """Link -> place of the parameter that is the inertia of its rotor and nothing else."""
+    """Link -> index of the parameter that is the inertia of its rotor and nothing else."""
+    # A parameter that is made of one standard parameter alone, J.
     rows = [(k, np.flatnonzero(row)) for k, row in enumerate(np.array(dynamics.lumping.matrix))]
     single = [(k, *divmod(int(places[0]), len(STANDARD))) for k, places in rows if len(places) == 1]
     return {link: k for k, link, kind in single if STANDARD[kind] == "J"}
@@ -70,6 +87,7 @@ def require_inertia(arm: Arm, rig: Rig) -> None:
     """Refuse an arm whose inertia matrix falls below the motors' own."""
     rig.require_fit(arm.dynamics.chain)
     margin = least_inertia_margin(arm.dynamics, rig, arm.f[None])[0]
+    # Also refuses a margin that is not a number.
     if not margin >= 0:
         raise ValueError(
             "D(q) must exceed the motors' own inertia diag(Jm_min k^2), Jm_min ="
@@ -81,27 +99,30 @@ def require_inertia(arm: Arm, rig: Rig) -> None:
 
 @functools.lru_cache(maxsize=32)
 def _smallest_pivot(dynamics: Dynamics, coupling: Coupling) -> tuple[MapKernel, Floats]:
-    """Compiled (q, least, f) -> smallest pivot, and the poses at which it is taken."""
+    """Compiled (q, least, f) -> smallest pivot, and the poses (n, N) [rad] of the check."""
     n = dynamics.n
     q = ca.SX.sym("q", n)
     least = ca.SX.sym("least", n)
     f = ca.SX.sym("f", dynamics.p)
-    _, found = eliminated(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
+    _, pivots = eliminated(coupling.shaft_inertia(dynamics.D(q, f)) - ca.diag(least))
     # A pivot after one that is not positive means nothing, so the first bad one decides.
-    smallest = found[n - 1]
+    smallest = pivots[n - 1]
     for i in reversed(range(n - 1)):
-        smallest = ca.if_else(found[i] > 0, ca.fmin(found[i], smallest), ca.fmin(found[i], -1e-300))
+        pivot = pivots[i]
+        smallest = ca.if_else(pivot > 0, ca.fmin(pivot, smallest), ca.fmin(pivot, -1e-300))
+    # Only joints on which D depends need poses; the first joint of a chain never does.
     joints = np.flatnonzero(ca.which_depends(ca.vec(dynamics.D(q, f)), q, 1, False))
     angles = np.zeros((1, n))
     if len(joints) == 1:
-        angles = np.zeros((_GRID, n))
-        angles[:, joints[0]] = np.arange(_GRID) * (2 * np.pi / _GRID)
+        count = SETTINGS.grid
+        angles = np.zeros((count, n))
+        angles[:, joints[0]] = np.arange(count) * (2 * np.pi / count)
     elif len(joints):
         from scipy.stats import qmc  # a third of a second, which the paper's arm does not need
 
-        angles = np.zeros((_SCATTERED, n))
-        angles[:, joints] = 2 * np.pi * qmc.Sobol(len(joints), seed=0).random(_SCATTERED)
-    return (
-        MapKernel(ca.Function("pivots", [q, least, f], ca.cse([ca.densify(smallest)])), outer=2),
-        angles.T,
-    )
+        count = SETTINGS.scattered
+        angles = np.zeros((count, n))
+        # A fixed seed: the same candidates always get the same margins.
+        angles[:, joints] = 2 * np.pi * qmc.Sobol(len(joints), seed=0).random(count)
+    pivots_of = ca.Function("pivots", [q, least, f], ca.cse([ca.densify(smallest)]))
+    return MapKernel(pivots_of, outer=2), angles.T

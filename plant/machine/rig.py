@@ -1,19 +1,16 @@
-"""The rig: drives, encoders, sampling period and delay, springs: all that stands between a
-controller and the arm.
-"""
+"""The rig between controller and arm: drives, encoders, sampling period, delay, springs."""
 
 import dataclasses
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import per_joint, real, signs
-from plant.parts.fields import ArrayOrSymbols
+from plant.parts.fields import ArrayOrSymbols, Floats
 from plant.parts.messages import joint_labels
 from plant.parts.part import Part, number, part, structure
 
@@ -26,13 +23,10 @@ DRY_FRICTION = (
     "drive.presliding.damping",
 )
 
-_LARGE = 2**20  # above all streams by far, so that those of two streams are as good as independent
-
 
 @part
 class Jitter(Part):
-    """Random displacement of the instants at which a law with a period reads the encoders; uniform,
-    each on its own.
+    """Uniform random displacement of the instants at which a law reads the encoders.
 
     The log is taken at its own even instants, the torque begins where it would without; linear
     analysis leaves jitter out.
@@ -63,6 +57,7 @@ class Jitter(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # Half a period to either side at most: two readings cannot change their order.
         if not 0 <= self.share <= 0.5:
             raise ValueError(
                 f"share must be from 0 to 0.5 of the period; got {self.share:g}. Instants stay"
@@ -84,20 +79,23 @@ class Jitter(Part):
             )
         object.__setattr__(self, "seed", int(self.seed))
 
-    def draws(self, steps: int) -> NDArray[np.float64]:
+    def draws(self, steps: int) -> Floats:
         """One draw (steps,) from 0 to 1 for each step of the law."""
         return np.random.default_rng(self.seed).random(steps)
 
     def late(self, draw: ca.SX, period: ca.SX | float) -> ca.SX:
         """How late a step reads the encoders [s]."""
-        mine = (_LARGE + self.stream) * draw
-        return self.share * period * (2 * (mine - ca.floor(mine)) - 1)
+        # All loops of a batch share one draw per step. The fractional part of a large multiple of
+        # it is uniform again; with a factor far above all streams, two streams are as good as
+        # independent.
+        scaled = (2**20 + self.stream) * draw
+        # From 0..1 to -1..1, times the largest displacement.
+        return self.share * period * (2 * (scaled - ca.floor(scaled)) - 1)
 
 
 @part
 class Transport(Part):
-    """Delayed torque and lost samples of a rig, under a law with a period; linear analysis leaves
-    them out.
+    """Delayed torque and lost samples under a law with a period; linear analysis ignores them.
 
     Parameters
     ----------
@@ -131,6 +129,7 @@ class Transport(Part):
             raise ValueError(
                 f"lost must be a sequence of steps; got {lost!r:.60}. Write ({lost!r:.60},)."
             )
+        # Step 0 has no earlier counts that could be read in their place.
         if not all(isinstance(k, (int, np.integer)) and k >= 1 for k in lost):
             raise ValueError(
                 f"lost must be whole numbers of at least 1; got {lost!r:.60}. The first counts"
@@ -138,24 +137,27 @@ class Transport(Part):
             )
         object.__setattr__(self, "lost", tuple(int(k) for k in lost))
 
-    def words(self, steps: int) -> NDArray[np.float64]:
-        """Words (steps,) of one loop: 1 at the steps of the law whose counts are lost, 0 at the
-        others.
-        """
+    def words(self, steps: int) -> Floats:
+        """Words (steps,) of one loop: 1 at steps of the law whose counts are lost, otherwise 0."""
         words = np.zeros(steps)
+        # Losses behind the end of the log are allowed.
         words[[k for k in self.lost if k < steps]] = 1.0
         return words
 
     def arrived(self, pulses: ca.SX, seen: ca.SX, word: ca.SX) -> ca.SX:
         """Counts that the law reads: these, or those that it read last."""
+        # Bit j of the word: divided by 2^j, whole, and odd. One word carries the losses of several
+        # loops.
         shifted = ca.floor(word * self.bit)
         lost = shifted - 2 * ca.floor(shifted / 2)
         return lost * seen + (1 - lost) * pulses
 
-    def acting(self, torque: ca.SX, before: ca.SX, place: ca.SX, h: ca.SX) -> ca.SX:
+    def acting(self, torque: ca.SX, previous: ca.SX, place: ca.SX, h: ca.SX) -> ca.SX:
         """Mean torque in sub-step `place` (from 0) after a step of the law; h is its length [s]."""
+        # The new torque acts from `delay` on; in this sub-step, which ends (place + 1) h after the
+        # sample, for the share that is left of it.
         share = ca.fmin(ca.fmax(place + 1 - self.delay / h, 0), 1)
-        return share * torque + (1 - share) * before
+        return share * torque + (1 - share) * previous
 
 
 @part
@@ -201,6 +203,7 @@ class Rig(Part):
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
+        # One resolution for all joints: the drive knows how many there are.
         if np.ndim(self.encoder.resolution) == 0:
             alike = np.full(self.drive.n, self.encoder.resolution)
             object.__setattr__(self, "encoder", dataclasses.replace(self.encoder, resolution=alike))
@@ -209,7 +212,7 @@ class Rig(Part):
                 f"encoder must have {self.drive.n} joints like the drive; got"
                 f" {len(self.encoder.resolution)}. Give one resolution per joint."
             )
-
+        # With rigid gears both encoders would show the same position.
         if self.encoder.side != "motor" and self.drive.elasticity is None:
             raise ValueError(
                 "an encoder on the link's side needs elastic gears; got rigid ones. Add elasticity."
@@ -241,6 +244,7 @@ class Rig(Part):
             raise ValueError(
                 f"rig must have {chain.n} joints like the arm; got {self.n}. Use a matching rig."
             )
+        # One coupling, stated twice: rotors (chain) and encoders (drive) must agree on it.
         if self.drive.coupling != chain.coupling:
             raise ValueError(
                 "chain and drive must have the same coupling; got"
@@ -250,17 +254,15 @@ class Rig(Part):
             )
 
     def spring_torque(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Torque of the springs on the links at q [rad], in the direction of q [N m]; 0 without
-        springs.
+        """Torque of the springs [N m] on the links at q [rad], in the direction of q.
 
         Of casadi's (n, 1), or for each row of an array (..., n).
         """
         return total_torque(self._springs, q) if self._springs else 0.0
 
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
-        """Encoder counts at a joint position [rad], whole numbers with the motor's sign, without
-        the unknown phase.
-        """
+        """Counts at a joint position [rad], with the motor's sign, without the phase."""
+        # Without the phase, which a controller cannot know.
         return self.encoder.quantised(self.position_in_pulses(per_joint("q", q, self.n)))
 
     def true_counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
@@ -269,6 +271,7 @@ class Rig(Part):
 
     def position_in_pulses(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint position [rad] in pulses of the motor shaft, before rounding."""
+        # Signed: pulses count in the direction of the motor.
         per_radian = self.encoder.position_in_pulses(self.drive.gear)
         return per_radian * self.drive.coupling.shaft(q)
 
@@ -281,11 +284,13 @@ class Rig(Part):
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
     def outside_cell(self, distance: ca.SX, counts: ca.SX, share: ca.SX) -> ca.SX:
-        """What of a distance from the middle of these counts' cell (n, 1) [rad] lies beyond that
-        share of its half.
+        """Part of a distance (n, 1) [rad] that exceeds a share of the half cell.
+
+        The distance is that from the middle of the cell of these counts.
         """
         if self.encoder.smooth:
             return distance  # without a kink where it is zero, where loops are linearised
+        # A dead zone, in pulses, where the cells are of equal width.
         position = self.position_in_pulses(distance)
         half = self.encoder.half_cell(counts)
         beyond = position - ca.fmin(ca.fmax(position, -share * half), share * half)
@@ -293,7 +298,7 @@ class Rig(Part):
 
 
 def punctual_rig(rig: Rig) -> Rig:
-    """The same rig without transport and without jitter, for what knows no instants."""
+    """The same rig without transport and jitter, for users that have no instants."""
     return dataclasses.replace(rig, transport=None, jitter=None)
 
 
@@ -305,11 +310,10 @@ def smooth_rig(rig: Rig) -> Rig:
 
 
 def sliding_rig(rig: Rig) -> Rig:
-    """The same rig without dry friction, as joints that slide one way have it in linear
-    analysis.
-    """
+    """The same rig without dry friction: linear analysis of joints that slide in one direction."""
     names = rig.number_names()
     values = rig.number_values()
+    # Their names say which numbers are dry friction; all other numbers stay.
     return rig.with_numbers(
         np.where([name.startswith(DRY_FRICTION) for name in names], 0.0, values)
     )

@@ -1,6 +1,4 @@
-"""What a rig states that no arm has, beside a motion: speeds in other units, friction of another
-side, slow periods.
-"""
+"""Statements of a rig that no arm fulfils: wrong units, friction of a wrong side, slow periods."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,17 +9,11 @@ from plant.parts.fields import Floats
 
 SLOWEST = 0.1  # sampling period [s] that no controller of an arm has
 
-_TURNS = 3.0  # turns that no revolute joint of an arm makes from end to end
-
-_SLUGGISH = 30.0  # acceleration [rad/s^2] that any motor of an arm gives its rotor alone
-
 
 def unlikely_statements(
     rig: Rig, q: Floats, qd: Floats, prismatic: Sequence[bool]
 ) -> Iterator[str]:
-    """Lines on what cannot be meant, along positions and velocities (N, n) of the joints [rad,
-    rad/s].
-    """
+    """Messages on improbable numbers of a rig along a motion q, qd (N, n) [rad, rad/s]."""
     drive = rig.drive
     labels = rig.joint_labels
     if rig.period > SLOWEST:
@@ -29,11 +21,14 @@ def unlikely_statements(
             f"a period of {rig.period:g} s is no arm's: state the time from sample to sample [s],"
             " such as 0.001."
         )
+    # Limits of the motors and friction at the largest speed, both motor side [N m].
     turns = np.ptp(q, axis=0) / (2 * np.pi)
     limit = drive.motor_gain * drive.current_limit
     friction = drive.viscous * np.abs(drive.gear * qd).max(axis=0)
     for i in range(rig.n):
-        if turns[i] > _TURNS and not prismatic[i]:
+        # One line per joint: positions in other units would raise the friction as well.
+        # No revolute joint of an arm makes three turns from end to end.
+        if turns[i] > 3.0 and not prismatic[i]:
             yield (
                 f"{labels[i]} moves over {turns[i]:.3g} turns: positions are in rad, resolutions in"
                 " counts per turn of the motor. Are they in degrees, or per radian?"
@@ -49,7 +44,8 @@ def unlikely_statements(
                 f"the Coulomb friction of {labels[i]} is {drive.coulomb[i]:.3g} N m at the motor,"
                 f" which gives at most {limit[i]:.3g} N m: coulomb is motor side [N m]."
             )
-        if limit[i] < _SLUGGISH * drive.motor_inertia[i]:
+        # Any motor of an arm gives its rotor alone more than 30 rad/s^2.
+        if limit[i] < 30.0 * drive.motor_inertia[i]:
             yield (
                 f"the motor of {labels[i]} gives its rotor alone"
                 f" {limit[i] / drive.motor_inertia[i]:.2g} rad/s^2 at most: motor_inertia is in kg"

@@ -66,22 +66,20 @@ class Arm(Part):
         return self.dynamics.h(q, qd, self.f).full().ravel()
 
     def inverse(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Floats:
-        """Inverse dynamics without friction: torque (n,) [N m] of a motion, tau = Y(q, qd, qdd)
-        f.
-        """
+        """Inverse dynamics tau = Y(q, qd, qdd) f: torque (n,) [N m] without friction."""
         return (self.dynamics.Y(q, qd, qdd).full() @ self.f).ravel()
 
     def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Floats:
-        """Forward dynamics without friction: acceleration (n,) [rad/s^2] under a torque; D(q)
-        has to be positive.
-        """
+        """Forward dynamics: acceleration (n,) [rad/s^2] without friction; D(q) must be positive."""
         tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
         self.require_positive(q)
+        # qdd = D^-1 (tau - h). A solve, not the inverse of D, which would lose digits.
         return np.asarray(np.linalg.solve(self.D(q), tau - self.h(q, qd)), dtype=float)
 
     def require_positive(self, q: ArrayLike, least: ArrayLike = 0.0) -> None:
-        """Refuse an arm whose inertia matrix D(q), less diag(least), is not positive definite."""
+        """Refuse an arm whose D(q) - diag(least) [kg m^2] is not positive definite."""
         smallest = np.linalg.eigvalsh(self.D(q) - np.diag(np.broadcast_to(least, self.n)))[0]
+        # Written with `not`, so that an eigenvalue that is not a number is refused too.
         if not smallest > 0:
             raise ValueError(
                 f"D must be positive definite; its smallest eigenvalue is {smallest:.3g} at q ="

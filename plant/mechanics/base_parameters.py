@@ -1,5 +1,4 @@
-"""Base parameters: the identifiable combinations of a chain's standard parameters, found from the
-regressor.
+"""Base parameters: the identifiable combinations of the standard parameters of a chain.
 
 The columns of the regressor of the standard parameters are linearly dependent. Taken in an order of
 preference, each column is either independent of those before it, and its parameter stays, or a
@@ -32,33 +31,41 @@ if TYPE_CHECKING:
 def independent_columns(
     regressor: Floats, order: Iterable[int], tolerance: float
 ) -> tuple[list[int], Floats]:
-    """The independent columns (r,), preferred in this order, and all columns as combinations (r,
-    columns) of them.
+    """Indices (r,) of independent columns, and the matrix (r, columns) that combines all columns.
+
+    The order is that of preference: an earlier column stays, a later one is combined.
     """
     lengths = np.linalg.norm(regressor, axis=0)
+    # A column of zeros belongs to a parameter without effect on any joint, such as the mass of a
+    # first link that turns. It stays out of f.
     order = [column for column in order if lengths[column] > tolerance * lengths.max()]
-    kept: list[int] = []
+    independent: list[int] = []
     basis = np.empty((len(regressor), 0))
+    # Gram-Schmidt orthogonalisation in the order of preference. All columns have length 1 here, so
+    # that one tolerance serves masses and inertias alike.
     for column in order:
         new = regressor[:, column] / lengths[column]
         for _ in range(2):  # twice is enough for orthogonality to rounding
             new = new - basis @ (basis.T @ new)
         if np.linalg.norm(new) > tolerance:
-            kept.append(column)
+            independent.append(column)
             basis = np.column_stack([basis, new / np.linalg.norm(new)])
-    kept.sort()
-    matrix = np.zeros((len(kept), regressor.shape[1]))
-    combinations = np.linalg.lstsq(regressor[:, kept], regressor[:, order], rcond=None)[0]
+    # f follows the order of the links, not the order of preference.
+    independent.sort()
+    matrix = np.zeros((len(independent), regressor.shape[1]))
+    # The dependent columns as combinations of the independent ones. Coefficients below 1e-9 are
+    # rounding; an independent column gets its exact unit vector.
+    combinations = np.linalg.lstsq(regressor[:, independent], regressor[:, order], rcond=None)[0]
     matrix[:, order] = np.where(np.abs(combinations) > 1e-9, combinations, 0.0)
-    matrix[:, kept] = np.eye(len(kept))
-    return kept, matrix
+    matrix[:, independent] = np.eye(len(independent))
+    return independent, matrix
 
 
+# The parameters to keep, the preferred kind first. Masses, mz and Iyy come last, so that they are
+# regrouped into others, as in the literature.
 _PREFERENCE = ("J", "Izz", "mx", "my", "Ixx", "Ixy", "Ixz", "Iyz", "Iyy", "mz", "m")
-_STATES = 40  # random states, each with n equations: several times as many as there are parameters
-
-# a column (of length 1) with a smaller component outside the span of those before it depends on
-# them
+# A column of length 1 depends on the preferred ones if its component outside of their span is
+# smaller: far above rounding (1e-15), far below any real coefficient.
 _TOLERANCE = 1e-8
 
 
@@ -76,27 +83,32 @@ def base_lumping(chain: Chain, *, rotors: bool = True) -> Lumping:
         for link in reversed(range(chain.n))
         if name != "J" or rotors
     ]
-    kept, matrix = independent_columns(regressor, order, _TOLERANCE)
-    everywhere = (True,) * len(kept)
-    names = tuple(_name(chain, row, column) for row, column in zip(matrix, kept, strict=True))
+    columns, matrix = independent_columns(regressor, order, _TOLERANCE)
+    # The regressor holds inertial and gravity torque together, so each base parameter enters both.
+    everywhere = (True,) * len(columns)
+    names = tuple(_name(chain, row, column) for row, column in zip(matrix, columns, strict=True))
     return Lumping(names=names, matrix=matrix, inertial=everywhere, gravitational=everywhere)
 
 
 def _regressor(chain: Chain) -> Floats:
     """Regressor of the standard parameters at random states, stacked: (states n, 11 n)."""
     n = chain.n
+    # The seed is fixed: the same chain always gets the same parameters.
     random = np.random.default_rng(0)
     q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
     pi = ca.SX.sym("pi", len(STANDARD) * n)
+    # tau = Y pi is linear in pi, so its Jacobian is the regressor and contains no pi.
     slope = ca.jacobian(torque(chain, q, qd, qdd, pi, chain.gravity), pi)
     function = ca.Function("Y", [q, qd, qdd], [ca.densify(slope)])
-    return np.vstack([function(*random.uniform(-2, 2, (3, n))).full() for _ in range(_STATES)])
+    # Forty states with n equations each: several times as many equations as parameters (11 n).
+    return np.vstack([function(*random.uniform(-2, 2, (3, n))).full() for _ in range(40)])
 
 
-def _name(chain: Chain, row: Floats, kept: int) -> str:
-    """A row of B as a sum, its own parameter first."""
+def _name(chain: Chain, row: Floats, independent: int) -> str:
+    """The sum that a row of B stands for; the parameter that was not regrouped comes first."""
     terms = []
-    for column in sorted(np.flatnonzero(row), key=lambda column: (column != kept, column)):
+    # The parameter that names the row comes first, then the rest from the base outwards.
+    for column in sorted(np.flatnonzero(row), key=lambda column: (column != independent, column)):
         link, kind = divmod(column, len(STANDARD))
         coefficient = row[column]
         parameter = parameter_name(STANDARD[kind], chain.links[link])
@@ -104,15 +116,16 @@ def _name(chain: Chain, row: Floats, kept: int) -> str:
         factor = _factor(chain, abs(coefficient))
         terms.append(f"{sign}{factor}{' ' if factor else ''}{parameter}")
     text = "".join(terms)
+    # A leading plus goes, a leading minus stays.
     return text[3:] if text.startswith(" + ") else text[1:]
 
 
 def _factor(chain: Chain, value: float) -> str:
-    """A coefficient by its name: nothing for 1, a product of up to two lengths, a sum of
-    squares, or a number.
-    """
+    """A coefficient as text: "" for 1, a product of lengths, a sum of squares, or a number."""
     if abs(value - 1) < 1e-9:
         return ""
+    # Regrouping multiplies by offsets of the table: a and d once in first moments, twice in
+    # inertias (parallel-axis theorem), and squares add up over links.
     lengths = [
         (parameter_name(kind, link), getattr(link, kind))
         for link in chain.links
@@ -120,13 +133,14 @@ def _factor(chain: Chain, value: float) -> str:
     ]
     lengths = [(name, abs(length)) for name, length in lengths if abs(length) > 1e-9]
     products = list(lengths)
-    for (name, length), (other, width) in itertools.combinations_with_replacement(lengths, 2):
-        products.append((f"{name}^2" if name == other else f"{name} {other}", length * width))
+    for (name, length), (factor, width) in itertools.combinations_with_replacement(lengths, 2):
+        product = f"{name}^2" if name == factor else f"{name} {factor}"
+        products.append((product, length * width))
     for count in (2, 3, 4):
-        for some in itertools.combinations(lengths, count):
-            products.append(
-                (f"({' + '.join(f'{name}^2' for name, _ in some)})", sum(x**2 for _, x in some))
-            )
+        for terms in itertools.combinations(lengths, count):
+            squares = " + ".join(f"{name}^2" for name, _ in terms)
+            products.append((f"({squares})", sum(length**2 for _, length in terms)))
+    # Simple products come before their doubles, so that the shortest name is found.
     for count, (name, product) in itertools.product((1, 2), products):
         if abs(value - count * product) < 1e-9 * max(1, value):
             return name if count == 1 else f"2 {name}"

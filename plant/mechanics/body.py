@@ -1,6 +1,4 @@
-"""Body: mass, centre of mass and inertia of a link and all that is fixed to it; its
-pseudo-inertia.
-"""
+"""Body: mass, centre of mass and inertia of a link with its attachments; pseudo-inertia."""
 
 from __future__ import annotations
 
@@ -61,42 +59,37 @@ class Body(Part):
         super().__post_init__()
         signs(self, not_negative=("mass", "rotor"), advice="Check the body's numbers.")
 
-    def joined(self, other: Body) -> Body:
-        """This body and another one (a tool, a load) fixed to it as one body; all in the same
-        frame.
-        """
-        if not self.mass + other.mass:
-            return Body(
-                mass=0.0,
-                com=self.com,
-                inertia=self.inertia + other.inertia,
-                rotor=self.rotor + other.rotor,
-            )
-        mass = self.mass + other.mass
-        com = (self.mass * self.com + other.mass * other.com) / mass
-        inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, other))
-        return Body(mass=mass, com=com, inertia=inertia, rotor=self.rotor + other.rotor)
+    def joined(self, body: Body) -> Body:
+        """This body and a tool or load fixed to it as one body; both in the same frame."""
+        mass = self.mass + body.mass
+        rotor = self.rotor + body.rotor
+        # Without any mass the common centre of mass would be 0 / 0.
+        if not mass:
+            added = self.inertia + body.inertia
+            return Body(mass=0.0, com=self.com, inertia=added, rotor=rotor)
+        com = (self.mass * self.com + body.mass * body.com) / mass
+        # Both inertias are shifted to the common centre of mass by the parallel-axis theorem.
+        inertia = sum(b.inertia + b.mass * parallel_axis(b.com - com) for b in (self, body))
+        return Body(mass=mass, com=com, inertia=inertia, rotor=rotor)
 
     @property
     def standard_parameters(self) -> Floats:
-        """Its standard parameters phi (10,): m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz, without
-        the rotor's.
+        """Standard parameters phi (10,): m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz; no rotor.
 
         Mass [kg], first moments [kg m], and inertia about the *origin* of the frame [kg m^2].
         """
+        # The parallel-axis theorem: about the origin the torque is linear in mass, first moment and
+        # inertia; about the centre of mass it is not.
         about_origin = self.inertia + self.mass * parallel_axis(self.com)
         return np.array([self.mass, *(self.mass * self.com), *about_origin])
 
     @classmethod
     def from_standard_parameters(cls, parameters: ArrayLike) -> Body:
         """The body with these `standard_parameters` (10,); all zero: none."""
-        phi = array(
-            "parameters",
-            parameters,
-            (10,),
-            advice="Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz.",
-        )
+        advice = "Give m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz."
+        phi = array("parameters", parameters, (10,), advice=advice)
         mass = float(phi[0])
+        # Only the empty load (all ten zero) may lack mass: its centre of mass is then arbitrary.
         if not mass > 0 and phi.any():
             raise ValueError(
                 f"a load must have a positive mass; got {mass:g} kg. Only an empty gripper has"
@@ -108,6 +101,7 @@ class Body(Part):
     def seen_from(self, placement: Placement) -> Body:
         """The same body, given in the frame in which its own frame has this pose."""
         rotation = np.array(placement.rotation)
+        # R I R^T. The inertia is about the centre of mass, so the shift of the frame adds nothing.
         matrix = rotation @ inertia_matrix(self.inertia) @ rotation.T
         com = np.array(placement.position) + rotation @ self.com
         return Body(mass=self.mass, com=com, inertia=matrix[_UPPER], rotor=self.rotor)
@@ -119,6 +113,8 @@ class Body(Part):
         of the others.
         """
         moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
+        # Files round their inertias: violations below 1e-9 of the largest moment are accepted. The
+        # floor of 1e-300 serves a point mass.
         slack = 1e-9 * max(1e-300, np.abs(moments).max())
         if not self.mass > 0:
             raise ValueError(
@@ -130,6 +126,7 @@ class Body(Part):
                 f" {moments}. Check the signs of Ixy, Ixz and Iyz, and that it is given about the"
                 " centre of mass."
             )
+        # Moments come in ascending order, so one comparison is the triangle inequality.
         if moments[2] > moments[0] + moments[1] + slack:
             raise ValueError(
                 f"link {name} must have an inertia that a body can have (triangle inequality); got"
@@ -154,20 +151,22 @@ def inertia_matrix(entries: ArrayLike) -> Floats:
 
 
 def pseudo_inertia(parameters: ArrayLike) -> Floats:
-    """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of a body's standard parameters (10,), S the
-    integral of r r' dm.
+    """Pseudo-inertia P = [[S, m c], [m c', m]] (4, 4) of standard parameters (10,).
+
+    S is the integral of r r' dm.
 
     A body of positive density exists exactly where P is positive definite: positive mass, positive
     inertia about the centre of mass, and the triangle inequality in one. Source: P. M. Wensing, S.
     Kim, J.-J. E. Slotine, Linear matrix inequalities for physically consistent inertial parameter
     identification, IEEE Robotics and Automation Letters 3 (2018).
     """
-    m, *rest = np.asarray(parameters, float)
-    inertia = inertia_matrix(rest[3:])
+    phi = np.asarray(parameters, float)
+    inertia = inertia_matrix(phi[4:])
     result = np.zeros((4, 4))
+    # I = trace(S) 1 - S and trace(I) = 2 trace(S); so S = trace(I) / 2 1 - I.
     result[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
-    result[:3, 3] = result[3, :3] = rest[:3]
-    result[3, 3] = m
+    result[:3, 3] = result[3, :3] = phi[1:4]
+    result[3, 3] = phi[0]
     return result
 
 
@@ -180,11 +179,10 @@ def from_pseudo_inertia(P: ArrayLike) -> Floats:
 
 
 def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
-    """The body of an element at this pose in its link's frame; None of one that has no mass and
-    no inertia.
-    """
+    """The body of a file's element at this pose in its link's frame; None without any mass."""
     if mass < 0:
         raise ValueError(f"link {name} must have a positive mass; got {mass}. Correct it.")
+    # A frame without any mass, such as that of a tool's tip, is no body.
     if not mass and not np.any(inertia):
         return None
     return Body(mass=mass, com=np.zeros(3), inertia=inertia).seen_from(pose)
@@ -192,35 +190,43 @@ def body_in(mass: float, inertia: Floats, name: str, pose: Placement) -> Body | 
 
 def symmetric_basis(d: int) -> Floats:
     """Orthonormal basis of the symmetric matrices (d, d): (d (d + 1) / 2, d, d)."""
-    found = []
+    basis = []
     for i in range(d):
         for j in range(i, d):
             matrix = np.zeros((d, d))
+            # Off the diagonal an element counts twice in the norm, hence the root of one half.
             matrix[i, j] = matrix[j, i] = 1.0 if i == j else np.sqrt(0.5)
-            found.append(matrix)
-    return np.array(found)
+            basis.append(matrix)
+    return np.array(basis)
 
 
-# extent [m], root mean square, that a prior gets where it has none: a point mass, a rod
+# Root-mean-square extent [m] that a prior gets where it has none (a point mass, a rod): that of a
+# slender link.
 _THIN = 0.03
 
 
 def prior_factor(parameters: ArrayLike) -> Floats:
-    """L (4, 4) with L L' the pseudo-inertia of a body (10,) that is a prior, made a little thick
-    where it is thin.
+    """Factor L (4, 4) of the pseudo-inertia L L' of a prior body (10,).
+
+    Directions in which the body has no extent are widened, since L L' has to be positive definite.
     """
     P = pseudo_inertia(parameters)
+    # A prior without mass has no Cholesky factor: it gets a small one, in proportion to its
+    # moments.
     if not P[3, 3] > 0:
         P = P + np.diag([0.0, 0.0, 0.0, 1e-3 * max(1e-3, float(np.trace(P[:3, :3])))])
+    # Second moments about the centre of mass, m times the squared root-mean-square extents along
+    # the principal axes. Only directions without extent are widened; a stated extent stays.
     central = P[:3, :3] - np.outer(P[:3, 3], P[:3, 3]) / P[3, 3]
     widths, axes = np.linalg.eigh(central)
-    thin = (
-        np.maximum(widths, _THIN**2 * P[3, 3] * (widths < (1e-3 * _THIN) ** 2 * P[3, 3])) - widths
-    )
-    P[:3, :3] += axes @ np.diag(thin) @ axes.T
+    thin = widths < (1e-3 * _THIN) ** 2 * P[3, 3]
+    widening = np.maximum(widths, _THIN**2 * P[3, 3] * thin) - widths
+    # Added along the principal axes; mass and first moment do not change.
+    P[:3, :3] += axes @ np.diag(widening) @ axes.T
     return np.asarray(np.linalg.cholesky(P), dtype=float)
 
 
 def prior_changes(factor: Floats) -> Floats:
     """Standard parameters (10, 10) of L S L' for each S of an orthonormal basis, in columns."""
+    # phi is linear in P: these are its changes where P becomes L (1 + S) L'.
     return np.array([from_pseudo_inertia(factor @ S @ factor.T) for S in symmetric_basis(4)]).T

@@ -49,7 +49,8 @@ class Chain(Part):
     Examples
     --------
     >>> from plant import Chain, Link, Lumping, Dynamics
-    >>> chain = Chain(links=(Link(name="shoulder"), Link(name="elbow", a=0.4)), gravity=(0, -9.81, 0))
+    >>> links = Link(name="shoulder"), Link(name="elbow", a=0.4)
+    >>> chain = Chain(links=links, gravity=(0, -9.81, 0))
     >>> dynamics = Dynamics.from_chain(chain)
     >>> dynamics.n, dynamics.names[3:5]
     (2, ('mx_elbow', 'my_elbow'))
@@ -62,12 +63,14 @@ class Chain(Part):
     limits: Limits | None = structure(Limits, default=None)
 
     def __post_init__(self) -> None:
+        # A chain of one link may be given by the link itself.
         links = tuple(self.links) if np.iterable(self.links) else (self.links,)
         if not links or not all(isinstance(link, Link) for link in links):
             raise ValueError(
                 f"links must be at least one Link; got {self.links!r:.80}. Give a tuple of"
                 " Link(...)."
             )
+        # The names of links become those of joints and parameters, so each may occur once.
         names = [link.name for link in links]
         twice = [name for i, name in enumerate(names) if name in names[:i]]
         if twice:
@@ -76,9 +79,8 @@ class Chain(Part):
             )
         gravity = array("gravity", self.gravity, (3,), advice="Give m/s^2, such as (0, 0, -9.81).")
         bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
-        if bodies and (
-            len(bodies) != len(links) or not all(isinstance(body, Body) for body in bodies)
-        ):
+        complete = len(bodies) == len(links) and all(isinstance(body, Body) for body in bodies)
+        if bodies and not complete:
             raise ValueError(
                 f"bodies must be {len(links)}, one Body per link; got {len(bodies)}. Add or leave"
                 " out."
@@ -89,6 +91,7 @@ class Chain(Part):
                 f"limits must have {len(links)} joints; got {self.limits.n}. Give one number per"
                 " joint."
             )
+        # A frozen part keeps plain tuples, so that equal chains are equal and hash alike.
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))
         object.__setattr__(self, "bodies", bodies)
@@ -104,22 +107,21 @@ class Chain(Part):
         return joint_labels([link.name for link in self.links], self.n)
 
     def tilted(self, rotation: ArrayLike) -> Chain:
-        """The same chain on a tilted base; rotation (3, 3): the base's axes as columns, in a
-        frame with z upwards.
+        """The same chain on a tilted base.
+
+        The rotation (3, 3) has the axes of the base as columns, in a frame whose z axis points up.
         """
         placement = Placement(rotation=rotation)
-        return dataclasses.replace(
-            self, gravity=np.array(placement.rotation).T @ np.array(self.gravity)
-        )
+        # R^T turns gravity from the level frame into that of the tilted base.
+        gravity = np.array(placement.rotation).T @ np.array(self.gravity)
+        return dataclasses.replace(self, gravity=gravity)
 
     def coupled(self, coupling: Coupling) -> Chain:
         """The same chain with the coupling of its `Drive`."""
         return dataclasses.replace(self, coupling=coupling)
 
     def with_rotors(self, drive: Any) -> Chain:
-        """The same chain with the rotor inertias of a `Drive` in its bodies, and with its
-        coupling.
-        """
+        """The same chain with the rotor inertias and the coupling of a `Drive`."""
         if not self.bodies:
             raise ValueError(
                 "bodies must be known to get rotors; this chain has none. Give the Chain its"
@@ -130,6 +132,7 @@ class Chain(Part):
                 f"drive must have {self.n} joints like the chain; got {drive.n}. Use a matching"
                 " drive."
             )
+        # A rotor counts with Jm k^2 on its shaft; the coupling carries it on to the joints.
         pairs = zip(self.bodies, drive.reflected_inertia(), strict=True)
         bodies = tuple(dataclasses.replace(body, rotor=float(rotor)) for body, rotor in pairs)
         return dataclasses.replace(self, bodies=bodies, coupling=drive.coupling)
@@ -146,9 +149,10 @@ class Chain(Part):
                 "bodies must be known to carry one more; this chain has none. Give the Chain its"
                 " bodies."
             )
-        names = [each.name for each in self.links]
+        names = [carrier.name for carrier in self.links]
         if isinstance(link, str):
             link = names.index(choice("link", link, names))
+        # A negative index counts from the tip, as in Python.
         if not isinstance(link, (int, np.integer)) or not -self.n <= link < self.n:
             raise ValueError(
                 f"link must be a name or a place below {self.n}; got {link!r}. Names:"
@@ -202,6 +206,7 @@ class Chain(Part):
             Angles within 1e-3 rad of right ones are put right: files round them, and axes that are
             nearly parallel or perpendicular have base parameters that no log excites.
         """
+        # base and tip are first turned into joints: below, a chain is a list of joints.
         model = read_urdf(path)
         names = [joint.name for joint in model.chain_joints(joints, base, tip)]
         links, bodies, limits = links_of_chain(model, names)
@@ -209,8 +214,7 @@ class Chain(Part):
 
     @classmethod
     def from_mjcf(cls, path: str | Path, joints: Sequence[str] | None = None) -> Chain:
-        """A chain, with bodies, from a MuJoCo model: trees of bodies with one hinge or slide joint
-        each, or none.
+        """A chain, with bodies, from a MuJoCo model with at most one hinge or slide per body.
 
         As `from_urdf`, with the file's gravity, rotors (``armature``) and `limits` (``range``,
         ``actuatorfrcrange``); of damping and frictionloss nothing is read (they are the `Drive`'s).
@@ -240,29 +244,23 @@ class Chain(Part):
         bodies : tuple of Body, optional
             Given in the frames of the standard table, which sit at the far end of their links.
         """
+        # The standard table has alpha_i and a_i at the far end of link i, the modified one at its
+        # near end. So each Link begins with the twist and length of the previous row, and the frame
+        # of its body lies at the far end.
         links: list[Link] = []
-        reached: dict[str, Any] = {"alpha": 0.0, "a": 0.0}
+        start: dict[str, Any] = {"alpha": 0.0, "a": 0.0}
         for i, row in enumerate(rows):
-            instance(
-                f"row {i}",
-                row,
-                dict,
-                "Give alpha, a and d by name; rows of the modified table are Links.",
-            )
+            advice = "Give alpha, a and d by name; rows of the modified table are Links."
+            instance(f"row {i}", row, dict, advice)
+            label = f"a key of row {i} (standard table; rows of the modified one are Links)"
             for key in row:
-                choice(
-                    f"a key of row {i} (standard table; rows of the modified one are Links)",
-                    key,
-                    _KEYS,
-                )
+                choice(label, key, _KEYS)
             for key in ("alpha", "a", "d"):
                 if key not in row:
                     raise ValueError(f"row {i} must have {key}; it has {', '.join(row)}. Add it.")
                 real(f"{key} of row {i}", row[key], "Give it in SI units.")
-            rest = {"name": str(i + 1)} | {
-                key: row[key] for key in ("name", "d", "theta", "prismatic") if key in row
-            }
             end = {"alpha": row["alpha"], "a": row["a"]}
-            links.append(Link(**reached, **rest, frame=Placement.of_row(**end)))
-            reached = end
+            fields = {"name": str(i + 1)} | dict(row) | start
+            links.append(Link(**fields, frame=Placement.of_row(**end)))
+            start = end
         return cls(links=tuple(links), gravity=gravity, bodies=tuple(bodies))

@@ -15,8 +15,6 @@ from plant.parts.arguments import array
 from plant.parts.fields import ArrayOrSymbols, Floats, Nested
 from plant.parts.part import Part, part, structure
 
-_NEARLY_SINGULAR = 1e6
-
 
 @part
 class Coupling(Part):
@@ -41,7 +39,7 @@ class Coupling(Part):
     Examples
     --------
     >>> from plant import Coupling
-    >>> coupling = Coupling(matrix=((1, 0), (1, 1)))       # the second shaft turns with the first joint
+    >>> coupling = Coupling(matrix=((1, 0), (1, 1)))       # shaft 2 turns with joint 1 too
     >>> coupling.shaft((0.3, 0.1))
     array([0.3, 0.4])
     """
@@ -50,6 +48,7 @@ class Coupling(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # No matrix: C is the identity.
         if isinstance(self.matrix, (tuple, list)) and not self.matrix:
             object.__setattr__(self, "matrix", ())
             return
@@ -59,14 +58,16 @@ class Coupling(Part):
             raise ValueError(
                 f"matrix of a coupling must be (n, n); got shape {matrix.shape}. {advice}"
             )
-        if not np.linalg.cond(matrix) < _NEARLY_SINGULAR:
+        # Beyond a condition number of 1e6 rows are alike, and C^-1 would amplify rounding.
+        if not np.linalg.cond(matrix) < 1e6:
             raise ValueError(
                 f"matrix of a coupling must not be singular; got {matrix.tolist()}. Check its rows."
             )
+        # The identity becomes "no coupling": equations get no products with it, and it equals the
+        # default.
         plain = (matrix == np.eye(len(matrix))).all()
-        object.__setattr__(
-            self, "matrix", () if plain else tuple(tuple(row) for row in matrix.tolist())
-        )
+        rows = () if plain else tuple(tuple(row) for row in matrix.tolist())
+        object.__setattr__(self, "matrix", rows)
 
     def require_size(self, n: int, owner: str) -> None:
         """Refuse a coupling that is not of n joints."""
@@ -94,15 +95,18 @@ class Coupling(Part):
 
     def shaft_inertia(self, D: ca.SX) -> ca.SX:
         """Inertia matrix (n, n) seen from the shafts, C^-T D C^-1."""
+        # D is symmetric: (C^-T D)^T = D C^-1, and C^-T times that is the matrix on the shafts.
         return self.shaft_torque(self.shaft_torque(D).T)
 
     @functools.cached_property
     def _inverse(self) -> Floats:
+        # Whole numbers often have a whole inverse: rounding would only lengthen the equations.
         return exact(np.linalg.inv(self.matrix)) if self.matrix else np.empty(0)
 
     def _times(self, matrix: Floats, x: ArrayOrSymbols) -> ArrayOrSymbols:
         if not self.matrix:
             return x
+        # Zeros of a sparse matrix leave no terms in a symbolic expression.
         if isinstance(x, (ca.SX, ca.DM, ca.MX)):
             return ca.sparsify(ca.DM(matrix)) @ x
         # no BLAS: the same bits everywhere

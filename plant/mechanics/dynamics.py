@@ -1,5 +1,4 @@
-"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, linear in its inertial
-parameters f.
+"""Equations of motion D(q; f) qdd + h(q, qd; f) = tau of a serial chain, linear in f.
 
 Source: paper eq. (2). The torque is `plant.mechanics.newton_euler`; D, h, C and Y are read off it.
 """
@@ -23,12 +22,6 @@ from plant.parts.arguments import array, instance
 from plant.parts.checked_function import CheckedFunction
 from plant.parts.fields import ArrayOrSymbols, Floats, Nested
 from plant.parts.part import Part, part, structure
-
-# joints up to which sums over f and over products of speeds are shorter than what the recursion
-# gives
-_FEW = 3
-
-_SHORT = 6  # letters up to which a name of f is short
 
 
 @part
@@ -91,9 +84,7 @@ class Dynamics(Part):
 
     @classmethod
     def from_chain(cls, chain: Chain, *, rotors: bool = True) -> "Dynamics":
-        """Equations of a chain in its base parameters, with rotor inertias or without
-        (`base_parameters`).
-        """
+        """Equations of a chain in its base parameters (`base_parameters`), rotors optional."""
         return cls(chain=chain, lumping=base_lumping(chain, rotors=rotors))
 
     @property
@@ -113,10 +104,9 @@ class Dynamics(Part):
 
     @property
     def short_names(self) -> tuple[str, ...]:
-        """Names of f for tables and figures: the names themselves, or f1, f2, ... where they are
-        sums (`legend`).
-        """
-        if max(map(len, self.names)) <= _SHORT:
+        """Names of f for tables and figures: f1, f2, ... where the names are sums (`legend`)."""
+        # Names of base parameters are sums; a table has room for names of six letters.
+        if max(map(len, self.names)) <= 6:
             return self.names
         return tuple(f"f{i + 1}" for i in range(self.p))
 
@@ -131,9 +121,7 @@ class Dynamics(Part):
         )
 
     def f(self, bodies: Sequence[Body] | None = None) -> Floats:
-        """Parameters f (p,) of an arm with these bodies, one per link; by default those of the
-        chain.
-        """
+        """Parameters f (p,) of an arm with these bodies, one per link; by default the chain's."""
         bodies = self.chain.bodies if bodies is None else tuple(bodies)
         if not bodies:
             raise ValueError(
@@ -147,14 +135,13 @@ class Dynamics(Part):
             )
         for body in bodies:
             instance("each of the bodies", body, Body, "Give mass, com and inertia.")
-        in_place = [
-            body.seen_from(link.frame) for body, link in zip(bodies, self.chain.links, strict=True)
-        ]
+        # A body may be given in a frame of its own (`Link.frame`); f refers to the link's frame.
+        pairs = zip(bodies, self.chain.links, strict=True)
+        in_place = [body.seen_from(link.frame) for body, link in pairs]
         return np.array(self.lumping.matrix) @ standard_parameters(in_place)
 
     def load_matrix(self, link: int | str = -1) -> Floats:
-        """Increments B (p, 10) of f by a load on a link: f of the empty arm + B
-        ``body.standard_parameters``.
+        """Increments B (p, 10) of f by a load on a link: f + B ``body.standard_parameters``.
 
         The link is given by its place in the chain from 0, or its name; by default it is the last.
         """
@@ -172,40 +159,40 @@ class Dynamics(Part):
 
     @cached_property
     def _equations(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """D, Coriolis and gravity torque; with few joints collected as sums over f, in which
-        terms have cancelled.
-        """
+        """D, Coriolis torque and gravity torque; with few joints collected as sums over f."""
         q, qd, qdd, f = self._symbols
         strength = float(np.linalg.norm(self.chain.gravity))
         rest = ca.SX.zeros(self.n)
+        # tau = D qdd + C qd + g. D is the slope of the inertial torque in qdd, and the Coriolis
+        # torque is what remains of it at qdd = 0; gravity comes from its own recursion at rest.
         moving, at_rest = lumped_torque(self.chain, self.lumping, q, qd, qdd, f)
         D = ca.jacobian(moving, qdd)
         coriolis = ca.substitute(moving, qdd, rest)
-        if self.n <= _FEW:
+        # Up to three joints the sums over f and over products of speeds are shorter than the
+        # recursion.
+        if self.n <= 3:
             D = ca.reshape(collected(D, q, f), self.n, self.n)
             coriolis = by_speeds(coriolis, q, qd, f)
+            # Without the strength of gravity the coefficients are those of the geometry alone. The
+            # strength is put in again afterwards.
             unit = ca.substitute(at_rest, f, f / strength) if strength else at_rest
             at_rest = ca.substitute(collected(unit, q, f), f, strength * f)
+        # One triangle, mirrored: D is then symmetric to the last bit.
         return ca.tril2symm(ca.tril(D)), coriolis, at_rest
 
     def _function(self, name: str, inputs: Sequence[str], result: ca.SX) -> CheckedFunction:
         symbols = dict(zip(("q", "qd", "qdd", "f"), self._symbols, strict=True))
-        return CheckedFunction(
-            ca.Function(name, [symbols[each] for each in inputs], [result], inputs, [name])
-        )
+        arguments = [symbols[symbol] for symbol in inputs]
+        return CheckedFunction(ca.Function(name, arguments, [result], inputs, [name]))
 
     @cached_property
     def D(self) -> CheckedFunction:
-        """Inertia matrix D(q, f) (n, n) [kg m^2], rotor inertias included.
-        Source: paper eq. (2).
-        """
+        """Inertia matrix D(q, f) (n, n) [kg m^2] with rotor inertias. Source: paper eq. (2)."""
         return self._function("D", ("q", "f"), self._equations[0])
 
     @cached_property
     def h(self) -> CheckedFunction:
-        """Coriolis, centrifugal and gravity torque h(q, qd, f) (n, 1) [N m].
-        Source: paper eq. (2).
-        """
+        """Coriolis and gravity torque h(q, qd, f) (n, 1) [N m]. Source: paper eq. (2)."""
         _, coriolis, gravity = self._equations
         return self._function("h", ("q", "qd", "f"), coriolis + gravity)
 
@@ -221,9 +208,10 @@ class Dynamics(Part):
 
     @cached_property
     def C(self) -> CheckedFunction:
-        """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols of D: Ddot - 2 C is
-        skew.
-        """
+        """Coriolis matrix C(q, qd, f) (n, n) from the Christoffel symbols: Ddot - 2 C is skew."""
+        # C_ij = sum_k c_ijk qd_k with the Christoffel symbols c_ijk = (dD_ij/dq_k + dD_ik/dq_j -
+        # dD_jk/dq_i) / 2. The first term sums to Ddot / 2, the other two are skew in i and j: hence
+        # Ddot - 2 C is skew.
         q, qd, *_ = self._symbols
         D = self._equations[0]
         dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
@@ -240,6 +228,7 @@ class Dynamics(Part):
     def _regressor(self) -> CheckedFunction:
         q, qd, qdd, f = self._symbols
         D, coriolis, gravity = self._equations
+        # tau = Y f is linear in f, so Y is its Jacobian.
         Y = ca.jacobian(D @ qdd + coriolis + gravity, f)
         return self._function("Y", ("q", "qd", "qdd"), ca.densify(Y))
 
@@ -248,22 +237,24 @@ class Dynamics(Part):
         q, qd, _, f = self._symbols
         qd_r = ca.SX.sym("qd_r", self.n)
         qdd_r = ca.SX.sym("qdd_r", self.n)
+        # The arguments of passivity-based laws: the Coriolis matrix multiplies a reference speed.
         D, _, gravity = self._equations
         Y = ca.jacobian(D @ qdd_r + self.C(q, qd, f) @ qd_r + gravity, f)
         names = ["q", "qd", "qd_r", "qdd_r"]
-        return CheckedFunction(
-            ca.Function("Y", [q, qd, qd_r, qdd_r], [ca.densify(Y)], names, ["Y"])
-        )
+        inputs = [q, qd, qd_r, qdd_r]
+        return CheckedFunction(ca.Function("Y", inputs, [ca.densify(Y)], names, ["Y"]))
 
     def Y(
         self, q: ArrayOrSymbols, qd: ArrayOrSymbols, *accelerations: ArrayOrSymbols
     ) -> ArrayOrSymbols:
-        """Regressor (n, p): tau = Y(q, qd, qdd) f, or D qdd_r + C qd_r + gravity = Y(q, qd,
-        qd_r, qdd_r) f.
+        """Regressor (n, p) of f: tau = Y(q, qd, qdd) f.
+
+        With four arguments D qdd_r + C qd_r + gravity = Y(q, qd, qd_r, qdd_r) f, as in passivity-
+        based laws.
         """
-        return (self._passive_regressor if len(accelerations) == 2 else self._regressor)(
-            q, qd, *accelerations
-        )
+        if len(accelerations) == 2:
+            return self._passive_regressor(q, qd, *accelerations)
+        return self._regressor(q, qd, *accelerations)
 
     def _prove(self) -> None:
         """Refuse a lumping whose torque is not the chain's, at random states.
@@ -272,21 +263,24 @@ class Dynamics(Part):
         """
         random = np.random.default_rng(0)
         matrix = np.array(self.lumping.matrix)
+        # Columns of the rotor inertias J, one per link.
         rotors = slice(STANDARD.index("J"), None, len(STANDARD))
         q, qd, qdd, f = self._symbols
         pi = ca.SX.sym("pi", len(STANDARD) * self.n)
-        chain_torque = ca.Function(
-            "tau", [q, qd, qdd, pi], [torque(self.chain, q, qd, qdd, pi, self.chain.gravity)]
-        )
+        tau = torque(self.chain, q, qd, qdd, pi, self.chain.gravity)
+        chain_torque = ca.Function("tau", [q, qd, qdd, pi], [tau])
+        # Both torques are linear in the parameters and smooth in the state: three random states
+        # settle equality.
         for _ in range(3):
             point = [random.normal(size=self.n) for _ in range(3)]
             links = random.uniform(0.5, 1.5, len(STANDARD) * self.n)
+            # Without a rotor in the lumping the chain is compared without rotors.
             links[rotors] *= matrix[:, rotors].any()
             expected = chain_torque(*point, links).full().ravel()
-            got = self.Y(*point).full() @ (matrix @ links)
-            if not np.allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()):
+            lumped = self.Y(*point).full() @ (matrix @ links)
+            if not np.allclose(lumped, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()):
                 raise ValueError(
-                    f"lumping must describe the motion of the chain; its torque is {got}, the"
+                    f"lumping must describe the motion of the chain; its torque is {lumped}, the"
                     f" chain's {expected}. Correct the equation for f or the table of links."
                 )
 
@@ -294,15 +288,17 @@ class Dynamics(Part):
 @lru_cache(maxsize=32)
 def _load_matrix(dynamics: Dynamics, link: int | str) -> Floats:
     """B, from point masses at ten places whose standard parameters are independent."""
-    empty = dataclasses.replace(
-        dynamics.chain, bodies=(Body(mass=0.0, com=(0, 0, 0)),) * dynamics.n
-    )
+    # The empty chain has f = 0, and f is linear in the bodies: the f of a probe is its increment.
+    massless = Body(mass=0.0, com=(0, 0, 0))
+    empty = dataclasses.replace(dynamics.chain, bodies=(massless,) * dynamics.n)
+    # The origin, six points on the axes and three between them: ten point masses whose ten
+    # parameters are independent.
     places = [np.zeros(3), *np.eye(3), *-np.eye(3)]
     places += [a + b for a, b in itertools.combinations(np.eye(3), 2)]
     probes = [Body(mass=1.0, com=place) for place in places]
     increments = np.array([dynamics.f(empty.carrying(probe, link).bodies) for probe in probes])
-    matrix = np.linalg.solve(
-        np.array([probe.standard_parameters for probe in probes]), increments
-    ).T
+    # increments = parameters B^T, one row per probe.
+    parameters = np.array([probe.standard_parameters for probe in probes])
+    matrix = np.linalg.solve(parameters, increments).T
     matrix[np.abs(matrix) < 1e-13 * np.abs(matrix).max()] = 0.0  # rounding
     return matrix

@@ -8,13 +8,13 @@ from plant.parts.arguments import signs
 from plant.parts.fields import Vector
 from plant.parts.part import Part, number, part, structure
 
-_LONGEST = 50.0  # length [m] of no link of an arm
+# No arm has a longer link [m]; lengths given in mm exceed it.
+_LONGEST = 50.0
 
 
 @part
 class Link(Part):
-    """One joint and its link: its frame in that of the previous link, by a row of the *modified*
-    table.
+    """One joint and its link: a row of the *modified* Denavit-Hartenberg table.
 
     The frame is ``before`` RotX(alpha) TransX(a) RotZ(theta + q) TransZ(d), or with d + q for a
     prismatic joint; the joint turns about, or slides along, its z axis. `Chain.standard` reads rows
@@ -65,50 +65,45 @@ class Link(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # Degrees and millimetres are the usual mistakes: both give numbers that no arm has.
         angle = ("an angle in radians, within one turn", 2 * np.pi, "Use np.radians.")
-        length = (
-            f"a length in metres, at most {_LONGEST:g}",
-            _LONGEST,
-            "Divide by 1000 what is in mm.",
-        )
-        for name, (rule, most, advice) in (
-            ("alpha", angle),
-            ("theta", angle),
-            ("a", length),
-            ("d", length),
+        rule = f"a length in metres, at most {_LONGEST:g}"
+        length = (rule, _LONGEST, "Divide by 1000 what is in mm.")
+        distance = max(map(abs, self.before.position))
+        for name, value, (rule, limit, advice) in (
+            ("alpha", self.alpha, angle),
+            ("theta", self.theta, angle),
+            ("a", self.a, length),
+            ("d", self.d, length),
+            ("before.position", distance, length),
         ):
-            if abs(value := getattr(self, name)) > most:
+            if abs(value) > limit:
                 raise ValueError(
                     f"{name} of link {self.name} must be {rule}; got {value:g}. {advice}"
                 )
-        if (far := max(map(abs, self.before.position))) > _LONGEST:
-            rule, _, advice = length
-            raise ValueError(
-                f"before.position of link {self.name} must be {rule}; got {far:g}. {advice}"
-            )
 
     def rotation(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Rotation (3, 3) from this link's frame to the previous one, and the origin's position
-        (3,) there [m].
-        """
-        angle, offset = (self.theta, self.d + q) if self.prismatic else (q + self.theta, self.d)
+        """Rotation (3, 3) and origin (3,) [m] of this link's frame in that of the previous link."""
+        # A revolute joint turns about z by q, a prismatic one slides along z by q.
+        angle = self.theta if self.prismatic else q + self.theta
+        offset = self.d + q if self.prismatic else self.d
+        # Fixed angles become plain numbers, exact at right angles: zeros then leave the equations.
         ca_, sa = (float(exact(f(self.alpha))) for f in (np.cos, np.sin))
-        c, s = (
-            (float(exact(f(angle))) for f in (np.cos, np.sin))
-            if self.prismatic
-            else (ca.cos(angle), ca.sin(angle))
-        )
+        if self.prismatic:
+            c, s = (float(exact(f(angle))) for f in (np.cos, np.sin))
+        else:
+            c = ca.cos(angle)
+            s = ca.sin(angle)
+        # RotX(alpha) RotZ(theta); the position is TransX(a), then d along the twisted z axis.
         rotation = ca.vertcat(
             ca.horzcat(c, -s, 0), ca.horzcat(s * ca_, c * ca_, -sa), ca.horzcat(s * sa, c * sa, ca_)
         )
         position = ca.vertcat(self.a, -sa * offset, ca_ * offset)
         if self.before == Placement():
             return rotation, position
-        before = ca.DM(exact(np.array(self.before.rotation)))
-        return (
-            ca.sparsify(before) @ rotation,
-            ca.DM(self.before.position) + ca.sparsify(before) @ position,
-        )
+        # A pose ahead of the row; sparse, so that its zeros leave no terms.
+        turned = ca.sparsify(ca.DM(exact(np.array(self.before.rotation))))
+        return turned @ rotation, ca.DM(self.before.position) + turned @ position
 
 
 @part
@@ -131,8 +126,8 @@ class Limits(Part):
     Examples
     --------
     >>> from plant import Limits
-    >>> Limits(lower=(-2, -2), upper=(2, 2), velocity=(3, 3), effort=(200, 100))
-    Limits(lower=array([-2., -2.]), upper=array([2., 2.]), velocity=array([3., 3.]), effort=array([200., 100.]))
+    >>> Limits(lower=(-2,), upper=(2,), velocity=(3,), effort=(200,))
+    Limits(lower=array([-2.]), upper=array([2.]), velocity=array([3.]), effort=array([200.]))
     """
 
     lower: Vector = number(("n",), finite=False)
@@ -142,6 +137,7 @@ class Limits(Part):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # Ends may be equal: a joint that is locked.
         for joint in np.flatnonzero(self.lower > self.upper):
             got = f"got {self.lower[joint]} and {self.upper[joint]} at joint {joint + 1}"
             raise ValueError(f"lower must not be above upper; {got}. Swap them.")

@@ -1,5 +1,4 @@
-"""Lumping f = B pi: the combinations of the links' standard parameters in which the torque is
-written.
+"""Lumping f = B pi: the identifiable combinations f of the links' standard parameters pi.
 
 The torque is linear in the *standard parameters* pi of the links (11 each), of which only some
 combinations f = B pi are identifiable, and tau = Y f. B is written once, as an expression in
@@ -41,9 +40,7 @@ def parameter_name(kind: str, link: Link) -> str:
 
 
 def standard_parameters(bodies: Iterable[Body]) -> Floats:
-    """Standard parameters (11 n,) of bodies, which are given by mass, centre of mass and inertia
-    about it.
-    """
+    """Standard parameters (11 n,) of bodies, rotor inertias included."""
     return np.concatenate([[*body.standard_parameters, body.rotor] for body in bodies])
 
 
@@ -82,25 +79,22 @@ class Lumping(Part):
         return f"Lumping({len(self.names)} of {len(self.matrix[0])} standard parameters)"
 
     def __post_init__(self) -> None:
+        # One column per standard parameter of each link.
         matrix = np.asarray(self.matrix, float)
         p = len(self.names)
-        if (
-            matrix.ndim != 2
-            or matrix.shape[0] != p
-            or matrix.shape[1] % len(STANDARD)
-            or not np.isfinite(matrix).all()
-        ):
+        shaped = matrix.ndim == 2 and matrix.shape[0] == p and matrix.shape[1] % len(STANDARD) == 0
+        if not shaped or not np.isfinite(matrix).all():
             raise ValueError(
                 f"matrix must be finite, ({p}, 11 n); got shape {matrix.shape}. Give one row per"
                 " name."
             )
         for field in ("inertial", "gravitational"):
-            if len(getattr(self, field)) != p:
+            flags = getattr(self, field)
+            if len(flags) != p:
                 raise ValueError(
-                    f"{field} must have {p} flags; got {len(getattr(self, field))}. Give one per"
-                    " name."
+                    f"{field} must have {p} flags; got {len(flags)}. Give one per name."
                 )
-            object.__setattr__(self, field, tuple(bool(flag) for flag in getattr(self, field)))
+            object.__setattr__(self, field, tuple(bool(flag) for flag in flags))
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "matrix", tuple(tuple(row) for row in matrix.tolist()))
 
@@ -134,16 +128,18 @@ class Lumping(Part):
         inertial, gravitational : collection of str
             Names that enter the inertial torque, and the gravity torque.
         """
-        links_ = [[ca.SX.sym(f"{name}{i}") for name in _PHYSICAL] for i in range(links)]
-        f = equation(
-            *(SimpleNamespace(**dict(zip(_PHYSICAL, symbols, strict=True))) for symbols in links_)
-        )
-        physical = ca.vertcat(*(s for symbols in links_ for s in symbols))
-        values = ca.Function("f", [physical], [ca.vertcat(*f.values())])
-        slope = ca.Function("B", [physical], [ca.jacobian(ca.vertcat(*f.values()), physical)])
+        # One symbol for every physical parameter, so that the equation can be differentiated.
+        symbols = [{name: ca.SX.sym(f"{name}{i}") for name in _PHYSICAL} for i in range(links)]
+        f = equation(*(SimpleNamespace(**link) for link in symbols))
+        physical = ca.vertcat(*(symbol for link in symbols for symbol in link.values()))
+        expression = ca.vertcat(*f.values())
+        values = ca.Function("f", [physical], [expression])
+        slope = ca.Function("B", [physical], [ca.jacobian(expression, physical)])
         # For unit masses at the origin, physical and standard parameters change alike, so the slope
         # there is B.
         matrix = slope([1.0 if name == "m" else 0.0 for name in _PHYSICAL] * links).full()
+        # A linear equation equals its matrix at any bodies. One random set of bodies reveals one
+        # that is not linear.
         trial = np.random.default_rng(0).uniform(0.5, 1.5, (links, len(_PHYSICAL)))
         bodies = [Body(mass=v[0], com=v[1:4], inertia=v[4:10], rotor=v[10]) for v in trial]
         lumped = values(trial.ravel()).full().ravel()
@@ -152,8 +148,12 @@ class Lumping(Part):
                 "equation must be linear in masses, first moments and inertias; it is not."
                 " Correct it."
             )
-        inert, heavy = (tuple(name in those for name in f) for those in (inertial, gravitational))
-        return cls(names=tuple(f), matrix=matrix, inertial=inert, gravitational=heavy)
+        return cls(
+            names=tuple(f),
+            matrix=matrix,
+            inertial=tuple(name in inertial for name in f),
+            gravitational=tuple(name in gravitational for name in f),
+        )
 
     def inertial_section(self) -> Floats:
         """Standard parameters (11 n, p) of links with the inertial torque of each f."""
@@ -164,22 +164,23 @@ class Lumping(Part):
         return self._section(self.gravitational)
 
     def _section(self, rows: tuple[bool, ...]) -> Floats:
-        """Fewest parameters S with B S = 1 on these rows: as many columns of B as rows, found by
-        pivoted QR.
-        """
+        """Right inverse S of these rows of B (B S = 1), sparse: pivoted QR selects its rows."""
         # 0.1 s, which no log needs; its choice among equal columns is in all results
         from scipy.linalg import qr
 
         matrix = np.array(self.matrix)
         section = np.zeros(matrix.T.shape)
         chosen = np.flatnonzero(rows)
+        # An f that the other torque alone contains gets no parameters here: its column stays zero.
         if len(chosen):
             _, triangle, order = qr(matrix[chosen], mode="economic", pivoting=True)
+            # Pivots of a QR decomposition fall; the last one is near zero where rows depend.
             if abs(triangle[-1, len(chosen) - 1]) < 1e-10 * abs(triangle[0, 0]):
                 raise ValueError(
                     f"f must be independent; the {len(chosen)} of one torque are not. Leave some"
                     " out."
                 )
+            # The chosen square block is inverted; the parameters outside of it are zero.
             columns = np.sort(order[: len(chosen)])
             section[np.ix_(columns, chosen)] = np.linalg.inv(matrix[np.ix_(chosen, columns)])
         return section

@@ -1,6 +1,4 @@
-"""A model file as a tree of links and joints, and the chain that lies in it; fixed joints
-lumped.
-"""
+"""A model file as a tree of links and joints, and the serial chain in it; fixed joints lumped."""
 
 import dataclasses
 import graphlib
@@ -27,7 +25,7 @@ MOVING = {"revolute": False, "continuous": False, "prismatic": True}  # -> wheth
 
 @dataclasses.dataclass(kw_only=True)
 class ModelJoint:
-    """A joint as a model file has it.
+    """A joint of a model file.
 
     `origin` is the pose of the child link's frame at zero, in the parent link's frame; `axis` and
     `anchor`, a point of it, are in the child link's frame; `zero` is the joint's coordinate there.
@@ -50,9 +48,10 @@ class ModelJoint:
     element: Element | None = None
 
 
+# Not frozen: a reader fills it body by body.
 @dataclasses.dataclass(kw_only=True)
 class ModelFile:
-    """What a model file says: links by name with their bodies (None without mass), joints, gravity.
+    """Content of a model file: links with their bodies (None without mass), joints, gravity.
 
     `inertials` holds the element of each body, the frame of its inertia in the link's frame, and
     the element of each link; `data` the bytes of the file.
@@ -68,9 +67,11 @@ class ModelFile:
     def chain_joints(
         self, names: Sequence[str] | None = None, base: str | None = None, tip: str | None = None
     ) -> list[ModelJoint]:
-        """The joints of the chain, base first; by default all that move, but those that mimic
-        and are mimicked.
+        """The joints of the chain, base first.
+
+        By default all that move, except those that mimic another joint or are mimicked.
         """
+        # base and tip name the joints between them, so a list of joints would contradict them.
         if base is not None or tip is not None:
             base = None if base is None else choice("base", base, tuple(self.bodies))
             if names is not None or tip is None:
@@ -78,35 +79,31 @@ class ModelFile:
                     f"tip must be given with base, and no joints; got tip {tip}. Leave joints out."
                 )
             names = self.joints_between(base, tip)
+        # A loop would let the walks below run for ever.
         _require_tree(self.bodies, self.joints)
         return _chosen(self.joints, names)
 
     def joints_between(self, base: str | None, tip: str) -> list[str]:
-        """Names of the joints that move on their own from one link to another below it, by
-        default from the root.
-        """
+        """Names of the independent joints from a base link (default: the root) to a tip link."""
         _require_tree(self.bodies, self.joints)
-        end = {joint.child: joint for joint in self.joints.values()}.get(
-            choice("tip", tip, tuple(self.bodies))
-        )
-        way = (
-            []
-            if end is None
-            else _way({joint.child: joint for joint in self.joints.values()}, base, end)
-        )
-        if base is not None and (not way or way[0].parent != base):
+        parents = _parents(self.joints)
+        end = parents.get(choice("tip", tip, tuple(self.bodies)))
+        path = [] if end is None else _path(parents, base, end)
+        if base is not None and (not path or path[0].parent != base):
             raise ValueError(
                 f"tip must lie below base; {tip} does not hang on {base}. Take a link of its"
                 " branch."
             )
-        found = [joint.name for joint in way if joint.kind in MOVING and not joint.mimics]
-        _require_own([joint for joint in way if joint.mimics in found])
-        if not found:
+        names = [joint.name for joint in path if joint.kind in MOVING and not joint.mimics]
+        # A joint on this path that follows another one moves with it: no chain of independent
+        # joints.
+        _require_own([joint for joint in path if joint.mimics in names])
+        if not names:
             raise ValueError(
                 f"a joint must move between base and tip {tip}; none does. Give links further"
                 " apart."
             )
-        return found
+        return names
 
 
 def links_of_chain(
@@ -114,53 +111,56 @@ def links_of_chain(
 ) -> tuple[tuple[Link, ...], tuple[Body, ...], Limits]:
     """Links, bodies and limits of the chain of these joints; see `Chain.from_urdf`."""
     chosen = model.chain_joints(names)
-    every = model.joints
     links = []
-    made = []
+    bodies = []
     rounded = dict[str, float]()
-    parents = {joint.child: joint for joint in every.values()}
-    hanging = _hanging_on(every)
+    # For every link the joint that carries it, and the joints that it carries.
+    parents = _parents(model.joints)
+    hanging = _hanging_on(model.joints)
     moving = {joint.name for joint in chosen}
     at = Placement()  # pose of the last chosen joint's frame in the link being walked
+    # 1. Walk from joint to joint. Fixed joints and joints at zero between them multiply into one
+    # pose.
     for i, joint in enumerate(chosen):
-        before = Placement()
+        pose = Placement()
         start = chosen[i - 1].child if i else None
-        for step in _way(parents, start, joint):
-            before = before if step.origin is HERE else before @ step.origin
+        for step in _path(parents, start, joint):
+            pose = pose if step.origin is HERE else pose @ step.origin
+        # 2. Put the frame of the Link on the joint's axis, z along it, as the table demands; the
+        # body stays in the frame of the file's link, which `frame` places in it.
         on_axis = Placement(rotation=axis_frame(joint.axis), position=joint.anchor)
         slides = MOVING[joint.kind]
         frame = on_axis.inverse()
+        # The file's frames are those at its own zero; q counts from there.
         zero = {"d" if slides else "theta": -joint.zero}
-        pose, rounded[joint.name] = righted(at @ before @ on_axis)
+        pose, rounded[joint.name] = righted(at @ pose @ on_axis)
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
         at = frame
-        made.append(_lumped(model.bodies, hanging, joint.child, moving))
-    if not any(body.mass for body in made):
-        those = f"of links {chosen[0].child} to {chosen[-1].child} none does"
-        raise ValueError(f"links must state their masses; {those}. Give them <inertial>.")
-    for label, body in zip(
-        joint_labels([joint.name for joint in chosen], len(chosen)), made, strict=True
-    ):
-        # nothing may lie between two joints whose axes meet
-        if body is made[-1] or body.standard_parameters.any():
+        # 3. Everything that hangs on the link without a chosen joint between becomes its body.
+        bodies.append(_lumped(model.bodies, hanging, joint.child, moving))
+    if not any(body.mass for body in bodies):
+        raise ValueError(
+            f"links must state their masses; of links {chosen[0].child} to {chosen[-1].child} none"
+            " does. Give them <inertial>."
+        )
+    labels = joint_labels([joint.name for joint in chosen], len(chosen))
+    for label, body in zip(labels, bodies, strict=True):
+        # Two joints whose axes meet may have no body between them, but the tip has one.
+        if body is bodies[-1] or body.standard_parameters.any():
             body.require_physical(f"behind {label}")
-    if most := max(rounded.values()):
-        where = (
-            f"that before joint {max(rounded, key=lambda name: rounded[name])} by {most:.2g} rad"
-        )
+    worst = max(rounded, key=lambda name: rounded[name])
+    if rounded[worst]:
         warnings.warn(
-            f"{model.path.name} rounds right angles, {where}; they are put right.", stacklevel=3
+            f"{model.path.name} rounds right angles, that before joint {worst} by"
+            f" {rounded[worst]:.2g} rad; they are put right.",
+            stacklevel=3,
         )
-    made = [
-        dataclasses.replace(body, rotor=joint.armature)
-        for body, joint in zip(made, chosen, strict=True)
-    ]
+    # Rotors come last: the armature of a joint that is held at zero does not count.
+    pairs = zip(bodies, chosen, strict=True)
+    bodies = [dataclasses.replace(body, rotor=joint.armature) for body, joint in pairs]
     lower, upper, velocity, effort = np.array([joint.limits for joint in chosen]).T
-    return (
-        tuple(links),
-        tuple(made),
-        Limits(lower=lower, upper=upper, velocity=velocity, effort=effort),
-    )
+    limits = Limits(lower=lower, upper=upper, velocity=velocity, effort=effort)
+    return tuple(links), tuple(bodies), limits
 
 
 # -- the tree ------------------------------------------------------------------------------------
@@ -177,10 +177,10 @@ def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint])
                 f" {parents[joint.child].name} and {joint.name}. Only trees can be read."
             )
         parents[joint.child] = joint
+    # The sorter finds loops; its order is of no interest.
     try:
-        graphlib.TopologicalSorter(
-            {child: [joint.parent] for child, joint in parents.items()}
-        ).prepare()
+        graph = {child: [joint.parent] for child, joint in parents.items()}
+        graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
         name = error.args[1][0]
         raise ValueError(
@@ -188,15 +188,22 @@ def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint])
         ) from None
 
 
-def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[ModelJoint]:
+def _parents(joints: dict[str, ModelJoint]) -> dict[str, ModelJoint]:
+    """The joint on which each link hangs, by the name of the link."""
+    return {joint.child: joint for joint in joints.values()}
+
+
+def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[ModelJoint]:
     """The joints of the chain, from the base outwards."""
-    moving = [joint for joint in every.values() if joint.kind in MOVING]
+    moving = [joint for joint in tree.values() if joint.kind in MOVING]
     if names is None:
+        # A gripper's fingers mimic each other: without them most files hold one chain.
         mimicked = {joint.mimics for joint in moving}
         moving = [
             joint for joint in moving if not joint.mimics and joint.name not in mimicked
         ] or moving
-        chosen = _ordered(every, moving)
+        # Several branches: the file does not say which one is meant.
+        chosen = _ordered(tree, moving)
         if chosen is None:
             raise ValueError(
                 "joints must be named where the file has a tree; it has"
@@ -209,17 +216,20 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
                 f"joints must be a list of at least one name; got {names!r}. Write ['name', ...]."
             )
         names = list(names)
+        # Three mistakes, three messages: a fixed joint, an unknown name, a name that comes twice.
         for name in names:
-            if name in every and every[name].kind == "fixed":
+            if name in tree and tree[name].kind == "fixed":
                 raise ValueError(
                     f"joints must move; {name} is fixed. Leave it out, its link is lumped."
                 )
-            if name not in every or every[name].kind not in MOVING:
+            if name not in tree or tree[name].kind not in MOVING:
                 choice("joints", name, tuple(joint.name for joint in moving))
         twice = next((name for name, count in Counter(names).items() if count > 1), None)
         if twice is not None:
             raise ValueError(f"joints must be named once each; {twice} comes twice. Leave one out.")
-        chosen = _ordered(every, [every[name] for name in names])
+        # The order of the names has to be that of the tree: the order of q would otherwise be a
+        # surprise.
+        chosen = _ordered(tree, [tree[name] for name in names])
         if chosen is None or [joint.name for joint in chosen] != names:
             do = "Reorder." if chosen else "They are on two branches: leave out those of one."
             raise ValueError(
@@ -229,69 +239,68 @@ def _chosen(every: dict[str, ModelJoint], names: Sequence[str] | None) -> list[M
         raise ValueError(
             "the file must have at least one joint that moves; it has none. Give another one."
         )
+    # From the base of the file on, or from the first named joint on.
     start = None if names is None else chosen[0].parent
-    _require_own(_way({joint.child: joint for joint in every.values()}, start, chosen[-1]))
+    _require_own(_path(_parents(tree), start, chosen[-1]))
     return chosen
 
 
-def _require_own(way: list[ModelJoint]) -> None:
-    """Refuse joints between base and tip that mimic others: held at zero, they would change the
-    arm.
-    """
-    for joint in way:
+def _require_own(path: list[ModelJoint]) -> None:
+    """Refuse joints between base and tip that mimic others: at zero they would change the arm."""
+    for joint in path:
         if joint.mimics:
-            how = f"{joint.name} mimics {joint.mimics}"
             raise ValueError(
-                f"joints must move on their own; {how}. End the chain before it, or fix it in the"
-                " file."
+                f"joints must move on their own; {joint.name} mimics {joint.mimics}. End the chain"
+                " before it, or fix it in the file."
             )
 
 
-def _ordered(every: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
-    """These joints from the base outwards; None if they are not all on one way."""
-    parents = {joint.child: joint for joint in every.values()}
+def _ordered(tree: dict[str, ModelJoint], joints: list[ModelJoint]) -> list[ModelJoint] | None:
+    """These joints from the base outwards; None if they do not lie on one path."""
+    # 1. The depth of each joint. A walk stops at the first joint of known depth, so all walks
+    # together pass tree joint once.
+    parents = _parents(tree)
     depths = dict[str, int]()
     for joint in joints:
-        way = [joint]
-        while way[-1].parent in parents and way[-1].name not in depths:
-            way.append(parents[way[-1].parent])
-        depth = depths.get(way[-1].name, 0)
-        for steps, other in enumerate(reversed(way)):
-            depths[other.name] = depth + steps
+        path = [joint]
+        while path[-1].parent in parents and path[-1].name not in depths:
+            path.append(parents[path[-1].parent])
+        depth = depths.get(path[-1].name, 0)
+        for steps, ancestor in enumerate(reversed(path)):
+            depths[ancestor.name] = depth + steps
+    # 2. In the order of depth each joint must be an ancestor of the next one: two at one depth, or
+    # on two branches, form no chain.
     ordered = sorted(joints, key=lambda joint: depths[joint.name])
-    for before, joint in pairwise(ordered):
-        steps = depths[joint.name] - depths[before.name]
-        other = joint
+    for previous, joint in pairwise(ordered):
+        steps = depths[joint.name] - depths[previous.name]
+        ancestor = joint
         for _ in range(steps):
-            other = parents[other.parent]
-        if not steps or other is not before:
+            ancestor = parents[ancestor.parent]
+        if not steps or ancestor is not previous:
             return None
     return ordered
 
 
-def _way(parents: dict[str, ModelJoint], start: str | None, joint: ModelJoint) -> list[ModelJoint]:
-    """Joints from behind a link (None: the base) to this joint; those between are fixed, or held
-    at zero.
-    """
-    way = [joint]
-    while way[-1].parent != start and way[-1].parent in parents:
-        way.append(parents[way[-1].parent])
-    return way[::-1]
+def _path(parents: dict[str, ModelJoint], start: str | None, joint: ModelJoint) -> list[ModelJoint]:
+    """Joints on the path from a link (None: the base) to this joint, outwards."""
+    path = [joint]
+    # From the joint up to the start; reversed below, the path leads outwards.
+    while path[-1].parent != start and path[-1].parent in parents:
+        path.append(parents[path[-1].parent])
+    return path[::-1]
 
 
 def fixed_to(
-    every: dict[str, ModelJoint], link: str, moving: Collection[str]
+    tree: dict[str, ModelJoint], link: str, moving: Collection[str]
 ) -> dict[str, Placement]:
-    """Everything that moves with a link: name -> pose in its frame; joints that are none of
-    `moving` are at zero.
-    """
-    return _moving_with(_hanging_on(every), link, moving)
+    """Poses of all links that move with this one, by name; joints not in `moving` are at 0."""
+    return _moving_with(_hanging_on(tree), link, moving)
 
 
-def _hanging_on(every: dict[str, ModelJoint]) -> dict[str, list[ModelJoint]]:
+def _hanging_on(tree: dict[str, ModelJoint]) -> dict[str, list[ModelJoint]]:
     """The joints on each link."""
     hanging = dict[str, list[ModelJoint]]()
-    for joint in every.values():
+    for joint in tree.values():
         hanging.setdefault(joint.parent, []).append(joint)
     return hanging
 
@@ -299,17 +308,18 @@ def _hanging_on(every: dict[str, ModelJoint]) -> dict[str, list[ModelJoint]]:
 def _moving_with(
     hanging: dict[str, list[ModelJoint]], link: str, moving: Collection[str]
 ) -> dict[str, Placement]:
-    found = {}
+    poses = {}
+    # Depth-first, with a stack instead of a recursion: a tree may be deep.
     waiting = [(link, Placement())]
     while waiting:
         name, placement = waiting.pop()
-        found[name] = placement
+        poses[name] = placement
         for joint in hanging.get(name, ()):
+            # A chosen joint begins the next body of the chain.
             if joint.name not in moving:
-                waiting.append(
-                    (joint.child, placement if joint.origin is HERE else placement @ joint.origin)
-                )
-    return found
+                pose = placement if joint.origin is HERE else placement @ joint.origin
+                waiting.append((joint.child, pose))
+    return poses
 
 
 def _lumped(
@@ -318,10 +328,12 @@ def _lumped(
     link: str,
     moving: Collection[str],
 ) -> Body:
-    """Everything that moves with a link, as one Body in its frame."""
-    found = None
+    """All bodies that move with a link as one Body in its frame."""
+    lumped = None
     for name, placement in _moving_with(hanging, link, moving).items():
-        if (body := bodies[name]) is not None:
+        # Each body is given in the frame of its own link.
+        body = bodies[name]
+        if body is not None:
             body = body.seen_from(placement)
-            found = body if found is None else found.joined(body)
-    return found or Body(mass=0.0, com=np.zeros(3))
+            lumped = body if lumped is None else lumped.joined(body)
+    return lumped or Body(mass=0.0, com=np.zeros(3))

@@ -1,5 +1,4 @@
-"""Recursive Newton-Euler over modified Denavit-Hartenberg frames: the one torque; its terms
-collected; kinematics.
+"""Recursive Newton-Euler algorithm over modified Denavit-Hartenberg frames, and kinematics.
 
 Source: paper eq. (1); Craig, Introduction to Robotics, ch. 6.
 """
@@ -21,8 +20,7 @@ from plant.parts.fields import Floats
 def torque(
     chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: Iterable[float]
 ) -> ca.SX:
-    """Joint torques tau (n, 1) [N m], joint side, of a chain with standard parameters pi (11 n, 1),
-    without friction.
+    """Joint torques tau (n, 1) [N m], joint side, without friction, of parameters pi (11 n, 1).
 
     q, qd, qdd are casadi (n, 1), joint side; pi is in the order of
     `plant.mechanics.lumping.STANDARD`; gravity (3,) [m/s^2] is in the base frame. A positive torque
@@ -33,59 +31,71 @@ def torque(
     axis = ca.vertcat(0, 0, 1)
     w = ca.SX(3, 1)
     wd = ca.SX(3, 1)
+    # A base that accelerates upwards feels the same forces as one at rest under gravity.
     acceleration = ca.SX(-ca.DM(list(gravity)))
     frames = []
     forces = []
     moments = []
+    # 1. Outwards: speeds and accelerations of the frames, each in its own frame, and the force and
+    # the moment that each link needs there. w, wd [rad/s, rad/s^2] are those of the previous link
+    # until its rotation is applied.
     for i, link in enumerate(chain.links):
         rotation, origin = link.rotation(q[i])
         frames.append((rotation, origin))
         m, mc, inertia, _ = _standard(pi, i)
+        # Acceleration of this frame's origin, a point of the previous link. It needs that link's w
+        # and wd, so it precedes their rotation.
         acceleration = rotation.T @ (
             ca.cross(wd, origin) + ca.cross(w, ca.cross(w, origin)) + acceleration
         )
         w = rotation.T @ w
         wd = rotation.T @ wd
         if link.prismatic:
+            # A slide adds its own acceleration and the Coriolis acceleration 2 w x v.
             acceleration += axis * qdd[i] + 2 * ca.cross(w, axis * qd[i])
         else:
+            # w x (qd z) takes the speed without this joint's part, so wd precedes w.
             wd += ca.cross(w, axis * qd[i]) + axis * qdd[i]
             w += axis * qd[i]
+        # About the frame's origin both are linear in mass, first moment and inertia; about the
+        # centre of mass they are not.
         forces.append(m * acceleration + ca.cross(wd, mc) + ca.cross(w, ca.cross(w, mc)))
         moments.append(inertia @ wd + ca.cross(w, inertia @ w) + ca.cross(mc, acceleration))
     tau = ca.SX(chain.n, 1)
     rotors = ca.SX(chain.n, 1)
     force = ca.SX(3, 1)
     moment = ca.SX(3, 1)
+    # 2. Inwards: the torque of a joint is the z component of all that the links behind it need.
     for i in reversed(range(chain.n)):
         force = force + forces[i]
         moment = moment + moments[i]
         *_, rotors[i] = _standard(pi, i)
         tau[i] = (force if chain.links[i].prismatic else moment)[2]
         rotation, origin = frames[i]
-        force, moment = rotation @ force, rotation @ moment + ca.cross(origin, rotation @ force)
+        # The same force and moment, in the frame and about the origin of the previous link.
+        moment = rotation @ moment + ca.cross(origin, rotation @ force)
+        force = rotation @ force
+    # A rotor resists the acceleration of its shaft, C^T J C qdd; gyroscopic torques of rotors are
+    # neglected.
     return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
 
 
 def lumped_torque(
     chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Inertial torque (n, 1) and gravity torque (n, 1) [N m] of f (p, 1), each by the fewest
-    links' parameters.
-    """
+    """Inertial torque and gravity torque, each (n, 1) [N m], of f (p, 1)."""
     rest = ca.SX.zeros(chain.n)
     strength = float(np.linalg.norm(chain.gravity))
+    # Without gravity the recursion gives the inertial torque, at rest the gravity torque. Each of
+    # the two takes the fewest parameters that produce it.
     moving = torque(chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
     down = np.array(chain.gravity) / strength if strength else np.zeros(3)
-    return moving, torque(
-        chain, q, rest, rest, strength * (ca.SX(lumping.gravity_section()) @ f), down
-    )
+    weights = strength * (ca.SX(lumping.gravity_section()) @ f)
+    return moving, torque(chain, q, rest, rest, weights, down)
 
 
 def _standard(pi: ca.SX, i: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Mass, first moment (3,), inertia (3, 3) about the origin and reflected rotor inertia of
-    link i.
-    """
+    """Mass, first moment, inertia (3, 3) about the origin and reflected rotor inertia of link i."""
     m, mx, my, mz, ixx, ixy, ixz, iyy, iyz, izz, rotor = ca.vertsplit(
         pi[len(STANDARD) * i : len(STANDARD) * (i + 1)]
     )
@@ -96,17 +106,22 @@ def _standard(pi: ca.SX, i: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
 
 
 def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
-    """The same as sums over f: terms cancelled, constant ones apart, and multiples of one sum
-    worked out once.
+    """The same expression as sums over f, in which terms have cancelled.
+
+    Constant terms stand apart, and a multiple of another sum is computed from it.
 
     In eq. (2), for instance, D11 holds twice the terms of D12.
     """
+    # tau is linear in f: the slopes are the coefficients of the sums, and terms cancel in them.
     slopes = ca.densify(ca.jacobian(ca.vec(expression), f))
+    # Coefficients that four random poses leave equal are constant. They are added apart: a sum with
+    # a constant in it is hardly ever a multiple of another one.
     poses = np.random.default_rng(0).uniform(-1, 1, (4, q.shape[0]))
     at = np.array([ca.Function("slopes", [q], [slopes])(pose).full() for pose in poses])
     moves = np.abs(at - at[0]).max(axis=0) > 1e-12 * np.abs(at).max(initial=1e-300)
     rows: list[ca.SX] = [ca.SX()] * len(moves)
     sums: list[tuple[Floats, ca.SX]] = []
+    # The smallest sum first: larger ones become small whole multiples of it.
     for i in sorted(range(len(moves)), key=lambda i: np.linalg.norm(at[:, i, moves[i]])):
         pattern = np.where(moves[i], at[:, i], 0.0)
         total = _multiple(pattern, sums)
@@ -118,21 +133,22 @@ def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
 
 
 def _multiple(pattern: Floats, sums: list[tuple[Floats, ca.SX]]) -> ca.SX | None:
-    """The sum, times a number, that has this pattern; None if there is none."""
-    for other, total in sums:
-        largest = np.unravel_index(np.abs(other).argmax(), other.shape)
-        ratio = pattern[largest] / other[largest] if other[largest] else 0.0
-        if np.allclose(
-            pattern, ratio * other, rtol=0, atol=1e-12 * np.abs(pattern).max(initial=1e-300)
-        ):
+    """An existing sum times a number, if that has this pattern; None otherwise."""
+    for reference, total in sums:
+        # The ratio is read where the reference pattern is largest, the safest place to divide.
+        largest = np.unravel_index(np.abs(reference).argmax(), reference.shape)
+        ratio = pattern[largest] / reference[largest] if reference[largest] else 0.0
+        tolerance = 1e-12 * np.abs(pattern).max(initial=1e-300)
+        if np.allclose(pattern, ratio * reference, rtol=0, atol=tolerance):
+            # A whole ratio stays an exact factor.
             return (round(ratio) if abs(ratio - round(ratio)) < 1e-12 else ratio) * total
     return None
 
 
 def by_speeds(coriolis: ca.SX, q: ca.SX, qd: ca.SX, f: ca.SX) -> ca.SX:
-    """The same torque as sum over j <= k of c_jk(q, f) qd_j qd_k, so that speeds enter by their
-    products alone.
-    """
+    """The Coriolis torque as a sum over j <= k of c_jk(q, f) qd_j qd_k."""
+    # The torque is a quadratic form in the speeds: its second derivatives are the coefficients, on
+    # the diagonal twice them.
     pairs = list(itertools.combinations_with_replacement(range(qd.shape[0]), 2))
     slopes = [
         ca.jacobian(ca.jacobian(coriolis, qd[j]), qd[k]) / (2 if j == k else 1) for j, k in pairs
@@ -142,8 +158,7 @@ def by_speeds(coriolis: ca.SX, q: ca.SX, qd: ca.SX, f: ca.SX) -> ca.SX:
 
 
 def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFunction:
-    """Positions (3, n + 2) [m] of the base, the origins of the links' frames and the tip, as a
-    function of q (n,).
+    """Positions (3, n + 2) [m] of base, link origins and tip as a function of q (n,).
 
     All in the base frame; the tip (3,) is a point in the frame of the last link [m].
     """
@@ -152,12 +167,12 @@ def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFu
     orientation = ca.SX.eye(3)
     position = ca.SX(3, 1)
     positions = [position]
+    # Outwards: each origin is a fixed offset in the frame of the previous link.
     for i, link in enumerate(chain.links):
         rotation, origin = link.rotation(q[i])
         position = position + orientation @ origin
         orientation = orientation @ rotation
         positions.append(position)
     positions.append(position + orientation @ tip)
-    return CheckedFunction(
-        ca.Function("joints", [q], [ca.densify(ca.horzcat(*positions))], ["q"], ["positions"])
-    )
+    columns = ca.densify(ca.horzcat(*positions))
+    return CheckedFunction(ca.Function("joints", [q], [columns], ["q"], ["positions"]))

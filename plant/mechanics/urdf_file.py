@@ -1,6 +1,4 @@
-"""What a URDF file says of its links and joints: every number and body checked, nothing executed
-or fetched.
-"""
+"""Links and joints of a URDF file: all numbers are checked, nothing is executed or fetched."""
 
 import math
 from pathlib import Path
@@ -18,8 +16,9 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def read_urdf(path: str | Path) -> ModelFile:
-    """A URDF file: links, joints, and the places of their elements; xacro is expanded."""
+    """Read a URDF file: links, joints, and the elements that state them; xacro is expanded."""
     robot, data = parsed(path, "robot", "URDF")
+    # Macros cannot be read; their expansion can. The bytes then are those of the expansion.
     if is_xacro(robot):
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
     bodies = _bodies(robot)
@@ -29,7 +28,7 @@ def read_urdf(path: str | Path) -> ModelFile:
 
 
 def origin_of(element: Element, where: str) -> Placement:
-    """The pose that an element's <origin> gives; without one, none."""
+    """The pose in the <origin> of an element; the identity without one."""
     origin = element.find("origin")
     if origin is None:
         return HERE
@@ -39,7 +38,7 @@ def origin_of(element: Element, where: str) -> Placement:
 
 
 def _bodies(robot: Element) -> dict[str, Body | None]:
-    """Name of a link -> its Body in its own frame, or None where it has no mass."""
+    """The Body of each link in its own frame, by name; None without mass."""
     bodies: dict[str, Body | None] = {}
     if not robot.all("link"):
         raise ValueError("the file must have links; it has none. Give a URDF file, xacro expanded.")
@@ -51,13 +50,14 @@ def _bodies(robot: Element) -> dict[str, Body | None]:
                 f"links must have names of their own; got {name!r} {'twice' if name else ''}."
                 " Name it."
             )
-        inertial, bodies[name] = element.find("inertial"), None
-        if len(element.all("inertial")) > 1:
+        inertials = element.all("inertial")
+        if len(inertials) > 1:
             raise ValueError(
-                f"{where} must have one <inertial>; it has {len(element.all('inertial'))}. Join"
-                " them."
+                f"{where} must have one <inertial>; it has {len(inertials)}. Join them."
             )
-        if inertial is not None:
+        # A link without <inertial> is a frame alone.
+        bodies[name] = None
+        for inertial in inertials:
             mass = numbers_of(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
             matrix = inertial.find("inertia")
             inertia = [numbers_of(matrix, key, 1, None, f"{where}, inertia")[0] for key in INERTIA]
@@ -66,7 +66,7 @@ def _bodies(robot: Element) -> dict[str, Body | None]:
 
 
 def _joints(robot: Element) -> dict[str, ModelJoint]:
-    """Name of a joint -> ModelJoint."""
+    """The joints of the file, by name."""
     joints: dict[str, ModelJoint] = {}
     for element in robot.all("joint"):
         name = element.attributes.get("name", "")
@@ -77,6 +77,7 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
                 f"joints must have names of their own; got {name!r} {'twice' if name else ''}."
                 " Name it."
             )
+        # A chain has one coordinate per joint.
         if kind in ("floating", "planar"):
             raise ValueError(
                 f"{where} must move about or along one axis; it is {kind}. Replace it by single"
@@ -90,11 +91,13 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
                 f"{where} must have a parent and a child link; one is missing. Add it."
             )
         axis = numbers_of(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
+        # A fixed joint needs no axis; any other one needs a direction to turn about.
         if kind in MOVING and np.linalg.norm(axis) < 1e-6:
             raise ValueError(
                 f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it."
             )
         mimic = element.find("mimic")
+        # A mimic without a name still moves with another joint, so it is marked as one.
         mimics = "" if mimic is None else mimic.attributes.get("joint", "") or "another one"
         joints[name] = ModelJoint(
             name=name,
@@ -112,7 +115,9 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
 
 
 def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float, float, float]:
-    """Lower and upper position, velocity, effort; a joint that turns without end has no first two.
+    """Lower and upper position, velocity, effort; infinite without a limit.
+
+    Files write 0 for a velocity or an effort that they do not know: no limit.
 
     Files write 0 for a velocity or an effort that they do not know: no limit.
     """
@@ -122,6 +127,7 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
     lower, upper, velocity, effort = (
         numbers_of(limit, key, 1, "0", f"{where}, limit")[0] for key in keys
     )
+    # Two zeros, the defaults of URDF, state no limits.
     if kind == "continuous" or lower == upper == 0.0:
         lower = -math.inf
         upper = math.inf
@@ -130,9 +136,10 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
 
 def _friction(dynamics: Element | None, where: str) -> tuple[float, float]:
     """Viscous and Coulomb friction of a joint; NaN where the file does not state it."""
-    known = {} if dynamics is None else dynamics.attributes
+    # NaN is "not stated": a friction of 0 is a statement.
+    stated = {} if dynamics is None else dynamics.attributes
     viscous, coulomb = (
-        numbers_of(dynamics, key, 1, None, f"{where}, dynamics")[0] if key in known else math.nan
+        numbers_of(dynamics, key, 1, None, f"{where}, dynamics")[0] if key in stated else math.nan
         for key in ("damping", "friction")
     )
     if viscous < 0 or coulomb < 0:
@@ -148,10 +155,12 @@ def is_xacro(element: Element) -> bool:
 
 
 def expanded(path: Path) -> bytes:
-    """The URDF that a xacro file makes; its macros may read other files, and evaluate
-    expressions.
+    """The URDF that a xacro file produces.
+
+    Its macros may read other files and evaluate expressions.
     """
     try:
+        # Imported here: only xacro files need it.
         import xacrodoc
     except ImportError:
         raise ValueError(
@@ -160,6 +169,7 @@ def expanded(path: Path) -> bytes:
         ) from None
     try:
         text: str = xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()
+    # Any exception may come out of the expressions of a macro.
     except Exception as error:
         raise ValueError(
             f"{path} must be xacro that can be expanded; {error}. Expand it by hand."

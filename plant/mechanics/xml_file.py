@@ -1,6 +1,4 @@
-"""XML with places: elements that know which bytes of their file they are, and edits of these
-bytes alone.
-"""
+"""XML elements with their byte positions in the file, and edits of these bytes alone."""
 
 import dataclasses
 import re
@@ -15,11 +13,14 @@ from plant.mechanics.placement import turn
 from plant.parts.fields import Floats
 from plant.parts.files import read_bounded
 
-Edit = tuple[int, int, bytes]  # from this byte to that one, and what stands there instead
+Edit = tuple[int, int, bytes]  # start and stop of the bytes to replace, and the new bytes
 
-_LARGEST = 5 << 20  # bytes; the largest real files have a few hundred thousand
+# Bytes of a file at most: the largest real ones have a few hundred thousand. A limit, since a file
+# of unknown origin may be of any size.
+_LARGEST = 5 << 20
 
-_DEEPEST = 200  # elements within each other; a chain of 40 bodies has 40
+# Elements within each other at most: a chain of 40 bodies has 40.
+_DEEPEST = 200
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -28,9 +29,7 @@ _ATTRIBUTE = re.compile(rb"""([^\s=/>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
 @dataclasses.dataclass
 class Element:
-    """An XML element, and the bytes of its file that it takes: its start tag `start:opened`, all
-    of it `start:stop`.
-    """
+    """An XML element with its bytes in the file: start tag `start:opened`, whole `start:stop`."""
 
     tag: str
     attributes: dict[str, str]
@@ -49,56 +48,60 @@ class Element:
         return [child for child in self.children if child.tag == tag]
 
     def attribute_edit(self, data: bytes, name: str, value: str | None) -> Edit:
-        """The edit that gives an attribute this value, or takes it away (None); data: the bytes
-        of the file.
-        """
+        """The edit that sets an attribute, or removes it (None), in the bytes of the file."""
+        # The search starts behind the tag's name and ends with the start tag.
         for match in _ATTRIBUTE.finditer(
             data, self.start + 1 + len(self.tag.encode()), self.opened
         ):
             if match[1].decode() == name:
                 start, stop = match.span(2)
                 if value is None:
+                    # The space ahead of a removed attribute goes with it.
                     return len(data[: match.start()].rstrip()), stop, b""
                 return start, stop, quoteattr(value).encode()
+        # A new attribute stands directly behind the tag's name.
         place = self.start + 1 + len(self.tag.encode())
         return place, place, b"" if value is None else f" {name}={quoteattr(value)}".encode()
 
     def child_edit(self, data: bytes, text: str, *, first: bool = False) -> Edit:
-        """The edit that adds a child of this text at the end, or as the first, indented like its
-        neighbour.
-        """
+        """The edit that adds a child of this text as the last (or the first), indented."""
         if not self.children:
             name = data[self.start + 1 : self.start + 1 + len(self.tag.encode())]
+            # <tag/> has no content: it is opened, and a closing tag is added.
             if self.opened == self.stop:
                 place = data.rfind(b"/", self.start, self.stop)
                 return place, self.stop, b">" + text.encode() + b"</" + name + b">"
             return self.opened, self.opened, text.encode()
         neighbour = self.children[0 if first else -1]
-        before = len(data[: neighbour.start].rstrip())
-        place = before if first else neighbour.stop
-        return place, place, data[before : neighbour.start] + text.encode()
+        # The white space ahead of the neighbour is copied: the new child is indented like it.
+        margin = len(data[: neighbour.start].rstrip())
+        place = margin if first else neighbour.stop
+        return place, place, data[margin : neighbour.start] + text.encode()
 
 
 def parsed(
-    path: str | Path, root_tag: str | None, what: str, data: bytes | None = None
+    path: str | Path, root_tag: str | None, kind: str, data: bytes | None = None
 ) -> tuple[Element, bytes]:
     """The root of a file and its bytes, or a refusal: nothing is executed, expanded or fetched.
 
-    `root_tag`: that the file must have, None for any; `what` kind of file it is, for messages;
-    `data`: its content, where that is not what the file has. Refused are another root, a document
+    `root_tag`: the tag that the root must have, None for any; `kind`: of the file, for messages;
+    `data`: content that replaces that of the file. Refused are another root, a document
     type, entities, malformed XML, and a file that is too large or too deep.
     """
+    # A text in place of a path is a usual mistake.
     if isinstance(path, str) and path.lstrip().startswith("<"):
         raise ValueError(
-            f"path must be the name of a {what} file; got its text. Write it to a file first."
+            f"path must be the name of a {kind} file; got its text. Write it to a file first."
         )
     path = Path(path)
     try:
+        # Bounded before anything is parsed.
         data = read_bounded(path, _LARGEST) if data is None else data
     except FileNotFoundError:
         raise ValueError(f"{path} must be a file; there is none. Check the path.") from None
     except ValueError as error:
         raise ValueError(f"{path} {error}") from None
+    # A stack of the open elements: the parser reports starts and ends in the file's order.
     root: list[Element] = []
     open_elements: list[Element] = []
     parser = xml.parsers.expat.ParserCreate()
@@ -110,11 +113,12 @@ def parsed(
         open_elements.append(element)
         if len(open_elements) > _DEEPEST:
             raise ValueError(
-                f"{path} must nest at most {_DEEPEST} elements; it has more. Give a {what} file."
+                f"{path} must nest at most {_DEEPEST} elements; it has more. Give a {kind} file."
             )
 
     def end(_: str) -> None:
         element = open_elements.pop()
+        # <tag/> ends with its start tag, any other element with the > of its closing tag.
         empty = data[element.opened - 2 : element.opened] == b"/>"
         element.stop = element.opened if empty else data.find(b">", parser.CurrentByteIndex) + 1
 
@@ -125,6 +129,7 @@ def parsed(
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
+    # Entities could expand without bound, or read other files.
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
     try:
         parser.Parse(data, True)
@@ -132,13 +137,14 @@ def parsed(
         raise ValueError(f"{path} must be well-formed XML; {error}. Correct the file.") from None
     if root_tag is not None and root[0].tag != root_tag:
         raise ValueError(
-            f"{path} must hold a <{root_tag}>; got <{root[0].tag}>. Give a {what} file."
+            f"{path} must hold a <{root_tag}>; got <{root[0].tag}>. Give a {kind} file."
         )
     return root[0], data
 
 
 def _tag_end(data: bytes, start: int) -> int:
-    """Where a start tag ends: behind the first > that stands in no value."""
+    """End of a start tag: behind the first > outside of quotes."""
+    # A value in quotes may contain >.
     match = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""").match(data, start)
     return match.end() if match else start
 
@@ -146,17 +152,18 @@ def _tag_end(data: bytes, start: int) -> int:
 def numbers_of(
     element: Element | None, attribute: str, count: int, default: str | None, where: str
 ) -> Floats:
-    """So many finite numbers of an attribute."""
+    """The finite numbers of an attribute, exactly `count` of them."""
     text = default if element is None else element.attributes.get(attribute, default)
     if text is None:
         raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
     words = text.split()
+    # float() alone would also accept nan, inf and 1_000.
     values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
     if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
-        what = "one finite number" if count == 1 else f"{count} finite numbers"
+        expected = "one finite number" if count == 1 else f"{count} finite numbers"
         raise ValueError(
-            f"{where} must have {what} in {attribute}; got {text!r:.60}. Write them like 17.4 or"
-            " 1e-3."
+            f"{where} must have {expected} in {attribute}; got {text!r:.60}. Write them like 17.4"
+            " or 1e-3."
         )
     return values
 
@@ -165,6 +172,7 @@ def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
     """The bytes with these edits, all others as they were."""
     pieces = []
     at = 0
+    # From the start of the file on; edits do not overlap.
     for start, stop, text in sorted(edits, key=lambda edit: edit[:2]):
         pieces += [data[at:start], text]
         at = stop
@@ -180,17 +188,20 @@ def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -
     ``sequence`` is ``eulerseq``: three of xyz, axes that turn along, or of XYZ, fixed axes. Two
     orientations at once are refused.
     """
-    given = [name for name in ORIENTATIONS if name in element.attributes]
-    if len(given) > 1:
+    stated = [name for name in ORIENTATIONS if name in element.attributes]
+    if len(stated) > 1:
         raise ValueError(
-            f"{where} must have one orientation; it has {' and '.join(given)}. Leave one out."
+            f"{where} must have one orientation; it has {' and '.join(stated)}. Leave one out."
         )
-    if not given:
+    if not stated:
+        # Without any orientation the frames are parallel.
         return np.eye(3)
-    name = given[0]
+    name = stated[0]
     count = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}[name]
     values = numbers_of(element, name, count, None, where)
     unit = np.pi / 180 if degrees else 1.0
+    # Lower case: axes that turn along, multiplied from the right; upper case: fixed axes, from the
+    # left.
     if name == "euler":
         rotation = np.eye(3)
         for letter, angle in zip(sequence, values * unit, strict=True):
@@ -203,22 +214,26 @@ def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -
         "xyaxes": [values[:3], values[3:]],
         "zaxis": [values],
     }[name]
+    # A direction of length zero cannot be normalised.
     if min(np.linalg.norm(part) for part in parts) < 1e-9:
         raise ValueError(
             f"{where} must have a direction in {name}; got {values.tolist()}. Correct it."
         )
     if name == "axisangle":
         return turn(values[:3], values[3] * unit)
+    # (w, v) turns by 2 atan2(|v|, w) about v; its length does not matter.
     if name == "quat":
         w = values[0]
         vector = values[1:]
         length = np.linalg.norm(vector)
         return turn(vector, 2 * np.arctan2(length, w)) if length else np.eye(3)
+    # The smallest turn that takes z to this direction; opposite to z about x.
     if name == "zaxis":
         z = values / np.linalg.norm(values)
         axis = np.cross((0, 0, 1), z)
         angle = np.arccos(np.clip(z[2], -1, 1))
         return turn(axis if np.linalg.norm(axis) > 1e-10 else (1, 0, 0), angle)
+    # x as stated, and y made perpendicular to it (Gram-Schmidt).
     x = values[:3] / np.linalg.norm(values[:3])
     y = values[3:] - x * (x @ values[3:])
     y = y / np.linalg.norm(y)
