@@ -16,16 +16,15 @@ out, with a gap on both sides).
 """
 
 import contextlib
-import dataclasses
 import functools
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.regressor import Places, System
-from plant.parts.fields import Floats
+from plant.parts.fields import Floats, Integers
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
@@ -36,7 +35,7 @@ SEGMENTS = 10
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class BandChoiceSettings:
     """When a band, or a least speed, predicts worse than a more cautious one.
 
@@ -66,7 +65,7 @@ class BandChoiceSettings:
 SETTINGS = BandChoiceSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FitTrial(Shown):
     """One pass band, or one least speed, on trial.
 
@@ -111,14 +110,14 @@ class FitTrial(Shown):
         yield self._short()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Tried:
     """Equations in a band at least speeds, their fit, and the fits without each segment."""
 
     rows: Floats
     target: Floats
     weight: Floats
-    segment: NDArray[np.intp]
+    segment: Integers
     without: Floats
 
     def losses(self, fits: Floats) -> Floats:
@@ -133,13 +132,13 @@ class _Tried:
             losses[s] = np.mean(error**2)
         return losses
 
-    def worse(self, other: "_Tried") -> float:
+    def worse(self, less_cautious: "_Tried") -> float:
         """By how many standard errors `other` predicts these equations worse; no more than passes
         where the difference is small.
         """
         losses = self.losses(self.without)
         # The same segments, pair by pair: they differ much more from each other than two fits do.
-        increase = self.losses(other.without) - losses
+        increase = self.losses(less_cautious.without) - losses
         both = np.isfinite(increase)
         if both.sum() < SETTINGS.segments:
             return -np.inf
@@ -200,7 +199,7 @@ class _Choice:
 
     def ordered(self, best: float, order: Iterable[float]) -> tuple[FitTrial, ...]:
         """All trials in this order, with the chosen one marked."""
-        return tuple(dataclasses.replace(self.trials[at], chosen=at == best) for at in order)
+        return tuple(replace(self.trials[at], chosen=at == best) for at in order)
 
 
 def choose_band(
@@ -306,12 +305,12 @@ def tried(
 def _weight(rows: Floats, target: Floats, places: Places, weights: Floats | None) -> Floats:
     """Of each equation: as stated, or 1 over its joint's residual in an unweighted fit."""
     if weights is not None:
-        return np.asarray(weights[places.record, places.joint])
+        return weights[places.record, places.joint]
     residual = target - product(rows, _solved(rows, target))
     squares = np.bincount(places.joint, residual**2) / np.maximum(np.bincount(places.joint), 1)
     # A joint that is explained exactly, as in a noiseless log, must not have an infinite weight.
     sigma = np.maximum(np.sqrt(squares), 1e-9 * np.abs(target).max())
-    return np.asarray(1 / sigma[places.joint])
+    return 1 / sigma[places.joint]
 
 
 def _solved(rows: Floats, target: Floats) -> Floats:
@@ -321,4 +320,4 @@ def _solved(rows: Floats, target: Floats) -> Floats:
     """
     lengths = np.sqrt((rows * rows).sum(axis=0))
     lengths = np.where(lengths > 0, lengths, 1.0)
-    return np.asarray(least(rows / lengths, target, 1e-9) / lengths)
+    return least(rows / lengths, target, 1e-9) / lengths

@@ -12,12 +12,11 @@ Sources: W. G. Cochran, The combination of estimates from different experiments,
 in Medicine 22, 2003 (Student's t).
 """
 
-import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import (
     NORMAL,
@@ -36,14 +35,14 @@ from identification.equation_error.random_effects import (
     restricted,
     size_of,
 )
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats, Integers
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown
+from plant.parts.shown import Shown
 from plant.parts.sums import norm, product, products
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class BetweenRunsSettings:
     """How runs are compared.
 
@@ -84,7 +83,7 @@ ONE_LOG = (
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class BetweenRuns(Shown, Frozen):
     """How the values of a fit differ between its logs.
 
@@ -110,8 +109,8 @@ class BetweenRuns(Shown, Frozen):
 
     values: Floats
     std: Floats
-    compared: NDArray[np.bool_]
-    agree: NDArray[np.bool_]
+    compared: Bools
+    agree: Bools
     groups: dict[str, float]
     deviation: Floats
     freedom: Floats
@@ -160,7 +159,7 @@ class BetweenRuns(Shown, Frozen):
     def half_width(self) -> Floats:
         """Of the 95 % intervals (R, k) of each log's values, with the deviation between logs."""
         between = self.deviation * wider(self.freedom)
-        return np.asarray(NORMAL * np.sqrt(self.std**2 + between**2))
+        return NORMAL * np.sqrt(self.std**2 + between**2)
 
     @property
     def left_out(self) -> str:
@@ -168,7 +167,7 @@ class BetweenRuns(Shown, Frozen):
         count = int(np.isnan(self.std).all(axis=1).sum())
         return f", but for {count} that alone do{'es' * (count == 1)} not tell all" if count else ""
 
-    def among(self, places: NDArray[np.intp], count: int) -> Self:
+    def among(self, places: Integers, count: int) -> Self:
         """The same of `count` values, of which these (k,) are at places; nothing is known of the
         rest.
         """
@@ -178,12 +177,12 @@ class BetweenRuns(Shown, Frozen):
             field = getattr(self, name)
             extended[name] = np.full((*field.shape[:-1], count), unknown.get(name, 0), field.dtype)
             extended[name][..., places] = field
-        return dataclasses.replace(self, **extended)
+        return replace(self, **extended)
 
-    def _short(self) -> str:
+    def _short(self):
         return f"{self.agree.sum()} of {self.compared.sum()} intervals agree between runs"
 
-    def _shown(self) -> Iterator[Piece]:
+    def _shown(self):
         differences = []
         for name, share in self.groups.items():
             size = (
@@ -224,8 +223,8 @@ def between_runs(
     noise: Floats,
     rows: Floats,
     residual: Floats,
-    runs: NDArray[np.intp],
-    blocks: NDArray[np.intp],
+    runs: Integers,
+    blocks: Integers,
     common: Floats | float = 0.0,
 ) -> tuple[BetweenRuns, Floats]:
     """Differences between the logs of a weighted fit, and the covariance (k, k) of its values with
@@ -272,9 +271,7 @@ def between_runs(
     return between, at_least(covariance, np.sqrt(within + added))
 
 
-def _alone(
-    values: Floats, rows: Floats, residual: Floats, runs: NDArray[np.intp], blocks: NDArray[np.intp]
-) -> _Runs:
+def _alone(values, rows, residual, runs, blocks):
     """The fit of each run alone in the directions that it shows; others stay as in `values`."""
     scale = np.sqrt((rows * rows).sum(axis=0))
     count = int(runs.max()) + 1
@@ -310,7 +307,7 @@ def _alone(
     return _Runs(estimates, std / scale, remaining, share)
 
 
-def _agree(estimates: Floats, std: Floats) -> NDArray[np.bool_]:
+def _agree(estimates, std):
     """Values (k,) of runs (R, k) that differ by no more than their intervals allow: Cochran's Q."""
     from scipy.special import chdtri
 
@@ -319,12 +316,10 @@ def _agree(estimates: Floats, std: Floats) -> NDArray[np.bool_]:
     mean = np.nansum(weight * estimates, axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
     squares = np.nansum(weight * (estimates - mean) ** 2, axis=0)
     freedom = (weight > 0).sum(axis=0) - 1
-    return np.asarray(squares <= chdtri(np.maximum(freedom, 1), SETTINGS.disagree))
+    return squares <= chdtri(np.maximum(freedom, 1), SETTINGS.disagree)
 
 
-def _further(
-    within: Floats, between: Floats, freedom: Floats, count: int, common: Floats | float = 0.0
-) -> int:
+def _further(within, between, freedom, count, common=0.0):
     """Logs beside `count` that halve the standard deviations of half of the values, if they are
     alike.
     """

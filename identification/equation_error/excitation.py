@@ -1,10 +1,9 @@
 """Excitation of logs before a fit: joints that do not move, parameters that stay at a prior."""
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.filters import derivatives
 from identification.equation_error.prior import Prior
@@ -13,11 +12,11 @@ from identification.equation_error.regressor import regressor_along
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving, in_step
 from plant.motion.reference import Motion
-from plant.parts.fields import Floats
+from plant.parts.fields import Integers
 from plant.parts.sums import products
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ExcitationSettings:
     """When a motion excites a parameter; chosen by hand.
 
@@ -40,7 +39,7 @@ class ExcitationSettings:
 SETTINGS = ExcitationSettings()
 
 
-def still(records: Sequence[Record]) -> NDArray[np.intp]:
+def still(records: Sequence[Record]) -> Integers:
     """Joints that hardly move in any record."""
     return np.flatnonzero(np.all([hardly_moving(record) for record in records], axis=0))
 
@@ -75,7 +74,7 @@ def advice(dynamics: Dynamics, records: Sequence[Record], prior: Prior | None) -
     return f"{text}design_motion(arm, rig, law, ...) gives a motion that excites more."
 
 
-def _motion(record: Record) -> Motion:
+def _motion(record):
     """In the pass band, as many samples as are independent in it; joints that hardly move stand
     still.
     """
@@ -90,9 +89,7 @@ def _motion(record: Record) -> Motion:
     return Motion(*(signal[::every] for signal in motion))
 
 
-def _shares(
-    dynamics: Dynamics, records: Sequence[Record], motions: Sequence[Motion], prior: Prior
-) -> Floats:
+def _shares(dynamics, records, motions, prior):
     """Standard deviations (p,) of f after the logs, as shares of those of the prior."""
     # In whitened coordinates the information of the prior is the unit matrix.
     root = np.linalg.inv(prior.whitening)

@@ -38,7 +38,7 @@ def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
 
 
 @functools.lru_cache(maxsize=256)
-def _butterworth(cutoff: float) -> Floats:
+def _butterworth(cutoff):
     from scipy.signal import butter
 
     return np.asarray(butter(_ORDER, cutoff, output="sos"))

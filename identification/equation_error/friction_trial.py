@@ -4,8 +4,8 @@ The residual of a friction that is not modelled looks like an offset, an elastic
 gain, so friction is tried before these are blamed.
 """
 
-import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from identification.equation_error.band_choice import tried
 from identification.equation_error.regressor import System
 from plant import Drive, FrictionCurve
 from plant.parts.fields import Floats
-from plant.parts.shown import Piece, Shown
+from plant.parts.shown import Shown
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
 
@@ -29,7 +29,7 @@ _ADVICE = {
 }
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class FrictionTrialSettings:
     """Kinds of friction that are tried, and when one is reported; chosen by hand.
 
@@ -56,7 +56,7 @@ class FrictionTrialSettings:
 SETTINGS = FrictionTrialSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionTrial(Shown):
     """One kind of friction on trial, beside what is fitted.
 
@@ -114,10 +114,10 @@ class FrictionTrial(Shown):
         levels = np.nan_to_num(self.levels)
         # A drive refuses negative friction; a joint with a little of it has none.
         if self.kind == LOAD_DEPENDENT:
-            return dataclasses.replace(drive, load_friction=np.maximum(levels, 0.0))
+            return replace(drive, load_friction=np.maximum(levels, 0.0))
         curve = drive.curve or FrictionCurve(offset=0 * levels)
         if self.kind == ASYMMETRIC:
-            curve = dataclasses.replace(curve, offset=curve.offset + levels / drive.gear)
+            curve = replace(curve, offset=curve.offset + levels / drive.gear)
         elif self.kind == STRIBECK and self.share is not None:
             # Two curves of different speeds do not add up to one.
             if curve.breakaway is not None:
@@ -128,15 +128,15 @@ class FrictionTrial(Shown):
             gear = np.abs(drive.gear)
             speed = np.array(self.share) * self.usual * gear
             breakaway = np.maximum(levels, 0.0) / gear
-            curve = dataclasses.replace(curve, breakaway=breakaway, speed=speed)
+            curve = replace(curve, breakaway=breakaway, speed=speed)
         else:
             raise ValueError(
                 f"friction must be one that a drive has; got {self.kind} friction."
                 f" {_ADVICE[self.kind]}."
             )
-        return dataclasses.replace(drive, curve=curve)
+        return replace(drive, curve=curve)
 
-    def _short(self) -> str:
+    def _short(self):
         speeds = ", ".join(f"{share:.0%}" for share in dict.fromkeys(self.share or ()))
         at = f" at {speeds} of the usual speed{'s' * (',' in speeds)}" if speeds else ""
         return (
@@ -144,7 +144,7 @@ class FrictionTrial(Shown):
             " standard errors)"
         )
 
-    def _shown(self) -> Iterator[Piece]:
+    def _shown(self):
         yield self._short()
 
 
@@ -171,10 +171,7 @@ def friction_trials(
         there are too few equations.
         """
         places = [*range(count), *columns]
-        chosen = [
-            dataclasses.replace(system, regressor=system.regressor[:, :, places])
-            for system in systems
-        ]
+        chosen = [replace(system, regressor=system.regressor[:, :, places]) for system in systems]
         fit = tried(chosen, seconds, gap, weights)
         if fit is None:
             return np.full(1, np.nan), np.empty(0)

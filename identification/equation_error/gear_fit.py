@@ -13,8 +13,8 @@ Source: M. W. Spong, Modeling and control of elastic joint robots, ASME Journal 
 Measurement, and Control 109 (1987) (equations of motion).
 """
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from identification.equation_error.filters import by_differences, derivatives, l
 from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.prior import Known
 from identification.equation_error.pulse_fit import CUTOFF, filtering_of, fit_systems, mode_in
-from identification.equation_error.regressor import System, compared, linear, regressor_along
+from identification.equation_error.regressor import compared, linear, regressor_along
 from identification.equation_error.torque_fit import TorqueFit
 from identification.equation_error.torque_logs import torque_of
 from identification.equation_error.two_encoders import Deflections, fit_wound
@@ -31,7 +31,7 @@ from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class GearFitSettings:
     """Bands and search of a fit of gears; chosen by hand.
 
@@ -66,7 +66,7 @@ class GearFitSettings:
 SETTINGS = GearFitSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GearFit:
     """Gears, as two position sensors show them or as they fit best in a pass band.
 
@@ -80,7 +80,7 @@ class GearFit:
 
 
 def fit_deflection(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known: Known
+    dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known_values: Known
 ) -> GearFit:
     """Compliance of gears from records with `link_counts` of all; arguments as for
     `equation_error`.
@@ -91,8 +91,8 @@ def fit_deflection(
     ]
     # 1. f along the motions of both sides, which do not depend on the gears.
     systems = [deflection.balance(dynamics, names) for deflection in deflections]
-    torque = fit_systems(dynamics, names, known, systems)
-    values = dict(known) | dict(zip(torque.names, torque.values, strict=True))
+    torque = fit_systems(dynamics, names, known_values, systems)
+    values = dict(known_values) | dict(zip(torque.names, torque.values, strict=True))
 
     # 2. The compliances, by the torques that follow from f.
     f = np.array([values[name] for name in dynamics.names])
@@ -106,7 +106,7 @@ class _Wound:
     their gears.
     """
 
-    def __init__(self, record: Record, band: float) -> None:
+    def __init__(self, record, band):
         rig = record.rig
         self.rig = rig
         self.band = band
@@ -127,27 +127,27 @@ class _Wound:
         # A kept sample counts as little as the worst of those that it stands for.
         self.valid = np.minimum.reduceat(record.valid, rows)
 
-    def system(self, dynamics: Dynamics, unknown: Sequence[str], compliance: Floats) -> System:
+    def system(self, dynamics, unknown, compliance):
         """The torque equation along the motion of the links."""
         # Shafts wind up; a coupling makes joint angles of that.
         joint = self.rig.drive.coupling.joint
         filtering = filtering_of(self.rig, self.band)
         pairs = zip(self.motors, self.wind_up, strict=True)
         links = Motion(*(motor - joint(compliance * passed) for motor, passed in pairs))
-        regressor, given = regressor_along(dynamics, self.rig, unknown, links, self.motors)
-        signals = [self.torque - given, *np.moveaxis(regressor, 2, 0)]
+        regressor, stated = regressor_along(dynamics, self.rig, unknown, links, self.motors)
+        signals = [self.torque - stated, *np.moveaxis(regressor, 2, 0)]
         filtering = filtering._replace(every=max(1, int(1 / (2 * self.band * self.period))))
         system = compared(signals, self.motors.qd, self.period, filtering, self.valid)
         # Rows are numbered as in the log, of which these samples are a part.
         sample = system.sample * self.every
-        return dataclasses.replace(system, sample=sample, period=self.rig.period)
+        return replace(system, sample=sample, period=self.rig.period)
 
 
 def fit_gears(
     dynamics: Dynamics,
     records: Sequence[Record],
     unknown: Sequence[str],
-    known: Known,
+    known_values: Known,
     grid: Floats,
 ) -> list[GearFit]:
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
@@ -161,26 +161,26 @@ def fit_gears(
     for i in range(len(SETTINGS.bands)):
         try:
             wound = [_Wound(record, _band(record, i)) for record in records]
-            fits.append(_best(dynamics, wound, names, known, grid))
+            fits.append(_best(dynamics, wound, names, known_values, grid))
         except ValueError:
             # No equations in this band, or unknowns that are not separately identifiable in it.
             continue
     return fits
 
 
-def _band(record: Record, i: int) -> float:
+def _band(record, i):
     replays = record.law is not None and bool(record.law.replays)
     return SETTINGS.replayed_bands[i] if replays else SETTINGS.bands[i] * mode_in(record)
 
 
-def _best(
-    dynamics: Dynamics, wound: Sequence[_Wound], names: tuple[str, ...], known: Known, grid: Floats
-) -> GearFit:
+def _best(dynamics, wound, names, known_values, grid):
     """The best fit in a band: of all gears together, then of each while the others stay."""
 
-    def fitted(compliance: Floats) -> GearFit:
+    def fitted(compliance):
         systems = [record.system(dynamics, names, compliance) for record in wound]
-        return GearFit(compliance=compliance, torque=fit_systems(dynamics, names, known, systems))
+        return GearFit(
+            compliance=compliance, torque=fit_systems(dynamics, names, known_values, systems)
+        )
 
     # Rows of a grid may repeat where a gear stays as it is.
     best = min(map(fitted, np.unique(grid, axis=0)), key=_misfit)
@@ -202,7 +202,7 @@ def _best(
     return best
 
 
-def _misfit(fit: GearFit) -> float:
+def _misfit(fit):
     """Negative logarithm of the likelihood, per equation of each joint."""
     # Joint by joint: a sum of squares would let the strongest joint decide.
     return float(np.log(np.maximum(fit.torque.sigma, 1e-300)).sum())

@@ -6,8 +6,8 @@ long as the log lasts. Here it is fitted together with f, by the torque equation
 that the torque shows.
 """
 
-import dataclasses
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from plant.simulation.law_run import LawRun, run_from, run_law
 FADED = 30
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LawMemorySettings:
     """How the state of a law is fitted; chosen by hand. Relative numbers are shares of the largest
     magnitude in the run.
@@ -68,7 +68,7 @@ class LawMemorySettings:
 SETTINGS = LawMemorySettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Memory:
     """Directions in which a law's state before its log shows in the torque.
 
@@ -84,7 +84,7 @@ class Memory:
 
     def at(self, coordinates: Floats) -> Floats:
         """State (s,) at coordinates (r,) [N m]."""
-        return np.asarray(self.state + self.directions @ coordinates)
+        return self.state + self.directions @ coordinates
 
 
 class Resumption(NamedTuple):
@@ -119,20 +119,20 @@ def along_log(record: Record, *, unknown_law: bool = False) -> Record:
     # A logged torque holds the effect of any state: with it the state need not be known.
     sampled = law.period is not None and not unknown_law
     if sampled and record.torque is not None:
-        return dataclasses.replace(record, law=LoggedTorque())
+        return replace(record, law=LoggedTorque())
     if sampled and record.current is not None:
-        return dataclasses.replace(record, law=LoggedCurrent())
+        return replace(record, law=LoggedCurrent())
     resumed = law
     if not isinstance(resumed, Resumed):
         resumed = Resumed(law=law, state=law.initial_state(record.n))
     if law.period is None:
-        return dataclasses.replace(record, law=resumed)
+        return replace(record, law=resumed)
     return reading(record, resumed)
 
 
 def reading(record: Record, law: Resumed) -> Record:
     """The record with its law reading the log's counts, also where it is fast hardware."""
-    return dataclasses.replace(record, law=law.along(record.rig))
+    return replace(record, law=law.along(record.rig))
 
 
 def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tuple[Record, Memory]:
@@ -158,9 +158,9 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
         coordinates, bands = _fitted(dynamics, record, names, run, columns, memory.usual, bands)
         change = memory.directions @ coordinates
         record = _moved(record, change)
-        memory = dataclasses.replace(memory, state=memory.state + change)
+        memory = replace(memory, state=memory.state + change)
     # The law as it was given, without the log that it read here.
-    return dataclasses.replace(record, law=dataclasses.replace(law, state=memory.state)), memory
+    return replace(record, law=replace(law, state=memory.state)), memory
 
 
 def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
@@ -177,7 +177,7 @@ def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
     return _moved(record, begun - law.state), np.abs(usual).max(axis=0)
 
 
-def _before(record: Record) -> Record:
+def _before(record):
     """Some samples before the record, its counts and its reference on straight lines to the
     first.
     """
@@ -199,7 +199,7 @@ def _before(record: Record) -> Record:
     )
 
 
-def _require_reference(record: Record) -> None:
+def _require_reference(record):
     """Refuse a law whose torque depends on digits that the rounding of its reference hides."""
     if record.reference is not None:
         return
@@ -209,7 +209,7 @@ def _require_reference(record: Record) -> None:
     finer = run_law(record, SETTINGS.finer).given
     hidden = np.sqrt(np.mean((finer - torque) ** 2) / np.mean(torque**2))
     if hidden > SETTINGS.hidden:
-        law: Any = record.law
+        law = record.law
         raise ValueError(
             f"the torque of {type(law.law).__name__} must follow from reference and counts; whole"
             f" counts of the reference leave {hidden:.1%} of it open. Give reference=, the"
@@ -217,9 +217,9 @@ def _require_reference(record: Record) -> None:
         )
 
 
-def _moved(record: Record, change: Any) -> Record:
-    law: Any = record.law
-    return dataclasses.replace(record, law=dataclasses.replace(law, state=law.state + change))
+def _moved(record, change):
+    law = record.law
+    return replace(record, law=replace(law, state=law.state + change))
 
 
 def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory, Floats]:
@@ -264,14 +264,14 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
 
 
 def _fitted(
-    dynamics: Dynamics,
-    record: Record,
-    unknown: tuple[str, ...],
-    run: LawRun,
-    columns: Floats,
-    usual: Floats,
-    bands: Floats,
-) -> tuple[Floats, Floats]:
+    dynamics,
+    record,
+    unknown,
+    run,
+    columns,
+    usual,
+    bands,
+):
     """Coordinates (r,) [N m] of the least residual beside their usual size, and its band."""
     rig = record.rig
     torque = law_torque(record, run)
@@ -306,4 +306,4 @@ def _fitted(
     expected = np.hstack([np.zeros((len(columns), len(unknown))), deviation])
     rows = np.vstack([best.regressor[best.used] * weight[:, None], expected])
     values = least(rows, np.append(best.torque[best.used] * weight, np.zeros(len(columns))))
-    return np.asarray(values[len(unknown) :]), np.array([band])
+    return values[len(unknown) :], np.array([band])

@@ -16,18 +16,18 @@ samples, Survey Methodology 28, 2002; J. G. MacKinnon, M. O. Nielsen, M. D. Webb
 inference, Journal of Econometrics 232, 2023.
 """
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from plant.parts.fields import Floats
+from plant.parts.fields import Floats, Integers
 from plant.parts.sums import dot, least, norm, product, products
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class IdentifiabilitySettings:
     """Least share of the column of an unknown that must be independent of the other columns.
 
@@ -127,7 +127,7 @@ class _Separable(NamedTuple):
     names: Sequence[str]
     dependent: float
 
-    def check(self, triangle: Floats, i: int) -> None:
+    def check(self, triangle, i):
         """Raise where column i is a combination of those before it."""
         if triangle[i, i] < self.dependent:
             shares = np.linalg.solve(triangle[:i, :i], triangle[:i, i])
@@ -140,9 +140,7 @@ class _Separable(NamedTuple):
             )
 
 
-def _by_rows(
-    rows: Floats, lengths: Floats, target: Floats, separable: _Separable
-) -> tuple[Floats, Floats]:
+def _by_rows(rows, lengths, target, separable):
     """R (k, k) of rows (N, k) over the lengths (k,) of columns = Q R, and Q^T target (k,):
     Gram-Schmidt, twice.
     """
@@ -167,9 +165,7 @@ def _by_rows(
     return triangle, (turned * target[:, None]).sum(axis=0)
 
 
-def _by_products(
-    rows: Floats, lengths: Floats, target: Floats, separable: _Separable
-) -> tuple[Floats, Floats]:
+def _by_products(rows, lengths, target, separable):
     """The same from the products of columns: Cholesky's factorisation of rows^T rows = R^T R."""
     gram = products(rows) / np.outer(lengths, lengths)
     triangle = np.zeros((rows.shape[1],) * 2)
@@ -230,7 +226,7 @@ def directions(rates: Floats, dependent: float = IDENTIFIABLE.optimum) -> Floats
         size = np.sqrt(max(dot(direction, product(gram, direction)), 0.0))
         if size > dependent:
             basis = np.vstack([basis, direction / size])
-    return np.asarray(basis / lengths)
+    return basis / lengths
 
 
 def along(basis: Floats, rates: Floats, target: Floats) -> Floats:
@@ -251,7 +247,7 @@ NORMAL = 1.96  # standard deviations on either side of a normal value that hold 
 _AT_ONCE = 1 << 19
 
 
-def in_groups(lengths: Sequence[int], prior: int, least: int) -> NDArray[np.intp]:
+def in_groups(lengths: Sequence[int], prior: int, least: int) -> Integers:
     """Groups (M,) of rows, from 0: each of these lengths is cut into the same number of segments,
     at least so many of all lengths together.
 
@@ -266,7 +262,7 @@ def in_groups(lengths: Sequence[int], prior: int, least: int) -> NDArray[np.intp
     return np.concatenate(groups)
 
 
-def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Floats:
+def group_std(rows: Floats, residual: Floats, groups: Integers) -> Floats:
     """Standard deviations (k,) of the values of a fit, for intervals of 1.96 of them.
 
     `rows` (M, k): change of the residual with the values. `residual` (M,): of the fit. `groups`
@@ -296,13 +292,13 @@ def group_std(rows: Floats, residual: Floats, groups: NDArray[np.intp]) -> Float
     return _student(variance, scale, count)
 
 
-def run_std(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
+def run_std(rows: Floats, residual: Floats, runs: Integers) -> Floats:
     """The same for a few groups of unequal weight, such as runs; parameters as for `group_std`."""
     moves = run_moves(rows, residual, runs)
     return _student((moves**2).sum(axis=0), np.ones(rows.shape[1]), len(moves))
 
 
-def run_moves(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
+def run_moves(rows: Floats, residual: Floats, runs: Integers) -> Floats:
     """Change of the values by each group (R, k), corrected for the part that the fit takes away."""
     count = int(runs.max()) + 1
     scale = np.sqrt((rows * rows).sum(axis=0))
@@ -322,14 +318,14 @@ def run_moves(rows: Floats, residual: Floats, runs: NDArray[np.intp]) -> Floats:
         score = axes_taken.T @ (unroot.T @ (run * residual[runs == i, None]).sum(axis=0))
         # The square root of the remaining share, on the score, corrects the variance (CR2).
         scores[i] = root @ (axes_taken @ (score / np.sqrt(remaining)))
-    return np.asarray(scores @ inverse / scale)
+    return scores @ inverse / scale
 
 
-def _student(variance: Floats, scale: Floats, count: int) -> Floats:
+def _student(variance, scale, count):
     """Standard deviations of values in these scales, widened by Student's quantile of so many
     groups.
     """
-    return np.asarray(np.sqrt(variance) / scale * wider(count - 1))
+    return np.sqrt(variance) / scale * wider(count - 1)
 
 
 def wider(freedom: ArrayLike) -> Floats:
@@ -351,7 +347,7 @@ def at_least(covariance: Floats, std: Floats) -> Floats:
     wanted = np.where((present > 0) & np.isfinite(std), std, present)
     added = np.sqrt(np.maximum(wanted**2 - present**2, 0.0))
     share = np.divide(added, present, out=np.zeros_like(present), where=present > 0)
-    return np.asarray(covariance * (1 + np.outer(share, share)))
+    return covariance * (1 + np.outer(share, share))
 
 
 def covariance_of(names: Sequence[str], estimated: Sequence[str], covariance: Floats) -> Floats:

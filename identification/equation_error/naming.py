@@ -1,8 +1,8 @@
 """Names in messages, tables and figures: records by place and file, parameters with units."""
 
 import contextlib
-import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -143,7 +143,7 @@ def misread(record: Record, *, limited: bool = False) -> str:
     """
     checks = [name for name in _MISREAD if not (limited and name == "units of torque")]
     # Without its name: the caller says which record it speaks of.
-    return first_problem((dataclasses.replace(record, name=""),), checks)
+    return first_problem((replace(record, name=""),), checks)
 
 
 def first_problem(records: Sequence[Record], among: Sequence[str] = ()) -> str:
@@ -167,12 +167,14 @@ def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:
         yield record, _about(record, record_label(records, k))
 
 
-def of_each(make: Callable[..., T], records: Sequence[Record], *others: Iterable[Any]) -> list[T]:
+def of_each(
+    make: Callable[..., T], records: Sequence[Record], *arguments_of_each: Iterable[Any]
+) -> list[T]:
     """Results of a function of each record and its other arguments; a ValueError names the
     record.
     """
     results = list[T]()
-    for (record, about), *arguments in zip(each_named(records), *others, strict=True):
+    for (record, about), *arguments in zip(each_named(records), *arguments_of_each, strict=True):
         with about:
             results.append(make(record, *arguments))
     return results

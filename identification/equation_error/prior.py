@@ -10,9 +10,9 @@ programming approach, IEEE Transactions on Robotics 36 (2020) (the metric).
 """
 
 import contextlib
-import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -34,7 +34,7 @@ _OF_MODEL = 0.3
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Prior(Frozen):
     """Gaussian prior of f: `names` (p), `mean` (p,), `covariance` (p, p), and the relative
     `spread` it was made of.
@@ -58,7 +58,9 @@ class Prior(Frozen):
         """Where the parameters are among the unknowns, all of f among them."""
         return [unknown.index(name) for name in self.names]
 
-    def rows(self, unknown: Sequence[str], known: Mapping[str, float]) -> tuple[Floats, Floats]:
+    def rows(
+        self, unknown: Sequence[str], known_values: Mapping[str, float]
+    ) -> tuple[Floats, Floats]:
         """Equations rows x = target, of standard deviation 1, in the unknowns (k); `known`:
         parameters that are not.
         """
@@ -69,27 +71,27 @@ class Prior(Frozen):
             if name in unknown:
                 rows[:, unknown.index(name)] = self.whitening[:, i]
             else:
-                mean[i] -= known[name]
-        return rows, np.asarray((self.whitening * mean).sum(axis=1))
+                mean[i] -= known_values[name]
+        return rows, (self.whitening * mean).sum(axis=1)
 
     def deviations(self, f: Floats) -> Floats:
         """Whitened deviations (p,) of f from the mean: independent, of standard deviation 1."""
-        return np.asarray((self.whitening * (f - self.mean)).sum(axis=1))
+        return (self.whitening * (f - self.mean)).sum(axis=1)
 
     def squares(self, vectors: Floats) -> Floats:
         """Sum (P,) of the squares of these, of several f (P, p)."""
         return np.array([dot(row, row) for row in map(self.deviations, vectors)])
 
     @classmethod
-    def of(cls, dynamics: Dynamics, rig: Rig, given: Any) -> Self:
+    def of(cls, dynamics: Dynamics, rig: Rig, argument: Any) -> Self:
         """Prior of the argument: a spread of the chain's own bodies, or (bodies, f or an arm, and a
         spread).
 
         Bodies without any rotor have those of the rig.
         """
         mean: Any
-        paired = isinstance(given, (tuple, list)) and len(given) == 2
-        mean, spread = given if paired else (dynamics.chain.bodies, given)
+        paired = isinstance(argument, (tuple, list)) and len(argument) == 2
+        mean, spread = argument if paired else (dynamics.chain.bodies, argument)
         spread = real("spread of the prior", spread, _ADVICE, positive=True)
         if isinstance(mean, (tuple, list)) and all(isinstance(body, Body) for body in mean):
             f, columns = _of_bodies(dynamics, rig, tuple(mean))
@@ -121,11 +123,11 @@ class Prior(Frozen):
         return None
 
 
-def _of_bodies(dynamics: Dynamics, rig: Rig, bodies: tuple[Body, ...]) -> tuple[Floats, Floats]:
+def _of_bodies(dynamics, rig, bodies):
     """The f (p,) of bodies, and its changes (p, m) with independent ones of the bodies."""
     if not bodies:
         raise ValueError(f"prior needs bodies; the chain has none. {_ADVICE}")
-    chain = dataclasses.replace(dynamics.chain, bodies=bodies)
+    chain = replace(dynamics.chain, bodies=bodies)
     if not any(body.rotor for body in bodies):
         chain = chain.with_rotors(rig.drive)
     # f is the lumping matrix times the standard parameters of all bodies.
@@ -191,6 +193,6 @@ class PriorRows:
 
     def settle(self, variance: float) -> bool:
         """Weigh the rows by the variance of an innovation; whether that changes much."""
-        before = self.noise
+        previous = self.noise
         self.noise = float(np.sqrt(variance))
-        return bool(self._places) and abs(self.noise / before - 1) > _SETTLED
+        return bool(self._places) and abs(self.noise / previous - 1) > _SETTLED

@@ -7,8 +7,8 @@ rounding of the counts dominates. So the pass band is twice the frequency of tha
 in the spectrum of the tracking error, then, once a first f is there, from the linearised loop.
 """
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class PassBandSettings:
     """How the pass band of a record is chosen; chosen by hand.
 
@@ -124,14 +124,14 @@ def equation_error(
     dynamics: Dynamics,
     records: Sequence[Record],
     unknown: Iterable[str],
-    known: Mapping[str, float] | None = None,
+    known_values: Mapping[str, float] | None = None,
 ) -> TorqueFit:
     """Fit of the torque equation to records, in their pass bands.
 
     `unknown`: all of f, and linear numbers of the drive; others keep their values in the record.
     `known`: values of some of them, and the prior of f.
     """
-    known = Known(known)
+    known_values = Known(known_values)
     unknown = linear(dynamics, records[0].rig, unknown)
     records = [_without_gaps(record) for record in records]
 
@@ -139,11 +139,11 @@ def equation_error(
         systems = of_each(
             lambda record, band: system_of(dynamics, record, band, unknown), records, bands
         )
-        return fit_systems(dynamics, unknown, known, systems)
+        return fit_systems(dynamics, unknown, known_values, systems)
 
     # 1. In bands by the spectrum of the tracking errors.
     initial = fitted([pass_band(record) for record in records])
-    values = {**known, **dict(zip(initial.names, initial.values, strict=True))}
+    values = {**known_values, **dict(zip(initial.names, initial.values, strict=True))}
 
     # 2. In bands by the modes of that arm.
     arm = dynamics.arm([values[name] for name in dynamics.names])
@@ -155,7 +155,7 @@ def equation_error(
     return fitted(bands)
 
 
-def _without_gaps(record: Record) -> Record:
+def _without_gaps(record):
     """A record at even times, with counts on straight lines where none were logged."""
     # Filters would ring at a jump.
     if Clock.of(record).even is None:
@@ -168,7 +168,7 @@ def over_bands(
     dynamics: Dynamics,
     records: Sequence[Record],
     unknown: Iterable[str],
-    known: Mapping[str, float] | None = None,
+    known_values: Mapping[str, float] | None = None,
 ) -> dict[float, TorqueFit]:
     """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit; first the band that is
     chosen.
@@ -179,7 +179,7 @@ def over_bands(
     well as narrower ones do (`band_choice`). Then come the nearest.
     """
     unknown = linear(dynamics, records[0].rig, unknown)
-    known = Known(known)
+    known_values = Known(known_values)
     even = of_each(lambda record: record.resampled(record.rig.period), records)
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
@@ -191,13 +191,13 @@ def over_bands(
                 system_of(dynamics, record, band, unknown, torque=torque)
                 for record, torque in zip(even, torques, strict=True)
             ]
-            fit = fit_systems(dynamics, unknown, known, equations)
+            fit = fit_systems(dynamics, unknown, known_values, equations)
         except ValueError:
             # No equations in this band, or unknowns that are not separately identifiable in it.
             continue
         if fit.rows >= ENOUGH * len(fit.names):
             fits[band] = fit
-            systems[band] = without_known(unknown, known, equations)[1]
+            systems[band] = without_known(unknown, known_values, equations)[1]
     if not fits:
         raise ValueError(NO_BAND)
     seconds = np.array([len(record) * record.rig.period for record in even])
@@ -212,7 +212,7 @@ def over_bands(
 def fit_systems(
     dynamics: Dynamics,
     unknown: Sequence[str],
-    known: Known,
+    known_values: Known,
     systems: Iterable[System],
     seconds: Floats | None = None,
 ) -> TorqueFit:
@@ -221,20 +221,20 @@ def fit_systems(
 
     `seconds`: as for `weighted`.
     """
-    names, reduced = without_known(unknown, known, systems)
-    prior = None if known.prior is None else known.prior.rows(names, known)
+    names, reduced = without_known(unknown, known_values, systems)
+    prior = None if known_values.prior is None else known_values.prior.rows(names, known_values)
     return weighted(dynamics, names, reduced, seconds=seconds, prior=prior)
 
 
 def without_known(
-    unknown: Sequence[str], known: Mapping[str, float], systems: Iterable[System]
+    unknown: Sequence[str], known_values: Mapping[str, float], systems: Iterable[System]
 ) -> tuple[tuple[str, ...], list[System]]:
     """Names of the unknowns without a known value, and the equations in these alone."""
-    stated = [i for i, name in enumerate(unknown) if name in known]
-    remaining = [i for i, name in enumerate(unknown) if name not in known]
-    values = np.array([known[unknown[i]] for i in stated])
+    stated = [i for i, name in enumerate(unknown) if name in known_values]
+    remaining = [i for i, name in enumerate(unknown) if name not in known_values]
+    values = np.array([known_values[unknown[i]] for i in stated])
     reduced = [
-        dataclasses.replace(
+        replace(
             system,
             regressor=system.regressor[:, :, remaining],
             torque=system.torque - (system.regressor[:, :, stated] * values).sum(axis=2),

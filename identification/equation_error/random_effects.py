@@ -38,7 +38,7 @@ class Differing(NamedTuple):
 
 
 def differing(
-    names: Sequence[str], values: Floats, each: Floats, std: Floats, alike: Floats
+    names: Sequence[str], values: Floats, estimates: Floats, std: Floats, alike: Floats
 ) -> Differing:
     """Differences between the values `each` (R, k) of runs beyond their standard deviations std (R,
     k; NaN of a value that a run does not determine), about values (k,).
@@ -54,7 +54,7 @@ def differing(
         size = size_of(name, values[at], std[:, at])
         # In its unit each value of the group varies alike: so they share one variance.
         share = np.isfinite(std[:, at]).astype(float)
-        apart = restricted(name, each[:, at] / size, std[:, at] / size, share)
+        apart = restricted(name, estimates[:, at] / size, std[:, at] / size, share)
         groups[name] = np.sqrt(apart)
         deviation[at] = np.sqrt(apart) * size
         # Correlated values of a group count as fewer: m^2 / sum of squared correlations.
@@ -76,11 +76,11 @@ def groups_of(names: Sequence[str], std: Floats) -> dict[str, list[int]]:
 def size_of(name: str, values: Floats, std: Floats) -> Floats:
     """Unit (m,) of the differences in a group: values (m,), or their standard deviations (R, m)."""
     size = np.sqrt(np.nanmean(std**2, axis=0))
-    return np.asarray(np.maximum(size, np.abs(values)) if name in RELATIVE else size)
+    return np.maximum(size, np.abs(values)) if name in RELATIVE else size
 
 
 def restricted(
-    name: str, each: Floats, std: Floats, share: Floats, about: float | None = None
+    name: str, estimates: Floats, std: Floats, share: Floats, about: float | None = None
 ) -> float:
     """Variance between runs, where each (R, m) = mean + share * effect + noise of std (R, m).
 
@@ -90,7 +90,7 @@ def restricted(
     from scipy.optimize import minimize_scalar
 
     determined = share > 0
-    each = np.where(determined, each, 0.0)
+    estimates = np.where(determined, estimates, 0.0)
 
     def criterion(variance: float) -> float:
         """Minus twice the restricted log likelihood."""
@@ -98,16 +98,16 @@ def restricted(
         weight = determined / total
         if about is None:
             # The estimated mean takes a degree of freedom: the term that restricts the likelihood.
-            mean: Any = (weight * each).sum(axis=0) / weight.sum(axis=0)
+            mean: Any = (weight * estimates).sum(axis=0) / weight.sum(axis=0)
             restriction = np.log(weight.sum(axis=0)).sum()
         else:
             mean = about
             restriction = 0.0
-        squares = weight * (each - mean) ** 2
+        squares = weight * (estimates - mean) ** 2
         return float(np.log(total).sum() + restriction + squares.sum())
 
     largest = max(
-        np.var(values[rows], ddof=1) for values, rows in zip(each.T, determined.T, strict=True)
+        np.var(values[rows], ddof=1) for values, rows in zip(estimates.T, determined.T, strict=True)
     )
     if largest <= _ALIKE * np.min(std[determined] ** 2):
         return 0.0

@@ -8,14 +8,14 @@ pass the same zero-phase filter (its band is where they are compared), and every
 counted from the first sample.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error.filters import derivatives, low_pass
 from plant import Dynamics, Rig
@@ -23,7 +23,7 @@ from plant.checkup.lost_rows import BRIDGED, short_gaps
 from plant.motion.reference import Motion
 from plant.parts.arguments import array, near
 from plant.parts.checked_function import evaluated
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats, Integers
 
 # Beginnings of the names of friction, in which the torque is linear, and of springs, in some of
 # whose numbers it is linear.
@@ -40,7 +40,7 @@ _AT_ONCE = 4096
 _TOGETHER = 2**18
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class System:
     """The torque equation of one log, and where in it each equation comes from.
 
@@ -52,14 +52,14 @@ class System:
 
     regressor: Floats
     torque: Floats
-    used: NDArray[np.bool_]
-    sample: NDArray[np.intp]
+    used: Bools
+    sample: Integers
     period: float
     speed: Floats
     measured: Floats | None = None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Places:
     """Where the equations that a fit uses come from, in its order of them.
 
@@ -67,9 +67,9 @@ class Places:
     (M,): time since the log's first row [s].
     """
 
-    record: NDArray[np.intp]
-    joint: NDArray[np.intp]
-    sample: NDArray[np.intp]
+    record: Integers
+    joint: Integers
+    sample: Integers
     t: Floats
 
     @classmethod
@@ -85,7 +85,7 @@ class Places:
         period = np.repeat([system.period for system in systems], counts)
         return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
-    def segments(self, seconds: Floats, least: int) -> tuple[NDArray[np.intp], int]:
+    def segments(self, seconds: Floats, least: int) -> tuple[Integers, int]:
         """Segment (M,) of each equation, and the number of all: logs of these lengths (R,) in equal
         parts, at least so many together.
         """
@@ -237,9 +237,7 @@ def linear(dynamics: Dynamics, rig: Rig, unknown: Iterable[str]) -> tuple[str, .
 
 
 @functools.lru_cache(maxsize=16)
-def _mapped(
-    dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool, count: int
-) -> Any:
+def _mapped(dynamics, rig, unknown, elastic, count):
     """The function of `balance`, of so many samples at once."""
     of_sample = balance(dynamics, rig, unknown, elastic)[1]
     # The numbers, its last input, are those of all samples.

@@ -1,7 +1,6 @@
 """Test of a stated law: its torque along a log, from the best state, against the logged torque."""
 
-import dataclasses
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class StatedLawSettings:
     """When a law began with its log; chosen by hand.
 
@@ -62,7 +61,7 @@ def torque_apart(record: Record) -> Floats | None:
     distance = np.sqrt(np.mean((torque - logged)[rows] ** 2, axis=0))
     size = np.sqrt(np.mean(logged[rows] ** 2, axis=0))
     # A joint without torque has no share of it.
-    return np.asarray(distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300)))
+    return distance / np.maximum(size, 1e-9 * max(size.max(), 1e-300))
 
 
 def begun(record: Record) -> Record:
@@ -92,12 +91,12 @@ def begun(record: Record) -> Record:
     negligible = SETTINGS.equal * np.abs(logged).max()
     if distances[0] <= SETTINGS.ratio * distances[1] + negligible:
         return record
-    state: Any = nearest.law.state  # type: ignore[union-attr]  # AlongLog
+    state = nearest.law.state
     start = np.array(start_of(record, path_of(record)))
-    return dataclasses.replace(record, law=Resumed(law=law, state=state), initial=start)
+    return replace(record, law=Resumed(law=law, state=state), initial=start)
 
 
-def _comparable(record: Record) -> bool:
+def _comparable(record):
     """Whether a torque was logged that a law may have given from the counts of the record.
 
     Counts that were moved (`without_delay`) are not those that the law read.
@@ -110,12 +109,12 @@ def _comparable(record: Record) -> bool:
     return record.rig.encoder.smooth or bool((record.counts == np.trunc(record.counts)).all())
 
 
-def _nearest(record: Record, logged: Floats) -> Record | None:
+def _nearest(record, logged):
     """The record with its law reading the log, from the state nearest to the logged torque (N, n).
 
     None where its reference does not determine its torque, and of fast hardware.
     """
-    law: Any = record.law
+    law = record.law
     # Fast hardware reads the arm between samples, where the log has nothing.
     if law.period is None:
         return None
@@ -134,6 +133,6 @@ def _nearest(record: Record, logged: Floats) -> Record | None:
         rows = columns[:, FADED:].reshape(len(columns), -1).T
         change = np.linalg.lstsq(rows, missing, rcond=None)[0]
         state = memory.at(np.asarray(change, float))
-        reader: Any = followed.law
-        followed = dataclasses.replace(followed, law=dataclasses.replace(reader, state=state))
+        reader = followed.law
+        followed = replace(followed, law=replace(reader, state=state))
     return followed

@@ -8,12 +8,11 @@ Source: M. Gautier, Dynamic identification of robots with power model, ICRA 1997
 and decimation).
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.band_choice import FitTrial
 from identification.equation_error.between_runs import ONE_LOG, BetweenRuns, between_runs
@@ -23,14 +22,14 @@ from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice
-from plant.parts.fields import Floats
+from plant.parts.fields import Floats, Integers
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned, inside
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TorqueWarningSettings:
     """When a fit of the torque warns; chosen by hand.
 
@@ -55,7 +54,7 @@ class TorqueWarningSettings:
 SETTINGS = TorqueWarningSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TorqueFit(Shown, Frozen):
     """Values of f and of linear numbers of the drive, fitted to torques.
 
@@ -114,9 +113,9 @@ class TorqueFit(Shown, Frozen):
     relative_error: float
     rows: int
     condition: float
-    known: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    freed: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
+    freed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
     cutoff: float | None = None
     band: float | None = None
     every: tuple[int, ...] = ()
@@ -332,7 +331,7 @@ def weighted(
     )
 
 
-def _deviations(residual: Floats, group: NDArray[np.intp], groups: int, freedom: float) -> Floats:
+def _deviations(residual: Floats, group: Integers, groups: int, freedom: float) -> Floats:
     """Standard deviation of the residual in each group (groups,); NaN of an empty one."""
     deviations = np.full(groups, np.nan)
     for g in np.unique(group):

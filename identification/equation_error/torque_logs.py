@@ -1,11 +1,9 @@
 """Positions and torques of logs, from records or arrays: the torque that acted at each sample."""
 
-import dataclasses
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from identification.equation_error.filters import low_pass
 from identification.equation_error.naming import each_named, record_label
@@ -27,7 +25,7 @@ def torque_of(record: Record) -> Floats:
     was injected, which is added to what the law commanded. A law along its log is run.
     """
     if isinstance(record.law, Resumed):
-        return law_torque(dataclasses.replace(record, law=record.law.along(record.rig)))
+        return law_torque(replace(record, law=record.law.along(record.rig)))
     commanded = commanded_torque(record)
     # Without memory the law gives the torque as exactly as the counts are known: it comes before a
     # column, which has the noise of its sensor.
@@ -44,7 +42,7 @@ def measured_torque(record: Record) -> Floats:
         return record.torque
     if record.current is not None:
         drive = record.rig.drive
-        return np.asarray(drive.joint_torque(drive.motor_gain * record.current))
+        return drive.joint_torque(drive.motor_gain * record.current)
     raise ValueError(
         f"the record must hold torques or currents; the counts under {type(record.law).__name__} do"
         " not give them. Log one of them, state what the law remembered (Resumed), or use"
@@ -81,7 +79,7 @@ def driven(record: Record, commanded: Floats) -> Floats:
     return record.rig.drive.limited(commanded + _held(injected))
 
 
-def _held(torque: Floats) -> Floats:
+def _held(torque):
     """Mean (N, n) around each sample of a torque that is held to the next: at a sample, both
     act.
     """
@@ -100,7 +98,7 @@ _FINE = 16.0
 _SAMPLES = 100
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueLog:
     """One log: joint positions and torques at even times.
 
@@ -152,9 +150,7 @@ def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> lis
     return logs
 
 
-def _of_arrays(
-    dynamics: Dynamics, label: str, q: ArrayLike, torque: ArrayLike, rig: Rig
-) -> TorqueLog:
+def _of_arrays(dynamics, label, q, torque, rig):
     about = f"{label}: " if label else ""
     q = array(
         f"{about}q",
@@ -188,7 +184,7 @@ def evened(record: Record) -> Record:
     return record.resampled(record.rig.period) if uneven else record
 
 
-def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog]:
+def _of_records(dynamics, records):
     logs = []
     for k, (record, about) in enumerate(each_named(records)):
         with about:
@@ -196,7 +192,7 @@ def _of_records(dynamics: Dynamics, records: Sequence[Record]) -> list[TorqueLog
             record = bridged(record)
             # Before resampling: the law read the counts at its own samples.
             if record.torque is None and record.current is None:
-                record = dataclasses.replace(record, torque=torque_of(record), law=None)
+                record = replace(record, torque=torque_of(record), law=None)
             record = evened(record)
             torque = logged_torque(record)
         label = record_label(records, k)
@@ -237,5 +233,5 @@ def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
     valid = log.valid
     if valid is not None:
         valid = np.minimum.reduceat(valid, np.arange(0, len(log.q), every))
-    rig = dataclasses.replace(log.rig, period=every * period)
-    return dataclasses.replace(log, q=q, torque=torque, rig=rig, valid=valid)
+    rig = replace(log.rig, period=every * period)
+    return replace(log, q=q, torque=torque, rig=rig, valid=valid)

@@ -9,12 +9,11 @@ Intervals count how blocks of a log, and logs, differ (`weighted`), and the cova
 all logs share.
 """
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.filters import by_differences, derivatives, low_pass
 from identification.equation_error.least_squares import NORMAL
@@ -24,7 +23,7 @@ from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import torque_of
 from plant import Dynamics, Record
 from plant.motion.reference import Motion
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats
 from plant.parts.sums import product, products
 
 # Relative standard deviation of torques beside that of f, chosen by hand: unstated gears, lengths,
@@ -42,7 +41,7 @@ class Deflections(NamedTuple):
     band: float
     motors: Motion
     links: Motion
-    seen: NDArray[np.bool_]
+    seen: Bools
 
     @classmethod
     def of(cls, record: Record, band: float) -> "Deflections":
@@ -97,9 +96,9 @@ class Deflections(NamedTuple):
         deflection = coupling.shaft(self.motors.q - self.links.q)
         signals = [deflection, torque, np.gradient(torque, rig.period, axis=0), *of_f]
         system = compared(signals, self.motors.qd, rig.period, filtering, self.record.valid)
-        return dataclasses.replace(system, used=system.used & self.seen)
+        return replace(system, used=system.used & self.seen)
 
-    def _passed(self, dynamics: Dynamics, f: Floats) -> tuple[Floats, Floats]:
+    def _passed(self, dynamics, f):
         """Torque (N, n) that each gear passes to the links, and its regressor (N, n, p) on the
         joints.
         """
@@ -171,13 +170,13 @@ def fit_wound(
     return gears[0], gears[1:] or gears[:1], fit
 
 
-def _centred(x: Floats, used: NDArray[np.bool_]) -> Floats:
+def _centred(x, used):
     """Columns (N', n, ...) less their means over the rows that count."""
     mask = used.reshape(*used.shape, *(1,) * (x.ndim - 2))
-    return np.asarray(x - (x * mask).sum(axis=0) / np.maximum(mask.sum(axis=0), 1))
+    return x - (x * mask).sum(axis=0) / np.maximum(mask.sum(axis=0), 1)
 
 
-def _beside_offset(system: System, seen: NDArray[np.intp]) -> System:
+def _beside_offset(system, seen):
     """One record's equations without their offset, with a compliance and a damping per gear."""
     # The two encoders of a gear have zeros of their own: the offset is the record's, and no news.
     columns = _centred(system.regressor[:, :, :2], system.used)
@@ -187,10 +186,10 @@ def _beside_offset(system: System, seen: NDArray[np.intp]) -> System:
         regressor[:, j, i] = columns[:, j, 0]
         regressor[:, j, count + i] = -columns[:, j, 1]
     deflection = _centred(system.torque, system.used)
-    return dataclasses.replace(system, regressor=regressor, torque=deflection)
+    return replace(system, regressor=regressor, torque=deflection)
 
 
-def _moved_by_f(systems: Sequence[System], seen: NDArray[np.intp], compliance: Floats) -> Floats:
+def _moved_by_f(systems, seen, compliance):
     """Derivative (2 m, p) of the values by f, which changes the torques."""
     centred = [_centred(system.regressor, system.used) for system in systems]
     moves = []

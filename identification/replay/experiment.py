@@ -4,9 +4,9 @@ Objective and prediction share it. `Rounding` makes the log of the loop itself, 
 round, where the model of a `Prediction` does not.
 """
 
-import dataclasses
 import functools
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from plant.compiler.background import shared_out
 from plant.logs.record import Record
 from plant.machine.rig import smooth_rig
 from plant.mechanics.dynamics import Dynamics
-from plant.motion.reference import Motion
 from plant.parts.arguments import instance, near, several
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
@@ -93,7 +92,7 @@ def with_zeros(records: Iterable[Record], zeros: Floats) -> list[Record]:
     for record, zero in zip(records, zeros, strict=True):
         # Counts are the reference less the error: an error less an offset moves them by it.
         errors = record.error_pulses - record.rig.position_in_pulses(zero)
-        moved.append(dataclasses.replace(record, error_pulses=errors))
+        moved.append(replace(record, error_pulses=errors))
     return moved
 
 
@@ -231,11 +230,11 @@ class Rounding(Experiment):
         n = record.n
         # An encoder with a phase, zero if need be: its shift is a number that lanes can differ in.
         self._shift = np.zeros(n) if rig.encoder.phase is None else rig.encoder.phase.shift
-        encoder = dataclasses.replace(rig.encoder, phase=Phase(shift=self._shift))
-        phased = dataclasses.replace(rig, encoder=encoder)
+        encoder = replace(rig.encoder, phase=Phase(shift=self._shift))
+        phased = replace(rig, encoder=encoder)
         super().__init__(
             loop.dynamics,
-            dataclasses.replace(record, rig=phased),
+            replace(record, rig=phased),
             loop.dynamics.names,
             steps_per_sample=steps,
             sweeps=loop.sweeps,
@@ -262,10 +261,10 @@ class Rounding(Experiment):
         """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by
         so many pulses (n,).
         """
-        given = dict(zip(names, numbers.tolist(), strict=True))
+        stated = dict(zip(names, numbers.tolist(), strict=True))
         values = self.numbers.copy()
         for i, name in enumerate(self.loop.number_names):
-            values[i] = given.get(name, values[i])
+            values[i] = stated.get(name, values[i])
         groups = [
             self._shift + np.array(shifts[i : i + LOGGED]) for i in range(0, len(shifts), LOGGED)
         ]
@@ -273,7 +272,7 @@ class Rounding(Experiment):
         logs = shared_out(functools.partial(self._group, state, values), groups, threads)
         return [counts for group in logs for counts in group]
 
-    def _group(self, start: Floats, numbers: Floats, phases: Floats) -> list[Floats]:
+    def _group(self, start, numbers, phases):
         """Counts (N, n) by encoders with these phases (W, n), side by side."""
         # Empty lanes repeat the last encoders: a kernel has no lane that does nothing.
         empty = phases[-1:].repeat(LOGGED - len(phases), axis=0)
@@ -305,13 +304,13 @@ class Rounding(Experiment):
 class _Rounded:
     """A smooth motion through logged counts, in counts."""
 
-    def __init__(self, logged: Logged) -> None:
+    def __init__(self, logged):
         self.logged = logged
 
-    def __call__(self, t: Floats) -> tuple[Motion, Floats]:
+    def __call__(self, t):
         motion = self.logged.smoothed(t)
         return motion, self.logged.rig.counts(motion.q)
 
-    def setpoint(self, t: Floats) -> Motion:
+    def setpoint(self, t):
         """Setpoint of a law at times t (N,)."""
         return self.logged.setpoint(t)

@@ -7,9 +7,9 @@ quite like rigid gears where a joint turns back, which a log would seem to contr
 """
 
 import copy
-import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -19,13 +19,13 @@ from identification.equation_error.prior import Prior, PriorRows
 from identification.replay.prediction import Prediction
 from identification.replay.residual import Stacked
 from identification.replay.timing import without_delay
-from plant import Dynamics, Elasticity, FrictionCurve, Law, Record, Rig
+from plant import Dynamics, Elasticity, FrictionCurve, Law, Record
 from plant.compiler.background import cores
 from plant.parts.arguments import instance
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ExtensionSettings:
     """Numbers of a rig that stand for an effect which is absent, and limits of its size.
 
@@ -101,9 +101,7 @@ class Extended(Stacked):
         links = _link_inertia(dynamics, records[0], f)
         self.dynamics = dynamics
         # A torque is injected into each record, zero if need be: one kernel serves all of them.
-        self.records = tuple(
-            dataclasses.replace(record, injected=_beside(record)) for record in records
-        )
+        self.records = tuple(replace(record, injected=_beside(record)) for record in records)
         self.threads = int(threads or cores())
         # The prior is of all records together: each record's prediction has none.
         settings = {**options, "threads": self.threads, "moving": prior is not None}
@@ -114,15 +112,15 @@ class Extended(Stacked):
         self._again = lambda dynamics, records: Extended(dynamics, records, unknown, f, **arguments)
         self._runs = [1] * len(self.records) if runs is None else runs
         # Observer gains, by their names and bounds the same for each record.
-        first = self._logs[0].prediction
-        self.gains = first.nuisances
-        self.gain_steps = first.nuisance_steps
-        self.gain_bounds = first.nuisance_bounds
+        prediction = self._logs[0].prediction
+        self.gains = prediction.nuisances
+        self.gain_steps = prediction.nuisance_steps
+        self.gain_bounds = prediction.nuisance_bounds
         names = (*(() if links is None else _GIVING), *_FRICTION, "offset", "gear", "motor_gain")
         of_joints = [f"{name}[{i}]" for name in names for i in range(n)]
         self.extra = (*of_joints, "lag", *self._logs[0].law)
         self.least = np.array([self._logs[0].least(name) for name in self.extra])
-        gain_names = first.unknown[len(first.unknown) - len(self.gains) :]
+        gain_names = prediction.unknown[len(prediction.unknown) - len(self.gains) :]
         self.unknown = (*unknown, *gain_names, *self.extra)
         weights = [log.prediction.weights for log in self._logs]
         super().__init__(PriorRows(prior, self.unknown), weights)
@@ -132,7 +130,7 @@ class Extended(Stacked):
         for log in self._logs:
             yield log.all_innovations([self._apart(values) for values in vectors])
 
-    def _apart(self, values: Floats) -> tuple[Floats, dict[str, float]]:
+    def _apart(self, values):
         """Unknowns and observer gains, and the extra numbers by name."""
         count = len(values) - len(self.extra)
         return values[:count], dict(zip(self.extra, values[count:], strict=True))
@@ -146,25 +144,25 @@ class Extended(Stacked):
         """The same model of another arm, whose f have the same names."""
         return self._other(dynamics, self.records)
 
-    def _other(self, dynamics: Dynamics, records: Sequence[Record]) -> "Extended":
-        other = self._again(dynamics, records)
+    def _other(self, dynamics, records):
+        model = self._again(dynamics, records)
         # The same weights: sums of squares of both are compared.
-        other.scales = self.scales
-        other.prior = self.prior
-        return other
+        model.scales = self.scales
+        model.prior = self.prior
+        return model
 
     def pushed(self, torques: Sequence[Floats]) -> "Extended":
         """The same model, with torques (N, n) [N m] along each record beside those of its law."""
-        other = copy.copy(self)
+        model = copy.copy(self)
         injected = [
             _beside(record) + torque for record, torque in zip(self.records, torques, strict=True)
         ]
-        other.records = tuple(
-            dataclasses.replace(record, injected=torque)
+        model.records = tuple(
+            replace(record, injected=torque)
             for record, torque in zip(self.records, injected, strict=True)
         )
-        other._logs = [log.beside(torque) for log, torque in zip(self._logs, injected, strict=True)]
-        return other
+        model._logs = [log.beside(torque) for log, torque in zip(self._logs, injected, strict=True)]
+        return model
 
     def stated(self) -> dict[str, float]:
         """Friction that the first rig states, by the names of what is beyond it."""
@@ -194,12 +192,12 @@ class Extended(Stacked):
         ]
 
 
-def _beside(record: Record) -> Floats:
+def _beside(record):
     """Torque (N, n) [N m] that is injected, zero where none is."""
     return np.zeros(record.counts.shape) if record.injected is None else record.injected
 
 
-def _link_inertia(dynamics: Dynamics, record: Record, f: Floats) -> Floats | None:
+def _link_inertia(dynamics, record, f):
     """Inertia (n,) of what each gear drives where a log begins [kg m^2]; None where none is left
     beside the motor's.
     """
@@ -218,15 +216,15 @@ class _Log:
 
     def __init__(
         self,
-        dynamics: Dynamics,
-        record: Record,
-        unknown: tuple[str, ...],
-        links: Floats | None,
-        options: dict[str, Any],
-    ) -> None:
+        dynamics,
+        record,
+        unknown,
+        links,
+        options,
+    ):
         self._links = links
         self._damped = record.rig.drive.elasticity is not None
-        self._springs: Prediction | None = None
+        self._springs = None
         rig = _with_springs(record.rig, links)
 
         # 1. Numbers of rig and law that can be changed, as they are stated. Those of a law with
@@ -234,7 +232,7 @@ class _Log:
         fields = (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear", "motor_gain")
         kinds = tuple(f"drive.{field}" for field in fields)
         numbers = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
-        law: Law = instance("law", record.law, Law, "Give the record its law.")  # type: ignore[assignment]  # checked
+        law = instance("law", record.law, Law, "Give the record its law.")
         of_law = dict(zip(law.number_names("law."), law.number_values().tolist(), strict=True))
         remembers = law.replays or law.has_memory(rig.n)
         self.law = () if remembers else tuple(name for name in of_law if name not in unknown)
@@ -250,24 +248,24 @@ class _Log:
         self._rigid = rig.drive.elasticity is not None and not self._damped
         plain = rig
         if self._rigid:
-            drive = dataclasses.replace(rig.drive, elasticity=None)
-            plain = dataclasses.replace(rig, drive=drive)
-        self._made: Callable[[Rig, Iterable[str]], Prediction] = lambda rig, names: Prediction(
-            dynamics, dataclasses.replace(record, rig=rig), (*unknown, *names), **options
+            drive = replace(rig.drive, elasticity=None)
+            plain = replace(rig, drive=drive)
+        self._made = lambda rig, names: Prediction(
+            dynamics, replace(record, rig=rig), (*unknown, *names), **options
         )
         self._sprung = rig
         self.prediction = self._made(plain, self._names(giving=False))
 
-    def beside(self, torque: Floats) -> "_Log":
+    def beside(self, torque):
         """The same with another torque (N, n) [N m] injected."""
-        other = copy.copy(self)
-        other.prediction = self.prediction.beside([torque])
+        log = copy.copy(self)
+        log.prediction = self.prediction.beside([torque])
         # Made again when it is needed, with that torque.
-        other._springs = None
-        other._made = lambda rig, names: self._made(rig, names).beside([torque])
-        return other
+        log._springs = None
+        log._made = lambda rig, names: self._made(rig, names).beside([torque])
+        return log
 
-    def _names(self, *, giving: bool) -> list[str]:
+    def _names(self, *, giving):
         """Of what is stated, in a loop with springs or without."""
         return [
             name
@@ -275,7 +273,7 @@ class _Log:
             if giving or not (self._rigid and name.startswith("drive.elasticity"))
         ]
 
-    def all_innovations(self, vectors: list[tuple[Floats, dict[str, float]]]) -> list[Floats]:
+    def all_innovations(self, vectors):
         """Innovations at values and extra numbers, each in the loop that it needs."""
         # Stiff springs are not quite rigid gears: only vectors whose gears give take that loop.
         gives = [
@@ -296,7 +294,7 @@ class _Log:
             of_loop[giving] = iter(rows)
         return [next(of_loop[giving]) for giving in gives]
 
-    def _numbers(self, values: Floats, extra: dict[str, float], *, giving: bool) -> Floats:
+    def _numbers(self, values, extra, *, giving):
         """The vector of unknowns that the prediction takes."""
         numbers = {name: self._stated[name] for name in self._names(giving=giving)}
         for name, value in extra.items():
@@ -317,7 +315,7 @@ class _Log:
             [values[: self._given], list(numbers.values()), values[self._given :]]
         )
 
-    def least(self, name: str) -> float:
+    def least(self, name):
         """The least that one of the extra numbers can be."""
         if name.startswith(_SHARES):
             return SETTINGS.least_share
@@ -325,12 +323,12 @@ class _Log:
             return -np.inf
         return -self._stated.get(f"drive.{name}", 0.0) or 0.0  # no -0.0, which is printed
 
-    def _give(self, numbers: dict[str, float], joint: str, compliance: float) -> None:
+    def _give(self, numbers, joint, compliance):
         """Put a spring of so much compliance [1/Hz^2] in series with a gear."""
         place = f"drive.elasticity.stiffness{joint}"
         if place not in numbers:
             return
-        link = self._links[int(joint[1:-1])]  # type: ignore[index]  # a joint has a compliance
+        link = self._links[int(joint[1:-1])]
         # Compliances in series add. In Hz: k = m omega^2, with the link behind the gear held.
         numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
         if not self._damped:
@@ -338,7 +336,7 @@ class _Log:
             numbers[f"drive.elasticity.damping{joint}"] = damping
 
 
-def _with_springs(rig: Rig, links: Floats | None) -> Rig:
+def _with_springs(rig, links):
     """A rig that behaves alike, and has the numbers by which gears are elastic, currents lag and
     torques are offset.
     """
@@ -350,9 +348,9 @@ def _with_springs(rig: Rig, links: Floats | None) -> Rig:
         gears = Elasticity(stiffness=stiffness, damping=damping)
     # A gear whose stiffness is stated may have backlash beside it.
     if gears is not None and gears.backlash is None:
-        gears = dataclasses.replace(gears, backlash=np.zeros(rig.n))
+        gears = replace(gears, backlash=np.zeros(rig.n))
     # A loop has these numbers only if its rig states them: with values that change nothing.
     lag = drive.current_lag or SETTINGS.prompt
     curve = drive.curve or FrictionCurve(offset=np.zeros(rig.n))
-    drive = dataclasses.replace(drive, elasticity=gears, current_lag=lag, curve=curve)
-    return dataclasses.replace(rig, drive=drive)
+    drive = replace(drive, elasticity=gears, current_lag=lag, curve=curve)
+    return replace(rig, drive=drive)

@@ -1,8 +1,8 @@
 """One record, ready to be followed by a model that is corrected at every sample."""
 
 import copy
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -15,7 +15,7 @@ from plant.parts.fields import Floats
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class FollowedSettings:
     """Which samples of a record are compared; chosen by hand.
 
@@ -78,12 +78,12 @@ class Followed(Experiment):
         )
         self._weigh(record.counts)
 
-    def _measured(self, counts: Floats) -> Floats:
+    def _measured(self, counts):
         """Measured positions and weights that the kernel reads, of counts (N, n)."""
         encoder = self.record.rig.encoder
         return self.data(encoder.position_in_pulses(encoder.cell_centre(counts)))
 
-    def _weigh(self, counts: Floats) -> None:
+    def _weigh(self, counts):
         """Weigh samples by how counts (N, n) move."""
         # Counts that pass in a sample, either way. In place: a long log has no room for copies.
         passed = np.diff(counts, axis=0, prepend=counts[:1])
@@ -96,7 +96,7 @@ class Followed(Experiment):
         if self._steady and not self.loop.law.replays:
             self.weight *= _steady(moved)[:, None]
 
-    def _settled(self) -> Floats:
+    def _settled(self):
         """0 (N,) while a replay has not converged to the log: after a gap, or a start at an
         unknown speed; else 1.
         """
@@ -124,7 +124,7 @@ class Followed(Experiment):
         state = self.memory.at(values[self._stated :][: self.memory.usual.size])
         return Resumption(state, np.add(self.begin, values[-2 * self.loop.n :].reshape(2, -1)))
 
-    def _start(self, values: Floats) -> tuple[Any, Floats]:
+    def _start(self, values):
         """Position and speed at the start, and all numbers of the loop, of values."""
         numbers = self.numbers.copy()
         resumed = self.resumption(values)
@@ -153,15 +153,15 @@ class Followed(Experiment):
 
     def innovations_of(self, values: Floats, counts: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,), of a log with these counts (N, n)."""
-        other = copy.copy(self)
+        copied = copy.copy(self)
         # The path and its times stay: only the measured columns are other ones.
-        other._tables = self._kernel.with_data(self._tables, self._measured(counts))
-        other._weigh(counts)
-        return other.innovations(values)
+        copied._tables = self._kernel.with_data(self._tables, self._measured(counts))
+        copied._weigh(counts)
+        return copied.innovations(values)
 
     def beside(self, torque: Floats) -> Self:
         """The same with another torque (N, n) [N m] injected, which a repeated torque contains."""
-        other = copy.copy(self)
+        copied = copy.copy(self)
         record = self.record
         drive = record.rig.drive
         columns: dict[str, Any] = {"injected": torque}
@@ -174,11 +174,11 @@ class Followed(Experiment):
             if column == "current":
                 change = drive.motor_torque(change) / drive.motor_gain
             columns[column] = getattr(record, column) + change
-        other.record = dataclasses.replace(record, **columns)
-        other._tables = self._kernel.with_held(
+        copied.record = replace(record, **columns)
+        copied._tables = self._kernel.with_held(
             self._tables, name, self.clock.bridged(columns[column])
         )
-        return other
+        return copied
 
     def innovations(self, values: Floats) -> Floats:
         """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run
@@ -229,10 +229,10 @@ def speed_of(counts: Floats, window: int) -> Floats:
     # At the ends of the log the window is shorter.
     low = np.maximum(rows - window, 0)
     high = np.minimum(rows + window, len(counts) - 1)
-    return np.asarray((counts[high] - counts[low]) / np.maximum(high - low, 1)[:, None])
+    return (counts[high] - counts[low]) / np.maximum(high - low, 1)[:, None]
 
 
-def _steady(moved: Floats) -> Floats:
+def _steady(moved):
     """1 (N,) while all joints pass counts (N, n) fast enough, and 0 while one is slow and for a
     while after it.
 

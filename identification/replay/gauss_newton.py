@@ -3,23 +3,23 @@
 Slopes are central differences of whole simulations: friction and a quantiser have no derivative.
 """
 
-import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
 from identification.replay.residual import Innovations, Residual, Reweighable
 from plant.compiler.background import cores
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats, Integers
 from plant.parts.sums import dot, norm
 
 # The usual rule; a residual with a prior has another (`Residual.dependent`).
 DEPENDENT = IDENTIFIABLE.slopes
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class GaussNewtonSettings:
     """How `descend` searches, and how its slopes are made; all numbers are chosen by hand.
 
@@ -62,7 +62,7 @@ class GaussNewtonSettings:
 SETTINGS = GaussNewtonSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
     """Least sum of squares that `gauss_newton` reached.
 
@@ -75,11 +75,11 @@ class Solution:
     covariance: Floats
     residual: Floats
     rms_innovation: float
-    varied: NDArray[np.intp]
+    varied: Integers
     slopes: Floats
 
 
-@dataclasses.dataclass
+@dataclass
 class Descent:
     """A point of a search, which `descend` moves.
 
@@ -128,14 +128,14 @@ def gauss_newton(
     varied = np.flatnonzero(step)
     names = [residual.unknown[i] for i in varied.tolist()]
 
-    def solve(slopes: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
+    def solve(slopes: Floats, innovations: Floats, moving: Bools) -> Floats:
         moving_names = [name for name, moves in zip(names, moving, strict=True) if moves]
         # Without a copy where no bound is active: slopes are the largest array of a fit.
         columns = slopes if moving.all() else slopes[:, moving]
         return least_squares(moving_names, columns, innovations, dependent=residual.dependent)[0]
 
     # 1. Search.
-    settings = dataclasses.replace(SETTINGS, rounds=rounds, tolerance=tolerance)
+    settings = replace(SETTINGS, rounds=rounds, tolerance=tolerance)
     point = Descent(values, innovations, np.empty((0, 0)))
     del innovations  # The point replaces them; a long log has no room for both.
     descend(residual, point, step, bounds, solve, settings, shorten_jumps=True)
@@ -170,7 +170,7 @@ def descend(
     point: Descent,
     step: Floats,
     bounds: Floats,
-    solve: Callable[[Floats, Floats, NDArray[np.bool_]], Floats],
+    solve: Callable[[Floats, Floats, Bools], Floats],
     settings: GaussNewtonSettings,
     *,
     shorten_jumps: bool,
@@ -210,9 +210,7 @@ def descend(
             break
 
 
-def _search(
-    residual: Innovations, point: Descent, vectors: Floats, settings: GaussNewtonSettings
-) -> bool:
+def _search(residual, point, vectors, settings):
     """Move a point to one of several vectors, batch by batch; whether one lowers the squares."""
     squares = point.squares
     begin = 0
@@ -252,7 +250,7 @@ def reweighed(
 
 
 def within_bounds(
-    solve: Callable[[NDArray[np.bool_]], Floats], values: Floats, step: Floats, bounds: Floats
+    solve: Callable[[Bools], Floats], values: Floats, step: Floats, bounds: Floats
 ) -> Floats:
     """Gauss-Newton's change (k,) of the values, with an active set: a value that would leave its
     bounds stays, and the others are solved again without it.
@@ -279,7 +277,7 @@ def within_bounds(
 
 
 def ended_on_bounds(
-    unknown: Sequence[str], values: Floats, bounds: Floats, varied: NDArray[np.intp]
+    unknown: Sequence[str], values: Floats, bounds: Floats, varied: Integers
 ) -> list[str]:
     """Names of the varied unknowns whose values (k,) lie on one of their bounds (k, 2)."""
     low, high = bounds.T
@@ -291,7 +289,7 @@ def slopes(
     residual: Innovations,
     values: Floats,
     step: Floats,
-    varied: NDArray[np.intp],
+    varied: Integers,
     innovations: Floats | None = None,
 ) -> Floats:
     """Change of the innovations per step (M, v), by central differences of the varied unknowns
@@ -344,7 +342,7 @@ def side_by_side(innovations: int) -> int:
     return min(cores(), max(1, SETTINGS.innovations_at_once // innovations))
 
 
-def _jumps(up: Floats, innovations: Floats, down: Floats, slope: Floats) -> bool:
+def _jumps(up, innovations, down, slope):
     """Whether innovations change to one side alone, and by much: there an arm's links lose their
     inertia.
 

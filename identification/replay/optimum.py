@@ -4,13 +4,12 @@ Compliance and backlash do not act linearly there: trials with several values of
 and the residuals that remain orthogonal to the parameters are compared.
 """
 
-import dataclasses
 import functools
 import weakref
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import IDENTIFIABLE, along, directions
 from identification.replay.extended import Extended
@@ -30,7 +29,7 @@ _SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longes
 _LENGTHS = 0.5 ** np.arange(8)  # of a step towards an estimate
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Optimum:
     """Least sum of squared innovations of an extended model.
 
@@ -61,7 +60,7 @@ class Optimum:
     def left(self, direction: Floats) -> Floats:
         """The part of a direction (M,) that is orthogonal to the varied unknowns."""
         coefficients = along(self.basis, self.rates, direction)
-        return np.asarray(direction - np.einsum("v,vm->m", coefficients, self.rates))
+        return direction - np.einsum("v,vm->m", coefficients, self.rates)
 
     def towards(self, moves: Floats, change: Floats, bounds: Floats) -> Floats:
         """Step (k,) on the way to an estimate that follows the log best, with the varied unknowns
@@ -83,9 +82,9 @@ class Optimum:
         variance = (residual**2).sum() / (self.model.weights**2).sum()
         return float(variance * variance_inflation(residual))
 
-    def chi_square(self, after: Floats) -> float:
+    def chi_square(self, residual: Floats) -> float:
         """Decrease of the sum of squares from here to another residual (M,), in its unit."""
-        return float(((self.before**2).sum() - (after**2).sum()) / self.unit(after))
+        return float(((self.before**2).sum() - (residual**2).sum()) / self.unit(residual))
 
 
 def nearest(model: Extended, vectors: Sequence[Floats] | Floats) -> Floats:
@@ -97,12 +96,12 @@ def nearest(model: Extended, vectors: Sequence[Floats] | Floats) -> Floats:
 class _Solver:
     """Least squares along slopes, as `descend` asks for; dependent unknowns do not move."""
 
-    def __init__(self, dependent: float) -> None:
+    def __init__(self, dependent):
         self.dependent = dependent
         self.basis = np.empty((0, 0))
-        self._slopes: weakref.ref[Floats] | None = None
+        self._slopes = None
 
-    def of(self, slopes: Floats) -> Floats:
+    def of(self, slopes):
         """The directions (r, v) of slopes (M, v), made once for each: that takes time."""
         if self._slopes is None or self._slopes() is not slopes:
             self.basis = directions(slopes.T, self.dependent)
@@ -110,7 +109,7 @@ class _Solver:
             self._slopes = weakref.ref(slopes)
         return self.basis
 
-    def __call__(self, slopes: Floats, innovations: Floats, moving: NDArray[np.bool_]) -> Floats:
+    def __call__(self, slopes, innovations, moving):
         # With a value on its bound the directions are those of the others alone.
         if moving.all():
             return along(self.of(slopes), slopes.T, innovations)
@@ -181,7 +180,7 @@ def fitted(
     )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TrialSettings:
     """Values of compliance and backlash that are tried; all are chosen by hand.
 
@@ -212,7 +211,7 @@ class TrialSettings:
 TRIALS = TrialSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
     """Some numbers that the rig leaves out, and their effect on the innovations.
 
@@ -262,16 +261,16 @@ def backlash(at: Optimum) -> list[Trial]:
     return _tried(at, tried)
 
 
-def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
+def _tried(at, tried):
     """The trials that follow the log."""
-    vectors: list[Floats] = []
+    vectors = []
     for values in tried:
         vector = at.values.copy()
         for name, value in values.items():
             vector[at.model.place(name)] = value
         vectors.append(vector)
-    before = at.before
-    unit = at.unit(before)
+    initial = at.before
+    unit = at.unit(initial)
     trials = []
     for begin in range(0, len(vectors), TRIALS.at_once):
         rows = at.model.all_innovations(vectors[begin : begin + TRIALS.at_once])
@@ -280,13 +279,13 @@ def _tried(at: Optimum, tried: list[dict[str, float]]) -> list[Trial]:
             if not np.isfinite(innovations).all():
                 continue
             # The varied unknowns are fitted to the trial linearly: no Gauss-Newton for each.
-            after = at.left(innovations)
+            remaining = at.left(innovations)
             trials.append(
                 Trial(
                     values=values,
-                    chi_square=at.chi_square(after),
-                    explained=float((before**2).sum() - (after**2).sum()),
-                    effect=float(((after - before) ** 2).sum()) / unit,
+                    chi_square=at.chi_square(remaining),
+                    explained=float((initial**2).sum() - (remaining**2).sum()),
+                    effect=float(((remaining - initial) ** 2).sum()) / unit,
                 )
             )
     return trials

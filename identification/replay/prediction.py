@@ -15,8 +15,8 @@ Source: L. Ljung, System Identification, Prentice Hall 1999, ch. 7 (prediction-e
 """
 
 import copy
-import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -35,7 +35,7 @@ from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class PredictionSettings:
     """The observer of a prediction, and how its nuisances are searched; chosen by hand.
 
@@ -80,7 +80,7 @@ class PredictionSettings:
 SETTINGS = PredictionSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Nuisances:
     """Unknowns of one kind beside those that are asked for.
 
@@ -209,16 +209,16 @@ class Prediction(Stacked):
         vector = NuisanceVector(len(unknown))
         start = correction.number_values()
         for begin, bounds in ((0, SETTINGS.position_gains), (n, SETTINGS.speed_gains)):
-            own = start[begin : begin + n]
+            initial = start[begin : begin + n]
             if not simulated:
                 vector.add(
                     gains[begin : begin + n],
-                    start=own,
+                    start=initial,
                     # Gains of joints that are not compared do nothing: they stay.
-                    step=SETTINGS.gain_step * own * compared,
+                    step=SETTINGS.gain_step * initial * compared,
                     low=bounds[0],
                     # In a replay the memory may become longer, and not shorter.
-                    high=own if replayed else bounds[1],
+                    high=initial if replayed else bounds[1],
                 )
         # What all records share comes first; a record's own unknowns follow, kind by kind.
         self._shared = slice(0, len(unknown) + len(searched))
@@ -251,7 +251,7 @@ class Prediction(Stacked):
         self.dependent = self.prior.own(DEPENDENT)
         self.evaluations = 0
 
-    def _each(self, values: Floats) -> Iterator[tuple[Followed, Floats]]:
+    def _each(self, values):
         """Each record's loop, and its part of values (k,)."""
         for followed, zeros, memory in zip(
             self._followed, self._zeros, self._memories, strict=True
@@ -282,10 +282,10 @@ class Prediction(Stacked):
 
     def beside(self, torques: Sequence[Floats]) -> Self:
         """The same with another torque (N, n) [N m] injected in each record."""
-        other = copy.copy(self)
+        copied = copy.copy(self)
         pairs = zip(self._followed, torques, strict=True)
-        other._followed = [followed.beside(torque) for followed, torque in pairs]
-        return other
+        copied._followed = [followed.beside(torque) for followed, torque in pairs]
+        return copied
 
     def reweigh(self, values: Floats) -> bool:
         """Weight each joint of each record by its RMS innovation, and a prior by the noise.
@@ -374,7 +374,7 @@ class Prediction(Stacked):
     def parts(self, vectors: Sequence[Floats]) -> Iterator[list[Floats]]:
         """Rows of each record, then of the expected magnitudes, with each of the vectors."""
         self.evaluations += len(vectors)
-        given = [[part for _, part in self._each(values)] for values in vectors]
+        parts_of = [[part for _, part in self._each(values)] for values in vectors]
         # A block is a record with as many vectors as its kernel has lanes; all blocks side by side.
         blocks = [
             (k, begin)
@@ -384,7 +384,7 @@ class Prediction(Stacked):
 
         def run(block: tuple[int, int]) -> list[Floats]:
             k, begin = block
-            return self._followed[k].block([parts[k] for parts in given[begin : begin + LOGGED]])
+            return self._followed[k].block([parts[k] for parts in parts_of[begin : begin + LOGGED]])
 
         of_record: list[list[Floats]] = [[] for _ in self._followed]
         # The order of the blocks keeps the vectors of a record in theirs, on any number of threads.
@@ -396,7 +396,7 @@ class Prediction(Stacked):
         yield [self._expected * values[len(values) - count :] for values in vectors]
 
 
-def _add_memory(vector: NuisanceVector, k: int, record: Record, memory: Memory) -> Floats:
+def _add_memory(vector, k, record, memory):
     """Add the state of a record's law and arm before its log; one over their expected magnitudes,
     in RMS roundings.
     """
@@ -409,4 +409,4 @@ def _add_memory(vector: NuisanceVector, k: int, record: Record, memory: Memory) 
     # The arm can be off by a pulse, and by a pulse per sample.
     pulse = np.abs(np.diag(record.rig.to_angle(np.eye(n))))
     magnitudes = [SETTINGS.state_deviation * memory.usual, pulse, pulse / record.rig.period]
-    return np.asarray(ROUNDING / np.concatenate(magnitudes))
+    return ROUNDING / np.concatenate(magnitudes)

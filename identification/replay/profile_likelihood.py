@@ -8,7 +8,7 @@ Source: C. G. Broyden, A class of methods for solving nonlinear simultaneous equ
 of Computation 19 (1965) (slopes from evaluations alone).
 """
 
-import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from plant.parts.fields import Floats
 from plant.parts.sums import dot, product
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ProfileSettings:
     """Effort and accuracy of a profile; chosen by hand.
 
@@ -144,10 +144,10 @@ class Profile:
             size = guess if low < guess < high else (low + min(high, reach)) / 2
         return float(start + sign * size)
 
-    def _follows(self, point: Descent) -> bool:
+    def _follows(self, point):
         return point.squares < SETTINGS.lost * self._best.squares
 
-    def _begun(self, value: float, level: float) -> Descent:
+    def _begun(self, value, level):
         """The others fitted with the coordinate at a value, from where they are at the best fit or
         move to from there.
 
@@ -160,16 +160,16 @@ class Profile:
             if not self._follows(point):
                 break
             step = self._step.copy()
-            before = point.squares
+            previous = point.squares
             change = slopes(self._residual, point.values, step, varied, point.innovations)
             # Differences may have been shortened; slopes are per the steps of this profile.
             point.slopes = change * (self._step[varied] / step[varied])
             point = self._fitted(point, level)
-            if before - point.squares < SETTINGS.settled * level:
+            if previous - point.squares < SETTINGS.settled * level:
                 break
         return point
 
-    def _moved(self, point: Descent, value: float, level: float, along: bool = True) -> Descent:
+    def _moved(self, point, value, level, along=True):
         """The others fitted with the coordinate moved to a value, beginning where it takes them
         along, or as they are.
 
@@ -184,7 +184,7 @@ class Profile:
         z[self._place] = value
         return self._fitted(Descent(z, self._residual.innovations(z), point.slopes), level)
 
-    def _change(self, change: Floats, innovations: Floats) -> Floats:
+    def _change(self, change, innovations):
         """Gauss-Newton's change of the other coordinates; none where their slopes do not separate
         them.
         """
@@ -197,7 +197,7 @@ class Profile:
             return np.zeros(len(self._places))
         return -solved * self._step[self._places]
 
-    def _fitted(self, point: Descent, level: float) -> Descent:
+    def _fitted(self, point, level):
         """The others fitted at the point's value of the coordinate, with Broyden's slopes.
 
         Not by `descend`: one simulation serves as trial and as update of the slopes, also where the

@@ -157,7 +157,7 @@ class WithPrior:
         rows = self.residual.all_innovations(vectors)
         return [self._behind(row, values) for row, values in zip(rows, vectors, strict=True)]
 
-    def _behind(self, row: Floats, values: Floats) -> Floats:
+    def _behind(self, row, values):
         """A row (M,), and the deviations behind it; inf of values that no part can have."""
         if np.isinf(row).all():
             return np.append(row, np.full(self.count, np.inf))

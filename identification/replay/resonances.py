@@ -6,8 +6,8 @@ at a pose, and each damping as the logarithm of the damping ratio of that resona
 little of damping: a ratio of 0.5 to 5 % is expected (95 %), which weighs like one more measurement.
 """
 
-import dataclasses
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -26,7 +26,7 @@ STIFFNESS = "drive.elasticity.stiffness"
 DAMPING = "drive.elasticity.damping"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ResonanceSettings:
     """Where resonances are searched, and with which steps; chosen by hand.
 
@@ -81,8 +81,8 @@ def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats,
     """
     # D is linear in f, and so is its diagonal on the shafts.
     f = ca.SX.sym("f", dynamics.p)
-    own = ca.diag(dynamics.chain.coupling.shaft_inertia(dynamics.D(np.asarray(pose), f)))
-    return ca.DM(ca.jacobian(own, f)).full(), rig.drive.reflected_inertia()
+    inertia = ca.diag(dynamics.chain.coupling.shaft_inertia(dynamics.D(np.asarray(pose), f)))
+    return ca.DM(ca.jacobian(inertia, f)).full(), rig.drive.reflected_inertia()
 
 
 def on_gears(record: Record) -> Record:
@@ -100,8 +100,8 @@ def on_gears(record: Record) -> Record:
     elasticity = Elasticity(
         stiffness=rotors * omega**2, damping=2 * np.exp(_LOG_RATIO) * rotors * omega
     )
-    drive = dataclasses.replace(rig.drive, elasticity=elasticity)
-    return dataclasses.replace(record, rig=dataclasses.replace(rig, drive=drive))
+    drive = replace(rig.drive, elasticity=elasticity)
+    return replace(record, rig=replace(rig, drive=drive))
 
 
 class Start(NamedTuple):
@@ -165,7 +165,7 @@ class Resonances(WithPrior):
             _NOISE,
         )
 
-    def _deviations(self, coordinates: Floats) -> Floats:
+    def _deviations(self, coordinates):
         """Deviations of damping ratios from the expected, and of compliances from the measured, in
         their standard deviations.
         """
@@ -250,7 +250,7 @@ class Resonances(WithPrior):
             [(up - down) / (2 * step) for (up, down), step in zip(moved, steps, strict=True)]
         )
 
-    def _stiffness(self, values: Floats) -> Floats:
+    def _stiffness(self, values):
         """Stiffness (n,), with what is unknown of it."""
         # Of the rig, where a gear is not searched.
         stiffness = np.array(self._elasticity.stiffness)

@@ -5,8 +5,8 @@ friction known, the difference between measured and simulated errors is then pro
 speed, and its slope is the delay. Viscous friction or a gain that is unknown absorbs it.
 """
 
-import dataclasses
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from plant.parts.fields import Floats
 from plant.parts.sums import dot
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TimingSettings:
     """When counts are called late; chosen by hand.
 
@@ -115,7 +115,7 @@ def without_delay(record: Record, samples: float) -> Record:
         raise ValueError(
             f"samples must be within one; got {samples}. Shift the columns by whole rows first."
         )
-    return dataclasses.replace(
+    return replace(
         record,
         error_pulses=record.error_pulses - samples * speed_of(record.counts, SETTINGS.window),
     )

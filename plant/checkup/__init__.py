@@ -2,7 +2,7 @@
 
 Reading order: `finding` (one line per check and joint, and their table) -> `signals` and
 `torque_regression` (signals that need no model of the arm) -> `counts` and `lost_rows` (rows that
-are no measurement) -> the checks `stamps`, `quantisation`, `rounding`, `oscillation`, `law_delay`,
-`tracking`, `wiring` and `units` -> `corrections` (each correction is tried before it is advised) ->
-`examine` (`record.check()`: all checks of a record).
+are no measurement) -> the checks `quantisation`, `rounding`, `oscillation`, `law_delay`, `tracking`
+and `wiring` -> `corrections` (each correction is tried before it is advised) -> `examine`
+(`record.check()`: all checks of a record, those of its time stamps and its torque among them).
 """

@@ -306,7 +306,7 @@ _BY_CHECK: dict[str, Callable[[Any, Sequence[Finding], int], Iterator[Correction
 }
 
 
-def _with_rig(record, **changes: Any):
+def _with_rig(record, **changes):
     return replace(record, rig=replace(record.rig, **changes))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from plant.checkup.finding import Check, Finding
 from plant.checkup.signals import LEAST_MOTION, Signals
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats
 from plant.parts.sums import products
 
 
@@ -90,7 +90,7 @@ LEFT_OUT = LeftOutSettings()
 _MORE_MOTION = "log a motion of all joints (design_motion), or identify with prior=, such as 0.3."
 
 
-def hardly_moving(record: Any) -> NDArray[np.bool_]:
+def hardly_moving(record: Any) -> Bools:
     """Motors (n,) that move by less than `LEAST_MOTION`, or only hunt about their reference.
 
     Hunting counts only while the reference moves other joints.
@@ -103,10 +103,10 @@ def hardly_moving(record: Any) -> NDArray[np.bool_]:
     limit = np.minimum(SETTINGS.hunting_range * LEAST_MOTION, SETTINGS.hunting_error * error)
     hunting = (moved < limit) & (reference.max() >= LEAST_MOTION)
     # An injected torque excites a joint however little it moves.
-    return np.asarray((moved < LEAST_MOTION) | (hunting & (record.injected is None)))
+    return (moved < LEAST_MOTION) | (hunting & (record.injected is None))
 
 
-def hardly_asked(record: Any) -> NDArray[np.bool_]:
+def hardly_asked(record: Any) -> Bools:
     """Those of the hardly moving motors (n,) whose reference hardly moves either.
 
     Friction may hold them beside the reference, which is no mistake.

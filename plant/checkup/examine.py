@@ -3,6 +3,7 @@
 It needs no model of the arm.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,17 +12,186 @@ import numpy as np
 from plant.checkup.corrections import tried
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Check, Checkup, Finding, unless
-from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
+from plant.checkup.lost_rows import MOST, LostRows, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
-from plant.checkup.quantisation import count_unit_findings, quantisation_findings
+from plant.checkup.quantisation import comb, count_unit_findings, quantisation_findings
 from plant.checkup.rounding import rounding_findings
+from plant.checkup.signals import SETTINGS as SIGNALS
 from plant.checkup.signals import Signals
-from plant.checkup.stamps import lost_findings, time_findings
-from plant.checkup.tracking import reference_findings
-from plant.checkup.units import unit_findings
+from plant.checkup.tracking import correlation, law_fit, reference_findings
 from plant.checkup.wiring import wiring_findings
 
 
+# -- sampling: period, jitter, missing and repeated samples, length -------------------------------
+@dataclass(frozen=True, kw_only=True)
+class StampSettings:
+    """Limits of the checks of time, chosen by hand.
+
+    Parameters
+    ----------
+    samples : int
+        Samples below which a log is too short for a fit.
+    left_out : float
+        Samples without weight [%] to look at.
+    crowded : float
+        Interval [median intervals] below which a sample is repeated.
+    missing : float
+        Missing samples [%] above which the log is broken rather than patchy.
+    jitter, untimed : float
+        Jitter of the intervals [%] to look at, and above which stamps are no sample times.
+    period, other_period : float
+        Relative error of the period to look at, and above which it is wrong: a thousandth is one
+        sample in a thousand by the end.
+    stamps_match : float
+        Coefficient of `Signals.row_shift` above which stamps and counts belong together.
+    counts_even : float
+        Coefficient below which the counts were read at even times.
+    """
+
+    samples: int = 200
+    left_out: float = 5.0
+    crowded: float = 0.5
+    missing: float = 5.0
+    jitter: float = 1.0
+    untimed: float = 20.0
+    period: float = 1e-3
+    other_period: float = 2e-2
+    stamps_match: float = 0.7
+    counts_even: float = 0.3
+
+
+TIME = StampSettings()
+
+
+def time_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about time."""
+    record = signals.record
+    N = len(record)
+    # Even a short log is checked further, as far as each check allows.
+    short = TIME.samples > N
+    advice = (
+        f"{N} samples hold little; log at least {TIME.samples}, and a few periods of the motion."
+    )
+    yield Check("samples").finding(N, "wrong" if short else "fine", advice if short else "")
+    yield Check("samples left out", None, "%").graded(
+        100 * (1 - np.mean(record.valid > 0)),
+        "Many samples have weight 0; see why they were dropped.",
+        look=TIME.left_out,
+        wrong=50,
+    )
+    # Two intervals at least, to compare them.
+    if N < 3:
+        names = "period", "missing samples", "crowded samples", "time jitter", "rows and stamps"
+        for name in names:
+            yield Check(name).unknown("fewer than three samples")
+        return
+    yield _period(signals)
+    yield from _intervals(np.diff(record.t) / signals.interval)
+    yield _rows_and_stamps(signals)
+
+
+def _period(signals):
+    """Median interval against the rig's period [ms]."""
+    # The median is that of regular rows, however many are missing.
+    ratio = signals.interval / signals.rig.period
+    thousands = np.log10(ratio) / 3
+    # Milliseconds or microseconds are a power of a thousand, but for 0.03 * 3 decades.
+    if abs(thousands) > 0.5 and abs(thousands - round(thousands)) < 0.03:
+        factor = 1e3 ** round(thousands)
+        cause = advice = (
+            f"Times are {factor:g} times what the rig's period says: give seconds (divide t by"
+            f" {factor:g})."
+        )
+    else:
+        cause = f"The rig says {signals.rig.period * 1e3:.6g} ms"
+        advice = f"{cause}; correct rig.period, or resample the log."
+    # The ratio is judged, and the interval is shown.
+    finding = Check("period", None, "ms").graded(
+        ratio - 1, advice, look=TIME.period, wrong=TIME.other_period, cause=cause
+    )
+    return replace(finding, value=signals.interval * 1e3)
+
+
+def _intervals(steps):
+    """Yield the findings about intervals (N - 1,) [median intervals]."""
+    N = len(steps) + 1
+    gaps = steps[steps > SIGNALS.gap]
+    missing = np.round(gaps).sum() - len(gaps)
+    advice = (
+        f"{missing:.0f} rows are missing in {len(gaps)} gaps of up to {steps.max():.1f} intervals;"
+        " use the time stamps, do not count rows."
+    )
+    # Of the rows that a complete log would have.
+    share = 100 * missing / (missing + N)
+    yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=TIME.missing)
+    crowded = int((steps < TIME.crowded).sum())
+    yield Check("crowded samples").graded(
+        crowded,
+        "Samples follow each other within half an interval; drop the second of each pair.",
+        look=0,
+        wrong=0.05 * N,
+    )
+    # Gaps and repeated samples have findings of their own.
+    # The standard deviation is that of the stamps, not of the rows that are lost.
+    regular = (steps < SIGNALS.gap) & (steps > TIME.crowded)
+    jitter = 100 * np.std(steps[regular] if regular.any() else steps)
+    advice = (
+        "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
+    )
+    yield Check("time jitter", None, "%").graded(
+        jitter, advice, look=TIME.jitter, wrong=TIME.untimed
+    )
+
+
+def _rows_and_stamps(signals):
+    """Whether the counts were read when their time stamps say."""
+    check = Check("rows and stamps", None, "rows")
+    if len(signals.t) < 20 or np.isnan(signals.row_shift.rows):
+        return check.unknown("intervals are too alike")
+    shift, share = signals.row_shift
+    # The counts move more in a longer interval: stamps and counts belong together.
+    if shift == 0 and share > TIME.stamps_match:
+        return check.fine(0.0)
+    # They move alike in all intervals: the stamps are late, not the counts.
+    if share < TIME.counts_even:
+        advice = (
+            "The stamps jitter, the samples do not: the counts come evenly; put t = row times"
+            " interval."
+        )
+        return check.look(None, advice)
+    # Between both: stamps and counts belong together in some rows only.
+    rows = "partly in other rows"
+    if shift:
+        rows = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps"
+    advice = (
+        f"At odd intervals the counts come {rows}: clock and counter are not read together; leave"
+        " out the rows at gaps (valid = 0)."
+    )
+    return check.look(shift, advice)
+
+
+def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
+    """Yield the findings about rows that are no measurement, by cause."""
+    remedy = "Fits bridge them without weight"
+    # Then the checkup ends here, and no fit accepts the log.
+    if lost.any.mean() > MOST:
+        remedy = (
+            f"They are {lost.any.mean():.0%} of all, too many for any fit; log every sample, and"
+            " anew"
+        )
+    causes = {
+        "lost packets": "Rows, or their reference, repeat the one before although the arm moves",
+        "stuck samples": "Counts of a joint repeat although it moves, and catch up",
+        "late stamps": "Stamps are late or early whose counts were taken in time",
+    }
+    # More than every twentieth row is no accident.
+    limit = 0.05 * len(signals.record)
+    rows_by_cause = lost.packets, lost.stuck, lost.late
+    for (name, cause), rows in zip(causes.items(), rows_by_cause, strict=True):
+        yield Check(name).graded(int(rows.sum()), f"{cause}. {remedy}.", look=0, wrong=limit)
+
+
+# -- torque: saturation, clipping, backlash -------------------------------------------------------
 @dataclass(frozen=True, kw_only=True)
 class TorqueSettings:
     """Limits of the checks of saturation, clipped torque and backlash, chosen by hand.
@@ -169,6 +339,199 @@ def _backlash(signals, i):
     return check.fine(backlash)
 
 
+# -- unit and side of the torque: against law, limit, rotor inertia and stated friction -----------
+@dataclass(frozen=True, kw_only=True)
+class UnitSettings:
+    """Limits of the checks of the torque's unit, chosen by hand.
+
+    ``tests/benchmarks/silent_mistakes.py`` counts the wrong gains and units that are found.
+
+    Parameters
+    ----------
+    explained : float
+        Share of a torque's variance that its law explains.
+    other_unit : float
+        Factor between torques that means another unit, not noise.
+    gain_error : float
+        Relative error of a gain to look at; a tenth of it is the noise that may hide it.
+    beyond : float
+        Share of the amplifier's limit above which the unit is wrong.
+    used : float
+        Share of the amplifier's limit that a log usually reaches.
+    light : float
+        Least possible torque per acceleration [rotor inertias].
+    usual : float
+        That of a usual arm [rotor inertias].
+    heavy, absurd : float
+        That to look at, and above which it is wrong: no arm is geared so badly [rotor inertias].
+    alike : float
+        Relative difference of two factors that are one.
+    friction_error : float
+        Standard deviations by which Coulomb friction must differ by `other_unit`, too.
+    """
+
+    explained: float = 0.9
+    other_unit: float = 3.0
+    gain_error: float = 0.1
+    beyond: float = 1.05
+    used: float = 0.3
+    light: float = 0.5
+    usual: float = 3.0
+    heavy: float = 300.0
+    absurd: float = 3000.0
+    alike: float = 0.1
+    friction_error: float = 2.0
+
+
+UNITS = UnitSettings()
+
+_UNITS = "units of torque"
+
+
+def unit_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about the unit of torque."""
+    yield from unless(signals.no_torque, (_UNITS,), signals.per_joint(_units))
+
+
+def _units(signals, i):
+    """Compare the torque with the first of these yardsticks that the record has."""
+    check = Check(_UNITS, i, "rotor inertias")
+    drive = signals.rig.drive
+
+    # 1. A logged torque cannot exceed the amplifier's limit.
+    share = np.abs(signals.motor_torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
+    if share > UNITS.beyond and signals.torque is not None:
+        guess = _likely_units(signals, share / UNITS.used, i)
+        return Check(_UNITS, i, "of the limit").wrong(
+            share, f"The torque is beyond the amplifier: {guess}."
+        )
+
+    # 2. The commanded torque is exact where the law explains the logged one.
+    fit = law_fit(signals, i)
+    if fit is not None and fit.explained > UNITS.explained:
+        return _against_law(signals, i, abs(fit.slope))
+
+    # 3. Torque per acceleration lies between the rotor inertia and that of a badly geared arm.
+    stated = drive.motor_inertia[i]
+    regression = signals.regression(i)
+    if regression is None:
+        return check.unknown("too little motion, and no law that tells the torque")
+    if abs(regression.inertia[i]) < SETTINGS.certain * regression.inertia_std[i]:
+        return check.unknown(
+            "no acceleration that torque explains, and no law that tells the torque"
+        )
+    inertia = abs(regression.inertia[i]) / stated if stated else np.nan
+    friction = None
+    # Noise makes the sign of the speed change at random, which hides the friction.
+    if signals.noise[i] <= signals.least_count[i]:
+        friction = _friction_ratio(regression, drive.coulomb[i])
+    if inertia < UNITS.light or inertia > UNITS.heavy:
+        return _against_rotor(signals, i, inertia, friction)
+
+    # 4. Coulomb friction as stated; a look, since the statement is often a guess.
+    if friction is not None and not _same_unit(friction):
+        guess = _likely_units(signals, friction, i)
+        advice = (
+            f"Coulomb friction is {friction:.2g} of what the rig states: correct that if it was a"
+            f" guess; of the torque, {guess}."
+        )
+        return Check(_UNITS, i, "of the Coulomb friction").look(friction, advice)
+    if not stated:
+        return check.unknown("no rotor inertia stated, and no law that tells the torque")
+    return check.fine(inertia)
+
+
+def _same_unit(factor):
+    """Whether a factor between two torques is not that of another unit."""
+    return 1 / UNITS.other_unit < factor < UNITS.other_unit
+
+
+def _against_law(signals, i, slope):
+    """Judge the logged per commanded torque."""
+    check = Check(_UNITS, i, "of the law's")
+    advice = f"The torque is {slope:.3g} times the commanded one: "
+    if not _same_unit(slope):
+        advice += f"{_likely_units(signals, slope, i)}."
+        return check.wrong(slope, advice)
+    # A small error of the gain counts only where noise cannot cause it.
+    noise = UNITS.gain_error / 10
+    if abs(slope - 1) > UNITS.gain_error and correlation(signals, i, i) > 1 - noise:
+        advice += "check gain, motor gain and gear."
+        return check.look(slope, advice)
+    return check.fine(slope)
+
+
+def _against_rotor(signals, i, inertia, friction):
+    """An impossible torque per acceleration [rotor inertias]: torque or counts are wrong.
+
+    Friction as stated shows that the torque is right.
+    """
+    # No motor has less inertia than its rotor.
+    light = inertia < UNITS.light
+    verdict = "look" if UNITS.heavy < inertia < UNITS.absurd else "wrong"
+    size = f"{inertia:.2g} of" if light else f"{inertia:.3g} times"
+    # Without a significant friction, torque and counts are both open.
+    if friction is None:
+        angles = "motor" if light else "joint"
+        guess = (
+            f"{_likely_units(signals, inertia / UNITS.usual, i)}, or the counts are of angles of"
+            f" the {angles}"
+        )
+    elif _same_unit(friction):
+        guess = (
+            "friction is as stated, so look at the counts: resolution, and angles of motor or joint"
+        )
+    else:
+        guess = _likely_units(signals, friction, i)
+    return Check(_UNITS, i, "rotor inertias").finding(
+        inertia, verdict, f"Torque per acceleration is {size} the rotor inertia: {guess}."
+    )
+
+
+def _friction_ratio(regression, stated):
+    """Estimated per stated Coulomb friction; None where it is not significant."""
+    if not stated:
+        return None
+    ratio = abs(regression.coulomb) / stated
+    error = UNITS.friction_error * regression.coulomb_std / stated
+    # Certain enough, or beyond another unit in any case.
+    above = ratio - error > UNITS.other_unit
+    below = ratio + error < 1 / UNITS.other_unit
+    # A ratio of zero has no logarithm in `_likely_units`.
+    return max(ratio, 1e-9) if error < ratio / 2 or below or above else None
+
+
+def _likely_units(signals, ratio, i):
+    """The likeliest reasons for a torque of joint i that is so many times too large."""
+    gain = np.log(signals.rig.drive.motor_gain[i])
+    # The ratio of a torque that is the law's is that of the law, which is the larger one.
+    factor = np.log(ratio) if signals.torque is not None else -np.log(ratio)
+    # A coarse resolution scales the counts, and so the torque per count.
+    step, clear = comb(signals.counts[:, i])
+    coarse = clear and step > 1 + UNITS.alike and not signals.rig.encoder.smooth
+    if coarse and abs(factor + np.log(step)) < UNITS.alike:
+        return f"the counts come in steps of {step:.4g}, so correct the resolution"
+    # Gains in A in place of N m differ by the motor gain.
+    geared = abs(gain) > UNITS.alike and abs(factor - gain) < UNITS.alike
+    if geared and signals.commanded is not None:
+        return "the gains of the law may be in A per pulse: multiply them by motor_gain"
+
+    # All reasons whose factor is as near to the ratio as the nearest, to a factor of another unit.
+    gear = abs(signals.rig.drive.gear[i])
+    reasons = {1e3: "it may be in mN m", 1e-3: "it may be in kN m"}
+    if signals.record.torque is None:
+        reasons = {1e3: "the current may be in mA", 1e-3: "the current may be in A, not in mA"}
+    # A gear of 1000 replaces the unit of the same factor.
+    reasons[gear] = "it may have crossed the gear twice"
+    reasons[1 / gear] = "it may be the motor's torque, not the joint's"
+    # Distances in logarithms: half as much is as far as twice as much.
+    distance = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
+    limit = min(distance.values()) + np.log(UNITS.other_unit)
+    likely = [reason for reason in distance if distance[reason] < limit]
+    return ", or ".join(sorted(likely, key=distance.__getitem__))
+
+
+# -- the checkup ----------------------------------------------------------------------------------
 # Checks of a log whose lost rows are bridged. What others take for noise, saturation or a delay
 # comes first, since the first finding is the first to be corrected.
 _CHECKS = (

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.checkup.counts import events
 from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats
 
 BRIDGED = 10
 """Rows of a gap up to which straight lines across it are as good as its neighbours, for filters."""
@@ -66,14 +65,14 @@ SETTINGS = LostRowSettings()
 class LostRows(NamedTuple):
     """Rows (N,) that are no measurement, by cause; counts (N, n) that lost turns have added."""
 
-    packets: NDArray[np.bool_]
-    stuck: NDArray[np.bool_]
-    glitches: NDArray[np.bool_]
-    late: NDArray[np.bool_]
+    packets: Bools
+    stuck: Bools
+    glitches: Bools
+    late: Bools
     turns: Floats
 
     @property
-    def any(self) -> NDArray[np.bool_]:
+    def any(self) -> Bools:
         """Rows (N,) of any cause."""
         return self.packets | self.stuck | self.glitches | self.late
 
@@ -163,7 +162,7 @@ def repeats_bridged(record: Any, lost: LostRows) -> Any:
     return on_lines(record, lost.packets | lost.stuck | lost.late)
 
 
-def off_reference(record: Any) -> NDArray[np.bool_]:
+def off_reference(record: Any) -> Bools:
     """Rows (N,) in short gaps whose logged reference is not the stated one.
 
     There are none where many rows are off: then the record follows another reference.
@@ -175,7 +174,7 @@ def off_reference(record: Any) -> NDArray[np.bool_]:
     return short_gaps(off, BRIDGED) & (off.mean() < SETTINGS.other_reference)
 
 
-def short_gaps(missing: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
+def short_gaps(missing: Bools, longest: int) -> Bools:
     """Those of the missing rows (N,) that lie in gaps of at most so many rows."""
     # Pairs of the first row of a gap and the first row behind it.
     edges = np.flatnonzero(np.diff(np.concatenate([[0], missing, [0]])))
@@ -185,7 +184,7 @@ def short_gaps(missing: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     return short
 
 
-def on_lines(record: Any, rows: NDArray[np.bool_]) -> Any:
+def on_lines(record: Any, rows: Bools) -> Any:
     """The record with these rows on straight lines between the others, and without weight."""
     if not rows.any():
         return record

@@ -210,7 +210,7 @@ def _flares(signals):
     The median over the reversals of all joints; those of the speed are left out, since there
     friction changes sign, too. It is 1 with too few reversals.
     """
-    ratios = list[float]()
+    ratios = []
     for i in range(signals.n):
         swings = _swings(signals, i)
         if swings is None:

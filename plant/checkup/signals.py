@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
 from plant.laws.replayed import commanded_torque
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats
 
 T = TypeVar("T")
 
@@ -128,7 +127,7 @@ class Signals:
         return f"the {field}" if name == field else name
 
     @functools.cached_property
-    def tracks(self) -> NDArray[np.bool_]:
+    def tracks(self) -> Bools:
         """Whether the counts of each joint track the reference, (n,); true without a motion."""
         # A NaN slope is not above the limit, hence the negation.
         return ~(np.abs(self.tracking_slope - 1) > TRACKING)
@@ -150,7 +149,7 @@ class Signals:
         return self.rig.drive.motor_torque(commanded + injected)[self._valid]
 
     @functools.cached_property
-    def angular(self) -> NDArray[np.bool_]:
+    def angular(self) -> Bools:
         """Whether the counts of each joint are angles, (n,): not whole, and within two turns."""
         # Counts are whole numbers, and a motion has many turns of the motor.
         broken = (self.counts != np.round(self.counts)).any(axis=0)
@@ -182,14 +181,14 @@ class Signals:
         return len(self.t) > 10 * self.window and self.clear.sum() > 5 * self.window
 
     @functools.cached_property
-    def _times(self) -> Floats:
+    def _times(self):
         """Evenly spaced times (G,) [s]."""
         # The small addition keeps the last sample where rounding makes the span too short.
         steps = int((self.t[-1] - self.t[0]) / self.interval + 1e-6)
         return self.t[0] + np.arange(steps + 1) * self.interval
 
     @functools.cached_property
-    def clear(self) -> NDArray[np.bool_]:
+    def clear(self) -> Bools:
         """Rows (G,) of `smooth` and `rates` that are valid: clear of gaps and ends."""
         times = self._times
         present = np.ones(len(times))

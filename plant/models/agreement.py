@@ -163,12 +163,12 @@ def cost_of(inertial: Inertial, link: CheckedLink, links: Links) -> float:
     return cost
 
 
-def _capped(evidence: float) -> float:
+def _capped(evidence):
     """Evidence that no error of a single number of the file makes decisive."""
     return min(SETTINGS.cap, evidence)
 
 
-def _cost_of_shape(inertial: Inertial, shape: Shape) -> float:
+def _cost_of_shape(inertial, shape):
     spread = inertial.spread / inertial.mass
     scale = shape.spread
     shift = inertial.com - shape.centre
@@ -185,7 +185,7 @@ def _cost_of_shape(inertial: Inertial, shape: Shape) -> float:
     return cost
 
 
-def _cost_of_joints(inertial: Inertial, link: CheckedLink, links: Links) -> float:
+def _cost_of_joints(inertial, link, links):
     spread = inertial.spread / inertial.mass
     # The mass of a link is like those of the others, within a factor of e^1.5.
     masses = [
@@ -202,17 +202,17 @@ def _cost_of_joints(inertial: Inertial, link: CheckedLink, links: Links) -> floa
     return cost
 
 
-def _length(link: CheckedLink) -> float:
+def _length(link):
     """Largest distance of a joint that a link carries from its own joint [m]."""
     return float(np.linalg.norm(link.joints, axis=1).max())
 
 
-def _reach(links: Links) -> float:
+def _reach(links):
     """The longest distance of two joints on a link [m]; 0.1 m in a file without any."""
     return max((_length(link) for link in links.values() if len(link.joints)), default=0.1)
 
 
-def _divergence(spread: Floats, scale: Floats) -> float:
+def _divergence(spread, scale):
     """Log-det divergence of second moments from those of a shape."""
     ratio = np.linalg.solve(scale, spread)
     # A flat body counts as thick as a hundredth of the shape, so that its logarithm is finite.

@@ -24,7 +24,7 @@ _TORQUES = {
 }
 
 
-def _names(chain: Chain) -> list[str]:
+def _names(chain):
     return [parameter_name(name, link) for link in chain.links for name in STANDARD]
 
 
@@ -149,7 +149,7 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
     return replace(chain, **changes)
 
 
-def _chain_of_file(table: dict[str, Any], source: str, folder: Path) -> Chain:
+def _chain_of_file(table, source, folder):
     for key in ("table", "bodies", "limits"):
         if key in table:
             raise ValueError(

@@ -45,7 +45,7 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
     return edits
 
 
-def _matrix(body: Body) -> str:
+def _matrix(body):
     values = " ".join(
         f'{key}="{_text(value)}"' for key, value in zip(INERTIA, body.inertia, strict=True)
     )
@@ -83,7 +83,7 @@ def mjcf_inertial(data: bytes, body_element: Element, body: Body) -> list[Edit]:
     ]
 
 
-def _mjcf_inertial_text(body: Body) -> str:
+def _mjcf_inertial_text(body):
     full = _text(body.inertia[list(FULL)])
     # MJCF has the diagonal first, then the products of inertia.
     return f'<inertial pos="{_text(body.com)}" mass="{_text(body.mass)}" fullinertia="{full}"/>'
@@ -158,7 +158,7 @@ def mjcf_motors(joints: Sequence[str], drive: Drive) -> str:
     return "\n    ".join(["<actuator>", *motors]) + "\n  </actuator>"
 
 
-def _mjcf_joint_text(joint: ModelJoint, values: Mapping[str, float]) -> str:
+def _mjcf_joint_text(joint, values):
     """A joint with its limits of position and effort."""
     # MOVING says of each kind of URDF joint whether it slides.
     kind = "slide" if MOVING[joint.kind] else "hinge"
@@ -174,6 +174,6 @@ def _mjcf_joint_text(joint: ModelJoint, values: Mapping[str, float]) -> str:
     return " ".join(parts) + "/>"
 
 
-def _text(values: object) -> str:
+def _text(values):
     """Text of numbers that is read back as the same bits; zero has no sign."""
     return " ".join(repr(float(value) + 0.0) for value in np.atleast_1d(np.asarray(values, float)))

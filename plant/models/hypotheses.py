@@ -28,7 +28,7 @@ class Inertial:
     def spread(self) -> Floats:
         """Second moments about the centre of mass (3, 3), in the link's axes [kg m^2]."""
         in_link = self.rotation @ self.inertia @ self.rotation.T
-        return np.asarray(np.trace(in_link) / 2 * np.eye(3) - in_link)
+        return np.trace(in_link) / 2 * np.eye(3) - in_link
 
     def density(self) -> float:
         """Least density [kg/m^3] of the densest part, that of a ball.
@@ -146,7 +146,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
         )
 
 
-def _with_products(stated: Inertial, products: Floats) -> Inertial:
+def _with_products(stated, products):
     inertia = stated.inertia.copy()
     for (i, j), value in zip(_PRODUCTS, products, strict=True):
         inertia[i, j] = value
@@ -212,7 +212,7 @@ def shape_of(link: Element) -> Shape | None:
     return None
 
 
-def _united(shapes: list[Shape]) -> Shape:
+def _united(shapes):
     """One body of several shapes; where they overlap their mass counts twice."""
     # Parallel axes: moments of each shape about the common centre.
     volume = sum(shape.volume for shape in shapes)
@@ -226,7 +226,7 @@ def _united(shapes: list[Shape]) -> Shape:
     return Shape(volume, centre, spread / volume, corners)
 
 
-def _primitive(element: Element) -> Shape | None:
+def _primitive(element):
     geometry = element.find("geometry")
     # Some files have empty geometries.
     if geometry is None or not geometry.children:

@@ -1,7 +1,7 @@
 """A robot file to complete: numbers that a URDF file lacks are marked, not guessed."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,7 @@ def require_complete(data: Mapping[str, Any]) -> None:
         )
 
 
-def _missing(table: Mapping[str, Any], path: str = "") -> Iterator[str]:
+def _missing(table, path=""):
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _missing(value, f"{path}{key}.")

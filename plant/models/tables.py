@@ -39,7 +39,7 @@ _KINDS = {
 }
 
 
-def _kinds(cls: type[Part]) -> dict[str, str]:
+def _kinds(cls):
     """Field -> the kind of its part where the file has no kind."""
     kinds = {}
     for field in dataclasses.fields(cls):
@@ -91,7 +91,7 @@ def check_keys(table: Any, cls: type[Part], heading: str) -> None:
             raise ValueError(f"[{heading}] must have {name!r}{meaning}; it has not. Add it.")
 
 
-def _in_brackets(cls: type[Part], name: str) -> str:
+def _in_brackets(cls, name):
     text = meaning_of(cls, name)
     return f" ({text})" if text else ""
 
@@ -156,7 +156,7 @@ def table_of(part: Part, kind: str, parts: Mapping[str, Part] | None = None) -> 
     return table
 
 
-def _same(value: Any, default: Any) -> bool:
+def _same(value, default):
     if isinstance(value, Part) or isinstance(default, Part):
         return bool(value == default)
     # 1 and True are equal to 1.0, but not the same text.
@@ -202,13 +202,13 @@ def toml_lines(
             yield from toml_lines(row, nested_path, comment)
 
 
-def _is_table(value: Any) -> bool:
+def _is_table(value):
     if isinstance(value, (list, tuple)):
         return bool(value) and all(isinstance(row, Mapping) for row in value)
     return isinstance(value, Mapping)
 
 
-def _is_short(value: Any) -> bool:
+def _is_short(value):
     """Whether a table is a few words and numbers, written in one line."""
     if not isinstance(value, Mapping):
         return False
@@ -216,16 +216,16 @@ def _is_short(value: Any) -> bool:
     return plain and len(_value(value)) < _WIDE
 
 
-def _key(key: str) -> str:
+def _key(key):
     return key if _BARE.fullmatch(key) else _text(key)
 
 
-def _text(value: str | int) -> str:
+def _text(value):
     # TOML forbids the delete character, which JSON allows; all else is the same.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _value(value: Any) -> str:
+def _value(value):
     # JSON and TOML write these alike; floats keep all their digits.
     if isinstance(value, (bool, int, str)):
         return _text(value)

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
+Bools: TypeAlias = NDArray[np.bool_]
+Integers: TypeAlias = NDArray[np.intp]
 
 # A numpy array, or a casadi expression of that shape; what comes out is of the kind that went in.
 ArrayOrSymbols: TypeAlias = Any
