@@ -87,6 +87,7 @@ class FitTrial(Shown):
     @property
     def row(self) -> tuple[str, ...]:
         """Its cells in a table of all trials."""
+        # The most cautious trial was compared with none: two cells of its row stay empty.
         against = ("", "")
         if self.against is not None:
             against = (f"{self.worse:+.1f}", self._number(self.against))
@@ -125,6 +126,8 @@ class _Tried:
         one without rows.
         """
         losses = np.full(len(fits), np.nan)
+        # A segment none of whose equations count has no loss. Each of the others is predicted by
+        # the fit that has not seen it.
         for s in np.unique(self.segment):
             unseen = self.segment == s
             predicted = product(self.rows[unseen], fits[s])
@@ -140,6 +143,7 @@ class _Tried:
         # The same segments, pair by pair: they differ much more from each other than two fits do.
         increase = self.losses(less_cautious.without) - losses
         both = np.isfinite(increase)
+        # The standard error of a few differences is no evidence against the less cautious fit.
         if both.sum() < SETTINGS.segments:
             return -np.inf
         mean = increase[both].mean()
@@ -186,6 +190,7 @@ class _Choice:
         # The harshest of the more cautious ones judges it; the most cautious has no judge.
         against = max(scores, key=scores.__getitem__, default=None)
         worst = -np.inf if against is None else scores[against]
+        # Stored even where it fails: on its own equations it judges everything less cautious.
         self._tried[at] = fit
         self.trials[at] = FitTrial(
             at=at,
@@ -229,7 +234,9 @@ def choose_band(
 
             with contextlib.suppress(ValueError):
                 alone[i] = choose_band(bands, of_log, seconds[log], of_log_weights)[0]
+        # The median of the logs: neither one noisy log nor one quiet log decides.
         bands = [band for band in bands if band <= np.median(alone)]
+    # Narrower bands are the more cautious ones.
     choice = _Choice("Hz", operator.lt, seconds, weights)
 
     # 1. Octaves, until one is far too wide. The memory of a filter is one over its band: so wide is
@@ -263,6 +270,7 @@ def choose_speed(
     """The least share of the usual speeds, the higher ones not contradicting; arguments as for
     `choose_band`.
     """
+    # Higher least speeds are the more cautious ones, and come first among the shares.
     choice = _Choice("of the usual speed", operator.gt, seconds, weights)
     for share in shares:
         if choice.worse(share, equations(share), gap) > SETTINGS.far:
@@ -283,9 +291,13 @@ def tried(
     rows = np.concatenate([system.regressor[system.used] for system in systems])
     target = np.concatenate([system.torque[system.used] for system in systems])
     k = rows.shape[1]
+    # With few equations for each unknown the fit follows its noise, and its predictions judge
+    # nothing.
     if len(target) < SETTINGS.equations * k:
         return None
     segment, segments = places.segments(seconds, SEGMENTS)
+    # One set of weights for all fits: they differ by the segment that is left out, and by nothing
+    # else.
     weight = _weight(rows, target, places, weights)
     weighted_rows = rows * weight[:, None]
     weighted_target = target * weight
@@ -319,5 +331,6 @@ def _solved(rows: Floats, target: Floats) -> Floats:
     Not `least_squares`, which refuses dependent columns: a segment left out may make some so.
     """
     lengths = np.sqrt((rows * rows).sum(axis=0))
+    # A column of zeros stays one, and gets the value zero.
     lengths = np.where(lengths > 0, lengths, 1.0)
     return least(rows / lengths, target, 1e-9) / lengths

@@ -171,6 +171,7 @@ class BetweenRuns(Shown, Frozen):
         """The same of `count` values, of which these (k,) are at places; nothing is known of the
         rest.
         """
+        # Values without a comparison: no estimate, no deviation, and the normal quantile.
         unknown = {"values": np.nan, "std": np.nan, "freedom": MANY}
         extended = dict[str, Any]()
         for name in ("values", "std", "compared", "agree", "deviation", "freedom"):
@@ -183,6 +184,7 @@ class BetweenRuns(Shown, Frozen):
         return f"{self.agree.sum()} of {self.compared.sum()} intervals agree between runs"
 
     def _shown(self):
+        # Differences that print as zero are left out of the sentence.
         differences = []
         for name, share in self.groups.items():
             size = (
@@ -273,6 +275,7 @@ def between_runs(
 
 def _alone(values, rows, residual, runs, blocks):
     """The fit of each run alone in the directions that it shows; others stay as in `values`."""
+    # Columns of one length: which directions a run shows then does not depend on units.
     scale = np.sqrt((rows * rows).sum(axis=0))
     count = int(runs.max()) + 1
     common = products(rows / scale)
@@ -285,6 +288,7 @@ def _alone(values, rows, residual, runs, blocks):
         information = products(columns)
         sizes, axes = np.linalg.eigh(information)
         shown = sizes > SETTINGS.shown * sizes[-1]
+        # The pseudo-inverse: along the hidden directions the run keeps the common values.
         inverse = (axes[:, shown] / sizes[shown]) @ axes[:, shown].T
         move = product(inverse, (columns * residual[in_run, None]).sum(axis=0))
         remaining[in_run] -= product(columns, move)
@@ -294,12 +298,15 @@ def _alone(values, rows, residual, runs, blocks):
         variance = (remaining[in_run] ** 2).sum() / max(in_run.sum() - shown.sum(), 1)
         std[run] = np.sqrt(np.diag(inverse) * variance)
         if shown.all():
+            # The jackknife needs blocks that are numbered from zero without gaps.
             numbers = np.unique(blocks[in_run], return_inverse=True)[1]
             scatter = group_std(columns, remaining[in_run], numbers)
             std[run] = np.where(np.isfinite(scatter), np.maximum(std[run], scatter), std[run])
 
         # 3. Values that lie in directions it does not show are not its own.
         hidden = (axes[:, ~shown] ** 2).sum(axis=1) > SETTINGS.shown
+        # Information of this run relative to that of all runs, times their number: 1 if all are
+        # alike.
         share[run] = count * np.diag(np.linalg.solve(common, information))
         hidden |= np.abs(share[run]) < SETTINGS.share
         estimates[run, hidden] = np.nan
@@ -316,6 +323,7 @@ def _agree(estimates, std):
     mean = np.nansum(weight * estimates, axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
     squares = np.nansum(weight * (estimates - mean) ** 2, axis=0)
     freedom = (weight > 0).sum(axis=0) - 1
+    # Under noise alone the weighted squares have a chi-square distribution.
     return squares <= chdtri(np.maximum(freedom, 1), SETTINGS.disagree)
 
 

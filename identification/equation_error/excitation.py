@@ -51,6 +51,7 @@ def unexcited(dynamics: Dynamics, records: Sequence[Record]) -> list[str]:
     speeds = np.concatenate([_motion(record).qd for record in records])
     ranges = np.max([np.ptp(record.counts, axis=0) for record in records], axis=0)
     messages = [f"{labels[i]} moves by {ranges[i]:.0f} pulses" for i in still(records)]
+    # Joints in step excite only the sum of their effects: their parameters cannot be separated.
     pairs = in_step(speeds, SETTINGS.in_step)
     return messages + [f"{labels[i]} and {labels[j]} move in step" for i, j in pairs]
 

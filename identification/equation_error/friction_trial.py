@@ -126,6 +126,7 @@ class FrictionTrial(Shown):
                     " breakaway."
                 )
             gear = np.abs(drive.gear)
+            # A curve is stated on the motor side: speeds times the gear, torques divided by it.
             speed = np.array(self.share) * self.usual * gear
             breakaway = np.maximum(levels, 0.0) / gear
             curve = replace(curve, breakaway=breakaway, speed=speed)
@@ -170,9 +171,12 @@ def friction_trials(
         """Losses of a fit with these columns beside the common ones, and its values; NaN where
         there are too few equations.
         """
+        # The common columns come first in each system; the columns of the candidates follow, joint
+        # by joint.
         places = [*range(count), *columns]
         chosen = [replace(system, regressor=system.regressor[:, :, places]) for system in systems]
         fit = tried(chosen, seconds, gap, weights)
+        # NaN compares as no gain, so a candidate without enough equations drops out below.
         if fit is None:
             return np.full(1, np.nan), np.empty(0)
         return fit.losses(fit.without), fit.without
@@ -198,6 +202,7 @@ def friction_trials(
             FrictionTrial(
                 kind=kind,
                 share=share,
+                # Relative to the loss without the candidate, so that it does not depend on units.
                 better=float(gains.mean() / np.nanmean(base)),
                 errors=gains.mean() / error,
                 levels=levels,

@@ -92,6 +92,7 @@ def fit_deflection(
     # 1. f along the motions of both sides, which do not depend on the gears.
     systems = [deflection.balance(dynamics, names) for deflection in deflections]
     torque = fit_systems(dynamics, names, known_values, systems)
+    # All of f, stated and fitted numbers together.
     values = dict(known_values) | dict(zip(torque.names, torque.values, strict=True))
 
     # 2. The compliances, by the torques that follow from f.
@@ -117,6 +118,8 @@ class _Wound:
         # The jumps of friction at reversals are filtered like the torque that makes up for them.
         held = low_pass(torque - drive.friction(motors.qd), rig.period, cutoff)
         passed = drive.coupling.shaft_torque(held - drive.rotor_torque(motors.qdd))
+        # The low-passed signals are stored at a lower rate: the grid of compliances filters them
+        # many times.
         every = max(1, int(1 / (SETTINGS.samples * cutoff * rig.period)))
         rows = np.arange(0, len(torque), every)
         self.every = every
@@ -190,6 +193,8 @@ def _best(dynamics, wound, names, known_values, grid):
         for joint, column in enumerate(grid.T):
             values = np.unique(column)
             place = int(np.searchsorted(values, best.compliance[joint]))
+            # Only the neighbours on the grid: a round costs a few fits per gear, and a minimum
+            # further away is reached in several rounds.
             low = max(0, place - SETTINGS.neighbours)
             fits = [best]
             for value in values[low : place + SETTINGS.neighbours + 1]:
@@ -197,6 +202,7 @@ def _best(dynamics, wound, names, known_values, grid):
                     of_joint = np.arange(grid.shape[1]) == joint
                     fits.append(fitted(np.where(of_joint, value, best.compliance)))
             best = min(fits, key=_misfit)
+        # No gear has moved in this round: further rounds would repeat it.
         if best is previous:
             break
     return best

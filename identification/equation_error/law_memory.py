@@ -151,10 +151,13 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
     bands = BANDS[BAND_MOST / record.rig.period > BANDS]
     for _ in range(SETTINGS.rounds):
         run = run_law(record)
+        # Directions are taken anew in each round: where the law saturates, they depend on its
+        # state.
         memory, columns = state_directions(record, run, usual)
         # No direction of the state shows in the torque: there is nothing to fit.
         if not len(columns):
             break
+        # The first round chooses a band, and the later rounds keep it.
         coordinates, bands = _fitted(dynamics, record, names, run, columns, memory.usual, bands)
         change = memory.directions @ coordinates
         record = _moved(record, change)
@@ -169,6 +172,7 @@ def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
     """
     record = reading(record, law)
     _require_reference(record)
+    # The second half of the log, in which a state that starts with the law has settled.
     states = run_law(record).states
     usual = states[len(states) // 2 :]
     still = np.ptp(usual, axis=0) <= SETTINGS.flag * np.abs(states).max(axis=0)
@@ -301,6 +305,8 @@ def _fitted(
     _, sigma, best, band = min(fits, key=lambda fit: fit[0])
 
     # The same equations again, with the usual size of the state as a prior beside them.
+    # Each equation by the scatter of its joint, so that the prior has the same unit: one standard
+    # deviation.
     weight = 1 / sigma[np.nonzero(best.used)[1]]
     deviation = np.diag(1 / (SETTINGS.deviation * usual))
     expected = np.hstack([np.zeros((len(columns), len(unknown))), deviation])

@@ -116,6 +116,7 @@ def least_squares(
         unit = (np.arange(k) == i).astype(float)
         below = (triangle[i, i + 1 :, None] * inverse[i + 1 :]).sum(axis=0)
         inverse[i] = (unit - below) / triangle[i, i]
+    # Sums in place of matrix products: BLAS sums in another order on another number of threads.
     values = (inverse * turned).sum(axis=1) / lengths
     covariance = (inverse[:, None] * inverse[None]).sum(axis=2) / np.outer(lengths, lengths)
     return values, covariance, float(np.linalg.cond(triangle))
@@ -273,6 +274,7 @@ def group_std(rows: Floats, residual: Floats, groups: Integers) -> Floats:
     """
     count = int(groups.max()) + 1
     k = rows.shape[1]
+    # In columns of one length the normal equations keep their digits whatever the units are.
     scale = np.sqrt(np.einsum("mi,mi->i", rows, rows))
     normal = np.zeros((k, k))
     moves = np.empty((count, k))
@@ -346,6 +348,7 @@ def at_least(covariance: Floats, std: Floats) -> Floats:
     # A value that is known exactly, or whose segments determine nothing, stays.
     wanted = np.where((present > 0) & np.isfinite(std), std, present)
     added = np.sqrt(np.maximum(wanted**2 - present**2, 0.0))
+    # An exact value has no share of what is added: 0 / 0 is not evaluated.
     share = np.divide(added, present, out=np.zeros_like(present), where=present > 0)
     return covariance * (1 + np.outer(share, share))
 
@@ -356,6 +359,7 @@ def covariance_of(names: Sequence[str], estimated: Sequence[str], covariance: Fl
     """
     result = np.zeros((len(names),) * 2)
     pairs = [(i, estimated.index(name)) for i, name in enumerate(names) if name in estimated]
+    # The reshape serves an empty list, too: then no number was estimated, and all stays zero.
     rows, places = np.array(pairs, int).reshape(-1, 2).T
     result[np.ix_(rows, rows)] = covariance[np.ix_(places, places)]
     return result

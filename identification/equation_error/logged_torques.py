@@ -126,6 +126,8 @@ class TorqueEquations:
         highest = cutoff
         if highest is None:
             highest = BAND_MOST / max(log.rig.period for log in self.logs)
+        # A log must hold several periods of a band; above the highest band the low-pass before
+        # differentiation would reach half of the sample rate.
         lowest = SETTINGS.periods / self.seconds.max()
         # Three digits: a band is printed, and can be stated again.
         half_octaves = SETTINGS.lowest * 2 ** np.arange(0, 30, 0.5)
@@ -144,6 +146,7 @@ class TorqueEquations:
     def least(self, usual: Floats, share: float, band: float) -> Floats:
         """Least speeds (n,) [rad/s]: a share of the usual ones, and those that rounding makes."""
         # Positions that are no counts have no rounding that is known.
+        # Below the speed that rounding alone makes, the sign of the friction is random.
         noise = [speed_noise(log.rig, band) for log in self.logs if log.counted]
         return np.max([share * usual, *noise], axis=0)
 
@@ -197,11 +200,13 @@ def equations_of(
             choice("a name in known", name, dynamics.names)
         values[name] = real(f"the known {name}", value, "Give its value in SI units.")
     missing = [name for name in dynamics.names if name not in searched and name not in values]
+    # A parameter that is neither fitted nor stated would silently be zero.
     if missing:
         raise ValueError(
             f"unknown must name all of f that is not known; {missing[0]} is missing. Write"
             " (*dynamics.names, ...), or give its value in known."
         )
+    # Known numbers keep their columns here: `systems` moves them to the measured torque.
     names = (*searched, *(name for name in values if name not in searched and name not in extra))
     if not set(names) | set(extra) > set(values):
         raise ValueError("a fit needs something unknown; all names are in known. Leave one out.")
@@ -214,6 +219,7 @@ def equations_of(
         for k, log in enumerate(logs):
             used[k, list(dead_columns(log))] = False
     else:
+        # A single label is a common slip: taken for a sequence, it would be read letter by letter.
         labels = (joints,) if isinstance(joints, str) else joints
         places = [_joint(dynamics, joint) for joint in labels]
         used[:, [j for j in range(dynamics.n) if j not in places]] = False
@@ -360,6 +366,7 @@ def fit_torque(
 
     # 2. The fit, and what is doubtful of it: known numbers, and friction of other kinds.
     names, systems = task.systems(width, cutoff, every, slowest)
+    # All settings of the fit are reported, chosen or stated: with them the fit can be repeated.
     report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
     report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
     report["freed"] = dict(_freed(task, (width, cutoff, every, slowest), stated))
@@ -438,8 +445,12 @@ def _friction(
 
     def shape(motion: Motion, kind: str, share: Floats) -> Floats:
         qd = coupling.shaft(motion.qd)
+        # Torque on the shafts for a level of 1, at the speeds of the shafts, where friction acts. A
+        # sum with zero gives an offset the shape of the speeds.
         if kind == ASYMMETRIC:
             return 1 + 0 * qd
+        # The load is the torque of the links by the fit itself; the friction acts against the
+        # speed.
         if kind == LOAD_DEPENDENT:
             regressor, _ = regressor_along(dynamics, rig, dynamics.names, motion)
             return np.abs(coupling.shaft_torque((regressor * fit.f).sum(axis=2))) * np.sign(qd)
@@ -455,12 +466,15 @@ def _friction(
         )
 
     def trials(*candidates: tuple[str, tuple[float, ...] | None]) -> tuple[FrictionTrial, ...]:
+        # One column per candidate and joint beside the equations of the fit: all candidates share
+        # one filtering.
         columns = {
             f"{kind}, {share}, {j}": column(kind, share, j)
             for kind, share in candidates
             for j in joints
         }
         systems = replace(task, extra={**task.extra, **columns}).systems(*settings, thin=True)[1]
+        # The weights of the fit itself, so that a gain is measured in its residual.
         weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
         return friction_trials(
             systems, candidates, joints, task.seconds, 1 / settings[0], weights, usual
@@ -485,6 +499,7 @@ def _friction(
         best = ranked[0] if ranked else None
         if best is None or best.kind != STRIBECK or not best.clear or not best.share:
             continue
+        # Only the Stribeck speeds of this group vary; others stay at the best so far.
         in_group = np.isin(np.arange(dynamics.n), group)
         speeds = np.where(in_group, np.array(FRICTION.finer)[:, None], 1.0) * best.share
         refined = trials(*((STRIBECK, tuple(row)) for row in speeds.tolist()))
@@ -504,6 +519,7 @@ def _weights(weights: ArrayLike | None, task: TorqueEquations) -> Floats | None:
     weights = array(
         "weights", weights, shape, advice="Give one per joint, or a row of them per log."
     )
+    # A weight of zero would leave a joint out without a reason in the report.
     if not (weights > 0).all():
         raise ValueError(
             f"weights must be positive; got {weights.min():g}. Leave a joint out by joints=."
@@ -533,6 +549,7 @@ def _band(band: Any, cutoff: float | None) -> float:
 def _advice(names: Sequence[str], systems: Sequence[System], left_out: Mapping[str, str]) -> str:
     """Message on the unknowns that the equations cannot separate, and what to do."""
     rows = np.concatenate([system.regressor[system.used] for system in systems])
+    # A column of zeros acts on no equation; any other dependent column has partners.
     dependent = dependent_columns(names, rows)
     idle = [name for name, combination in dependent.items() if not combination]
     faults = []
@@ -541,8 +558,10 @@ def _advice(names: Sequence[str], systems: Sequence[System], left_out: Mapping[s
     for name, combination in dependent.items():
         if combination:
             faults.append(f"{name} is a combination of {', '.join(combination)}")
+    # A joint without equations is the usual reason for a parameter that does not act.
     out = "; ".join(f"{joint}, {reason}" for joint, reason in left_out.items())
     out = f" (left out: {out})" if out else ""
+    # The advice is code to copy: the names of the dependent unknowns, values to fill in.
     fixed = ", ".join(f"{name!r}: ..." for name in dependent)
     return (
         f"unknowns must act on the log and be separately identifiable; {'; '.join(faults)}{out}."

@@ -155,6 +155,7 @@ def first_problem(records: Sequence[Record], among: Sequence[str] = ()) -> str:
                 joint = ""
                 if finding.joint is not None:
                     joint = f" of {checkup.joint_labels[finding.joint]}"
+                # The first wrong finding decides: later ones often follow from it.
                 label = record_label(records, k)
                 label = f"{label}: " if label else ""
                 return f" {label}{finding.check}{joint}: {finding.advice}"
@@ -164,6 +165,8 @@ def first_problem(records: Sequence[Record], among: Sequence[str] = ()) -> str:
 def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:
     """Each record, with a context in which every refusal names that record."""
     for k, record in enumerate(records):
+        # The context goes with its record: the caller enters it around the work on this record
+        # alone.
         yield record, _about(record, record_label(records, k))
 
 

@@ -97,6 +97,7 @@ class Prior(Frozen):
             f, columns = _of_bodies(dynamics, rig, tuple(mean))
         else:
             mean = mean.f if isinstance(mean, Arm) else mean
+            # Without bodies each parameter spreads by itself, relative to its size.
             f = array("f of the prior", mean, (dynamics.p,), advice=_ADVICE)
             columns = np.diag(f)
         # The independent share of each parameter's spread: the diagonal of the triangular factor.
@@ -110,6 +111,7 @@ class Prior(Frozen):
                     " zero, or follows from others (a link without mass, no rotor). State"
                     " motor_inertia, or give bodies or f that have it."
                 )
+        # Columns are the changes of f by independent unit changes of the bodies.
         covariance = spread**2 * (columns @ columns.T)
         return cls(names=dynamics.names, mean=f, covariance=covariance, spread=spread)
 
@@ -136,6 +138,7 @@ def _of_bodies(dynamics, rig, bodies):
     columns = []
     for i, (body, link) in enumerate(zip(chain.bodies, chain.links, strict=True)):
         of_body = matrix[:, width * i :][:, :width]
+        # The lumping matrix takes standard parameters in the frame of the link.
         placed = body.seen_from(link.frame)
         # A body without mass is a mere frame: its pseudo-inertia has no factor to vary.
         if body.mass or body.inertia.any():
@@ -194,5 +197,7 @@ class PriorRows:
     def settle(self, variance: float) -> bool:
         """Weigh the rows by the variance of an innovation; whether that changes much."""
         previous = self.noise
+        # The rows must vary as much as an innovation does: least squares gives all rows one
+        # variance.
         self.noise = float(np.sqrt(variance))
         return bool(self._places) and abs(self.noise / previous - 1) > _SETTLED

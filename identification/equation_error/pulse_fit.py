@@ -116,6 +116,7 @@ def pass_band(record: Record, arm: Arm | None = None) -> float:
 def modes_along(arm: Arm, record: Record, law: Law, poses: int) -> list[Floats]:
     """Modes of the linearised loop at about so many poses of a record."""
     angles = record.rig.cell_centre(record.counts)
+    # Evenly over the log, since the modes change with the pose.
     chosen = angles[:: max(1, len(angles) // poses)]
     return [modes(jacobians(arm, record.rig, law, pose)[0]) for pose in chosen]
 
@@ -181,6 +182,7 @@ def over_bands(
     unknown = linear(dynamics, records[0].rig, unknown)
     known_values = Known(known_values)
     even = of_each(lambda record: record.resampled(record.rig.period), records)
+    # Torques do not depend on the band: they are computed once for all bands.
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
     fits = dict[float, TorqueFit]()

@@ -89,6 +89,7 @@ class Places:
         """Segment (M,) of each equation, and the number of all: logs of these lengths (R,) in equal
         parts, at least so many together.
         """
+        # Rounded up, and the same for each log whatever its length.
         per_log = -(-least // len(seconds))
         share = self.t / seconds[self.record]
         # The last row of a log lies at its end, and belongs to the last segment.
@@ -126,6 +127,8 @@ def regressor_and_torque(
     do not count; of a short gap, which is bridged, its own rows alone do not.
     """
     motion = derivatives(q, rig.period, filtering.cutoff)
+    # The torque of known numbers moves to the side of the measurement, before both are filtered
+    # alike.
     regressor, stated = regressor_along(dynamics, rig, unknown, motion)
     columns = [
         array(name, column(*motion), q.shape, advice="Give (N, n).")
@@ -204,6 +207,8 @@ def regressor_along(
     stated = np.empty((len(motion.q), n))
     for begin in range(0, len(stated), _AT_ONCE):
         rows = slice(begin, begin + _AT_ONCE)
+        # Block by block: a map over a whole log would need memory for all its intermediate results.
+        # The last block has a length, and so a function, of its own.
         mapped = _mapped(dynamics, rig, tuple(unknown), motors is not None, len(stated[rows]))
         block, stated[rows] = evaluated(mapped, *(signal[rows] for signal in motions), values)
         # casadi stores the columns of each sample one after another.
@@ -281,6 +286,8 @@ def balance(
         # f holds the rotors, as if they turned with the links: they turn with the motors.
         tau += drive.rotor_torque(motors[1] - qdd)
     places = [names.index(name) for name in unknown]
+    # The columns are derivatives by the unknowns: exact, since each must enter linearly, which is
+    # checked below.
     regressor = ca.densify(ca.jacobian(tau, numbers)[:, places])
     for name, place in zip(unknown, places, strict=True):
         if ca.depends_on(regressor, numbers[place]):

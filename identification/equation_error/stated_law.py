@@ -89,6 +89,7 @@ def begun(record: Record) -> Record:
         for candidate in (beginning, nearest)
     ]
     negligible = SETTINGS.equal * np.abs(logged).max()
+    # The best state is fitted, and so is always a little nearer: only a clear advantage counts.
     if distances[0] <= SETTINGS.ratio * distances[1] + negligible:
         return record
     state = nearest.law.state
@@ -123,6 +124,7 @@ def _nearest(record, logged):
     except ValueError:
         # The rounding of its reference hides the torque.
         return None
+    # The state by linear least squares, again from the new state where the law is not linear in it.
     for _ in range(SETTINGS.rounds):
         run = run_law(followed)
         memory, columns = state_directions(followed, run, usual)

@@ -159,6 +159,7 @@ class TorqueFit(Shown, Frozen):
             (name, f"{value:.5g}", f"+- {std:.2g}")
             for name, value, std in zip(names, self.values, self.std, strict=True)
         ]
+        # Known numbers stand in the same table: beside the fitted ones they make up f.
         rows += [(name, f"{value:.5g}", "known") for name, value in self._short_known()]
         yield Table((), rows, words=(2,))
         yield from (f"left out: {joint}, {why}" for joint, why in self.left_out.items())
@@ -176,6 +177,7 @@ class TorqueFit(Shown, Frozen):
     def warnings(self) -> list[str]:
         """Doubts about the fit, one line each."""
         # 1. The fit as a whole.
+        # Friction brakes: a negative level means a wrong sign or unit, not a weak brake.
         negative = [
             name
             for name, value in zip(self.names, self.values, strict=True)
@@ -194,6 +196,7 @@ class TorqueFit(Shown, Frozen):
         lines += [trial.advice for trial in self.friction[:1] if trial.clear]
 
         # 2. Logs that differ in numbers of the arm, which are the same in all of them.
+        # A single log has nothing to differ from.
         apart = 0.0 if self.between is None else self.between.groups.get("f", 0.0)
         if apart > SETTINGS.apart:
             lines.append(
@@ -204,6 +207,7 @@ class TorqueFit(Shown, Frozen):
         # 3. Stated numbers that the torques contradict: in their error, and in size.
         for (label, value), name in zip(self._short_known(), self.known, strict=True):
             estimate, std = self.freed.get(name, (value, 0.0))
+            # Both must hold: a precise estimate may differ significantly by a negligible amount.
             size = max(abs(estimate), abs(value))
             if abs(estimate - value) > max(SETTINGS.doubted * std, SETTINGS.different * size):
                 lines.append(
@@ -273,6 +277,8 @@ def weighted(
     weight = np.ones(len(target)) if weights is None else weights[places.record, joint]
     if prior is not None:
         weight /= norm(target) / np.sqrt(len(target))
+    # Residuals give the weights, and weights the residuals: the first round has equal weights, the
+    # second those of its scatter.
     rounds = 2 if weights is None else 1
     if prior is not None:
         rounds += 2
@@ -304,6 +310,7 @@ def weighted(
     # logs that by their differences.
     between = None
     if seconds is not None:
+        # Segments of the weighted equations, several per log; those of one segment may correlate.
         columns = rows * weight[:, None]
         blocks = places.segments(seconds, SEGMENTS * len(seconds))[0]
         if len(seconds) > 1:
@@ -314,6 +321,8 @@ def weighted(
             )
         else:
             covariance = at_least(covariance, group_std(columns, residual * weight, blocks))
+    # Relative to the measured torque with the part of the known numbers: else a fit of little
+    # unknown would look poor.
     measured = [system.torque if system.measured is None else system.measured for system in systems]
     length = norm(np.concatenate(measured)[used])
     return TorqueFit(

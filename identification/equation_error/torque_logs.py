@@ -128,6 +128,7 @@ def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> lis
                 " it out."
             )
         return _of_records(dynamics, records)
+    # Arrays have no rig of their own, which gives their period and the drive.
     rig = instance("rig", cast(Rig, rig), Rig, "Pass the rig of the log.")
     rig.require_fit(dynamics.chain)
     if torque is None:
@@ -179,6 +180,7 @@ def _of_arrays(dynamics, label, q, torque, rig):
 
 def evened(record: Record) -> Record:
     """The record at even times."""
+    # Filters need even samples. Stamps that are even but for rounding are taken as they are.
     even = record.t[0] + record.rig.period * np.arange(len(record))
     uneven = np.abs(record.t - even).max() > _UNEVEN * record.rig.period
     return record.resampled(record.rig.period) if uneven else record
@@ -189,6 +191,7 @@ def _of_records(dynamics, records):
     for k, (record, about) in enumerate(each_named(records)):
         with about:
             record.rig.require_fit(dynamics.chain)
+            # Lost rows are bridged first: a filter would ring at their jumps.
             record = bridged(record)
             # Before resampling: the law read the counts at its own samples.
             if record.torque is None and record.current is None:
@@ -232,6 +235,7 @@ def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
     q, torque = (low_pass(signal, period, cutoff)[::every] for signal in (log.q, log.torque))
     valid = log.valid
     if valid is not None:
+        # A thinned sample counts as little as the worst of those that it stands for.
         valid = np.minimum.reduceat(valid, np.arange(0, len(log.q), every))
     rig = replace(log.rig, period=every * period)
     return replace(log, q=q, torque=torque, rig=rig, valid=valid)

@@ -93,6 +93,7 @@ class Deflections(NamedTuple):
             links = Motion(*(link - coupling.joint(deflection) for link, deflection in pairs))
             torque, Y = self._replace(links=links)._passed(dynamics, f)
         of_f = map(coupling.shaft_torque, np.moveaxis(Y, 2, 0))
+        # Motor less link: the deflection has the sign of the torque that the gear passes on.
         deflection = coupling.shaft(self.motors.q - self.links.q)
         signals = [deflection, torque, np.gradient(torque, rig.period, axis=0), *of_f]
         system = compared(signals, self.motors.qd, rig.period, filtering, self.record.valid)
@@ -163,6 +164,8 @@ def fit_wound(
         if covariance is not None:
             moves = _moved_by_f(of_result, seen, values[:count])
             variance = np.maximum(((moves @ covariance) * moves).sum(axis=1), 0)
+            # An error of f moves all torques of a log together: no average over its rows reduces
+            # it.
             half = np.hypot(half, NORMAL * np.sqrt(variance))
         of_joints = np.full((2, 2, n), np.nan)
         of_joints[:, :, seen] = values.reshape(2, -1), half.reshape(2, -1)

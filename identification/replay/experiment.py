@@ -179,6 +179,7 @@ class Experiment:
 
         Numbers that no rig can have begin as by the record's rig.
         """
+        # One vector of numbers is a population of one.
         columns = np.reshape(numbers, (len(numbers), -1))
         if (columns[self._geared] == self.numbers[self._geared, None]).all():
             return self.begin
@@ -190,6 +191,8 @@ class Experiment:
         states = []
         for values in columns[begin : begin + len(names)].T:
             try:
+                # A search may propose numbers that a rig refuses: the cost of such a candidate is
+                # decided elsewhere.
                 candidate = rig.with_numbers(values)
             except ValueError:
                 candidate = rig
@@ -240,6 +243,7 @@ class Rounding(Experiment):
             sweeps=loop.sweeps,
         )
         self._phase = [self.loop.number_names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
+        # The shifts of the encoders differ between lanes, all other numbers are the same in them.
         self._kernel = logged_kernel(self.loop, self._phase, uneven=self.clock.even is None)
         self._reference = counts_along(self.driven["path"], self.clock.t)
 
@@ -261,6 +265,7 @@ class Rounding(Experiment):
         """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by
         so many pulses (n,).
         """
+        # By name: the loop with phases has more numbers than the one that the values belong to.
         stated = dict(zip(names, numbers.tolist(), strict=True))
         values = self.numbers.copy()
         for i, name in enumerate(self.loop.number_names):
@@ -269,6 +274,7 @@ class Rounding(Experiment):
             self._shift + np.array(shifts[i : i + LOGGED]) for i in range(0, len(shifts), LOGGED)
         ]
         state = self.loop.initial_state(start[0], start[1], values)
+        # A group fills the lanes of one kernel call.
         logs = shared_out(functools.partial(self._group, state, values), groups, threads)
         return [counts for group in logs for counts in group]
 

@@ -108,6 +108,7 @@ class Extended(Stacked):
         self._logs = [
             _Log(dynamics, record, tuple(unknown), links, settings) for record in self.records
         ]
+        # `late` and `of` make the model again, with other records or another arm.
         arguments = {"prior": prior, "runs": runs, "threads": threads, **options}
         self._again = lambda dynamics, records: Extended(dynamics, records, unknown, f, **arguments)
         self._runs = [1] * len(self.records) if runs is None else runs
@@ -116,6 +117,7 @@ class Extended(Stacked):
         self.gains = prediction.nuisances
         self.gain_steps = prediction.nuisance_steps
         self.gain_bounds = prediction.nuisance_bounds
+        # Without an inertia behind the gear no resonance is defined, and so no compliance.
         names = (*(() if links is None else _GIVING), *_FRICTION, "offset", "gear", "motor_gain")
         of_joints = [f"{name}[{i}]" for name in names for i in range(n)]
         self.extra = (*of_joints, "lag", *self._logs[0].law)
@@ -161,6 +163,7 @@ class Extended(Stacked):
             replace(record, injected=torque)
             for record, torque in zip(self.records, injected, strict=True)
         )
+        # Only the injected column changes: kernels and tables of the path stay.
         model._logs = [log.beside(torque) for log, torque in zip(self._logs, injected, strict=True)]
         return model
 
@@ -186,6 +189,8 @@ class Extended(Stacked):
     def runs(self) -> list[slice]:
         """Where the innovations of each run are."""
         rows = self.rows()
+        # A run is a number of records that follow one another: from the first row of the first to
+        # the last row of the last.
         ends = [0, *np.cumsum(self._runs).tolist()]
         return [
             slice(rows[begin].start, rows[end - 1].stop) for begin, end in itertools.pairwise(ends)
@@ -204,6 +209,7 @@ def _link_inertia(dynamics, record, f):
     pose = record.rig.cell_centre(record.counts[0])
     rotors = record.rig.drive.reflected_inertia()
     inertia = dynamics.chain.coupling.shaft_inertia(ca.DM(dynamics.arm(f).D(pose))).full()
+    # D counts the rotors, which are on the motor's side of the gear.
     links = np.diag(inertia) - rotors
     return links if (links > 0).all() and (rotors > 0).all() else None
 
@@ -296,12 +302,15 @@ class _Log:
 
     def _numbers(self, values, extra, *, giving):
         """The vector of unknowns that the prediction takes."""
+        # From what is stated to what the extra numbers make of it, in the order of the names.
         numbers = {name: self._stated[name] for name in self._names(giving=giving)}
         for name, value in extra.items():
             kind, bracket, joint = name.partition("[")
             place = name
             if name not in self.law:
                 place = _PLACES.get(kind, f"drive.{kind}") + bracket + joint
+            # A compliance is not a number of the rig: it becomes a stiffness, and with it a
+            # damping.
             if kind == "compliance" and value > 0:
                 self._give(numbers, bracket + joint, value)
             elif place in numbers:
@@ -321,6 +330,7 @@ class _Log:
             return SETTINGS.least_share
         if name.startswith("offset"):
             return -np.inf
+        # Friction beyond the stated can take all of it away, and no more.
         return -self._stated.get(f"drive.{name}", 0.0) or 0.0  # no -0.0, which is printed
 
     def _give(self, numbers, joint, compliance):
@@ -332,6 +342,7 @@ class _Log:
         # Compliances in series add. In Hz: k = m omega^2, with the link behind the gear held.
         numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
         if not self._damped:
+            # Of the damping ratio zeta: d = 2 zeta sqrt(k m).
             damping = 2 * SETTINGS.damping * float(np.sqrt(numbers[place] * link))
             numbers[f"drive.elasticity.damping{joint}"] = damping
 
@@ -343,6 +354,7 @@ def _with_springs(rig, links):
     drive = rig.drive
     gears = drive.elasticity
     if gears is None and links is not None:
+        # k = m omega^2 of a resonance so high that the gear is as good as rigid.
         stiffness = links * (2 * np.pi * SETTINGS.rigid) ** 2
         damping = 2 * SETTINGS.damping * np.sqrt(stiffness * links)
         gears = Elasticity(stiffness=stiffness, damping=damping)

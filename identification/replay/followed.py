@@ -109,6 +109,8 @@ class Followed(Experiment):
         # The counts give the speed at the start only roughly, and no reference gives it better.
         if record.initial is None and self.begin[1].any():
             settled[: min(2 * SETTINGS.settling, len(record) // 4)] = 0
+        # After a gap the simulation has drifted from the log, and the observer needs time to catch
+        # up.
         measured = np.flatnonzero(record.valid)
         gaps = np.diff(record.t[measured]) > SETTINGS.gap * record.rig.period
         for row in measured[1:][gaps].tolist():
@@ -161,6 +163,7 @@ class Followed(Experiment):
 
     def beside(self, torque: Floats) -> Self:
         """The same with another torque (N, n) [N m] injected, which a repeated torque contains."""
+        # A shallow copy shares the kernel and the tables of the path, which are large.
         copied = copy.copy(self)
         record = self.record
         drive = record.rig.drive

@@ -148,6 +148,7 @@ def gauss_newton(
     covariance = np.zeros((len(values), len(values)))
     # In pulses, so that solutions with other weights can be compared.
     unscaled = point.innovations * residual.scales
+    # The inverse of the information in steps; steps and noise give it the units of the unknowns.
     inverse = least_squares(names, point.slopes, point.innovations, dependent=residual.dependent)[1]
     covariance[np.ix_(varied, varied)] = (
         inverse * np.outer(step[varied], step[varied]) * noise(residual, point.innovations)

@@ -163,6 +163,7 @@ class _Scored(Experiment):
 
     def _all_margins(self, numbers: Floats, threads: int) -> Floats:
         """`_margins` of all candidates, by several threads where that is worth it."""
+        # A few joints are checked faster than threads are started.
         if self.loop.n <= _SINGLE_THREADED or threads == 1:
             return self._margins(numbers)
         size = max(1, -(-len(numbers) // threads))
@@ -202,5 +203,6 @@ class _Scored(Experiment):
             self._tables, state, lanes, self.numbers[list(self._kernel.uniform)]
         )
         score = self.loop.read_state(final).score
+        # A run that stopped early has a small score, since its sum lacks the rest of the log.
         complete = self.loop.sound(final) & np.isfinite(score) & (steps == self.steps)
         return np.where(complete, score, np.inf)[: len(candidates)]

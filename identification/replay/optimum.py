@@ -59,6 +59,7 @@ class Optimum:
 
     def left(self, direction: Floats) -> Floats:
         """The part of a direction (M,) that is orthogonal to the varied unknowns."""
+        # Project out what the varied unknowns can make of the direction.
         coefficients = along(self.basis, self.rates, direction)
         return direction - np.einsum("v,vm->m", coefficients, self.rates)
 
@@ -143,6 +144,8 @@ def fitted(
         count = len(near.rates)
         step[varied[:count]] = near.step[varied[:count]]
         additional = slopes(model, values, step, varied[count:])
+        # Slopes of unknowns that both have are not simulated again: they are the costly part of a
+        # fit.
         point.slopes = np.vstack([near.rates, additional.T]).T
     descend(
         model,
@@ -230,12 +233,14 @@ def compliance(at: Optimum) -> list[Trial]:
     """Trials of all joints alike, and of each alone."""
     replayed = any(record.law is not None and record.law.replays for record in at.model.records)
     lowest, highest = TRIALS.resonances
+    # A resonance shows in a narrower range of frequencies where no loop corrects the motion.
     ratio = TRIALS.fine_ratio if replayed else TRIALS.ratio
     # Neighbouring resonances differ by about this ratio.
     count = int(np.log(highest / lowest) / np.log(ratio)) + 1
     n = len(at.model.gains) // 2
     groups = [[i] for i in range(n)]
     if n > 1:
+        # All gears alike first: weak evidence of single gears adds up where all of them give.
         groups.insert(0, list(range(n)))
     # The stiffest first.
     frequencies = np.geomspace(highest, lowest, count).tolist()
@@ -272,6 +277,7 @@ def _tried(at, tried):
     initial = at.before
     unit = at.unit(initial)
     trials = []
+    # In blocks: the innovations of all trials of a long log would not fit into memory.
     for begin in range(0, len(vectors), TRIALS.at_once):
         rows = at.model.all_innovations(vectors[begin : begin + TRIALS.at_once])
         # The rows end with the block, the trials go on.

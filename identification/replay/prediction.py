@@ -193,6 +193,7 @@ class Prediction(Stacked):
 
         # 2. The records, each with its kernel. Offsets of encoders are numbers of the correction.
         searched = () if simulated else gains[: 2 * n]
+        # The gains end with the offsets of the encoders, after the position and the speed gains.
         names = (*unknown, *searched, *(gains[2 * n :] if zeros else ()))
         options = {"steps_per_sample": steps_per_sample, "sweeps": sweeps, "correction": correction}
         self._followed = of_each(
@@ -239,6 +240,7 @@ class Prediction(Stacked):
                 expected.append(_add_memory(vector, k, record, memory))
             self._memories.append(slice(begin, vector.end))
         self._expected = np.concatenate(expected)
+        # Fits take one vector: the numbers that were asked for, and the nuisances behind them.
         self.unknown = (*unknown, *vector.names)
         self.nuisances = vector.all("start")
         self.nuisance_steps = vector.all("step")
@@ -256,6 +258,7 @@ class Prediction(Stacked):
         for followed, zeros, memory in zip(
             self._followed, self._zeros, self._memories, strict=True
         ):
+            # A record sees the unknowns of all records, and of the others only its own.
             parts = [values[self._shared], values[zeros], values[memory]]
             yield followed, np.concatenate(parts)
 
@@ -275,6 +278,8 @@ class Prediction(Stacked):
         """Label in messages of the first record whose run with these values diverges; "" where
         there is but one.
         """
+        # One record after another: at a start that diverges the time does not matter, the name
+        # does.
         for k, (followed, part) in enumerate(self._each(values)):
             if not np.isfinite(followed.innovations(part)).all():
                 return record_label([follower.record for follower in self._followed], k)
@@ -311,6 +316,8 @@ class Prediction(Stacked):
         # A log that is followed exactly, as made by the model, has nothing to be weighted by.
         if not smallest > 0 or np.nanmax(rms) < SETTINGS.unequal * smallest:
             return settled
+        # Each joint of each record by its RMS innovation: rows of equal variance make least squares
+        # the likelihood.
         scales = [
             np.broadcast_to(np.nan_to_num(joints, nan=1.0), followed.weight.shape).ravel()
             for followed, joints in zip(self._followed, rms, strict=True)
@@ -354,6 +361,8 @@ class Prediction(Stacked):
             if not followed.rounds:
                 of_record.append([np.zeros(followed.weight.size) for _ in shifts])
                 continue
+            # The loop with rounding encoders makes each log; the prediction without rounding then
+            # follows it, as it does a measured log.
             logs = followed.rounded(part, list(moved), self.threads, steps)
 
             def run(counts: Floats, followed: Followed = followed, part: Floats = part) -> Floats:

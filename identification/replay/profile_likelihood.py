@@ -139,6 +139,7 @@ class Profile:
             # 3. The sum rises about with the square of the distance; else bisect.
             guess = size * SETTINGS.shrink
             if np.isfinite(rise):
+                # The lower limit of the rise keeps a flat sum from throwing the guess far away.
                 guess = size * np.sqrt(level / max(rise, 1e-3 * level))
             guess = min(max(guess, SETTINGS.shrink * size), SETTINGS.grow * size, reach)
             size = guess if low < guess < high else (low + min(high, reach)) / 2

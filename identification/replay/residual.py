@@ -101,6 +101,7 @@ class Reparametrised:
         # Impossible values are not simulated: a kernel would return NaN, which no search can order.
         values = [self.values_of(coordinates) for coordinates in vectors]
         possible = [np.isfinite(vector).all() for vector in values]
+        # One call for all possible values: they are simulated side by side.
         simulated = iter(
             self.residual.all_innovations(
                 [vector for vector, sound in zip(values, possible, strict=True) if sound]
@@ -154,11 +155,14 @@ class WithPrior:
 
     def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
         vectors = list(vectors)
+        # The iterable serves twice: for the innovations, and for the deviations behind them.
         rows = self.residual.all_innovations(vectors)
+        # Behind the rows of the log, so that these keep their places.
         return [self._behind(row, values) for row, values in zip(rows, vectors, strict=True)]
 
     def _behind(self, row, values):
         """A row (M,), and the deviations behind it; inf of values that no part can have."""
+        # Deviations need values that exist: where the simulation diverged, there may be none.
         if np.isinf(row).all():
             return np.append(row, np.full(self.count, np.inf))
         return np.append(row, self.noise * self.deviations(values))
@@ -181,6 +185,7 @@ class Stacked:
         self.prior = prior
         # A prior and an expected value are no readings of the log: they have no weight.
         self.weights = np.concatenate([np.zeros(prior.count), *weights, np.zeros(expected)])
+        # In pulses at first: a scale needs innovations, and these a fit.
         self.scales = np.ones(len(self.weights))
 
     def parts(self, vectors: Sequence[Floats]) -> Iterator[list[Floats]]:

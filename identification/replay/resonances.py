@@ -175,6 +175,7 @@ class Resonances(WithPrior):
         if self._measured:
             values = self.values(coordinates)
             for place, (compliance, std) in self._measured.items():
+                # The link sensors measured compliances: a stiffness is compared by its inverse.
                 deviations.append((1 / values[place] - compliance) / std)
         return np.array(deviations)
 
@@ -204,6 +205,7 @@ class Resonances(WithPrior):
         for i, place in self.stiffness.items():
             values[place] = m[i] / coordinates[place] if coordinates[place] > 0 else np.nan
         for i, place in self.damping.items():
+            # Damping of a damping ratio zeta = exp(z): d = 2 zeta sqrt(k m).
             values[place] = (
                 2 * np.exp(coordinates[place]) * np.sqrt(m[i] * self._stiffness(values)[i])
             )

@@ -63,8 +63,10 @@ def delay_of(
     # Weighted like the difference, of which they are a multiple if counts are late.
     speed = prediction.weights * speed
     square = dot(speed, speed)
+    # Regression of the difference on the speed: late counts lag by their delay times the speed.
     slope = dot(difference, speed) / square
     residual = difference - slope * speed
+    # Neighbouring residuals correlate: the variance is inflated for that.
     std = np.sqrt(np.mean(residual**2) * variance_inflation(residual) / square)
     # The model is ahead of late counts: its difference is measured less predicted.
     return float(-slope), float(std)
