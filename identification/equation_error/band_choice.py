@@ -136,8 +136,9 @@ class _Tried:
         return losses
 
     def worse(self, less_cautious: "_Tried") -> float:
-        """By how many standard errors `other` predicts these equations worse; no more than passes
-        where the difference is small.
+        """Standard errors by which a less cautious fit predicts these equations worse.
+
+        At most `SETTINGS.worse`, which passes, where the difference is small.
         """
         losses = self.losses(self.without)
         # The same segments, pair by pair: they differ much more from each other than two fits do.

@@ -61,8 +61,9 @@ class Prior(Frozen):
     def rows(
         self, unknown: Sequence[str], known_values: Mapping[str, float]
     ) -> tuple[Floats, Floats]:
-        """Equations rows x = target, of standard deviation 1, in the unknowns (k); `known`:
-        parameters that are not.
+        """Equations rows x = target, of standard deviation 1, in the unknowns (k).
+
+        `known_values`: of the parameters that are not among them.
         """
         rows = np.zeros((len(self.names), len(unknown)))
         # A known parameter moves the mean of the others by its own deviation.

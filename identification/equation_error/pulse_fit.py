@@ -130,7 +130,7 @@ def equation_error(
     """Fit of the torque equation to records, in their pass bands.
 
     `unknown`: all of f, and linear numbers of the drive; others keep their values in the record.
-    `known`: values of some of them, and the prior of f.
+    `known_values`: of some of them, and the prior of f.
     """
     known_values = Known(known_values)
     unknown = linear(dynamics, records[0].rig, unknown)

@@ -40,8 +40,10 @@ class Differing(NamedTuple):
 def differing(
     names: Sequence[str], values: Floats, estimates: Floats, std: Floats, alike: Floats
 ) -> Differing:
-    """Differences between the values `each` (R, k) of runs beyond their standard deviations std (R,
-    k; NaN of a value that a run does not determine), about values (k,).
+    """Differences between the estimates of runs beyond noise.
+
+    `estimates`, `std` (R, k): of each run, with NaN deviations of a value that a run does not
+    determine. `values` (k,): about which they lie.
 
     `alike` (k, S): rows of length 1 whose products are the correlations of the values.
     """
@@ -82,10 +84,10 @@ def size_of(name: str, values: Floats, std: Floats) -> Floats:
 def restricted(
     name: str, estimates: Floats, std: Floats, share: Floats, about: float | None = None
 ) -> float:
-    """Variance between runs, where each (R, m) = mean + share * effect + noise of std (R, m).
+    """Variance between runs, where estimates (R, m) = mean + share * effect + noise of std (R, m).
 
     By restricted maximum likelihood; `share` is 0 where nothing is known. `about`: the mean, where
-    that is known, and `each` is corrected for the part that the fit takes away.
+    that is known, and `estimates` are corrected for the part that the fit takes away.
     """
     from scipy.optimize import minimize_scalar
 
