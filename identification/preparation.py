@@ -25,7 +25,6 @@ from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillations
 from plant.checkup.signals import LEAST_MOTION
 from plant.parts.arguments import array, choice, instance
-from plant.parts.fields import Floats
 from plant.parts.messages import warn
 from plant.parts.room import require_room
 from plant.simulation.followed_path import with_path
@@ -80,7 +79,7 @@ def require_informative(record: Record, labels: Sequence[str], *, prior: bool = 
         )
 
 
-def _require_motion(record: Record, labels: Sequence[str], prior: bool) -> None:
+def _require_motion(record, labels, prior):
     # A prior can stand in for some motors, but not for all.
     moved = np.ptp(record.counts, axis=0)
     if (moved < LEAST_MOTION).any() and not (prior and moved.max() >= LEAST_MOTION):
@@ -93,7 +92,7 @@ def _require_motion(record: Record, labels: Sequence[str], prior: bool) -> None:
         )
 
 
-def _require_unsaturated(record: Record, labels: Sequence[str]) -> None:
+def _require_unsaturated(record, labels):
     # At the limit the torque is not that of the law.
     drive = record.rig.drive
     current = np.abs(drive.current(torque_of(record)))
@@ -212,14 +211,14 @@ def prepare(
     return problem
 
 
-def _prior(dynamics: Dynamics, records: Sequence[Record], prior: Any) -> Prior | None:
+def _prior(dynamics, records, prior):
     """The prior of a user; by default the model's own bodies, if a joint moves in no log."""
     if prior is None:
         return Prior.of_model(dynamics, records[0].rig) if still(records).size else None
     return prior if isinstance(prior, Prior) else Prior.of(dynamics, records[0].rig, prior)
 
 
-def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
+def _left_open(records, labels):
     """Friction that the rig leaves open, of joints that move; warns of zero friction elsewhere."""
     # A joint at rest shows no friction but what holds it.
     drive = records[0].rig.drive
@@ -232,7 +231,7 @@ def _left_open(records: Sequence[Record], labels: Sequence[str]) -> list[str]:
     ]
 
 
-def _require_different(searched: Sequence[Record], validation: Sequence[Record]) -> None:
+def _require_different(searched, validation):
     """Refuse a log that comes twice: its rounding would count as that of two."""
     records = (*searched, *validation)
     for i, record in enumerate(records):
@@ -248,9 +247,7 @@ def _require_different(searched: Sequence[Record], validation: Sequence[Record])
                 raise ValueError(f"{rule}; {copy} is {label} again. Leave one out.")
 
 
-def _require_room(
-    dynamics: Dynamics, records: Sequence[Record], unknown: Iterable[str] | None, method: str
-) -> None:
+def _require_room(dynamics, records, unknown, method):
     """Refuse logs that memory does not hold."""
     n = dynamics.n
     numbers = len(unknown) if isinstance(unknown, Sequence) else dynamics.p
@@ -292,11 +289,11 @@ def with_gears(
 
 
 def _set_aside(
-    dynamics: Dynamics,
-    records: Sequence[Record],
-    held_out: Record | Sequence[Record] | None,
-    method: str,
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    dynamics,
+    records,
+    held_out,
+    method,
+):
     """Records that are searched, and that are held out; lost rows are bridged, without weight."""
     # Straight lines bridge lost rows, which have no weight then.
     searched = tuple(naming.of_each(bridged, records))
@@ -313,7 +310,7 @@ def _set_aside(
     return searched, tuple(map(with_path, naming.of_each(bridged, validation)))
 
 
-def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> Floats:
+def _validated_ranges(ranges, unknown):
     """Ranges (k, 2) of the unknowns; an error where an end is on the wrong side."""
     pairs = array("ranges", ranges, (len(unknown), 2), advice="Give (low, high) for each unknown.")
     for name, (low, high) in zip(unknown, pairs, strict=True):
@@ -325,7 +322,7 @@ def _validated_ranges(ranges: ArrayLike, unknown: tuple[str, ...]) -> Floats:
     return pairs
 
 
-def _nominal(objective: Objective) -> Floats:
+def _nominal(objective):
     """The unknowns (k,) as rig and law of the first record have them; NaN for f."""
     rig = objective.records[0].rig
     law = objective.records[0].law

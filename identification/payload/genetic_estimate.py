@@ -145,7 +145,7 @@ class GeneticEstimator:
             message=message,
         )
 
-    def _costs(self, window: Window):
+    def _costs(self, window):
         """Cost function of a window: candidates (P, 1 or 2) -> squared innovations (P,)."""
         # 1. Begin at the middle of the first kernel, with the smoothed position and speed there.
         loop = self._loop
@@ -173,7 +173,7 @@ class GeneticEstimator:
         # One initial state for all candidates.
         state = np.repeat(loop.initial_state(q[0], qd[0], self._numbers)[:, None], LANES, axis=1)
 
-        def costs(candidates: Floats) -> Floats:
+        def costs(candidates):
             f = self.arm.f + self.parameters(candidates) @ self._matrix.T
             # The kernel simulates LANES candidates side by side.
             blocks = [

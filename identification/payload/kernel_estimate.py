@@ -71,7 +71,7 @@ class Smoothing:
         """
         return max(1.0, (self.samples - 2) / (2 * np.pi))
 
-    def _convolved(self, x: Floats, order: int) -> Floats:
+    def _convolved(self, x, order):
         kernel = self._kernels[order]
         return np.column_stack([np.convolve(column, kernel, "valid") for column in x.T])
 

@@ -132,14 +132,14 @@ class Worker:
             self._process.wait()
         self._in.close()
 
-    def _send(self, kind: str, content: Any) -> int:
+    def _send(self, kind, content):
         # Controllers of several threads share the process.
         with self._lock:
             self._sent += 1
             self._out.send((self._sent, kind, content))
             return self._sent
 
-    def _answer(self, job: int, seconds: float) -> Any:
+    def _answer(self, job, seconds):
         with contextlib.suppress(EOFError, OSError):
             # Answers of other jobs arrive on the way; keep them for their callers.
             while job not in self._answers and self._in.poll(seconds):

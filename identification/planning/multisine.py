@@ -14,7 +14,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant import Arm, Chain, Dynamics, Harmonics, Rig
 from plant.parts.arguments import array
@@ -133,7 +133,7 @@ def motion_limits(
     return position, velocity, acceleration
 
 
-def _within(chain: Chain, lower: Floats, upper: Floats, part: float) -> Floats:
+def _within(chain, lower, upper, part):
     """Positions (n, 2) around the middle of the limits, this part of the usable range.
 
     The limits of a joint that turns without end are a right angle around 0.
@@ -153,7 +153,7 @@ def _within(chain: Chain, lower: Floats, upper: Floats, part: float) -> Floats:
     return np.column_stack([middle - half, middle + half])
 
 
-def _lines(rig: Rig, period: float, frequencies: ArrayLike | None) -> NDArray[np.intp]:
+def _lines(rig, period, frequencies):
     """Multiples of 1 / period nearest to the frequencies, without a common factor with n."""
     wanted = frequencies
     if wanted is None:
@@ -198,7 +198,7 @@ def multisines(
     reach = np.diff(position, axis=1).ravel() / 2
     middle = position.mean(axis=1)
 
-    def motion(size: Floats, record: int) -> Harmonics:
+    def motion(size, record):
         amplitude = size[:, None] * unit * delay**record
         return Harmonics(period=period, offset=middle, cosine=amplitude.real, sine=-amplitude.imag)
 
@@ -231,13 +231,13 @@ def multisines(
     )
 
 
-def _phases(lines: NDArray[np.intp]) -> Floats:
+def _phases(lines):
     """Phases of cosines of equal amplitude at these lines, for a low crest factor.
 
     From Schroeder's phases: clip the signal, take the phases of the result, and clip less and less.
     """
     count = SETTINGS.samples * int(lines[-1])
-    phases: Floats = -np.pi * np.arange(len(lines)) ** 2 / len(lines)
+    phases = -np.pi * np.arange(len(lines)) ** 2 / len(lines)
     best = phases
     lowest = np.inf
     for share in np.linspace(*SETTINGS.clipped):

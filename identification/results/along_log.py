@@ -8,16 +8,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from identification.equation_error.torque_logs import torque_of
 from identification.replay.optimum import Optimum
 from identification.results.assumed import smoothed
-from plant import Arm, Record
+from plant import Record
 from plant.compiler.background import shared_out
 from plant.laws.replayed import commanded_torque
 from plant.mechanics.newton_euler import lumped_torque
-from plant.motion.reference import Motion
 from plant.parts.fields import Floats
 
 CYCLES = 24  # of a motor's cogging per turn, at most
@@ -64,7 +62,7 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
     }
 
 
-def _arm(at: Optimum) -> Arm:
+def _arm(at):
     """The arm of the fitted values."""
     dynamics = at.model.dynamics
     return dynamics.arm([at.values[at.model.unknown.index(name)] for name in dynamics.names])
@@ -81,7 +79,7 @@ def efforts(parts: Sequence[Record]) -> Floats:
     return np.maximum(rms, 1e-9 + 0.01 * rms.max(axis=1, keepdims=True))
 
 
-def _mean_while_held(torque: Floats) -> Floats:
+def _mean_while_held(torque):
     """Mean (N, n) of a torque from each sample to the next, in which the model holds it."""
     return (torque + np.vstack([torque[1:], torque[-1:]])) / 2
 
@@ -110,7 +108,7 @@ def at_reversals(at: Optimum) -> Iterator[tuple[int, Floats, Floats]]:
         yield i, np.concatenate(crossing[i]), np.concatenate(elsewhere[i])
 
 
-def _after_flips(x: Floats, samples: int) -> NDArray[np.bool_]:
+def _after_flips(x, samples):
     """Samples (N,) from a little before to so many after a change of the sign of a signal."""
     flips = np.flatnonzero(np.diff(np.sign(x)) != 0)
     # Count the intervals that have begun and not ended; each begins a quarter of its length early.
@@ -125,7 +123,7 @@ def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[
     # Torque of all joints together (rms).
     size = np.sqrt(np.mean(torque_of(at.model.records[0]) ** 2))
 
-    def effect(of_records: Sequence[Floats]) -> Floats:
+    def effect(of_records):
         step = _SMALL * size / np.sqrt(np.mean(np.concatenate(of_records) ** 2))
         moved = at.model.pushed([step * torque for torque in of_records]).innovations(at.values)
         return np.asarray((moved - at.innovations) / step)
@@ -134,7 +132,7 @@ def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[
     return dict(zip(torques, effects, strict=True))
 
 
-def _cycles(angles: Sequence[Floats], residuals: Sequence[Floats]) -> int:
+def _cycles(angles, residuals):
     """Cycles per turn of a motor at which the residuals (N,) along its angles (N,) have most power.
 
     The powers of single turns are added.
@@ -153,7 +151,7 @@ def _cycles(angles: Sequence[Floats], residuals: Sequence[Floats]) -> int:
     return int(power.argmax()) + 1
 
 
-def _torque(arm: Arm, motion: Motion) -> Floats:
+def _torque(arm, motion):
     """Torque (N, n) of an arm on a motion."""
     q, qd, qdd = (ca.SX.sym(name, arm.dynamics.n) for name in ("q", "qd", "qdd"))
     moving, at_rest = lumped_torque(

@@ -81,7 +81,7 @@ class Doubt:
         """Innovations of the records that were searched."""
         return self.at.innovations[: self.searched]
 
-    def _of_unknowns(self, steps: Floats) -> Floats:
+    def _of_unknowns(self, steps):
         """Changes of the varied values, in their steps, as changes of all unknowns (k,)."""
         varied = np.flatnonzero(self.step)
         is_unknown = varied < len(self.keep)  # observer gains and reported causes come after
@@ -263,7 +263,7 @@ def consider(
     return change, inverse[:count, :count] - alone, std
 
 
-def _inverse(matrix: Floats) -> Floats:
+def _inverse(matrix):
     """Pseudo-inverse of a matrix that is scaled to a diagonal of ones."""
     # A relative cut-off is fair only between numbers in comparable units.
     scale = np.sqrt(np.diag(matrix))

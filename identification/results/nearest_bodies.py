@@ -92,7 +92,7 @@ def nearest_realisation(
     return matrices, A @ x
 
 
-def _met(problem: "_Problem", A: Floats, f: Floats) -> Floats | None:
+def _met(problem, A, f):
     """The x of least divergence with A x = f; None if there is none, or the search misses it."""
     equations = _independent(A, f)
     if equations is None:
@@ -109,7 +109,7 @@ def _met(problem: "_Problem", A: Floats, f: Floats) -> Floats | None:
     )
 
 
-def _independent(A: Floats, f: Floats) -> tuple[Floats, Floats] | None:
+def _independent(A, f):
     """The same equations as independent, orthonormal rows; None if they contradict each other."""
     # Rows of equal size, so that one tolerance serves numbers of different units.
     size = np.linalg.norm(A, axis=1)
@@ -184,7 +184,7 @@ class _Problem:
         """The x of least divergence with A x = f; None if the steps end at the border of bodies."""
         y = np.zeros(len(f))  # multipliers of the equations
 
-        def residual(x: Floats, y: Floats) -> Floats:
+        def residual(x, y):
             gradient = self.gradient(x)
             if gradient is None:
                 return np.array([np.inf])
@@ -215,7 +215,7 @@ class _Problem:
         # At the first softness, the misfit of the prior costs one half at most.
         softness = max(1.0, float(np.sum((A @ x - f) ** 2)))
 
-        def cost(x: Floats) -> float:
+        def cost(x):
             return self.value(x) + float(np.sum((A @ x - f) ** 2)) / (2 * softness)
 
         while softness >= SETTINGS.hardest:

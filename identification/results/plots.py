@@ -10,7 +10,6 @@ from identification.replay.prediction import Prediction
 from identification.search.memory import as_repeated, run_again
 from plant import Record
 from plant.checkup.oscillation import spectrum
-from plant.parts.fields import Floats
 from plant.parts.figures import BAND, LOGS, axes_of, colour_of, dressed, legend_above, literal
 from plant.simulation.logged_run import DivergenceError
 
@@ -93,7 +92,7 @@ def plot_identification(identification: Any, ax: Any = None) -> NDArray[Any]:
     return axes
 
 
-def _new_axes(n: int, values: int, meaning: list[str]) -> list[Any]:
+def _new_axes(n, values, meaning):
     """Axes of a figure with the meaning of the parameters below them, in two columns."""
     import matplotlib.pyplot as plt
 
@@ -159,7 +158,7 @@ def plot_oscillation(oscillation: Any, ax: Any = None) -> NDArray[Any]:
     n = record.n
     quiet = oscillation.removed(record.error_pulses)
 
-    def new() -> Any:
+    def new():
         import matplotlib.pyplot as plt
 
         heights = [*[2.0 if n < 4 else 1.5] * n, 2.6]
@@ -184,7 +183,7 @@ def plot_oscillation(oscillation: Any, ax: Any = None) -> NDArray[Any]:
     return axes
 
 
-def _draw_spectrum(axis: Any, signal: Floats, period: float, **style: Any) -> None:
+def _draw_spectrum(axis, signal, period, **style):
     """Draw the amplitudes of a signal (N, n), joints together, over frequency."""
     frequency, power = spectrum(signal, period)
     # A line of one frequency has half of its amplitude on this side of the spectrum, and the

@@ -19,7 +19,6 @@ from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
 from plant.checkup.signals import Signals
 from plant.machine.motor_inertia import rotors_alone, shaft_inertias
-from plant.parts.fields import Floats
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -84,13 +83,13 @@ def restated(dynamics: Dynamics, record: Record) -> list[str]:
 
 
 def _left(
-    dynamics: Dynamics,
-    signals: Signals,
-    sign: Floats,
-    gravity: float = 1.0,
+    dynamics,
+    signals,
+    sign,
+    gravity=1.0,
     *,
-    integrated: bool = False,
-) -> float:
+    integrated=False,
+):
     """Share (rms) of the smoothed torques that the equation of motion leaves.
 
     `sign` (n,): of the joints. `gravity`: factor of the stated gravity. `integrated`: whether the
@@ -107,7 +106,7 @@ def _left(
         sign * (rig.to_angle(signal[rows]) - (order > 0) * zero)
         for order, signal in enumerate(signals.motion)
     )
-    smooth_torque = signals.smooth(signals.motor_torque)  # type: ignore[arg-type]  # there is one
+    smooth_torque = signals.smooth(signals.motor_torque)
     torque = sign * rig.drive.gear * smooth_torque[rows]
     # Dry friction: signs of speeds, filtered like the torque.
     dry = np.column_stack([signals.smooth_even(np.sign(speed)) for speed in signals.motion[1].T])[

@@ -86,7 +86,7 @@ def seen(identification: Any, reference: Reference, duration: float) -> Seen:
     )
 
 
-def _resonance(identification: Any) -> float | None:
+def _resonance(identification):
     """Lowest of the detectable resonances of the joints [Hz]; None where it was not tested."""
     detection = identification.diagnostics.detection
     visible = [
@@ -100,7 +100,7 @@ def _resonance(identification: Any) -> float | None:
     return float(min(compliance**-0.5 for compliance in visible[0].values()))
 
 
-def _beyond(identification: Any, reference: Reference, duration: float) -> list[str]:
+def _beyond(identification, reference, duration):
     """A text for each joint whose path leaves the range or the speeds of the logs."""
     logged = [motion_of(record) for record in identification.records]
     # The range of all logs together.

@@ -138,16 +138,16 @@ def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:
     yield from lines
 
 
-def _statements(case: _Case) -> _Lines:
+def _statements(case):
     result = case.identification
     return of_statements(result.rig, result.records, result.arm.dynamics.chain)
 
 
-def _prior(case: _Case) -> _Lines:
+def _prior(case):
     return contradicted(case.identification)
 
 
-def _range_ends(case: _Case) -> _Lines:
+def _range_ends(case):
     result = case.identification
     if result.search.ranges is None:
         return
@@ -161,12 +161,12 @@ def _range_ends(case: _Case) -> _Lines:
             yield f"{name} ends at the {end} end of its range; widen it."
 
 
-def _rotors(case: _Case) -> _Lines:
+def _rotors(case):
     if not case.fits:
         yield from of_rotors(case.identification)
 
 
-def _torque_bands(case: _Case) -> _Lines:
+def _torque_bands(case):
     """Least squares on the logged torques, in bands, against the values that repeat the motion."""
     bands = case.identification.diagnostics.bands
     if not case.replayed or not bands:
@@ -188,7 +188,7 @@ def _torque_bands(case: _Case) -> _Lines:
         )
 
 
-def _zeros(case: _Case) -> _Lines:
+def _zeros(case):
     zeros = case.identification.fit.zeros
     # Zeros are unknowns of replays only.
     if case.replayed and zeros is not None and np.abs(zeros).max() > SETTINGS.zero:
@@ -199,7 +199,7 @@ def _zeros(case: _Case) -> _Lines:
         )
 
 
-def _lost_rows(case: _Case) -> _Lines:
+def _lost_rows(case):
     """Bridged rows, where the model does not follow the log."""
     result = case.identification
     rms = result.fit.rms_innovation
@@ -216,12 +216,12 @@ def _lost_rows(case: _Case) -> _Lines:
             )
 
 
-def _law_differs(apart: Floats | None) -> bool:
+def _law_differs(apart):
     """Whether the stated law gives another torque along the log than was logged."""
     return apart is not None and bool(apart.max() > SETTINGS.law_torque)
 
 
-def _late(identification: Any) -> dict[int, Floats]:
+def _late(identification):
     """Delays (n,) of the counts after which the stated law gives the logged torque, by record.
 
     NaN of a joint without one; records without any are left out.
@@ -234,7 +234,7 @@ def _late(identification: Any) -> dict[int, Floats]:
     return {i: delay for i, delay in delays.items() if np.nan_to_num(delay).any()}
 
 
-def _law(case: _Case) -> _Lines:
+def _law(case):
     """Laws that cannot have given the logged torque, or not from these counts."""
     result = case.identification
     for i, (record, apart) in enumerate(
@@ -263,7 +263,7 @@ def _law(case: _Case) -> _Lines:
             )
 
 
-def _innovations(case: _Case) -> _Lines:
+def _innovations(case):
     result = case.identification
     rms = result.fit.rms_innovation  # None where a method has no innovations
     # Those of output error are differences of a simulation, of which `_repeats` warns.
@@ -281,7 +281,7 @@ def _innovations(case: _Case) -> _Lines:
         )
 
 
-def _timing(case: _Case) -> _Lines:
+def _timing(case):
     diagnostics = case.identification.diagnostics
     delay = diagnostics.delay
     names = diagnostics.detection.names
@@ -298,7 +298,7 @@ def _timing(case: _Case) -> _Lines:
         )
 
 
-def _absorbed_delay(case: _Case) -> _Lines:
+def _absorbed_delay(case):
     """Unknowns that take a delay over, in any log."""
     # Viscous friction and gains shift the phase of the loop as a delay does.
     absorbing = [
@@ -313,7 +313,7 @@ def _absorbed_delay(case: _Case) -> _Lines:
         )
 
 
-def _oscillations(case: _Case) -> _Lines:
+def _oscillations(case):
     """Loops that oscillate by themselves, each record at the frequency of its first such joint."""
     result = case.identification
     for i, record in enumerate(result.records):
@@ -329,7 +329,7 @@ def _oscillations(case: _Case) -> _Lines:
             )
 
 
-def _detected(case: _Case) -> _Lines:
+def _detected(case):
     """Effects that the rig does not model."""
     diagnostics = case.identification.diagnostics
     if case.fits:
@@ -344,13 +344,13 @@ def _detected(case: _Case) -> _Lines:
             yield text
 
 
-def _fallback(case: _Case) -> _Lines:
+def _fallback(case):
     reason = case.identification.fit.fallback_reason
     if reason and not case.fits:
         yield f"{reason}."
 
 
-def _repeats(case: _Case) -> _Lines:
+def _repeats(case):
     """How well a simulation with the values repeats the records, searched and held out."""
     result = case.identification
     diagnostics = result.diagnostics
@@ -393,7 +393,7 @@ def _repeats(case: _Case) -> _Lines:
         )
 
 
-def _ranges(identification: Any) -> str:
+def _ranges(identification):
     """Ranges of motion in the first record, as its rig counts."""
     # A user compares these ranges with those of the experiment: wrong counts per turn show here.
     record = identification.records[0]
@@ -421,7 +421,7 @@ def pairs_of(identification: Any) -> list[tuple[str, str]]:
     return [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]
 
 
-def _pairs(case: _Case) -> _Lines:
+def _pairs(case):
     result = case.identification
     pairs = pairs_of(result)
     if len(pairs) > SETTINGS.pairs:

@@ -111,7 +111,7 @@ class Intervals:
                 self.better = profile.better
                 break
 
-    def _of(self, profile: Profile, place: int) -> tuple[tuple[float, float], bool]:
+    def _of(self, profile, place):
         """Least and largest squared period [s^2], and whether the gear may be rigid."""
         unit = self._unit
         low, high = self._start.bounds[place]
@@ -124,7 +124,7 @@ class Intervals:
         level = ELASTIC.two_sided * unit
         return (profile.end(width, level, low), profile.end(width, level, high)), False
 
-    def _std(self, place: int) -> float:
+    def _std(self, place):
         # Rounding is no white noise, see INFLATION.
         return float(np.sqrt(INFLATION * self._solution.covariance[place, place]))
 
@@ -252,7 +252,7 @@ def elastic(problem: Problem, *, simulated: bool = False) -> Outcome:
     return _outcome(problem, view, solution, intervals, stages)
 
 
-def _deflection(problem: Problem) -> GearFit | None:
+def _deflection(problem):
     """Fit of the deflection that link sensors show; None without such sensors or unknown gears."""
     records = [record for record in problem.records if record.link_counts is not None]
     unknown = any(
@@ -264,7 +264,7 @@ def _deflection(problem: Problem) -> GearFit | None:
     return fit_deflection(problem.dynamics, records, problem.unknown, problem.known)
 
 
-def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list[Start]:
+def _starts(problem, view, fits):
     """Starts that follow the log: the best elastic fits, then the rigid one; of known gears, the
     best.
 
@@ -305,7 +305,7 @@ def _starts(problem: Problem, view: Resonances, fits: Sequence[GearFit]) -> list
     return [*best, starts[0]] if 0 in order else best
 
 
-def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
+def _followed(view, starts):
     """Least sum of squares from the starts: some rounds of each, then the best alone."""
     solutions = []
     for start in starts:
@@ -322,12 +322,12 @@ def _followed(view: Resonances, starts: list[Start]) -> tuple[Start, Solution]:
 
 
 def _outcome(
-    problem: Problem,
-    view: Resonances,
-    solution: Solution,
-    intervals: Intervals,
-    stages: dict[str, Floats],
-) -> Outcome:
+    problem,
+    view,
+    solution,
+    intervals,
+    stages,
+):
     """Outcome of a fit; its values are a fallback where a link behind a gear has no inertia."""
     k = len(problem.unknown)
     values = view.values(solution.values)

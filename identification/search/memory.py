@@ -72,7 +72,7 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     return resumed if gain > freedom + _BY_CHANCE * np.sqrt(2 * freedom) else began
 
 
-def _or_none(fitted: Callable[[Problem], Outcome], problem: Problem) -> Outcome | None:
+def _or_none(fitted, problem):
     """The outcome, or None where the fit fails."""
     try:
         return fitted(problem)

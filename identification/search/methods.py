@@ -14,13 +14,12 @@ from identification.equation_error.least_squares import covariance_of
 from identification.replay.objective import Objective
 from identification.replay.timing import delay_of, is_late
 from identification.search.elastic import elastic
-from identification.search.genetic import GeneticResult, GeneticSettings, minimize_genetic
+from identification.search.genetic import GeneticSettings, minimize_genetic
 from identification.search.memory import with_memory
 from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
 from identification.search.predictive import difference_of, doubtful, predicted
 from identification.search.problem import Problem, in_parts, is_long
-from plant.parts.fields import Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +74,7 @@ def paper(problem: Problem) -> Outcome:
     return Outcome(fit=fit, evaluations=result.evaluations, message=result.message, genetic=result)
 
 
-def _as_good(vectors: Floats, costs: Floats) -> Floats:
+def _as_good(vectors, costs):
     """Vectors whose cost is that of the best within its noise, without repetitions, best first."""
     order = np.argsort(costs, kind="stable")
     order = order[costs[order] <= (1 + SEEDED.noise) * costs[order[0]]]
@@ -84,7 +83,7 @@ def _as_good(vectors: Floats, costs: Floats) -> Floats:
     return vectors[order[np.sort(unique)]]
 
 
-def _genetic(problem: Problem, ranges: Floats) -> GeneticResult:
+def _genetic(problem, ranges):
     """Genetic algorithm on objective (4) in these ranges, with checkpoint and progress."""
     # An interrupted run repeats its random numbers and reads the stored costs.
     costs = problem.checkpoint.remembered("costs", problem.costs)
@@ -121,7 +120,7 @@ def prediction_error(problem: Problem) -> Outcome:
     return with_memory(problem, _followed)
 
 
-def _followed(problem: Problem, *, simulated: bool = False) -> Outcome:
+def _followed(problem, *, simulated=False):
     """Gauss-Newton from the torque equation's fit, for rigid gears and one model of the law."""
     values, step = start_of_fit(problem, torque_fit(problem))
     # Stages are part of the result, so that a user can compare them.
@@ -200,7 +199,7 @@ def seeded(problem: Problem) -> Outcome:
     return replace(outcome, fit=fit, message=message)
 
 
-def _box(problem: Problem, values: Floats, step: Floats) -> Floats:
+def _box(problem, values, step):
     """Ranges (k, 2) of the genetic algorithm around the torque equation's fit, within bounds."""
     width = SEEDED.box * step
     if problem.prior is not None:
@@ -210,7 +209,7 @@ def _box(problem: Problem, values: Floats, step: Floats) -> Floats:
     return np.clip([values - width, values + width], *problem.bounds.T).T
 
 
-def _in_parts(problem: Problem) -> Problem:
+def _in_parts(problem):
     """The problem with objective (4) of the parts of its long records; itself if none is long."""
     records = problem.objective.records
     if not any(map(is_long, records)):
@@ -221,7 +220,7 @@ def _in_parts(problem: Problem) -> Problem:
     return replace(problem, objective=objective)
 
 
-def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
+def _neighbours(problem, fit):
     """A fit with vectors (P, k) close to it, and objective (4) of all of them (P,)."""
     random = np.random.default_rng(problem.seed)
     moves = random.normal(size=(SEEDED.neighbours, len(fit.values)))
@@ -231,7 +230,7 @@ def _neighbours(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
     return neighbours, problem.costs(neighbours)
 
 
-def _with_best(outcome: Outcome, vectors: Floats, costs: Floats) -> Outcome:
+def _with_best(outcome, vectors, costs):
     """The outcome with the one of these vectors (P, k) that has the least objective (4)."""
     # The values of the fit itself stay visible among the stages.
     outcome.stages["prediction error"] = outcome.fit.values
@@ -241,7 +240,7 @@ def _with_best(outcome: Outcome, vectors: Floats, costs: Floats) -> Outcome:
     return replace(outcome, fit=fit, evaluations=outcome.evaluations + len(vectors))
 
 
-def _only_genetic(problem: Problem, fit: Fit, cost: float, genetic_cost: float) -> bool:
+def _only_genetic(problem, fit, cost, genetic_cost):
     """Whether the genetic algorithm's best explains the records, and the fit does not.
 
     `cost`, `genetic_cost`: objective (4) of the fit and of the genetic algorithm's best.
@@ -265,7 +264,7 @@ METHODS: dict[str, Callable[[Problem], Outcome]] = {
 }
 
 
-def _root(covariance: Floats) -> Floats:
+def _root(covariance):
     """Lower triangle L with L L^T = covariance; zero rows stay zero.
 
     numpy's Cholesky factor refuses a singular covariance, which fixed values make.

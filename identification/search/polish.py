@@ -220,13 +220,13 @@ def polished(
 
 
 def _searched(
-    problem: Problem,
-    prediction: Any,
-    start: Floats,
-    steps: Floats,
-    bounds: Floats,
-    gains: slice | None,
-) -> Solution:
+    problem,
+    prediction,
+    start,
+    steps,
+    bounds,
+    gains,
+):
     """Best of the fits from a start, from the end of that fit, and from the stated rotor inertias.
 
     Far from the log, with observer gains at their lower bounds, a fit no longer follows it. The
@@ -236,7 +236,7 @@ def _searched(
     staged = gains if problem.memories else None
     best = by_stages(prediction, start, steps, bounds, staged)
 
-    def better(values: Floats, gains: slice | None) -> Solution:
+    def better(values, gains):
         """The better of the best fit and the fit from these values."""
         with contextlib.suppress(ValueError):  # that start diverges
             fit = by_stages(prediction, values, steps, bounds, gains)
@@ -264,7 +264,7 @@ def _searched(
     return best
 
 
-def _grouped(prediction: Prediction, solution: Solution, unknown: int) -> Floats:
+def _grouped(prediction, solution, unknown):
     """Standard deviations (k,) of the leading unknowns, by their scatter between segments."""
     lengths = prediction.lengths
     count = prediction.prior.count
@@ -314,9 +314,7 @@ def outcome_of(
     return Outcome(fit=fit, message=message, evaluations=prediction.evaluations, stages=stages)
 
 
-def _unbiased(
-    prediction: Prediction, solution: Solution, bounds: Floats, seed: int
-) -> tuple[Solution, Floats | None]:
+def _unbiased(prediction, solution, bounds, seed):
     """Subtract from a solution its bias by rounding; estimate that from simulated, rounded logs.
 
     At low speeds a loop feels single counts. That moves some unknowns by as much as their standard
@@ -366,9 +364,7 @@ def _unbiased(
     return unbiased, sum(logs) / len(logs) * prediction.scales
 
 
-def _rounded(
-    prediction: Prediction, values: Floats, shifts: Floats, residual: Floats
-) -> list[Floats]:
+def _rounded(prediction, values, shifts, residual):
     """Weighted innovations (M,) of simulated, rounded logs; none where the model diverges.
 
     The rate at which a loop feels single counts moves its values. Of several rates, take the one

@@ -6,7 +6,7 @@ these runs.
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,6 @@ from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Record, replay
 from plant.checkup.oscillation import own_oscillations
-from plant.parts.fields import Floats
 from plant.simulation.followed_path import is_rounded
 
 # Difference between a measured and a simulated log from rounding alone [pulses, rms].
@@ -134,7 +133,7 @@ def predicted(problem: Problem, fit: Fit, records: Sequence[Record], cost: float
     return Predicted(difference, float(np.exp(np.mean(logarithms))), limit, tuple(sorted(hunts)))
 
 
-def _exceeded(logarithms: list[float], chance: float) -> float:
+def _exceeded(logarithms, chance):
     """Value that one number more exceeds with this chance, if all logarithms are normal.
 
     This is the prediction interval of a normal sample: mean and deviation are estimates, too.
@@ -148,7 +147,7 @@ def _exceeded(logarithms: list[float], chance: float) -> float:
     )
 
 
-def _drawn(fit: Fit, random: np.random.Generator, count: int) -> Iterator[Floats]:
+def _drawn(fit, random, count):
     """Values (k,) drawn from the covariance; without one, from the candidates of the fit."""
     if fit.covariance is None:
         yield from random.choice(fit.candidates, count)
@@ -159,21 +158,21 @@ def _drawn(fit: Fit, random: np.random.Generator, count: int) -> Iterator[Floats
     yield from (fit.values + root @ random.standard_normal(len(scale)) for _ in range(count))
 
 
-def _shifted(run: Record, random: np.random.Generator) -> Record:
+def _shifted(run, random):
     """A simulated record with another start within a count."""
-    start = np.stack([run.true_q[0], run.true_qd[0]])  # type: ignore[index]  # simulated
+    start = np.stack([run.true_q[0], run.true_qd[0]])
     start[0] += run.rig.to_angle(random.uniform(-0.5, 0.5, run.n))
     return dataclasses.replace(run, initial=start)
 
 
-def _run(problem: Problem, values: Floats, record: Record) -> Record:
+def _run(problem, values, record):
     """A record simulated with these values (k,) of the unknowns, from its own state of the law."""
     named = dict(zip(problem.unknown, values, strict=True))
     law = None if record.law is None else record.law.filled(named, "law.")
     return replay(problem.parts(values)[0], record, rig=record.rig.filled(named), law=law)
 
 
-def _alike(hz: float, run: Record) -> bool:
+def _alike(hz, run):
     """Whether a joint of a run (nearly) oscillates at about this frequency of a log [Hz]."""
     frequencies = own_oscillations(run, CHECK.nearly)
     return any(abs(np.log(hz / frequency)) < CHECK.same_frequency for frequency in frequencies)

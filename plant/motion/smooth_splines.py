@@ -40,7 +40,7 @@ def smooth_splines(t: Floats, columns: Floats, rounded: bool, finer: float) -> l
     return splines
 
 
-def _fewest_knots(t: Floats, columns: Floats, finer: float) -> list[Any]:
+def _fewest_knots(t, columns, finer):
     """Splines with as few even intervals as the rounding of the columns allows."""
     count = len(t)
     intervals = 1
@@ -64,7 +64,7 @@ def _fewest_knots(t: Floats, columns: Floats, finer: float) -> list[Any]:
     return [splines[j] for j in range(columns.shape[1])]
 
 
-def _least_squares_splines(t: Floats, columns: Floats, knots: Floats) -> tuple[list[Any], Floats]:
+def _least_squares_splines(t, columns, knots):
     """Least-squares splines on these knots, and the mean square of each residual.
 
     The normal equations are banded: a B-spline overlaps with its neighbours alone.

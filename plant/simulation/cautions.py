@@ -85,7 +85,7 @@ def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: Floats) -> None:
     )
 
 
-def _growing(arm: Arm, rig: Rig, law: Law, pose: Floats) -> complex | None:
+def _growing(arm, rig, law, pose):
     """The pole [1/s] that grows fastest; None if none grows, or if the law holds no pose."""
     try:
         poles = np.linalg.eigvals(jacobians(arm, rig, law, pose)[0])

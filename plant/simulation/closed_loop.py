@@ -177,7 +177,7 @@ class ClosedLoop(Layout):
         error = rig.position_in_pulses(self._time.q_r) - rig.position_in_pulses(middle)
         return self._function("substep", following, error)
 
-    def _with_law(self, position: ca.SX, dt: ca.SX) -> tuple[Any, ca.SX]:
+    def _with_law(self, position, dt):
         """The state after a step of the law at a position of the encoders (n, 1) [rad].
 
         Its torque is within the amplifier's limit, which hides a NaN; hence the second result,
@@ -201,15 +201,13 @@ class ClosedLoop(Layout):
         finite = ca.sum1(ca.fabs(command)) < ca.inf
         return following._replace(law=law, torque=rig.drive.limited(command)), finite
 
-    def _with_injected(self, torque: ca.SX) -> ca.SX:
+    def _with_injected(self, torque):
         """Torque of the motors within the amplifier's limit: the law's and the injected one."""
         if not self.injected:
             return torque
         return self._symbolic_rig.drive.limited(torque + self._time.injected)
 
-    def _function(
-        self, name: str, following: Any, log: ca.SX | None = None, data: ca.SX | None = None
-    ) -> ca.Function:
+    def _function(self, name, following, log=None, data=None):
         """The Function of the vectors that gives the following state, and a log."""
         # The kernels number all outputs, so that none may be sparse.
         outputs = [ca.densify(self.state_fields.write(self.n, **following._asdict()))]
@@ -255,6 +253,6 @@ def bounded(state: Any) -> Any:
         return sum(value * value for value in state) < FAR**2
 
 
-def _if(condition: ca.SX, value: ca.SX) -> ca.SX:
+def _if(condition, value):
     """The value where the condition holds, otherwise 0; a NaN in the condition counts as false."""
     return ca.if_else(condition, value, 0)

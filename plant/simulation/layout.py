@@ -18,7 +18,7 @@ from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import whole
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part
-from plant.parts.vector import Field, Fields, per_joint, scalars
+from plant.parts.vector import Fields, per_joint, scalars
 
 # Passes of the fixed-point iteration for a link that hangs in its spring. Each divides the error by
 # the ratio of the gear's stiffness to the slope of the weight.
@@ -382,16 +382,16 @@ def log_fields_of(elastic: bool) -> Fields:
     )
 
 
-def _per_joint_if(part: Any) -> Field:
+def _per_joint_if(part):
     """A number per joint if there is a part that needs it, otherwise none."""
     return per_joint(1 if part else 0)
 
 
-def _single_if(part: Any) -> Field:
+def _single_if(part):
     return scalars(1 if part else 0)
 
 
-def _names(fields: Fields, n: int) -> list[str]:
+def _names(fields, n):
     """Names of all numbers of a vector, with an index where a field may hold several."""
     names = []
     for name, places in fields.at(n).items():
@@ -402,6 +402,6 @@ def _names(fields: Fields, n: int) -> list[str]:
     return names
 
 
-def _with(fields: Fields, n: int, values: dict[str, Any]) -> Any:
+def _with(fields, n, values):
     start = fields.read(fields.initial(n), n)
     return fields.write(n, **start._replace(**values)._asdict())

@@ -66,7 +66,7 @@ class _Compiled:
             self._programs[name] = Kernel(source, [name]), columns
         return self._programs[name]
 
-    def _columns(self, logged: bool) -> _COLUMNS:
+    def _columns(self, logged):
         return self.program("single" if logged else self.program_name)[1]
 
     def prepared(self, tables: Sequence[Floats], *, logged: bool = False) -> tuple[Any, ...]:
@@ -111,7 +111,7 @@ class _Compiled:
         for tables in in_blocks(loop, path, clock, replayed, injected, narrow, samples=samples):
             yield self._prepared((*tables, np.empty((len(tables[1]), 0))), places)
 
-    def _prepared(self, tables: Sequence[Floats], columns: _COLUMNS) -> tuple[Any, ...]:
+    def _prepared(self, tables, columns):
         """The columns of the tables, and the length of a step."""
         # Behind the columns of each table in time stands the length of the sub-step.
         # One length for all is a number of the kernel, not a column.
@@ -176,7 +176,7 @@ class LoggedKernel(_Compiled):
         law, sample, step, data, h = tables
         begin = self.loop.time_fields.at(self.loop.n)[name].start
 
-        def changed(table: Floats, block: str, repeats: int) -> Floats:
+        def changed(table, block, repeats):
             joints = np.array(self._columns(logged=False)[block], int) - begin
             field = (joints >= 0) & (joints < self.loop.n)
             table = table.copy()
@@ -220,7 +220,7 @@ class LoggedKernel(_Compiled):
         return final, errors
 
 
-def _narrow(columns: _COLUMNS) -> tuple[list[list[int]], _COLUMNS]:
+def _narrow(columns):
     """Columns of the time tables that a kernel reads, and their places in tables of them alone."""
     narrow = [columns[block] for block in ("law", "sample", "step")]
     places = {block: list(range(len(columns[block]))) for block in ("law", "sample", "step")}

@@ -10,7 +10,7 @@ import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
@@ -201,13 +201,13 @@ class _Emitter:
 
 
 def _programs(
-    loop: ClosedLoop,
-    lanes: Sequence[int],
-    uniform: Sequence[int],
-    uneven: bool,
-    fresh: Callable[[], int],
-    outputs: Mapping[str, int | None],
-) -> dict[str, Any]:
+    loop,
+    lanes,
+    uniform,
+    uneven,
+    fresh,
+    outputs,
+):
     """The translated law (if it has a period), log and sub-step.
 
     Of each only the instructions that its leading `outputs` need.
@@ -241,11 +241,11 @@ def _programs(
     }
 
 
-def _unpacked(names: Sequence[str], values: str) -> str:
+def _unpacked(names, values):
     return f"{', '.join(names or ['_'])}, = e.unpack({values})"
 
 
-def _assigned(lines: Sequence[Any]) -> list[str]:
+def _assigned(lines):
     return [name for line in lines for name in line.names]
 
 

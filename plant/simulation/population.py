@@ -259,7 +259,7 @@ class Population:
             return self._runs([block for blocks in results for block in blocks])
         stored = Checkpoint(checkpoint, "")
 
-        def block(i: int) -> _Block:
+        def block(i):
             values = self._values[i * LANES :][:LANES]
             result = stored.stage(f"loops from {i * LANES}", lambda: self._block(i, values))
             bar.update(len(result[1]))
@@ -268,7 +268,7 @@ class Population:
         with progress_bar(len(self._values), "closed loops", "loop", progress) as bar:
             return self._runs(shared_out(block, range(-(-len(self._values) // LANES)), threads))
 
-    def _runs(self, blocks: list[_Block]) -> Runs:
+    def _runs(self, blocks):
         final = np.concatenate([states for states, _ in blocks]).T
         n = self.loop.n
         state = self.loop.read_state(final)
@@ -293,7 +293,7 @@ class Population:
             samples=self.samples,
         )
 
-    def _block(self, block: int, values: Floats) -> _Block:
+    def _block(self, block, values):
         """Results of at most `LANES` loops; empty lanes repeat the last."""
         count = len(values)
         tables = self._tables
@@ -322,13 +322,13 @@ class Population:
         return final[:, :count].T, missing[:count]
 
 
-def _blocks(name: str, arguments: dict[str, Any], part: tuple[int, Floats]) -> list[_Block]:
+def _blocks(name, arguments, part):
     """Some blocks of a population in a worker process: the number of the first, and all values."""
     begin, values = part
     # A worker keeps the last four populations.
     while name not in _BUILT and len(_BUILT) >= 4:
         _BUILT.pop(next(iter(_BUILT)), None)
-    population: Population = _BUILT.get(name) or Population(values=values, **arguments)
+    population = _BUILT.get(name) or Population(values=values, **arguments)
     _BUILT[name] = population
     return [
         population._block(begin + i // LANES, values[i : i + LANES])

@@ -77,7 +77,7 @@ class FrictionStep:
             )
         return impulse, {"bristle": following}
 
-    def _drifted(self, friction: Any) -> Any:
+    def _drifted(self, friction):
         drift = self.drive.friction_drift
         return friction if drift is None else friction * drift.factor(self.drifted)
 
@@ -122,7 +122,7 @@ def rigid(
     )
     torque_at_rest = torque_at_rest - viscous * speed - drive.joint_offset()
 
-    def net_torque(shaft_speed: ca.SX) -> ca.SX:
+    def net_torque(shaft_speed):
         joint_speed = coupling.joint(shaft_speed)
         return torque_at_rest - coupling.shaft_torque(dynamics.coriolis(middle, joint_speed, f))
 
@@ -178,7 +178,7 @@ def elastic(
         dynamics.gravity(link_position, f) - rig.spring_torque(link_position)
     )
 
-    def change(shaft_speed: ca.SX) -> ca.SX:
+    def change(shaft_speed):
         """Change of the links' speed, with the Coriolis torque at a speed of their shafts."""
         joint_speed = coupling.joint(shaft_speed)
         coriolis = coupling.shaft_torque(dynamics.coriolis(link_position, joint_speed, f))
@@ -202,9 +202,7 @@ def elastic(
     return Following(motors, impulse, positive, {"link_speed": links, **states})
 
 
-def _transmitted(
-    drive: Drive, friction: FrictionStep, torque: ca.SX, speed: ca.SX, change: ca.SX
-) -> ca.SX:
+def _transmitted(drive, friction, torque, speed, change):
     """Torque that the gears transmit [N m]: the motors', less friction and the rotors' inertia.
 
     Dry friction is that of the previous step. `speed` (n, 1) of the shafts at the start of the

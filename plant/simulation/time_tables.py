@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.parts.fields import Floats
 from plant.simulation.clock import Clock
@@ -54,7 +53,7 @@ def time_tables(
     return tuple(tables)
 
 
-def _law_steps(loop: ClosedLoop, clock: Clock) -> int:
+def _law_steps(loop, clock):
     """Steps of the law that begin within a clock; 0 for a law without a period."""
     if not loop.steps_per_law:
         return 0
@@ -94,7 +93,7 @@ def in_blocks(
     words = transport.words(of_law) if transport is not None else np.empty(0)
     draws = jitter.draws(of_law) if jitter is not None else np.empty(0)
 
-    def rows_at(table: int, t: Floats, places: NDArray[np.int_]) -> Floats:
+    def rows_at(table, t, places):
         """Rows of one of the three tables, at times t (K,) in these sub-steps (K,)."""
         motion, pulses = path(t)
         # The motion itself is dearer than the counts' own; only the law's table needs it, or all
