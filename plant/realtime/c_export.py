@@ -22,7 +22,17 @@ from plant.machine.rig import Rig
 from plant.parts.arguments import instance
 from plant.parts.kinds import meanings
 from plant.realtime.c_running import write_running
-from plant.realtime.c_text import HOST, Output, require_exportable, rig_of, sides, write_files
+from plant.realtime.c_text import (
+    HOST,
+    ONE_CONTROLLER,
+    Output,
+    fragment,
+    require_exportable,
+    rig_of,
+    sides,
+    struct,
+    write_files,
+)
 from plant.realtime.guards import Guards
 from plant.realtime.pieces import model_part
 
@@ -50,71 +60,95 @@ def write_c(
             write_running(law, rig, guards, folder, name, without, **output)
             return
     require_exportable(rig, name)
-    values = _values(law, rig, Output.of(law, rig, **output), without)
-    write_files(folder, name, "law", HOST.values | values)
+    values = _values(law, rig, Output.of(law, rig, **output), without, name)
+    write_files(folder, name, HOST.values | values)
 
 
-def _values(law, rig, output, without):
-    """What the templates say of a law alone."""
+def _values(law, rig, output, without, controller):
+    """Values of the templates for a law alone."""
     block = law.block(rig)
     n = rig.n
     period = block.period or rig.period
     states = len(block.initial)
-    # The output that the state stores, to repeat it after a torque that is not finite.
-    stored = "counts" if output.scale is not None else "given" if without else "torque"
-    more = n if stored != "torque" else 0
     function, inputs = _step(law, block, rig, output, without)
     lines, results, used = statements(function, inputs)
+
+    # 1. The results of a step. The state stores the output, too, to repeat it after a torque that
+    # is not finite; without a conversion it is the torque itself.
+    stored = "counts" if output.scale is not None else "given" if without else "torque"
+    outputs = n if stored != "torque" else 0
     arrays = []
     results = iter(results)
     for quantity, kind, size in (
         ("asked", "double", n),
         ("torque_now", "double", n),
         ("following", "double", states),
-        (f"{stored}_now", output.kind, more),
+        (f"{stored}_now", output.kind, outputs),
     ):
         arrays += [declared(quantity, kind, [next(results) for _ in range(size)])] if size else []
+
+    # 2. The step: declarations by the time of their evaluation, and the results.
     blocks = [
-        f"/* {said} */\n" + "\n".join(lines[kind])
-        for kind, said in _SECTIONS.items()
+        f"/* {heading} */\n" + "\n".join(lines[kind])
+        for kind, heading in _SECTIONS.items()
         if lines[kind]
     ]
+    # The compiler would warn of arguments that the law does not read.
     unread = [
-        x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in name for name in used)
+        x for x in ("pulses", "q_r", "qd_r", "qdd_r") if not any(f"{x}[" in text for text in used)
     ]
     unread = [" ".join(f"(void){x};" for x in unread)] if unread else []
     body = "\n\n".join([*blocks, "\n".join(arrays), *unread])
+
+    # 3. The state: its declaration, its initial values, and their update.
+    members = [
+        f"double torque[{n}]; /* acting now: joint torque after the amplifier's limit [N m] */"
+    ]
+    start = ""
+    if outputs:
+        members.append(f"{output.kind} {stored}[{n}]; /* what it gave last */")
+    if states:
+        members.append(f"double state[{states}]; /* of the law */")
+        start = f"static const double state[{states}] = {braced(block.initial)};\n"
+    memory = (
+        ("torque", n, "0.0", "torque_now"),
+        (stored, outputs, "0", f"{stored}_now"),
+        ("state", states, "state[i]", "following"),
+    )
+    initial = (each(size, f"self->{field}[i] = {begin};") for field, size, begin, _ in memory)
+    stores = "".join(each(size, f"self->{field}[i] = {now}[i];") for field, size, _, now in memory)
+
+    # 4. The numbers that occur, and all values together.
     timing = (
         constant("period", period, "From one step to the next [s].") if "period" in used else ""
     )
-    memory = (
-        ("torque", n, "0.0", "torque_now"),
-        (stored, more, "0", f"{stored}_now"),
-        ("state", states, "state[i]", "following"),
-    )
-    stores = "".join(each(size, f"self->{name}[i] = {now}[i];") for name, size, _, now in memory)
-    start = f"static const double state[{states}] = {braced(block.initial)};\n"
-    return output.values | {
-        "n": n,
-        "period": literal(period),
-        "about": _about(law, rig, block, without),
-        "kept": stored,
-        "state": (
-            (f"    {output.kind} {stored}[{n}]; /* what it gave last */\n" if more else "")
-            + (f"    double state[{states}]; /* of the law */\n" if states else "")
-        ),
-        "numbers": "\n".join(
-            text for text in (constants(law, rig, used), timing, output.constant) if text
-        ),
-        "helpers": helpers(body),
-        "start": textwrap.indent(start, "    ") if states else "",
-        "initial": "".join(
-            each(size, f"self->{name}[i] = {begun};") for name, size, begun, _ in memory
-        ),
-        "body": textwrap.indent(body, "    "),
+    numbers = filter(None, (constants(law, rig, used), timing, output.constant))
+    values = {"n": n, **output.values}
+    step = {
+        "lines": textwrap.indent(body, "    "),
         "check": each(states, "sound = sound && isfinite(following[i]);"),
         "store": textwrap.indent(stores, "    "),
+        "stored": stored,
     }
+    return values | {
+        "period": literal(period),
+        "about": _about(law, rig, block, without),
+        "types": f"{ONE_CONTROLLER}{struct(members, f'{controller}_state')}",
+        "refusal": paragraph(_REFUSAL),
+        "numbers": "/* -- numbers -- */\n" + "\n".join(numbers),
+        "helpers": helpers(body),
+        "start": textwrap.indent(start, "    ") + "".join(initial),
+        "step": fragment("law.c", values | step),
+        # Only a running controller has these.
+        **dict.fromkeys(("clock", "clock_meaning", "code", "initial_counts"), ""),
+        **dict.fromkeys(("other_declarations", "other_definitions"), ""),
+    }
+
+
+_REFUSAL = (
+    "Gives 0. Where the law has no finite torque (a NaN or an infinity came in) it gives 1, nothing"
+    " in *self changes, and the output is that of the last torque: the caller decides how to stop."
+)
 
 
 def _step(law, block, rig, output, without):
@@ -122,7 +156,9 @@ def _step(law, block, rig, output, without):
     and C for its inputs.
     """
     n = rig.n
-    own = len(rig.number_values())
+    # The symbols of the numbers replace those of law and rig, so the C has them as named constants.
+    # Of these, the numbers of the law come before those of the rig.
+    rig_numbers = len(rig.number_values())
     sizes = {
         "state": len(block.initial),
         "torque": n,
@@ -136,15 +172,20 @@ def _step(law, block, rig, output, without):
     }
     symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
     state, torque, q, qd, qdd, pulses, numbers, dt, factor = symbols
-    named = rig.with_numbers(numbers[len(block.names) - own :])
+    named = rig.with_numbers(numbers[len(block.names) - rig_numbers :])
     asked, following = block.step(state, q, qd, qdd, named.counts(q), pulses, torque, dt, numbers)
+    # The state keeps the limited torque, which acts; the firmware's part is subtracted from the
+    # output alone.
     limited = named.drive.limited(asked)
-    own_law = law.with_numbers(numbers[: len(block.names) - own])
-    given = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
+    own_law = law.with_numbers(numbers[: len(block.names) - rig_numbers])
+    converted = limited - model_part(own_law, named, without, (named.cell_centre(pulses), qd, qdd))
     results = [asked, limited, following]
     if output.scale is not None or without:
-        results.append(output.converted(factor, named, given))
+        results.append(output.converted(factor, named, converted))
+    # Dense results keep their number and order where some are zero for every input.
     function = ca.Function("step", symbols, ca.cse([ca.densify(result) for result in results]))
+    # The kinds let the compiler evaluate what follows from numbers, and separate the reference from
+    # the counts.
     inputs = [
         [(f"self->state[{i}]", STATE) for i in range(len(block.initial))],
         [(f"self->torque[{i}]", STATE) for i in range(n)],
@@ -166,14 +207,14 @@ def _about(law, rig, block, without):
         f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str))
     )
     summary = inspect.cleandoc(type(law).__doc__ or "").split("\n\n")[0]
-    called = f"Once every {block.period or rig.period:.9g} s."
+    schedule = f"Once every {block.period or rig.period:.9g} s."
     if not law.has_memory(rig.n):
-        called = (
+        schedule = (
             "A law without memory, for fast hardware: as often as possible, at least once per"
             " period."
         )
-    said = f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}"
-    return "\n *\n".join(map(paragraph, (said, f"{called} {sides(without)}")))
+    title = f"{type(law).__name__}{f' ({flags})' if flags else ''}: {summary}"
+    return "\n *\n".join(map(paragraph, (title, f"{schedule} {sides(without)}")))
 
 
 def declared(name: str, kind: str, values: Collection[str]) -> str:
@@ -203,16 +244,16 @@ def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
     text = []
     for name, owner, field, value in (*law._leaves("law."), *rig._leaves()):
         name = identifier(name)
-        if name in used or any(each.startswith(f"{name}[") for each in used):
-            text.append(constant(name, value, _said(owner, field.name)))
+        if name in used or any(expression.startswith(f"{name}[") for expression in used):
+            text.append(constant(name, value, _meaning(owner, field.name)))
     return "\n".join(text)
 
 
-def _said(owner: Any, field: str) -> str:
+def _meaning(owner: Any, field: str) -> str:
     """Description of a field from the docstring of a part, or of a base class; of f with its
     parameters' names.
     """
     cls: type = type(owner)
-    said = meanings(cls).get(field) or f"{field} of {cls.__name__}"
+    meaning = meanings(cls).get(field) or f"{field} of {cls.__name__}"
     names = getattr(getattr(owner, "dynamics", None), "names", None)
-    return f"{said} {', '.join(names)}" if names and field == "f" else said
+    return f"{meaning} {', '.join(names)}" if names and field == "f" else meaning

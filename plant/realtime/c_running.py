@@ -21,7 +21,17 @@ from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
 from plant.realtime import safety, stopping, watching
-from plant.realtime.c_text import HOST, Output, Target, require_exportable, sides, write_files
+from plant.realtime.c_text import (
+    HOST,
+    ONE_CONTROLLER,
+    Output,
+    Target,
+    fragment,
+    require_exportable,
+    sides,
+    struct,
+    write_files,
+)
 from plant.realtime.calls import PIECES
 from plant.realtime.compiled_step import initial_memory
 from plant.realtime.guards import Guards
@@ -90,6 +100,7 @@ def constants_of_logic() -> str:
         if name.isupper() and isinstance(value, (int, float))
     }
     codes = [f"{name} = {value}" for name, value in constants.items() if isinstance(value, int)]
+    # 108 columns and an indentation of 4 keep the lines of the C within 112.
     lines = textwrap.fill(", ".join(codes), 108, break_on_hyphens=False)
     reals = [
         f"static const double {name} = {literal(value)};\n"
@@ -103,6 +114,7 @@ def translated(name: str) -> str:
     """All functions of the guards as C, each with its docstring."""
     names = names_of(name)
     functions = [CFunction(node, names) for node in _functions()]
+    # Declarations come before the definitions, since a function may call a later one.
     heads = "".join(f"{function.head};\n" for function in functions)
     texts = [
         f"{comment(function.summary)}\n{function.head}\n{{\n{function.body}\n}}\n"
@@ -113,9 +125,9 @@ def translated(name: str) -> str:
 
 def structs(name: str, layout: Layout) -> str:
     """Declarations of the memory as C structs, with the meaning of each field."""
-    run = _struct(_fields(RUN_FIELDS), f"{name}_run")
-    joint = _struct(_fields(JOINT_FIELDS), f"{name}_joint")
-    motion = _struct(["double q, qd, qdd;"], f"{name}_motion")
+    run = struct(_fields(RUN_FIELDS), f"{name}_run")
+    joint = struct(_fields(JOINT_FIELDS), f"{name}_joint")
+    motion = struct(["double q, qd, qdd;"], f"{name}_motion")
     # C has no empty arrays; a law may have no states.
     states = max(layout.states, 1)
     n = layout.n
@@ -126,8 +138,7 @@ def structs(name: str, layout: Layout) -> str:
         f"double numbers[{layout.numbers}]; /* of law and rig */",
         f"{name}_motion motions[{n}][{n}]; /* of all joints, where one came to rest */",
     ]
-    about = "/* One controller; several do not know of each other. */\n"
-    return f"{run}\n{joint}\n{motion}\n{about}{_struct(state, f'{name}_state')}"
+    return f"{run}\n{joint}\n{motion}\n{ONE_CONTROLLER}{struct(state, f'{name}_state')}"
 
 
 def _fields(fields: Mapping[str, str]) -> Iterable[str]:
@@ -136,16 +147,12 @@ def _fields(fields: Mapping[str, str]) -> Iterable[str]:
         yield f"double {name}{size}; {comment(meaning)}"
 
 
-def _struct(members: Iterable[str], name: str) -> str:
-    lines = "".join(f"    {member}\n" for member in members)
-    return f"typedef struct {{\n{lines}}} {name};\n"
-
-
 def initial_struct(vector: NDArray[np.float64], layout: Layout) -> str:
     """Initialiser of the memory; what it does not name is zero."""
     memory = view(vector, layout.n, 0)
     numbers = vector[[position for position, _ in layout.components("numbers")]]
     joints = ",\n".join(_initialiser(joint, JOINT_FIELDS) for joint in memory.joints)
+    # A field that an initialiser leaves out is zero in C.
     members = [f".run = {_initialiser(memory.run, RUN_FIELDS)}", f".joints = {{\n{joints}}}"]
     if layout.states:
         members += [f".{name} = {braced(getattr(memory, name))}" for name in LAW_STATES]
@@ -179,7 +186,7 @@ def write_running(
     form = Output.of(law, rig, **output)
     place = Target.of(target, precision, rig, form.largest)
     values = values_of(law, rig, guards, name, form, without, place)
-    write_files(folder, name, "running", values, place)
+    write_files(folder, name, values, place)
 
 
 def values_of(
@@ -197,36 +204,78 @@ def values_of(
     vector = initial_memory(law, rig, block, guards)
     pieces = pieces_of(law, rig, block, without)
     memory = f"{name}_state *memory"
+    # 1. The functions of law, rig and output, from casadi.
     functions = [_function(piece, pieces[piece], memory, layout) for piece in pieces]
     body = "\n".join([*functions, _giving(output, law, rig, memory, layout)])
     limits = "guards and stop" if guards is not None else "stop, without guards"
     about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
-    causes = [
+    # 2. The values that the fixed parts of the running controller need, too.
+    n = rig.n
+    values = output.values | target.values
+    values |= {"name": name, "n": n, "prefix": PREFIX, "ramp": literal(RAMP)}
+    passed = values["passed"]
+    sizes = f"#define N {n}\n#define STATES {layout.states}\n"
+    # 3. The parts that differ from those of a law alone.
+    return values | {
+        "period": literal(block.period or rig.period),
+        "about": f"{paragraph(about)}\n * {values['precision']}",
+        "types": _types(name, layout),
+        "initial_counts": f", const int32_t pulses[{n}]",
+        "clock_meaning": f"{_CLOCK}\n",
+        "refusal": paragraph(_REFUSAL.format(output=values["output"])),
+        "other_declarations": fragment("guarded.h", values),
+        "numbers": f"{sizes}\n/* -- codes and thresholds -- */\n{constants_of_logic()}",
+        "helpers": f"{target.elementary}{HELPERS}\n{helpers(body)}",
+        "code": (
+            f"\n/* -- of the law and the rig -- */\n{body}\n/* -- guards and stop -- */\n"
+            f"{translated(name)}\n"
+        ),
+        "start": _START.format(name=name, initial=initial_struct(vector, layout)),
+        "step": _STEP.format(name=name, passed=passed, output=values["output"]),
+        "other_definitions": fragment("guarded.c", values),
+    }
+
+
+_CLOCK = (
+    " * now               time of a steady clock [s], NAN without one; in single precision there is"
+    " none"
+)
+_REFUSAL = (
+    "Gives 0. A call that nothing can answer gives more, and changes neither *self nor {output}:"
+    " without guards NaN or an infinity, with them only where the first call has one."
+)
+
+_START = """\
+    static const {name}_state initial = {initial};
+    *self = initial;
+    for (int i = 0; i < N; i++)
+        self->joints[i].counts = (double)pulses[i];
+"""
+
+_STEP = """\
+    double measured[N];
+    for (int i = 0; i < N; i++)
+        measured[i] = (double)pulses[i];
+    return {name}_sample(self, measured, q_r, qd_r, qdd_r{passed}, {output});
+"""
+
+
+def _types(name: str, layout: Layout) -> str:
+    """Declarations of the causes of a stop, and of the memory."""
+    causes = "".join(
         f"    {name.upper()}_{cause} = {code},{_in_words(code)}\n"
         for code, cause in enumerate(CAUSES)
-    ]
+    )
+    guarded = "/* the running controller: it reads a clock, and stops the arm */"
     return (
-        output.values
-        | target.values
-        | {
-            "n": rig.n,
-            "period": literal(block.period or rig.period),
-            "prefix": PREFIX,
-            "states": layout.states,
-            "structs": structs(name, layout),
-            "about": paragraph(about),
-            "ramp": literal(RAMP),
-            "causes": "".join(causes),
-            "constants": constants_of_logic(),
-            "helpers": f"{target.elementary}{HELPERS}\n{helpers(body)}",
-            "pieces": body,
-            "logic": translated(name),
-            "initial": initial_struct(vector, layout),
-        }
+        f"#define {name.upper()}_GUARDED 1 {guarded}\n\n"
+        f"/* Why it stopped the arm, or what it bridged last. */\nenum {{\n{causes}}};\n\n"
+        f"{structs(name, layout)}"
     )
 
 
 def _in_words(code: int) -> str:
+    # NaN stands for the amount; the sentence without it states the cause alone.
     text = wording(code, "a joint", float("nan"))
     return f" {comment(text.replace('nan ', ''))}" if text else ""
 
@@ -239,6 +288,7 @@ def _function(name: str, piece: Piece, memory: str, layout: Layout) -> str:
     ]
     lines, values, _ = statements(piece.function, inputs)
     targets = [text for name in piece.targets for _, text in layout.components(name)]
+    # The array of results makes the order safe: a target may be a source, too.
     results = "".join(f"    {value},\n" for value in values)
     body = [
         *lines[UNIFORM],
@@ -255,6 +305,7 @@ def _giving(output: Output, law: Any, rig: Rig, memory: str, layout: Layout) -> 
     torque = ca.SX.sym("torque", n)
     numbers = ca.SX.sym("numbers", layout.numbers)
     scale = ca.SX.sym("scale", n)
+    # The numbers of the law come first in the memory, and those of the rig follow.
     named = rig.with_numbers(numbers[len(law.number_names()) :])
     converted = output.converted(scale, named, torque)
     function = ca.Function("give", [torque, numbers, scale], [ca.densify(converted)])
@@ -265,6 +316,7 @@ def _giving(output: Output, law: Any, rig: Rig, memory: str, layout: Layout) -> 
     )
     inputs = [[(text, STATE) for text in texts] for texts in sources]
     lines, values, used = statements(function, inputs)
+    # Compilers warn of an argument that is not read.
     body = [] if any("memory" in text for text in used) else ["(void)memory;"]
     body += [*lines[UNIFORM], *lines[STATE]]
     body += [f"given[{i}] = ({output.kind})({value});" for i, value in enumerate(values)]

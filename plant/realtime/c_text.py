@@ -74,6 +74,7 @@ class Target(NamedTuple):
                 f" pulses within a turn; at most {_LOST:g} are lost unseen. Use double, or an"
                 " encoder of fewer pulses."
             )
+        # A count above 2^24 is not exact in single precision.
         if single and largest > 1 / _SINGLE:
             raise ValueError(
                 f"largest_count must be at most 2^24 in single precision; got {largest:g}. Use"
@@ -86,13 +87,15 @@ class Target(NamedTuple):
         """Templates of the files beside the controller's own."""
         if self.name is None:
             return {}
-        more = ("toolchain.cmake", "board.c", "board.ld", "stack.awk")
-        return {"Makefile": "Makefile.target"} | {name: name for name in more}
+        extra = ("toolchain.cmake", "board.c", "board.ld", "stack.awk")
+        return {"Makefile": "Makefile.target"} | {name: name for name in extra}
 
     @property
     def values(self) -> dict[str, str]:
         """What the templates say of it."""
         words = "single precision" if self.single else "double precision"
+        # A clock in single precision resolves no microseconds after half a minute, so there is
+        # none.
         clock = (
             {}
             if self.single
@@ -105,13 +108,18 @@ class Target(NamedTuple):
     @property
     def elementary(self) -> str:
         """The functions that a processor's C has of its own."""
-        own = self.name is not None and not self.single
-        return (Path(__file__).with_name("c") / "elementary.c").read_text("ascii") if own else ""
+        # Single precision has the library's functions: only double precision promises the host's
+        # bits.
+        has_own = self.name is not None and not self.single
+        return (
+            (Path(__file__).with_name("c") / "elementary.c").read_text("ascii") if has_own else ""
+        )
 
     def translated(self, text: str) -> str:
         """C of the templates as it is for this target; comments, strings and file names stay."""
         if not self.single and self.name is None:
             return text
+        # The pattern is a group, so every second part is a comment, a string or a file name.
         parts = re.split(f"({_APART})", text, flags=re.DOTALL)
         change = _in_single if self.single else _with_own
         return "".join(part if i % 2 else change(part) for i, part in enumerate(parts))
@@ -122,7 +130,7 @@ HOST = Target(None, False)
 
 def _with_own(text: str) -> str:
     return re.sub(
-        rf"\b({'|'.join(_ELEMENTARY)})\(", lambda found: f"{_ELEMENTARY[found[1]]}(", text
+        rf"\b({'|'.join(_ELEMENTARY)})\(", lambda match: f"{_ELEMENTARY[match[1]]}(", text
     )
 
 
@@ -130,25 +138,30 @@ def _in_single(text: str) -> str:
     """Every number and function of C99 in single precision."""
     text = re.sub(r"\bdouble\b", "float", text)
     text = re.sub(rf"\b({_LIBRARY})\(", r"\1f(", text)
+    # A constant without f would make its whole expression double, slow on a processor without it.
     return re.sub(r"(?<![\w.])(\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])", r"\1f", text)
 
 
 _TEMPLATES = Path(__file__).with_name("c")
-RUNNING = {".h": _TEMPLATES / "running.h", ".c": _TEMPLATES / "running.c"}
+
+# The same for a law alone and for a running controller, which fill it differently.
+CONTROLLER = {".h": _TEMPLATES / "controller.h", ".c": _TEMPLATES / "controller.c"}
 _FLAGS = "-std=c99 -O2 -Wall -Wextra -pedantic -ffp-contract=off"
 
 
 def write_files(
-    folder: str | Path, name: str, kind: str, values: Mapping[str, Any], target: Target = HOST
+    folder: str | Path, name: str, values: Mapping[str, Any], target: Target = HOST
 ) -> None:
-    """Write header and source of a `kind` ("law" or "running"), a program that replays a record,
-    and how to make it.
-    """
-    templates = {f"{name}.h": f"{kind}.h", f"{name}.c": f"{kind}.c"}
-    templates |= {file: file for file in ("main.c", "Makefile", "CMakeLists.txt")} | target.files
-    write_templates(
-        folder, name, {file: _TEMPLATES / of for file, of in templates.items()}, values, target
-    )
+    """Write header and source of a controller, a program that replays a record, and a Makefile."""
+    files = {file: file for file in ("main.c", "Makefile", "CMakeLists.txt")} | target.files
+    templates = {file: _TEMPLATES / template for file, template in files.items()}
+    templates |= {f"{name}{suffix}": template for suffix, template in CONTROLLER.items()}
+    write_templates(folder, name, templates, values, target)
+
+
+def fragment(file: str, values: Mapping[str, Any]) -> str:
+    """Text of a template that becomes a value of another one."""
+    return Template((_TEMPLATES / file).read_text("ascii")).substitute(values)
 
 
 def write_templates(
@@ -161,6 +174,8 @@ def write_templates(
     """Write files of an export, each from its template: all or none."""
     values = {"name": name, "NAME": name.upper(), "flags": _FLAGS, **values}
     place = _free_folder(folder, templates, name)
+    # All texts are complete before the first file is written, so an error leaves no half of an
+    # export.
     texts = {}
     for file, of in templates.items():
         template = Template(of.read_text("ascii"))
@@ -171,6 +186,15 @@ def write_templates(
     place.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
         (place / file).write_bytes(text.encode("ascii"))
+
+
+ONE_CONTROLLER = "/* One controller; several do not know of each other. */\n"
+
+
+def struct(members: Iterable[str], name: str) -> str:
+    """Declaration of a C struct."""
+    lines = "".join(f"    {member}\n" for member in members)
+    return f"typedef struct {{\n{lines}}} {name};\n"
 
 
 _TAKEN = ("main", "board")  # files of other contents
@@ -190,24 +214,25 @@ def require_exportable(rig: Rig, name: Any) -> None:
         )
 
 
-def _free_folder(given: str | Path, files: Iterable[str], name: str) -> Path:
+def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Path:
     """The folder, if no file in it would be lost; earlier exports of this name may be
     overwritten.
     """
     try:
-        folder = Path(given)
+        folder = Path(destination)
     except TypeError:
         raise ValueError(
-            f"folder must be a path; got {given!r:.60}. Give the name of a folder."
+            f"folder must be a path; got {destination!r:.60}. Give the name of a folder."
         ) from None
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"folder must be a folder; {folder} is a file. Name another.")
     for file in files:
         path = folder / file
+        # A link could lead to a file of another folder, so it is refused, whatever it names.
         if path.is_symlink() or path.exists():
-            own = path.is_file() and not path.is_symlink()
-            first = path.read_bytes().split(b"\n", 1)[0] if own else b""
-            if not re.search(rf"made by onepulse \S+ for {name}\b".encode(), first):
+            is_plain = path.is_file() and not path.is_symlink()
+            heading = path.read_bytes().split(b"\n", 1)[0] if is_plain else b""
+            if not re.search(rf"made by onepulse \S+ for {name}\b".encode(), heading):
                 raise ValueError(
                     f"{path} must not exist, or be an export of {name}; it is another. Name a new"
                     " folder."
@@ -272,8 +297,8 @@ class Output(NamedTuple):
     @property
     def constant(self) -> str:
         """Declaration of the scale."""
-        said = "Counts of the converter per motor current [1/A]."
-        return "" if self.scale is None else constant("counts_per_ampere", self.scale, said)
+        meaning = "Counts of the converter per motor current [1/A]."
+        return "" if self.scale is None else constant("counts_per_ampere", self.scale, meaning)
 
     def converted(self, factor: ca.SX, rig: Rig, torque: ca.SX) -> ca.SX:
         """The output (n, 1) for a limited joint torque: of a converter its whole counts."""
@@ -296,13 +321,13 @@ def sides(without: Collection[str]) -> str:
     return text
 
 
-def rig_of(law: Any, given: Any, call: str) -> Rig:
+def rig_of(law: Any, rig_argument: Any, call: str) -> Rig:
     """The rig that a law drives: the given one, or its own."""
-    rig = getattr(law, "rig", None) if given is None else given
+    rig = getattr(law, "rig", None) if rig_argument is None else rig_argument
     if rig is None:
         raise ValueError(f"rig must be given, since {type(law).__name__} holds none. Call {call}.")
-    made: Rig = instance("rig", rig, Rig, "Pass found.rig.")
-    return made
+    checked: Rig = instance("rig", rig, Rig, "Pass found.rig.")
+    return checked
 
 
 def require_counts(rig: Rig) -> None:

@@ -53,6 +53,7 @@ def compiled(
     vector = initial_memory(law, rig, block, guards)
     layout = Layout.of(block, rig.n)
     kernel = Kernel(_source(pieces_of(law, rig, block, without), layout), ["step"])
+    # The first call compiles; it works on a copy, so the memory stays in its initial state.
     trial = [np.zeros(rig.n) for _ in range(4)]
     return Core(kernel.function("step", *trial, np.nan, vector.copy(), np.zeros(rig.n)), vector)
 
@@ -74,8 +75,10 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> NDA
     run.shortest_limit = 0.0 if run.sampled else HELD
     run.whole_counts = not rig.encoder.smooth
     run.modelled = knows_arm(law)
+    # NaN compares as no time, and a rate of 1 is that of a sound reference.
     run.now = np.nan
     run.rhythm = 1.0
+    # A pulse of each motor may turn the joint where motors are coupled: the sum bounds its angle.
     joints["pulse"] = np.abs([rig.to_angle(unit) for unit in np.eye(n)]).sum(axis=0)
 
     # 2. The limits: without guards none that can be reached.
@@ -85,6 +88,7 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> NDA
         run.braking = np.inf
         run.slowest_rhythm = -np.inf
         run.fastest_rhythm = np.inf
+        # No limit can be reached, so no stop begins; this duration only keeps its equations finite.
         run.duration = 1.0
         for name in _LIMITS:
             joints[name] = np.inf
@@ -108,6 +112,7 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> NDA
     )
     for name, limit in zip(_LIMITS, limits, strict=True):
         joints[name] = limit
+    # Positions and speeds are compared in every sample, at a cost, only where one has a limit.
     run.bounded = np.isfinite([joints[name] for name in ("lower", "upper", "speed_limit")]).any()
     return vector
 
@@ -131,14 +136,15 @@ _LIMITS = (
 
 def compensates_gravity(law: Any, guards: Guards | None) -> bool:
     """Whether a ramp stops with gravity compensation."""
-    known = knows_arm(law)
-    if guards is not None and guards.stop == "gravity" and not known:
-        given = (
+    has_arm = knows_arm(law)
+    # A ramp to gravity compensation needs the weight, which only a model knows.
+    if guards is not None and guards.stop == "gravity" and not has_arm:
+        problem = (
             "stop must be 'hold' or 'zero' for a law without an arm; got 'gravity' for"
             f" {type(law).__name__}"
         )
-        raise ValueError(f"{given}. Give such a law its arm, or stop otherwise.")
-    return known and (guards is None or guards.stop != "zero")
+        raise ValueError(f"{problem}. Give such a law its arm, or stop otherwise.")
+    return has_arm and (guards is None or guards.stop != "zero")
 
 
 @functools.cache
@@ -147,6 +153,7 @@ def _common():
 
     numba would not see a change of its modules, so the text of the kernel holds their hash.
     """
+    # `pieces` is missing here: its functions are compiled per law, under their own hash.
     modules = (memory, calls, stopping, watching, safety)
     text = "".join(inspect.getsource(module) for module in modules)
     digest = hashlib.sha256(text.encode()).hexdigest()

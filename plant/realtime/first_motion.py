@@ -97,13 +97,15 @@ class FirstMotion:
         instance("rig", rig, Rig, "Pass found.rig.")
         n = rig.n
         advice = "Give one torque above 0 per joint [N m]."
-        most = (
+        # The default stays within the band of static friction of `Guards`, so that it can hardly
+        # move a joint that friction holds at rest.
+        largest = (
             _SHARE * Guards().rest_band(rig)
             if torque is None
             else array("torque", torque, (n,), advice=advice)
         )
-        if not (np.isfinite(most) & (most > 0)).all():
-            raise ValueError(f"torque must be above 0 and finite; got {most}. {advice}")
+        if not (np.isfinite(largest) & (largest > 0)).all():
+            raise ValueError(f"torque must be above 0 and finite; got {largest}. {advice}")
         self.travel = real("travel", travel, "Give pulses, such as 12.", positive=True)
         if travel < _SHOWS:
             raise ValueError(
@@ -114,16 +116,20 @@ class FirstMotion:
         self.done = False
         self._lines: list[str] = []
         self._weight = np.zeros(n)
-        self._most = most
+        self._largest = largest
         counts = self._counts(pulses)
+        # Without a model the arm must be held by friction or a counterweight; with one, its weight
+        # is compensated at the initial counts.
         if arm is not None:
             instance("arm", arm, Arm, "Pass found.arm.")
             q = rig.cell_centre(counts)
             self._weight = arm.h(q, np.zeros(n)) - rig.spring_torque(q)
-        self._begin = self._last = counts
+        # `_begin` bounds the motion of the whole test, `_latest` are the counts of the last call.
+        self._begin = self._latest = counts
         self._labels = rig.joint_labels
         self._plan = self._motors()
         self._torque = self._weight
+        # The generator runs to its first torque, so that the first call of `step` sends it counts.
         next(self._plan)
 
     def step(self, pulses: ArrayLike) -> NDArray[np.float64]:
@@ -140,7 +146,7 @@ class FirstMotion:
         ValueError
             Wrong shape, or no finite number; nothing has changed then.
         """
-        self._last = self._counts(pulses)
+        self._latest = self._counts(pulses)
         if not self.done:
             try:
                 self._torque = next(self._plan)
@@ -157,10 +163,10 @@ class FirstMotion:
         return "\n".join(self._lines) if self._lines else "nothing was pushed yet"
 
     def __repr__(self) -> str:
-        last = self.status.splitlines()[-1]
+        latest = self.status.splitlines()[-1]
         return (
             f"FirstMotion({'done' if self.done else 'at work'}, {len(self._lines)} findings;"
-            f" {last:.60})"
+            f" {latest:.60})"
         )
 
     def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
@@ -172,64 +178,76 @@ class FirstMotion:
         """The torques, one after another; between two of them the counts are new."""
         yield self._weight
         for motor in range(self.n):
+            # 1. The arm must rest, so that the counts that follow belong to the push.
             push = self._push(motor)
             yield from self._rest()
             if self._gave_up(
                 motor, "moved by itself before it was pushed; brake it, and check its weight"
             ):
                 return
-            before = self._last
+            # 2. Raise the torque until some encoder has counted, not only the motor's own: it may
+            # be dead, or swapped.
+            start = self._latest
             for share in np.arange(1, round(_RAMP / self.rig.period) + 1) * self.rig.period / _RAMP:
                 yield self._weight + share * push
-                if np.abs(self._last - before).max() >= self.travel:
+                if np.abs(self._latest - start).max() >= self.travel:
                     break
+            # 3. Judge the counts at rest, since another joint may still swing during the push.
             yield from self._rest()
-            moved = self._last - before
+            moved = self._latest - start
             if self._gave_up(
                 motor, "did not come to rest after its push; brake it, and check the signs"
             ):
                 return
-            self._lines.append(f"motor of {self._labels[motor]}: {self._said(motor, moved, push)}")
+            self._lines.append(
+                f"motor of {self._labels[motor]}: {self._finding(motor, moved, push)}"
+            )
 
     def _push(self, motor: int) -> NDArray[np.float64]:
         """The largest torque (n,) on the joints that turns one motor so that its counts rise."""
+        # Column of the motor in the pulses per joint angle: power is conserved, so the torques that
+        # turn this motor alone are in this proportion. The joint that reaches its largest torque
+        # first scales them.
         per_joint = np.array([self.rig.position_in_pulses(unit) for unit in np.eye(self.n)])[
             :, motor
         ]
-        return per_joint / np.abs(per_joint / self._most).max()
+        return per_joint / np.abs(per_joint / self._largest).max()
 
     def _rest(self) -> Iterator[NDArray[np.float64]]:
         """The weight's torque until no count has changed for a while."""
         still = 0.0
-        last = self._last
+        counts = self._latest
         for _ in range(round(_SETTLE / self.rig.period)):
             if still >= _STILL:
                 return
             yield self._weight
-            still = still + self.rig.period if np.abs(self._last - last).max() < _SHOWS / 2 else 0.0
-            last = last if still else self._last
+            # A flicker by one count at the edge of a cell is no motion.
+            still = (
+                still + self.rig.period if np.abs(self._latest - counts).max() < _SHOWS / 2 else 0.0
+            )
+            counts = counts if still else self._latest
 
     def _gave_up(self, motor: int, why: str) -> bool:
-        far = np.abs(self._last - self._begin) > 10 * self.travel
+        far = np.abs(self._latest - self._begin) > 10 * self.travel
         if far.any():
-            which = self._labels[int(np.argmax(far))]
-            self._lines.append(f"motor of {self._labels[motor]}: {which} {why}")
+            label = self._labels[int(np.argmax(far))]
+            self._lines.append(f"motor of {self._labels[motor]}: {label} {why}")
             self._torque = np.zeros(self.n)
         return bool(far.any())
 
-    def _said(self, motor: int, moved: NDArray[np.float64], push: NDArray[np.float64]) -> str:
-        """What counts (n,) say that moved when one motor was pushed to turn them upwards."""
-        most = int(np.abs(moved).argmax())
-        if abs(moved[most]) < _SHOWS:
+    def _finding(self, motor: int, moved: NDArray[np.float64], push: NDArray[np.float64]) -> str:
+        """Finding from the counts (n,) that moved when one motor was pushed to raise its own."""
+        mover = int(np.abs(moved).argmax())
+        if abs(moved[mover]) < _SHOWS:
             largest = np.abs(push).max()
             return (
                 f"no count moved up to {largest:.3g} N m: a brake, an encoder or an amplifier"
                 " without power?"
             )
-        if most != motor:
+        if mover != motor:
             dead = "" if abs(moved[motor]) >= _SHOWS else ", or its own encoder is dead"
             return (
-                f"the counts of {self._labels[most]} moved by {moved[most]:+.0f}, its own by"
+                f"the counts of {self._labels[mover]} moved by {moved[mover]:+.0f}, its own by"
                 f" {moved[motor]:+.0f}: encoders or amplifiers are swapped{dead}"
             )
         if moved[motor] < 0:

@@ -135,6 +135,7 @@ class Guards:
     limits_of: Limits | None = None
 
     def __post_init__(self) -> None:
+        # Limits of a model file fill only the fields that are not set.
         if self.limits_of is not None:
             limits = instance(
                 "limits_of", self.limits_of, Limits, "Give chain.limits, or position= and speed=."
@@ -144,10 +145,13 @@ class Guards:
                 ("speed", limits.velocity),
             ):
                 if getattr(self, name) is None:
+                    # The class is frozen, so the value is set past its own refusal.
                     object.__setattr__(self, name, value)
         for name, advice in _POSITIVE.items():
             value = getattr(self, name)
+            # These two hold for the arm as a whole, the others for each joint.
             single = name in ("rhythm", "braking")
+            # None selects a default that depends on the rig (`limits`, `rest_band`) or no limit.
             if value is None and not single and name != "late":
                 continue
             shape = () if single else np.shape(value)[:1]
@@ -158,11 +162,13 @@ class Guards:
             advice = "Give a share of the limit; np.inf switches it off."
             share = array(
                 name,
+                # None switches these off, as infinity does.
                 np.inf if value is None else value,
                 np.shape(value)[:1],
                 finite=False,
                 advice=advice,
             )
+            # An infinite share switches off; any other above 1 is a percentage or a torque.
             if not ((share > 0) & ((share <= 1) | (share == np.inf))).all():
                 raise ValueError(f"{name} must be above 0 and at most 1; got {value}. {advice}")
         if (
@@ -174,6 +180,7 @@ class Guards:
                 f"patience must be a whole number of samples, 0 or more; got {self.patience!r}."
                 " Try 3."
             )
+        # One clock serves all joints.
         if np.ndim(self.late):
             raise ValueError(
                 f"late must be one number; got {self.late}. Give a share of the period."
@@ -181,6 +188,7 @@ class Guards:
         choice("stop", self.stop, STOPS)
         real("duration", self.duration, "Give seconds.", positive=True)
 
+        # From 1 on, `rhythm_limits` would allow a reference that stands still, and divide by zero.
         if not (self.rhythm < 1 or self.rhythm == np.inf):
             raise ValueError(f"rhythm must be below 1; got {self.rhythm}. np.inf switches it off.")
         if self.position is not None:
@@ -199,8 +207,10 @@ class Guards:
     def warn_of_units(self, rig: Rig) -> None:
         """Warn of limits that stop no arm: angles in degrees."""
         low, high, speed, _ = self.motion_limits(rig)
+        # No joint of an arm turns so far, from end to end, nor so far in a second.
         limit = 2 * np.pi * _ARM
         for i, label in enumerate(rig.joint_labels):
+            # Infinite limits are no limits, and no mistake.
             if np.isfinite(high[i] - low[i]) and high[i] - low[i] > limit:
                 warn(
                     f"position of Guards lets {label} turn from {low[i]:g} to {high[i]:g} rad: is"
@@ -220,24 +230,32 @@ class Guards:
         turn = rig.encoder.resolution
         inertia = drive.reflected_inertia()
         torque = drive.torque_limit()
+        # A tenth of a turn of the motor, unless inertia and torque tell how far a sample can go.
         jump = turn / 10
+        # Where motors are coupled, several of them hold one joint.
         friction = drive.coupling.joint_torque(drive.joint_coulomb())
         if (inertia > 0).all() and np.isfinite(torque).all():
             # D is at least the motors' inertia, so D^-1 at most its inverse: |qdd_i| <= sum_j tau_j
             # / sqrt(J_i J_j).
             added = np.sum(torque / np.sqrt(inertia)) / np.sqrt(inertia) * rig.period**2
             jump = 8 + 4 * np.abs(rig.position_in_pulses(drive.coupling.joint(added)))
+        # By default a fortieth of a turn without a count, and a turn of tracking error.
         limits = [
             self._per_joint(name, default)
             for name, default in (("jump", jump), ("stuck", turn / 40), ("error", turn))
         ]
+        # Three times static friction: the band has twice its level, and the rest is a margin.
         return np.array([*limits, 3 * np.abs(friction)])
 
     def rest_band(self, rig: Rig) -> NDArray[np.float64]:
         """Change of torque (n,) [N m] that leaves a joint at rest."""
         limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
+        # An infinite limit has no share.
         floor = np.where(np.isfinite(limit), _FLOOR * np.abs(limit), np.inf)
+        # `limits` has three times the friction.
         band = _BAND / 3 * self.limits(rig)[3]
+        # Without a limit of the torque only friction bounds the band; without friction, too, the
+        # band is infinite and the guard off.
         return self._per_joint(
             "rest", np.where(np.isfinite(floor) | (band == 0), np.fmax(band, floor), band)
         )
@@ -246,6 +264,7 @@ class Guards:
         """Lowest and highest position [rad], largest speed [rad/s] and rate of the torque [N
         m/s]: (4, n).
         """
+        # An arm without limits of its own moves freely.
         free = np.full(rig.n, np.inf)
         position = np.array([-free, free])
         if self.position is not None:
@@ -262,6 +281,7 @@ class Guards:
 
     def rhythm_limits(self) -> tuple[float, float]:
         """Lowest and highest rate of the reference, relative to its speed."""
+        # The upper limit is the inverse of the lower, so lost and doubled calls count alike.
         return (
             (-np.inf, np.inf) if self.rhythm == np.inf else (1 - self.rhythm, 1 / (1 - self.rhythm))
         )
@@ -279,12 +299,14 @@ class Guards:
         share, swing = (
             self._per_joint(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter")
         )
+        # Both limits apply on the shafts, where the amplifiers end.
         return np.array([share * WINDOW, swing * rig.drive.torque_limit()])
 
     def _per_joint(self, name: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
         value = getattr(self, name)
         if value is None:
             return default
+        # One number holds for every joint.
         value = np.full(len(default), value) if np.ndim(value) == 0 else value
         return array(
             name, value, default.shape, finite=False, advice="Give one number, or one per joint."
@@ -301,4 +323,5 @@ def limited(rig: Rig, torque_limit: ArrayLike | None) -> Rig:
     limit = array("torque_limit", torque_limit, (rig.n,), advice=advice, finite=False)
     if not (limit > 0).all():
         raise ValueError(f"torque_limit must be positive; got {limit}. {advice}")
+    # Law and guards then know this limit as the amplifier's.
     return dataclasses.replace(rig, drive=rig.drive.limited_to(limit))

@@ -194,9 +194,9 @@ def view(vector, n, pieces):
     joints = vector[RUN_SIZE:law].view(JOINT)
     # The state of the law at its start, now, and after this sample, as `LAW_STATES` orders them.
     states = int(run.states)
-    now = law + states
-    after = now + states
-    numbers = after + states
+    state = law + states
+    following = state + states
+    numbers = following + states
     # The numbers of law and rig follow; only the functions of law and rig read them. The motions
     # come last, so their begin needs no count of these numbers.
     rest = len(vector) - MOTION_SIZE * n * n
@@ -204,9 +204,9 @@ def view(vector, n, pieces):
     return Memory(
         run,
         joints,
-        vector[law:now],
-        vector[now:after],
-        vector[after:numbers],
+        vector[law:state],
+        vector[state:following],
+        vector[following:numbers],
         motions,
         vector,
         pieces,

@@ -69,6 +69,7 @@ def model_part(law: Any, rig: Rig, without: Sequence[str], motion: tuple[ca.SX, 
     ValueError for a part that the model does not have.
     """
     parts = law.model_parts(*motion)
+    # A string is a sequence of its letters, and needs an advice of its own.
     single = isinstance(without, str)
     if single or not set(without) <= set(parts) or len(set(without)) < len(without):
         names = ", ".join(parts) or "none, since it has no model of the arm"
@@ -91,6 +92,7 @@ def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> di
     n = rig.n
     layout = Layout.of(block, n)
     names = (*RUN_FIELDS, *JOINT_FIELDS, *LAW_STATES, "numbers")
+    # Symbols take the place of the numbers, so laws and rigs of one structure share a kernel.
     memory = {name: ca.SX.sym(name, len(layout.components(name))) for name in names}
     numbers = memory["numbers"]
     law_numbers = len(law.number_names())
@@ -107,6 +109,7 @@ def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> di
         memory["dt"],
         numbers,
     )
+    # The firmware adds its parts for the measured position and the motion of the reference.
     angle = memory["angle"]
     rest_motion = memory["rest_q"], memory["rest_qd"], memory["rest_qdd"]
     # A ramp has no reference.
@@ -128,6 +131,8 @@ def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> di
             "following": following,
         },
         "monitored": _monitored(rig, memory),
+        # Components of `older` come slot by slot: the newest slot moves in front, and the last
+        # drops out.
         "shifted": {
             "older": ca.vertcat(memory["newest"], memory["older"][:-n]),
             "newest": ca.SX.zeros(n),
@@ -145,6 +150,7 @@ def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> di
 
 def _piece(name: str, results: dict[str, ca.SX], memory: dict[str, ca.SX]) -> Piece:
     """A piece that reads only the quantities on which its results depend."""
+    # Conversions to pulses and sines occur in several results; `cse` computes them once.
     outputs = ca.cse([ca.densify(result) for result in results.values()])
     joined = ca.vertcat(*outputs)
     sources = [symbol for symbol in memory if ca.depends_on(joined, memory[symbol])]

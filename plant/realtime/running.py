@@ -61,6 +61,7 @@ class Running:
             instance("guards", guards, Guards, "Give Guards(...), or None for none.").warn_of_units(
                 rig
             )
+        # The limit counts as the amplifier's, so that law and guards know it.
         rig = limited(rig, torque_limit)
         block = law.block(rig)
         self.law = law
@@ -77,8 +78,11 @@ class Running:
         self._joints = parts.joints
         self._weighs = compensates_gravity(law, guards)
         self._shape = (rig.n,)
+        # `reset` returns to this memory.
         self._initial = self._memory.copy()
+        # Nobody waits for this lock: a second thread is refused.
         self._free = threading.Lock()
+        # A call allocates nothing but its result.
         self._arguments = tuple(np.empty((len(ARGUMENTS), rig.n)))
         self._torque = np.empty(rig.n)
         self._log: RunLog | None = None
@@ -237,6 +241,7 @@ class Running:
         """Begin with a state (s,) of the law; also what `reset` begins with."""
         self.core.law_state(self.n)[:] = state
         counts = self.pulses
+        # `reset` returns to this state from now on.
         self._initial[:] = self._memory
         self._set(counts)
 

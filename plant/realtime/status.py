@@ -29,6 +29,7 @@ def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.floa
         plain = np.asarray(value)
     except ValueError:
         return array(name, value, (n,), advice=advice, finite=False)
+    # Masked arrays convert without their mask, strings and booleans to numbers: refuse them.
     if isinstance(value, np.ma.MaskedArray) or plain.dtype.kind not in "iuf":
         kind = (
             "a masked array"
@@ -54,6 +55,7 @@ def refuse(
 ) -> NoReturn:
     """Raise the error of a refused call at `now` [s], after a call at `previous` [s]."""
     counts, *motion = arguments
+    # The core gives only the kind of the error; the checks of the arguments word it.
     if refusal == layout.BAD_PULSES:
         whole_counts(counts, rig)
     if refusal == layout.BAD_REFERENCE:
@@ -77,6 +79,7 @@ def clock(now: Any) -> float:
     ):
         raise ValueError(f"now must be a number; got {now!r:.60}. Give seconds of a steady clock.")
     time = float(now)
+    # A comparison with itself fails for NaN alone.
     return time if time == time else np.inf
 
 
@@ -98,6 +101,8 @@ class Status(str):
         `gravity` says that ramps end with gravity compensation.
         """
         status = cls(_sentence(run, labels, gravity))
+        # Under a hold the law carries the arm, and until a ramp has ended some of its torque
+        # remains.
         ramped = run.since >= RAMP * run.duration
         status.brake = bool(
             run.released == layout.LATCHED or (run.released != layout.HOLDING and ramped)
@@ -126,6 +131,7 @@ def _sentence(run: Any, labels: Sequence[str], gravity: bool) -> str:
         }[int(run.latch)]
         end = f"no torque since {labels[int(run.latch_joint)]} {motion}"
     hint = ""
+    # So early the units or the start of the reference are the likely reason.
     if event == layout.IS_OFF and call <= FIRST_CALLS:
         hint = "; a reference is in rad, and begins where the arm is"
     return f"safe stop, {end}: {reason}{again}, at call {call:.0f}{hint}"
@@ -199,6 +205,7 @@ class RunLog(McapFile):
             return
         clock = time.time_ns()
         run = self._run
+        # A steady clock begins anywhere, so its offset from the time of the day is taken once.
         now = 1e9 * float(run.now)
         if now == now:
             if self._offset is None:

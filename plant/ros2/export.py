@@ -19,7 +19,7 @@ from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.parts.arguments import instance, known_options
 from plant.realtime.c_running import values_of
-from plant.realtime.c_text import RUNNING, Output, require_exportable, rig_of, write_templates
+from plant.realtime.c_text import CONTROLLER, Output, require_exportable, rig_of, write_templates
 from plant.realtime.guards import Guards, limited
 
 _TEMPLATES = Path(__file__).with_name("templates")
@@ -144,7 +144,7 @@ def to_ros2_control(
         "rate": round(hertz),
     }
     package = {file.format(name): _TEMPLATES / template for file, template in _FILES.items()}
-    code = {f"{name}{suffix}": template for suffix, template in RUNNING.items()}
+    code = {f"{name}{suffix}": template for suffix, template in CONTROLLER.items()}
     write_templates(folder, name, code | package, values)
 
 

@@ -1,35 +1,3 @@
-/* $made */
-#include "$name.h"
-
-#include <math.h>
-
-#define N $n
-#define STATES $states
-
-/* -- codes and thresholds -- */
-$constants
-$helpers
-/* -- of the law and the rig -- */
-$pieces
-/* -- guards and stop -- */
-$logic
-/* -- the controller -- */
-void ${name}_init(${name}_state *self, const int32_t pulses[N])
-{
-    static const ${name}_state initial = $initial;
-    *self = initial;
-    for (int i = 0; i < N; i++)
-        self->joints[i].counts = (double)pulses[i];
-}
-
-int ${name}_step(${name}_state *self, const int32_t pulses[N], const double q_r[N], const double qd_r[N],
-    const double qdd_r[N]$clock, $type given[N])
-{
-    double counts[N];
-    for (int i = 0; i < N; i++)
-        counts[i] = (double)pulses[i];
-    return ${name}_sample(self, counts, q_r, qd_r, qdd_r$passed, given);
-}
 
 int ${name}_sample(${name}_state *self, const double measured[N], const double q_r[N], const double qd_r[N],
     const double qdd_r[N]$clock, $type given[N])
