@@ -17,31 +17,38 @@ T = TypeVar("T")
 _WAIT = 0.2
 
 
-def in_background(function: Callable[[], T], *, others: int = 0) -> list[T]:
-    """What a function gives on 1 + `others` threads at once; only the main thread waits, another
-    is one of them.
+def in_background(function: Callable[[], T], *, extra: int = 0) -> list[T]:
+    """Results of a function that runs on 1 + `extra` threads at once.
+
+    The main thread only waits; any other thread is one of them.
     """
-    own = threading.current_thread() is not threading.main_thread()
+    # Signals reach the main thread alone, so only this one has to be free of work.
+    is_worker = threading.current_thread() is not threading.main_thread()
     results: list[Any] = []
     failures: list[BaseException] = []
-    done, lock, left = threading.Event(), threading.Lock(), 1 + others - own
+    done = threading.Event()
+    lock = threading.Lock()
+    remaining = 1 + extra - is_worker
 
     def run(context: contextvars.Context) -> None:
-        nonlocal left
+        nonlocal remaining
         try:
             results.append(context.run(function))
         except BaseException as error:  # handed to who waits
             failures.append(error)
         with lock:
-            left -= 1
-            if not left or failures:
+            remaining -= 1
+            if not remaining or failures:
+                # Threads see the caller's context variables, such as numpy's treatment of errors.
+                # They are daemons: the end of an interrupted program does not wait for them.
                 done.set()
 
-    for _ in range(left):
+    for _ in range(remaining):
         threading.Thread(target=run, args=(contextvars.copy_context(),), daemon=True).start()
-    if own:
+    if is_worker:
         results.append(function())
-    while (not own or others) and not done.wait(_WAIT):
+    # On Windows a wait without a limit does not let Ctrl-C through.
+    while (not is_worker or extra) and not done.wait(_WAIT):
         pass
     if failures:
         raise failures[0]
@@ -58,6 +65,7 @@ def shared_out(function: Callable[[Any], T], items: Sequence[Any], threads: int)
     after their item.
     """
     results: list[Any] = [None] * len(items)
+    # `pop` takes from the end and needs no lock; the reversed order begins with the first item.
     places = list(reversed(range(len(items))))
 
     def work() -> None:
@@ -69,7 +77,8 @@ def shared_out(function: Callable[[Any], T], items: Sequence[Any], threads: int)
             results[i] = function(items[i])
 
     try:
-        in_background(work, others=max(min(threads, len(items)) - 1, 0))
+        in_background(work, extra=max(min(threads, len(items)) - 1, 0))
     finally:
+        # Threads that still run find no further item.
         places.clear()
     return results

@@ -91,6 +91,7 @@ def literal(value: float) -> str:
     return repr(float(value)).replace("inf", "INFINITY").replace("nan", "NAN")
 
 
+# A name counts only where it is called, not where a longer name ends with it.
 def helpers(body: str) -> str:
     """The functions that C has not and a body calls."""
     return "".join(text for name, text in _HELPERS.items() if re.search(rf"\b{name}\(", body))
@@ -106,8 +107,10 @@ def statements(
     The declarations of UNIFORM, TIME and STATE stand in this order; the results are those of all
     outputs, joined.
     """
+    # Without other roundings than casadi's, C and the compiled step give the same bits.
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=False)
     order = needed(nodes, outputs)
+    # An expression that is needed twice gets a variable, also one that its text repeats.
     uses = Counter(outputs)
     for index in order:
         op, of, _ = nodes[index]
@@ -122,20 +125,26 @@ def statements(
         if op == "INPUT":
             used.add(of)
         if op == "SINCOS":
+            # C computes sine and cosine apart: both read the text of the angle.
             text[index], strength[index] = text[of[0]], strength[of[0]]
             continue
         if not isinstance(of, tuple):
             text[index] = literal(of) if op == "CONST" else of
+            # A sign or a cast binds weaker than a name.
             strength[index] = _SIGNED if text[index].startswith(("-", "(")) else _WHOLE
             continue
+        # By default a function of C's library, of the operation's name.
         call = f"{op.lower()}({', '.join(['{}'] * len(of))})", _WHOLE, [0] * len(of)
         pattern, strength[index], needs = _SPELLING.get(op, call)
+        # Parentheses only where an operand binds weaker than its place requires.
         parts = [
             text[i] if strength[i] >= least else f"({text[i]})"
             for i, least in zip(of, needs, strict=True)
         ]
         text[index] = pattern.format(*parts)
+        # Long expressions are split, so that a reader and a compiler can follow.
         if uses[index] > 1 or len(text[index]) > _LONG:
+            # k stands for numbers, r for the reference, x for the state, each with a number.
             name = f"{'krx'[(UNIFORM, TIME, STATE).index(kind)]}{len(lines[kind]) + 1}"
             lines[kind].append(f"const double {name} = {text[index]};")
             text[index], strength[index] = name, _WHOLE
@@ -144,6 +153,7 @@ def statements(
 
 def comment(text: str, width: int = 116) -> str:
     """A C comment of one or more lines, without what could end it or is not ASCII."""
+    # Text of a user could end the comment, or hold characters that a compiler refuses.
     text = re.sub(r"[^\w\s()\[\]{}+\-^.,:;=*<>'/|%]", " ", text, flags=re.ASCII)
     text = " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())
     return "/* " + "\n * ".join(textwrap.wrap(text, width)) + " */"
@@ -151,10 +161,12 @@ def comment(text: str, width: int = 116) -> str:
 
 def paragraph(text: str) -> str:
     """Lines of a comment that has begun."""
+    # Without the marks of begin and end.
     return f" * {comment(text)[3:-3]}"
 
 
 def braced(values: NDArray[np.float64]) -> str:
+    # Short arrays stand in one line.
     """Values of an array, on as many lines as they need."""
     inner = "{" + ", ".join(literal(value) for value in values) + "}"
     if len(inner) < 70:
@@ -166,8 +178,10 @@ def braced(values: NDArray[np.float64]) -> str:
     )
 
 
-def constant(name: str, values: Any, said: str) -> str:
+def constant(name: str, values: Any, meaning: str) -> str:
     """Declaration of a constant, or of an array of constants, under a comment."""
     if np.ndim(values):
-        return f"{comment(said)}\nstatic const double {name}[{len(values)}] = {braced(values)};\n"
-    return f"{comment(said)}\nstatic const double {name} = {literal(values)};\n"
+        return (
+            f"{comment(meaning)}\nstatic const double {name}[{len(values)}] = {braced(values)};\n"
+        )
+    return f"{comment(meaning)}\nstatic const double {name} = {literal(values)};\n"

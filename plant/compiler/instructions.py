@@ -26,6 +26,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+# One bit per kind, so that the kinds of several arguments can be joined by or.
 UNIFORM = 1
 LANE = 2
 TIME = 4
@@ -50,6 +51,7 @@ def kind_of(kinds: Iterable[int]) -> int:
     needs = 0
     for kind in kinds:
         needs |= kind
+    # A value that changes with time and between individuals runs as often as the state.
     if needs & STATE or (needs & TIME and needs & LANE):
         return STATE
     if needs & TIME:
@@ -65,10 +67,12 @@ def rewritten(
     Each node comes after those it needs.
     """
     if relaxed:
+        # This comes before products are fused with sums, which cannot be reordered any more.
         nodes, outputs = _early_first(nodes, outputs)
     new: list[Node] = []
-    place: dict[int, int] = {}
+    position: dict[int, int] = {}
     uses = _uses(nodes, outputs)
+    # A reciprocal that is computed once pays from the second division on.
     divisors = Counter(node.of[1] for node in nodes if node.op == "DIV")
     angles = [{node.of[0] for node in nodes if node.op == op} for op in ("SIN", "COS")]
     shared: dict[tuple[Any, ...], int] = {}  # what several nodes need, by what it is
@@ -82,10 +86,12 @@ def rewritten(
             shared[op, of] = add(op, *of)
         return shared[op, of]
 
-    def product(place: int, kind: int) -> tuple[int, ...] | None:
+    def product(index: int, kind: int) -> tuple[int, ...] | None:
         """Factors of a node that is a product of this kind and needed once; None otherwise."""
-        node = new[place]
-        if not relaxed or place in often or node.kind != kind:
+        node = new[index]
+        # A product that is needed elsewhere exists anyway; fusing it would compute it again. One of
+        # an earlier kind would run more often.
+        if not relaxed or index in often or node.kind != kind:
             return None
         if node.op == "TWICE":
             return node.of[0], two
@@ -96,8 +102,10 @@ def rewritten(
 
     def sum_of(x: int, sign: int, y: int, kind: int) -> int:
         """The node x + sign y."""
+        # x + sign a b is one fused operation.
         if factors := product(y, kind):
             return added(x, sign, factors)
+        # y = a b + c, or c - a b, where c is a product, too: x takes up both by fused operations.
         node = new[y]
         if node.op in ("FMA", "FNMA") and y not in often and (factors := product(node.of[2], kind)):
             return added(added(x, sign, factors), sign if node.op == "FMA" else -sign, node.of[:2])
@@ -106,32 +114,37 @@ def rewritten(
         return add("ADD" if sign > 0 else "SUB", x, y)
 
     often: set[int] = set()  # what is needed more than once
+    # Factor of TWICE where it is fused as a product.
     two = len(new)
     new.append(Node("CONST", 2.0, 0))
     for index, (op, of, kind) in enumerate(nodes):
+        # Constants and inputs have no arguments.
         if not isinstance(of, tuple):
             new.append(nodes[index])
-            place[index] = len(new) - 1
+            position[index] = len(new) - 1
             continue
-        at = [place[i] for i in of]
+        at = [position[i] for i in of]
         if op == "COPYSIGN" and (x := _truncated(new, *at)) is not None:
-            place[index] = add("TRUNC", x)
+            position[index] = add("TRUNC", x)
         elif op == "FMIN" and (x := _limited(new, *at)) is not None:
-            place[index] = add("LIMIT", x, at[1])
+            position[index] = add("LIMIT", x, at[1])
+        # Both take one result of the same SINCOS.
         elif op in ("SIN", "COS") and of[0] in angles[0] & angles[1]:
-            place[index] = add("FIRST" if op == "SIN" else "SECOND", once("SINCOS", *at))
+            position[index] = add("FIRST" if op == "SIN" else "SECOND", once("SINCOS", *at))
         elif op == "DIV" and _by_reciprocal(divisors[of[1]], nodes[of[1]].kind, kind, relaxed):
-            place[index] = add("MUL", at[0], once("INV", at[1]))
+            position[index] = add("MUL", at[0], once("INV", at[1]))
         elif op in ("ADD", "SUB"):
-            place[index] = sum_of(at[0], 1 if op == "ADD" else -1, at[1], kind)
+            position[index] = sum_of(at[0], 1 if op == "ADD" else -1, at[1], kind)
         else:
-            place[index] = add(op, *at)
+            position[index] = add(op, *at)
         if uses[index] > 1:
-            often.add(place[index])
-    return new, [place[index] for index in outputs]
+            often.add(position[index])
+    return new, [position[index] for index in outputs]
 
 
 def _by_reciprocal(divisions: int, divisor: int, kind: int, relaxed: bool) -> bool:
+    # A reciprocal of the state's kind pays where it is shared. An earlier one always pays, since it
+    # runs less often than the division, but rounds otherwise. Constants (kind 0) stay divisors.
     return divisions > 1 if divisor == STATE else relaxed and 0 < divisor < kind
 
 
@@ -140,34 +153,39 @@ def _early_first(nodes: list[Node], outputs: list[int]) -> tuple[list[Node], lis
     two earlier first.
     """
     new: list[Node] = []
-    place: list[int] = []
+    position: list[int] = []
     uses = _uses(nodes, outputs)
     for op, of, kind in nodes:
         at = of
         if isinstance(of, tuple):
-            at = tuple(place[i] for i in of)
+            at = tuple(position[i] for i in of)
+            # Either argument can be the inner sum (product), and either argument of it the early
+            # one.
             for k, m in itertools.product((0, 1), (0, 1)) if op in ("ADD", "MUL") else ():
                 inner = new[at[k]]
                 early = at[1 - k]
+                # An inner result that is needed elsewhere would be computed twice.
                 if inner.op != op or uses[of[k]] > 1:
                     continue
                 joined = kind_of((new[inner.of[m]].kind, new[early].kind))
+                # The new node pays only where it runs less often than the one that it replaces.
                 if joined < kind:
                     new.append(Node(op, (inner.of[m], early), joined))
                     at = (inner.of[1 - m], len(new) - 1)
                     break
-        place.append(len(new))
+        position.append(len(new))
         new.append(Node(op, at, kind))
-    return new, [place[index] for index in outputs]
+    return new, [position[index] for index in outputs]
 
 
 def needed(nodes: list[Node], outputs: list[int]) -> list[int]:
     """Indices of the nodes on which an output depends, in order."""
-    found = set(outputs)
+    # Each node comes after its arguments, so one pass backwards finds all of them.
+    indices = set(outputs)
     for index in reversed(range(len(nodes))):
-        if index in found and isinstance(nodes[index].of, tuple):
-            found.update(nodes[index].of)
-    return sorted(found)
+        if index in indices and isinstance(nodes[index].of, tuple):
+            indices.update(nodes[index].of)
+    return sorted(indices)
 
 
 def _uses(nodes: list[Node], outputs: list[int]) -> Counter[int]:
@@ -180,6 +198,7 @@ def _uses(nodes: list[Node], outputs: list[int]) -> Counter[int]:
 
 def _truncated(nodes: list[Node], magnitude: int, x: int) -> int | None:
     """The x of copysign(floor(fabs(x)), x); None if it is something else."""
+    # casadi has no instruction that rounds toward zero, and writes it by these three.
     floor = nodes[magnitude]
     if floor.op != "FLOOR" or nodes[floor.of[0]].op != "FABS":
         return None
@@ -190,6 +209,7 @@ def _limited(nodes: list[Node], above: int, bound: int) -> int | None:
     """The x of fmin(fmax(x, -bound), bound), the bound being an absolute value; None if it is
     something else.
     """
+    # Only an absolute value is certain not to be negative, as `limit` requires.
     if nodes[above].op != "FMAX" or nodes[bound].op != "FABS":
         return None
     x, below = nodes[above].of

@@ -45,8 +45,11 @@ def head() -> str:
 
 def joined(*texts: str) -> str:
     """Texts as one module, in which none changes what a name of another means."""
+    # The text of one module may not import a name under which another defines something else: the
+    # instructions of a kernel would change silently.
     meanings: dict[str, object] = {}
     for i, text in enumerate(texts):
+        # The placeholder of the hash is no Python.
         for name, meaning in _bound(text.replace("{h}", "h"), i).items():
             if meanings.setdefault(name, meaning) != meaning:
                 raise ValueError(
@@ -58,14 +61,18 @@ def joined(*texts: str) -> str:
 def _bound(text: str, owner: int) -> dict[str, object]:
     """Names of a module -> what is imported by them, or whose they are."""
     symbols = symtable.symtable(text, "kernel", "exec").get_symbols()
+    # A name that a text defines belongs to this text (`owner`); an imported one is the same in all
+    # texts that import it from the same module.
     bound: dict[str, object] = {
-        each.get_name(): owner for each in symbols if each.is_assigned() or each.is_imported()
+        symbol.get_name(): owner
+        for symbol in symbols
+        if symbol.is_assigned() or symbol.is_imported()
     }
     for node in ast.parse(text).body:
         if isinstance(node, (ast.Import, ast.ImportFrom)):
             bound |= {
-                each.asname or each.name: (getattr(node, "module", None), each.name)
-                for each in node.names
+                imported.asname or imported.name: (getattr(node, "module", None), imported.name)
+                for imported in node.names
             }
     return bound
 
@@ -81,13 +88,15 @@ def intrinsic(
     values as a tuple.
     """
     if values is None:
+        # numba needs a value of the declared type; void has a dummy.
         result = "void"
-        last = "return context.get_dummy_value()"
+        result_line = "return context.get_dummy_value()"
     else:
         values = values or ["0.0"]  # numba has no empty tuple of numbers
         result = f"UniTuple(float64, {len(values)})"
-        last = f"return e.pack({', '.join(values)})"
-    body = "\n        ".join([*lines, last])
+        result_line = f"return e.pack({', '.join(values)})"
+    # The template indents its lines by eight columns.
+    body = "\n        ".join([*lines, result_line])
     return _INTRINSIC.format(
         name=name, parameters=", ".join(parameters) + ",", lines=body, result=result, width=width
     )
@@ -99,6 +108,7 @@ def switch(name: str, pieces: Mapping[str, Iterable[str]]) -> str:
     The function takes the number of the piece and the array ``memory``, on which the lines of the
     piece act; `call_by_number` calls it.
     """
+    # One function per piece, and one intrinsic that selects among them by number.
     text = "".join(
         _PIECE.format(name=piece, lines="\n    ".join(lines)) for piece, lines in pieces.items()
     )
@@ -113,6 +123,7 @@ def call_by_number(number: int) -> Any:
 
     @numba_intrinsic
     def call(typing, memory):
+        # The types of the tuple's fields are known when numba compiles, the values when it runs.
         def codegen(context, builder, signature, arguments):
             fields = signature.args[0].fields
             address = builder.extract_value(arguments[0], fields.index("pieces"))
@@ -120,6 +131,7 @@ def call_by_number(number: int) -> Any:
             kind = signature.args[0].types[fields.index("vector")]
             data = context.make_array(kind)(context, builder, vector).data
             index = ir.IntType(64)
+            # The function has C's calling convention; numba does not look inside.
             function = ir.FunctionType(ir.VoidType(), [index, ir.DoubleType().as_pointer()])
             function = builder.inttoptr(address, function.as_pointer())
             builder.call(function, [index(number), data])
@@ -138,6 +150,8 @@ def borrowed(typing, array):
     """
 
     def codegen(context, builder, signature, arguments):
+        # The first element of numba's array is the pointer to its owner; a null pointer is not
+        # counted.
         value = arguments[0]
         owner = value.type.elements[0]
         return builder.insert_value(value, owner(None), 0)
@@ -150,15 +164,19 @@ def map_source(function: ca.Function, outer: int) -> tuple[str, int]:
     function are those in z.
     """
     inputs: list[list[tuple[str, int]]] = []
+    # The inputs are joined, in one array without and one with those of the outer loop.
     inner = function.n_in() - outer
-    for array, those in (("x", range(inner)), ("z", range(inner, function.n_in()))):
+    for array, indices in (("x", range(inner)), ("z", range(inner, function.n_in()))):
         place = itertools.count()
         inputs += [
-            [(f"{array}[{next(place)}]", STATE) for _ in range(function.nnz_in(i))] for i in those
+            [(f"{array}[{next(place)}]", STATE) for _ in range(function.nnz_in(i))] for i in indices
         ]
     program = translate(function, inputs, Names(), itertools.count().__next__)
     lines = [
-        f"{name} = e.view(kinds[{i}], {name}, n{name}, j{name})" for i, name in enumerate("xzy")
+        # Views, instructions and stores of one column; all inputs change, so all are of the latest
+        # kind.
+        f"{name} = e.view(kinds[{i}], {name}, n{name}, j{name})"
+        for i, name in enumerate("xzy")
     ]
     lines += map(str, program.lines[UNIFORM] + program.lines[STATE])
     lines += [f"y[{i}] = {result}" for i, result in enumerate(program.results)]
@@ -246,6 +264,8 @@ class MapKernel:
     """
 
     def __init__(self, function: ca.Function, outer: int = 0) -> None:
+        # The compiled text does not depend on the numbers in x and z, so one kernel serves all
+        # sizes.
         sizes = [function.nnz_in(i) for i in range(function.n_in())]
         self.n_in, self.n_outer = sum(sizes[: len(sizes) - outer]), sum(sizes[len(sizes) - outer :])
         source, self.n_out = map_source(function, outer)
@@ -255,6 +275,7 @@ class MapKernel:
         """Outputs (n_out, N) for inputs x (n_in, N); (n_out, M, N) with z (n_outer, M).
         Components are joined.
         """
+        # The kernel reads contiguous arrays, and checks no bounds.
         inner = np.ascontiguousarray(x, dtype=float)
         outer = np.empty((0, 1)) if z is None else np.ascontiguousarray(z, dtype=float)
         if inner.shape[0] != self.n_in or outer.shape[0] != self.n_outer:
@@ -264,6 +285,7 @@ class MapKernel:
                 f"x and z must have {expected} rows, one per number; got {got}. Join all inputs in"
                 " order."
             )
+        # Without z the middle axis has one element.
         y = np.empty((self.n_out, outer.shape[1], inner.shape[1]))
         self._kernel.call("map", inner, outer, y)
         return y[:, 0] if z is None else y

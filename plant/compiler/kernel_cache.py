@@ -58,6 +58,7 @@ class Kernel:
     """
 
     def __init__(self, template: str, functions: Collection[str]) -> None:
+        # Another numba or Python may compile the same text otherwise, or refuse the cached code.
         key = "\n".join([template, numba.__version__, platform.python_version()])
         self.hash = hashlib.sha256(key.encode()).hexdigest()[:24]
         self.source = template.replace("{h}", self.hash)
@@ -71,6 +72,7 @@ class Kernel:
 
     def call(self, name: str, *arguments: Any) -> Any:
         """Call one of the functions, compiling it or taking it from the cache first."""
+        # Only the first call compiles; all later ones need neither a thread nor a lock.
         if name not in self._fresh:
             return self._function(name)(*arguments)
         if cast(Any, numba.config).DISABLE_JIT:
@@ -78,11 +80,14 @@ class Kernel:
                 "NUMBA_DISABLE_JIT must be 0: kernels are LLVM, not Python; it is set. Unset it,"
                 " and restart."
             )
+        # LLVM does not look for signals, so it runs beside the main thread.
         (result,) = in_background(lambda: self._first_call(name, *arguments))
         return result
 
     def _first_call(self, name: str, *arguments: Any) -> Any:
+        # One thread of this process, and one process of this machine.
         with _LOCK, self._alone():
+            # numba compiles within the call; only its files show whether it has.
             cached = self._stamps()
             began = time.monotonic()
             try:
@@ -107,6 +112,7 @@ class Kernel:
 
     def _anew(self, name: str, *arguments: Any) -> Any:
         """The result of a new compilation, in memory alone where the disk does not take it."""
+        # Files that could not be loaded must not be found again.
         self._drop(lambda file: True)
         try:
             _MODULES[self.hash] = self._module()
@@ -114,6 +120,7 @@ class Kernel:
         except Exception as error:
             if not _is_of_disk(error):
                 raise
+        # The disk refuses the cache: compile the same text without one.
         _MODULES[self.hash] = self._executed(
             self.source.replace("cache=True", "cache=False"), "<kernel>"
         )
@@ -129,6 +136,7 @@ class Kernel:
     def _function(self, name: str) -> Any:
         if self.hash not in _MODULES:
             with _LOCK:
+                # Another thread may have loaded it before this one got the lock.
                 if self.hash not in _MODULES:
                     _MODULES[self.hash] = self._module()
         return getattr(_MODULES[self.hash], f"{name}_{self.hash}")
@@ -136,14 +144,18 @@ class Kernel:
     def _module(self) -> ModuleType:
         path = self._path = cache_folder() / f"kernel_{self.hash}.py"
         try:
+            # A file that is written again has a new time, and numba would take it for another
+            # source.
             if not (is_own(path) and path.is_file() and path.read_bytes() == self.source.encode()):
                 replace(path, self.source)
+            # numba loads machine code from this folder, so another user must not own it.
             if (path.parent / "__pycache__").exists() and not is_own(path.parent / "__pycache__"):
                 raise PermissionError
         except OSError:  # something else stands there
             path = self._path = private_folder() / path.name
             replace(path, self.source)
         noted = self._noted()
+        # Cached code runs as it is: only files with the checksum of their making may stay.
         self._drop(lambda file: not is_own(file) or noted.get(file.name) != _checksum(file))
         return self._executed(self.source, str(path))
 
@@ -183,17 +195,19 @@ class Kernel:
 
     def _stamps(self) -> set[tuple[str, int, int]]:
         """What numba has cached, by names, sizes and times."""
-        found = set[tuple[str, int, int]]()
+        stamps = set[tuple[str, int, int]]()
         for file in self._cached():
+            # Another process may remove the file meanwhile.
             with contextlib.suppress(OSError):
                 status = file.stat()
-                found.add((file.name, status.st_size, status.st_mtime_ns))
-        return found
+                stamps.add((file.name, status.st_size, status.st_mtime_ns))
+        return stamps
 
     def _sums(self) -> Path:
         return self.path.with_suffix(".sums")
 
     def _noted(self) -> dict[str, str | None]:
+        # Checksums of another user would vouch for code of that user.
         if not is_own(self._sums()):
             return {}
         try:
@@ -209,12 +223,14 @@ class Kernel:
             )
         except OSError:
             return  # not noted, so not trusted: the next process compiles again
+        # The folder grows by new kernels alone, so its size is checked here.
         prune(self.path.parent, self.hash)
 
     def _drop(self, condemned: Callable[[Path], bool]) -> None:
         for file in self._cached():
             if condemned(file):
                 with contextlib.suppress(OSError):
+                    # A link is removed itself, not the folder to which it leads.
                     (
                         shutil.rmtree(file)
                         if file.is_dir() and not file.is_symlink()
@@ -253,6 +269,7 @@ def _wait() -> None:
 
 
 def _go_on() -> None:
+    # Parent and child both hold the lock that `_wait` has acquired.
     if _FORKING:
         _FORKING.pop()
         _LOCK.release()

@@ -16,6 +16,7 @@ from typing import Any
 
 from plant.compiler.c_statements import literal
 
+# C's operators; constructs that are missing in these tables have no translation.
 _OPERATORS: Mapping[type, str] = {
     ast.Add: "+",
     ast.Sub: "-",
@@ -33,6 +34,7 @@ _OPERATORS: Mapping[type, str] = {
     ast.Not: "!",
 }
 
+# Functions of C by the names of Python's; the last is a cast.
 _FUNCTIONS = {
     "abs": "fabs",
     "min": "least",
@@ -82,6 +84,7 @@ class CFunction:
         self.names = names
         self.parameters = [argument.arg for argument in node.args.args]
         declared = ", ".join(f"{self._kind(name)}{name}" for name in self.parameters)
+        # A function that returns a value anywhere returns it everywhere: C has one type of result.
         returns = [inner.value for inner in ast.walk(node) if isinstance(inner, ast.Return)]
         kind = "double" if any(returns) else "void"
         self.head = f"static {kind} {names.prefix}{node.name}({declared})"
@@ -90,7 +93,9 @@ class CFunction:
         # C declares the variables at the beginning; which they are is known after the statements.
         self._counters = set[str]()
         self._locals = dict[str, None]()
+        # The docstring comes first; it becomes the comment of the C function.
         text = "\n".join(line for inner in node.body[1:] for line in self._statement(inner))
+        # The initial value silences compilers that cannot see that every path assigns one.
         variables = [f"double {name} = 0.0;" for name in self._locals]
         unused = [
             f"(void){name};" for name in self.parameters if not re.search(rf"\b{name}\b", text)
@@ -121,6 +126,7 @@ class CFunction:
 
     def _branches(self, node: ast.If) -> list[str]:
         lines = [f"if ({_bare(self._value(node.test))}) {{", *self._block(node.body)]
+        # An elif is an if within the else of its tree.
         if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
             following = self._branches(node.orelse[0])
             return [*lines, f"}} else {following[0]}", *following[1:]]
@@ -133,6 +139,7 @@ class CFunction:
 
     def _loop(self, node: ast.For) -> list[str]:
         """A loop over numbers, or over an array of numbers or records, with or without numbers."""
+        # A loop over elements alone needs a counter, too; the guards have no variable of this name.
         counter: Any = "at"
         element: Any = None
         array = node.iter
@@ -148,8 +155,10 @@ class CFunction:
                 size = self._length(array)
             case _:
                 raise _unknown(node)
+        # A counter is a whole number, so it needs no cast as an index.
         self._counters.add(counter)
         lines = [f"for (int {counter} = 0; {counter} < {size}; {counter}++) {{"]
+        # Records are passed by their address, since the loop may change them; numbers are copied.
         if element in self.names.records:
             lines.append(f"    {self._pointer(element, f'{self._value(array)}[{counter}]')}")
         elif element is not None:
@@ -164,6 +173,7 @@ class CFunction:
         return self.names.sizes.get(ast.unparse(array), self.names.length)
 
     def _target(self, node: ast.expr) -> str:
+        # Arguments and counters have declarations; every other name becomes a variable.
         if isinstance(node, ast.Name) and node.id not in {*self.parameters, *self._counters}:
             self._locals[node.id] = None
         return self._value(node)
@@ -171,6 +181,7 @@ class CFunction:
     # -- expressions ------------------------------------------------------------------------------
     def _value(self, node: ast.expr) -> str:
         match node:
+            # bool first: it is an int in Python, but a number here.
             case ast.Constant(value=bool() | float() as value):
                 return literal(value)
             case ast.Constant(value=int(value)):
@@ -192,10 +203,11 @@ class CFunction:
             case ast.UnaryOp(op=ast.USub() | ast.Not() as operator, operand=operand):
                 return f"{_symbol(operator)}({self._value(operand)})"
             case ast.BoolOp(op=operator, values=values):
+                # Parentheses around each operation keep Python's grouping.
                 return f"({f' {_symbol(operator)} '.join(map(self._value, values))})"
             case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple(elts=among)]):
                 text = self._value(left)
-                return f"({' || '.join(f'{text} == {self._value(other)}' for other in among)})"
+                return f"({' || '.join(f'{text} == {self._value(member)}' for member in among)})"
             case (
                 ast.BinOp(left=left, op=operator, right=right)
                 | ast.Compare(left=left, ops=[operator], comparators=[right])
@@ -210,6 +222,7 @@ class CFunction:
     def _index(self, node: ast.expr) -> str:
         """A value as an index: all but counters, sizes and constants is cast."""
         value = _bare(self._value(node))
+        # Capitals are constants of an enum.
         is_whole = value.isdigit() or value.isupper() or value in self._counters
         return value if is_whole else f"(int)({value})"
 
@@ -231,6 +244,8 @@ class CFunction:
 
 def _bare(text: str) -> str:
     """A value without the parentheses around all of it, if it has any."""
+    # The depth of parentheses after each character but the last: if it never falls to zero, the
+    # first parenthesis ends with the text.
     depths = itertools.accumulate({"(": 1, ")": -1}.get(sign, 0) for sign in text[:-1])
     return text[1:-1] if text.startswith("(") and all(depths) else text
 

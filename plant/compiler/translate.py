@@ -35,7 +35,9 @@ class Line(NamedTuple):
         return f"{', '.join(self.names)} = {self.text()}"
 
 
+# The operations of casadi by their codes; FMA, LIMIT and others exist after the rewriting alone.
 _BY_CODE = {getattr(ca, f"OP_{name}"): name for name in OPERATIONS if hasattr(ca, f"OP_{name}")}
+# Text of a call by the number of its arguments.
 _CALL = ["", "{}({{0}})", "{}({{0}}, {{1}})", "{}({{0}}, {{1}}, {{2}})"]
 _WEIGHTS = {"SINCOS": 27, "SIN": 15, "COS": 15}  # in instructions; the others are one or a call
 _CODE_NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
@@ -91,16 +93,18 @@ def translate(
             " expand()."
         )
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=relaxed)
+    # Before `needed`, so that what only the other outputs need is left out.
     outputs = outputs[:wanted]
     lines: dict[int, list[Line]] = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
     crossing: dict[str, int] = {}
     used: dict[str, int] = {}
     text: dict[int, Any] = {}
-    made: set[str] = set()
+    lane_names: set[str] = set()
 
     def use(index: int, kind: int) -> str:
         name: str = text[index]
-        if kind == STATE and name in made:
+        # STATE lines run in a loop of their own, so they read a LANE value from the work array.
+        if kind == STATE and name in lane_names:
             crossing.setdefault(name, rows())
         return name
 
@@ -112,6 +116,7 @@ def translate(
             text[index] = node.of
             used[node.of] = node.kind
         elif node.op in ("FIRST", "SECOND"):
+            # SINCOS has two results; these nodes name one of them.
             text[index] = text[node.of[0]][node.op == "SECOND"]
         else:
             needs = tuple(use(argument, node.kind) for argument in node.of)
@@ -126,11 +131,12 @@ def translate(
                 )
             )
             if node.kind == LANE:
-                made.update(results)
+                lane_names.update(results)
     return Program(lines, [use(index, STATE) for index in outputs], crossing, used)
 
 
 def _literal(value: float) -> str:
+    # Without quotes, inf and nan would be names that no kernel has.
     return repr(value) if math.isfinite(value) else f'float("{value!r}")'
 
 
@@ -142,10 +148,13 @@ def single_assignment(
 
     `inputs` are as in `translate`. ValueError for an operation that has no translation (named).
     """
+    # Position of each output's first component among those of all outputs.
     starts = [sum(function.nnz_out(i) for i in range(k)) for k in range(function.n_out() + 1)]
     latest: dict[int, int] = {}
+    # A component that no instruction writes stays at node 0, which is zero.
     nodes = [Node("CONST", 0.0, 0)]
     outputs = [0] * starts[-1]
+    # casadi uses its registers again; `latest` holds the node that a register has at this point.
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
         to = function.instruction_output(k)
@@ -188,8 +197,9 @@ def cut(
     ahead: in one long loop these belong to one individual, or a vector of them, and wait for each
     other, in short loops to several.
     """
+    # 1. For each name, the piece that assigns it and the last one that reads it.
     bounds = _bounds(lines, stores, size)
-    rows, last = dict(rows), len(bounds) - 2
+    rows, final = dict(rows), len(bounds) - 2
     piece_of = {
         name: k
         for k, (a, b) in enumerate(pairwise(bounds))
@@ -200,30 +210,32 @@ def cut(
     for k, (a, b) in enumerate(pairwise(bounds)):
         read_in |= dict.fromkeys((name for line in lines[a:b] for name in line.needs), k)
     # copied from row to row
-    read_in |= dict.fromkeys((name for name in stores.values() if name in rows), last)
-    kept: dict[int | str, str] = {row: name for name, row in rows.items()}
+    read_in |= dict.fromkeys((name for name in stores.values() if name in rows), final)
+    held: dict[int | str, str] = {row: name for name, row in rows.items()}
     # A row is overwritten as soon as its new value is known and its old one has been read for the
     # last time.
-    known_in = dict.fromkeys(rows, last) | piece_of
+    known_in = dict.fromkeys(rows, final) | piece_of
     stored_in = {
-        row: max(known_in.get(name, 0), read_in.get(kept.get(row, ""), 0))
+        row: max(known_in.get(name, 0), read_in.get(held.get(row, ""), 0))
         for row, name in stores.items()
     }
+    # 2. The text of each piece: rows to read, instructions, rows that later pieces read, results.
     pieces = []
     for k, (a, b) in enumerate(pairwise(bounds)):
         ending = {row: name for row, name in stores.items() if stored_in[row] == k}
-        here = {name for line in lines[a:b] for name in line.names}
+        assigned = {name for line in lines[a:b] for name in line.names}
         needed = dict.fromkeys(
             [*(name for line in lines[a:b] for name in line.needs), *ending.values()]
         )
         # What is read has another name in every piece: variables that are assigned once compile
         # much faster.
-        read = {name: f"{name}_{k}" for name in needed if name in rows and name not in here}
+        read = {name: f"{name}_{k}" for name in needed if name in rows and name not in assigned}
         text = [f"{new} = {{{rows[name]}}}" for name, new in read.items()]
         text += [f"{', '.join(line.names)} = {line.text(read)}" for line in lines[a:b]]
+        # A variable ends with its loop, so later pieces read it from a row.
         later = {name for line in lines[b:] for name in line.needs}
         later |= {name for row, name in stores.items() if stored_in[row] > k}
-        for line in lines[a:b] if k < last else []:
+        for line in lines[a:b] if k < final else []:
             for name in line.names:
                 if name in later:
                     rows[name] = fresh()
@@ -239,21 +251,26 @@ def _target(place: int | str) -> str:
 
 def _bounds(lines: list[Line], stores: Mapping[int | str, str], size: int) -> list[int]:
     """Where to cut: near equal sizes, at the places that fewest values have to cross."""
-    made = {name: i for i, line in enumerate(lines) for name in line.names}
+    assigned = {name: i for i, line in enumerate(lines) for name in line.names}
+    # A stored value is needed until the end.
     read = {name: i for i, line in enumerate(lines) for name in line.needs} | dict.fromkeys(
         stores.values(), len(lines)
     )
+    # Each value adds 1 where it is assigned and subtracts 1 after its last use; the sum up to a
+    # line is the number of values that cross it.
     change = [0] * (len(lines) + 2)
-    for name, i in made.items():
+    for name, i in assigned.items():
         if name in read:
             change[i + 1] += 1
             change[read[name] + 1] -= 1
     crossing = list(accumulate(change))  # values made before line k and read from there on
-    before = list(accumulate((line.weight for line in lines), initial=0))
-    count = max(1, round(before[-1] / size))
+    weights = list(accumulate((line.weight for line in lines), initial=0))
+    count = max(1, round(weights[-1] / size))
     bounds = [0]
     for k in range(1, count):
-        low, high = ((k + side / 3) * before[-1] / count for side in (-1, 1))
-        near = [i for i, weight in enumerate(before) if low <= weight <= high and i > bounds[-1]]
+        # A cut may be a third of a piece away from where all pieces are equal.
+        low, high = ((k + side / 3) * weights[-1] / count for side in (-1, 1))
+        near = [i for i, weight in enumerate(weights) if low <= weight <= high and i > bounds[-1]]
+        # There is no cut where one heavy instruction covers the whole range.
         bounds += [min(near, key=lambda i: crossing[i])] if near else []
     return [*bounds, len(lines)]

@@ -79,7 +79,7 @@ def test_every_item_is_done_once_and_the_first_error_is_raised(threads):
 def test_within_a_thread_the_work_is_done_by_that_thread():
     where = in_background(lambda: in_background(threading.get_ident)[0] == threading.get_ident())
     assert where == [True]
-    assert len(set(in_background(lambda: in_background(threading.get_ident, others=2))[0])) <= 3
+    assert len(set(in_background(lambda: in_background(threading.get_ident, extra=2))[0])) <= 3
 
 
 def test_the_context_of_the_caller_is_that_of_the_work():
