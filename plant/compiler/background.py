@@ -1,5 +1,4 @@
-"""Work on a thread of its own while the main thread waits: Ctrl-C comes through at once, whatever
-runs there.
+"""Work on a thread beside the main thread, so that Ctrl-C comes through at once.
 
 Machine code and LLVM do not look for signals. What is interrupted goes on by itself to its end, and
 what it gives is dropped; a compilation is there for the next call.
@@ -61,8 +60,9 @@ def cores() -> int:
 
 
 def shared_out(function: Callable[[Any], T], items: Sequence[Any], threads: int) -> list[T]:
-    """[function(item) for item in items], by so many threads; what raises, and Ctrl-C, ends them
-    after their item.
+    """[function(item) for item in items], on several threads.
+
+    An exception, and Ctrl-C, end the threads after their item.
     """
     results: list[Any] = [None] * len(items)
     # `pop` takes from the end and needs no lock; the reversed order begins with the first item.

@@ -1,5 +1,4 @@
-"""casadi Function -> the lines of a C99 function: straight, without a branch and without memory but
-its own variables.
+"""casadi Function -> the statements of a C99 function, without a branch and without static memory.
 
 The instructions are those of the compiled kernels (`plant.compiler.translate`,
 `plant.compiler.instructions`), rounded where casadi rounds.
@@ -100,8 +99,7 @@ def helpers(body: str) -> str:
 def statements(
     function: ca.Function, inputs: list[list[tuple[str, int]]]
 ) -> tuple[dict[int, list[str]], list[str], set[str]]:
-    """What an SX Function does, in C: declarations by their kind, expressions of results, and the
-    inputs that occur.
+    """An SX Function in C: declarations by their kind, expressions of results, and inputs used.
 
     For each component of each input, `inputs` holds the C expression that reads it and its kind.
     The declarations of UNIFORM, TIME and STATE stand in this order; the results are those of all
@@ -152,7 +150,7 @@ def statements(
 
 
 def comment(text: str, width: int = 116) -> str:
-    """A C comment of one or more lines, without what could end it or is not ASCII."""
+    """A C comment of one or more lines, in ASCII, without marks that would end it."""
     # Text of a user could end the comment, or hold characters that a compiler refuses.
     text = re.sub(r"[^\w\s()\[\]{}+\-^.,:;=*<>'/|%]", " ", text, flags=re.ASCII)
     text = " ".join(text.replace("*/", "* /").replace("/*", "/ *").split())

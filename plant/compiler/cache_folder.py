@@ -19,9 +19,7 @@ _KERNEL = re.compile(r"kernel_([0-9a-f]{24})[._]")
 
 
 def cache_folder() -> Path:
-    """Folder of compiled kernels; a private temporary one where the usual one cannot be trusted
-    or written.
-    """
+    """Folder of compiled kernels; a private temporary one if the usual one is not safe."""
     # The usual place of caches on Linux.
     base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     folder = Path(os.environ.get(CACHE_VARIABLE) or os.path.join(base, "onepulse"))
@@ -60,9 +58,7 @@ def private_folder(folders: list[tempfile.TemporaryDirectory[str]] = []) -> Path
 
 
 def is_own(path: Path) -> bool:
-    """Whether a file or a folder is there, no link, and the user's: what another left there is
-    not trusted.
-    """
+    """Whether a file or folder exists, is no link, and belongs to the user."""
     try:
         # `lstat` judges a link itself, not the file to which it leads.
         status = path.lstat()
@@ -74,9 +70,7 @@ def is_own(path: Path) -> bool:
 
 
 def prune(folder: Path, used: str) -> None:
-    """Remove kernels from a folder until they have at most `MOST` bytes, not the one whose hash
-    is `used`.
-    """
+    """Remove kernels from a folder until they have at most `MOST` bytes, but not `used`."""
     sizes: dict[str, int] = {}
     ages: dict[str, float] = {}
     files: dict[str, list[Path]] = {}

@@ -1,4 +1,4 @@
-"""The instructions of a function, and shorter ones for what casadi writes at length.
+"""The instructions of a function, and shorter ones for long expressions of casadi.
 
 Every input component is declared as *uniform* (a number, the same for all individuals: it runs
 once), *lane* (a number that differs between them: once per individual), *time* (known beforehand,
@@ -34,8 +34,7 @@ STATE = 8
 
 
 class Node(NamedTuple):
-    """One instruction: its operation ("CONST" and "INPUT" need none), what it is of, and when it
-    has to run.
+    """One instruction: its operation, its arguments, and the time at which it has to run.
 
     `of` are the indices of the nodes that it needs, the value of a constant, or the text of an
     input; `kind` is 0 for a constant.
@@ -149,9 +148,7 @@ def _by_reciprocal(divisions: int, divisor: int, kind: int, relaxed: bool) -> bo
 
 
 def _early_first(nodes: list[Node], outputs: list[int]) -> tuple[list[Node], list[int]]:
-    """Nodes and outputs, in which sums (products) of something and two earlier things join the
-    two earlier first.
-    """
+    """Nodes and outputs in which sums (products) join their two earlier arguments first."""
     new: list[Node] = []
     position: list[int] = []
     uses = _uses(nodes, outputs)
@@ -197,7 +194,7 @@ def _uses(nodes: list[Node], outputs: list[int]) -> Counter[int]:
 
 
 def _truncated(nodes: list[Node], magnitude: int, x: int) -> int | None:
-    """The x of copysign(floor(fabs(x)), x); None if it is something else."""
+    """The x of copysign(floor(fabs(x)), x); None for other nodes."""
     # casadi has no instruction that rounds toward zero, and writes it by these three.
     floor = nodes[magnitude]
     if floor.op != "FLOOR" or nodes[floor.of[0]].op != "FABS":
@@ -206,9 +203,7 @@ def _truncated(nodes: list[Node], magnitude: int, x: int) -> int | None:
 
 
 def _limited(nodes: list[Node], above: int, bound: int) -> int | None:
-    """The x of fmin(fmax(x, -bound), bound), the bound being an absolute value; None if it is
-    something else.
-    """
+    """The x of fmin(fmax(x, -bound), bound) for an absolute value as bound; otherwise None."""
     # Only an absolute value is certain not to be negative, as `limit` requires.
     if nodes[above].op != "FMAX" or nodes[bound].op != "FABS":
         return None

@@ -53,8 +53,9 @@ _FORKING: list[bool] = []
 
 
 class Kernel:
-    """Compiled `functions` of one generated file; ``{h}`` in its template stands for the hash,
-    not in their names.
+    """Compiled `functions` of one generated file; ``{h}`` in its template stands for its hash.
+
+    The names in `functions` are without the hash.
     """
 
     def __init__(self, template: str, functions: Collection[str]) -> None:
@@ -127,9 +128,7 @@ class Kernel:
         return self._function(name)(*arguments)
 
     def function(self, name: str, *arguments: Any) -> Callable[..., Any]:
-        """The compiled function itself, for those who call it often; it is first called with
-        these arguments.
-        """
+        """The compiled function itself, for frequent calls, after a first call."""
         self.call(name, *arguments)
         return self._function(name)
 
@@ -176,9 +175,7 @@ class Kernel:
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        """While no other process compiles this kernel: what two need at once is compiled by one
-        of them.
-        """
+        """Keep other processes from compiling this kernel, so that one compiles it for all."""
         with contextlib.ExitStack() as stack:
             if sys.platform != "win32":
                 with contextlib.suppress(OSError):  # a folder that knows no locks
@@ -194,7 +191,7 @@ class Kernel:
         return list((self.path.parent / "__pycache__").glob(f"kernel_{self.hash}.*.nb*"))
 
     def _stamps(self) -> set[tuple[str, int, int]]:
-        """What numba has cached, by names, sizes and times."""
+        """Names, sizes and times of the files that numba has cached."""
         stamps = set[tuple[str, int, int]]()
         for file in self._cached():
             # Another process may remove the file meanwhile.
@@ -253,18 +250,14 @@ class _Loader(importlib.abc.InspectLoader):
 
 
 def _is_of_disk(error: Exception) -> bool:
-    """Whether numba could not use its cache: no room, no permission, or no place at all ("no
-    locator").
-    """
+    """Whether numba could not use its cache: no room, no permission, no folder ("no locator")."""
     return isinstance(error, OSError) or (
         isinstance(error, RuntimeError) and "cannot cache function" in str(error)
     )
 
 
 def _wait() -> None:
-    """Before a fork: until no other thread compiles, since its locks would stay locked in the
-    child.
-    """
+    """Before a fork, wait for compiling threads: in the child their locks would stay locked."""
     _FORKING.append(_LOCK.acquire())
 
 

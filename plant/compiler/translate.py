@@ -1,6 +1,4 @@
-"""casadi Function -> calls of `llvm.Emitter`, sorted by when each has to run (`instructions`),
-and cut into pieces.
-"""
+"""casadi Function -> calls of `llvm.Emitter`, sorted by the time at which they run, and cut."""
 
 import dataclasses
 import math
@@ -15,9 +13,7 @@ from plant.compiler.llvm import OPERATIONS
 
 
 class Line(NamedTuple):
-    """One assignment; in the template ``{0}``, ``{1}`` stand for what it `needs`: names or
-    literals.
-    """
+    """One assignment; ``{0}``, ``{1}`` in its template stand for `needs`, names or literals."""
 
     names: tuple[str, ...]
     template: str
@@ -56,8 +52,7 @@ class Names:
 
 @dataclasses.dataclass
 class Program:
-    """Lines of one function, by the kind of the instruction, and the expressions of its results,
-    outputs joined.
+    """Lines of one function by the kind of their instructions, and expressions of results.
 
     `crossing` is the row of the work array that carries a variable of a LANE line to a STATE line,
     `used` the kind of each input expression that occurs.
@@ -78,8 +73,7 @@ def translate(
     relaxed: bool = False,
     wanted: int | None = None,
 ) -> Program:
-    """Translate an SX Function; refused if it is not of SX, or holds an operation that has no
-    translation.
+    """Translate an SX Function; refuse other functions, and operations without a translation.
 
     `inputs`: for each input, for each component, the expression that reads it, and its kind; `rows`
     gives a fresh row of the work array for what crosses from LANE to STATE; only what the first
@@ -143,8 +137,7 @@ def _literal(value: float) -> str:
 def single_assignment(
     function: ca.Function, inputs: list[list[tuple[str, int]]]
 ) -> tuple[list[Node], list[int]]:
-    """Nodes of an SX Function, each after those it needs, and the indices of those that are its
-    outputs, joined.
+    """Nodes of an SX Function, each after its arguments, and the indices of its joined outputs.
 
     `inputs` are as in `translate`. ValueError for an operation that has no translation (named).
     """
@@ -189,8 +182,7 @@ def cut(
     fresh: Callable[[], int],
     size: int,
 ) -> list[list[str]]:
-    """Pieces of about `size` instructions, loops of their own; ``{row}`` stands for that row of the
-    work array.
+    """Pieces of about `size` instructions, each a loop; ``{row}`` stands for a row of `rows`.
 
     `stores` says which name or literal a row, or another place, holds in the end, `rows` which row
     a name may be read from; `fresh` gives a new row. A processor looks a few hundred instructions

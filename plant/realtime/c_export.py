@@ -152,8 +152,9 @@ _REFUSAL = (
 
 
 def _step(law, block, rig, output, without):
-    """One step as a Function of (state, torque, q_r, qd_r, qdd_r, pulses, numbers, dt, scale),
-    and C for its inputs.
+    """Casadi function of one step, and the C expressions of its inputs.
+
+    The inputs are (state, torque, q_r, qd_r, qdd_r, pulses, numbers, dt, scale).
     """
     n = rig.n
     # The symbols of the numbers replace those of law and rig, so the C has them as named constants.
@@ -199,9 +200,7 @@ def _step(law, block, rig, output, without):
 
 
 def _about(law, rig, block, without):
-    """Text of the header: the law, its options, sides and units, and how often it is to be
-    called.
-    """
+    """Text of the header: the law with its options, the rate of its calls, sides and units."""
     options = {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}
     flags = ", ".join(
         f"{key} = {value}" for key, value in options.items() if isinstance(value, (bool, int, str))
@@ -233,9 +232,7 @@ def each(count: int, statement: str) -> str:
 
 
 def identifier(name: str) -> str:
-    """A number's name as C writes it: ``drive.gear[0]`` is ``drive_gear[0]``, ``springs[1].at``
-    is ``springs_1_at``.
-    """
+    """C identifier of a number: ``springs[1].at`` is ``springs_1_at`` there."""
     return re.sub(r"\[(\d+)\]\.", r"_\1_", name).replace(".", "_")
 
 
@@ -250,9 +247,7 @@ def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
 
 
 def _meaning(owner: Any, field: str) -> str:
-    """Description of a field from the docstring of a part, or of a base class; of f with its
-    parameters' names.
-    """
+    """Description of a field from the docstring of its class or of a base class; `f` with its names."""
     cls: type = type(owner)
     meaning = meanings(cls).get(field) or f"{field} of {cls.__name__}"
     names = getattr(getattr(owner, "dynamics", None), "names", None)

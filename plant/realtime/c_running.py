@@ -68,7 +68,7 @@ _MODULES = (stopping, watching, safety)
 
 
 def names_of(name: str) -> CNames:
-    """Names in the guards of the controller `name`, whose structs begin with it."""
+    """C names of the guards of a controller; the names of its structs begin with `name`."""
     functions = [node.name for node in _functions()]
     return CNames(
         arrays=("pulses", "q_r", "qd_r", "qdd_r", "torque"),
@@ -148,7 +148,7 @@ def _fields(fields: Mapping[str, str]) -> Iterable[str]:
 
 
 def initial_struct(vector: NDArray[np.float64], layout: Layout) -> str:
-    """Initialiser of the memory; what it does not name is zero."""
+    """Initialiser of the memory; all other fields are zero."""
     memory = view(vector, layout.n, 0)
     numbers = vector[[position for position, _ in layout.components("numbers")]]
     joints = ",\n".join(_initialiser(joint, JOINT_FIELDS) for joint in memory.joints)

@@ -1,5 +1,4 @@
-"""What the exports to C share: where it runs, files from templates (`plant/realtime/c`), and its
-output.
+"""Common parts of the exports to C: target, files from templates (`plant/realtime/c`), and output.
 
 With the elementary functions of ``c/elementary.c`` instead of the library's, double precision gives
 the same bits on every processor.
@@ -52,18 +51,14 @@ _PROCESSORS = {
 
 
 class Target(NamedTuple):
-    """Where a controller in C runs: a processor, None for the host; and whether its numbers are
-    single.
-    """
+    """Processor of a controller in C, None for the host, and whether its numbers are single."""
 
     name: str | None
     single: bool
 
     @classmethod
     def of(cls, target: str | None, precision: str, rig: Rig, largest: float) -> "Target":
-        """From the arguments of `Running.to_c`; single precision is refused where it loses
-        counts.
-        """
+        """From the arguments of `Running.to_c`; refuse single precision where it loses counts."""
         choice("target", target, (None, *_PROCESSORS))
         single = choice("precision", precision, ("double", "single")) == "single"
         lost = np.abs(rig.position_in_pulses(np.eye(rig.n) * 2 * np.pi * _SINGLE)).max(axis=0)
@@ -92,7 +87,7 @@ class Target(NamedTuple):
 
     @property
     def values(self) -> dict[str, str]:
-        """What the templates say of it."""
+        """Values of the templates that depend on the target."""
         words = "single precision" if self.single else "double precision"
         # A clock in single precision resolves no microseconds after half a minute, so there is
         # none.
@@ -107,7 +102,7 @@ class Target(NamedTuple):
 
     @property
     def elementary(self) -> str:
-        """The functions that a processor's C has of its own."""
+        """Elementary functions that replace those of a processor's library."""
         # Single precision has the library's functions: only double precision promises the host's
         # bits.
         has_own = self.name is not None and not self.single
@@ -201,7 +196,7 @@ _TAKEN = ("main", "board")  # files of other contents
 
 
 def require_exportable(rig: Rig, name: Any) -> None:
-    """Refuse an encoder that does not count, and what C could not have as a name."""
+    """Refuse an encoder that does not count, and a name that C does not allow."""
     require_counts(rig)
     if (
         not isinstance(name, str)
@@ -215,8 +210,9 @@ def require_exportable(rig: Rig, name: Any) -> None:
 
 
 def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Path:
-    """The folder, if no file in it would be lost; earlier exports of this name may be
-    overwritten.
+    """Folder of the export, unless a file in it would be lost.
+
+    Earlier exports of this name may be overwritten.
     """
     try:
         folder = Path(destination)
@@ -241,8 +237,9 @@ def _free_folder(destination: str | Path, files: Iterable[str], name: str) -> Pa
 
 
 class Output(NamedTuple):
-    """What a controller in C gives: joint torques, or counts of a converter of this scale (n,)
-    [1/A] and range.
+    """Output of a controller in C: joint torques, or counts of a converter.
+
+    `scale` (n,) [1/A] and the `largest` count belong to the converter.
     """
 
     scale: NDArray[np.float64] | None
@@ -252,9 +249,7 @@ class Output(NamedTuple):
     def of(
         cls, law: Any, rig: Rig, output: str, counts_per_ampere: Any, largest_count: int
     ) -> Self:
-        """From the arguments of `Law.to_c`; refused where the converter ends below the
-        amplifier's limit.
-        """
+        """From the arguments of `Law.to_c`; refuse a converter below the amplifier's limit."""
         if choice("output", output, ("torque", "dac")) == "torque":
             if counts_per_ampere is not None:
                 rule = "be left out for output='torque'; got one"
@@ -287,7 +282,7 @@ class Output(NamedTuple):
 
     @property
     def values(self) -> dict[str, str]:
-        """What the templates say of it."""
+        """Values of the templates that depend on the output."""
         if self.scale is None:
             meaning = "of the joints, after the amplifier's limit [N m]"
             return {"output": "torque", "type": self.kind, "format": "%.17g", "meaning": meaning}
@@ -309,9 +304,7 @@ class Output(NamedTuple):
 
 
 def sides(without: Collection[str]) -> str:
-    """Sentences on the parts of the model that the output leaves out, on sides, and on how to
-    compile.
-    """
+    """Sentences of the header on omitted parts of the model, on sides, and on the compilation."""
     text = (
         "Counts are those of the motors' encoders, with their sign; reference and torque are joint"
         " side, SI units. Compile without -ffast-math, which would leave NaN unseen."

@@ -39,9 +39,7 @@ class Core(NamedTuple):
     memory: NDArray[np.float64]
 
     def law_state(self, n: int) -> NDArray[np.float64]:
-        """The law's state (s,) of a controller of n joints, in place: what is written there acts
-        on the next step.
-        """
+        """State (s,) of the law, as a view of the memory: an assignment acts on the next step."""
         state: NDArray[np.float64] = view(self.memory, n, 0).state
         return state
 

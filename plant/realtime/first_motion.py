@@ -1,6 +1,4 @@
-"""The first motion of an arm: a small torque on one motor after another shows wires that are
-turned or swapped.
-"""
+"""First motion of an arm: a small torque on each motor in turn shows wires turned or swapped."""
 
 from collections.abc import Iterator
 
@@ -27,8 +25,7 @@ _SHARE = 0.8
 
 @known_options
 class FirstMotion:
-    """Push each motor a little, watch the counts, and name turned signs, swapped wires and dead
-    encoders.
+    """Push each motor a little, and name turned signs, swapped wires and dead encoders.
 
     One motor after another gets a torque that rises from nothing until some encoder has counted
     `travel` pulses, then none until the arm rests. The counts that move must be its own, upwards.
@@ -133,8 +130,7 @@ class FirstMotion:
         next(self._plan)
 
     def step(self, pulses: ArrayLike) -> NDArray[np.float64]:
-        """Torque (n,) [N m], joint side, to be applied until the next call; to be called once per
-        period of the rig.
+        """Torque (n,) [N m], joint side, until the next call, one period of the rig later.
 
         Parameters
         ----------

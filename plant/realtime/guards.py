@@ -1,4 +1,4 @@
-"""Guards of a running controller: what they monitor, and when and how they stop the arm."""
+"""Guards of a running controller: the signals that they monitor, and the stops that they begin."""
 
 import dataclasses
 
@@ -223,9 +223,7 @@ class Guards:
                 )
 
     def limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Limits of jump, stuck and error on this rig [pulses], and the band of static friction
-        [N m]: (4, n).
-        """
+        """Limits of jump, stuck and error [pulses], and band of static friction [N m]: (4, n)."""
         drive = rig.drive
         turn = rig.encoder.resolution
         inertia = drive.reflected_inertia()
@@ -261,9 +259,7 @@ class Guards:
         )
 
     def motion_limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Lowest and highest position [rad], largest speed [rad/s] and rate of the torque [N
-        m/s]: (4, n).
-        """
+        """Lowest, highest position [rad], largest speed [rad/s] and rate of torque [N m/s]: (4, n)."""
         # An arm without limits of its own moves freely.
         free = np.full(rig.n, np.inf)
         position = np.array([-free, free])
@@ -287,15 +283,11 @@ class Guards:
         )
 
     def slack(self, rig: Rig) -> NDArray[np.float64]:
-        """Speed (n,) [pulses/s] that is no rise in a hold: five turns of the motor per second,
-        and two pulses.
-        """
+        """Speed (n,) [pulses/s] that is no rise in a hold: five turns of the motor, and two pulses."""
         return _TURNS * rig.encoder.resolution + 2 / rig.period
 
     def torque_limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Limits of time at the torque limit [s] and of the torque's swing, on the shaft [N m]:
-        (2, n).
-        """
+        """Limits of the time at the torque limit [s] and of the swing on the shaft [N m]: (2, n)."""
         share, swing = (
             self._per_joint(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter")
         )
@@ -314,9 +306,7 @@ class Guards:
 
 
 def limited(rig: Rig, torque_limit: ArrayLike | None) -> Rig:
-    """A rig whose amplifiers end at these torques (n,) [N m], joint side; itself where they are
-    None.
-    """
+    """A rig whose amplifiers end at these torques (n,) [N m], joint side; for None itself."""
     if torque_limit is None:
         return rig
     advice = "Give one torque above 0 per joint [N m]."

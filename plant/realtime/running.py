@@ -238,7 +238,7 @@ class Running:
         return learnt
 
     def begin(self, state: NDArray[np.float64]) -> None:
-        """Begin with a state (s,) of the law; also what `reset` begins with."""
+        """Begin with a state (s,) of the law, to which `reset` returns, too."""
         self.core.law_state(self.n)[:] = state
         counts = self.pulses
         # `reset` returns to this state from now on.

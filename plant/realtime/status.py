@@ -138,7 +138,7 @@ def _sentence(run: Any, labels: Sequence[str], gravity: bool) -> str:
 
 
 def wording(cause: float, joint: str, amount: float) -> str:
-    """A cause in words, with the joint's label; `amount` is what the core noted with it."""
+    """A cause in words, with the joint's label and the amount that the core has noted."""
     return {
         layout.RUNNING: "",
         layout.WAS_LATE: f"a call that came {1e3 * amount:.3g} ms late",
