@@ -182,7 +182,7 @@ def cut(
     fresh: Callable[[], int],
     size: int,
 ) -> list[list[str]]:
-    """Pieces of about `size` instructions, each a loop; ``{row}`` stands for a row of `rows`.
+    """Pieces of about `size` instructions, each a loop; ``{row}`` is a row of the work array.
 
     `stores` says which name or literal a row, or another place, holds in the end, `rows` which row
     a name may be read from; `fresh` gives a new row. A processor looks a few hundred instructions

@@ -247,7 +247,7 @@ def constants(law: Any, rig: Rig, used: Collection[str]) -> str:
 
 
 def _meaning(owner: Any, field: str) -> str:
-    """Description of a field from the docstring of its class or of a base class; `f` with its names."""
+    """Description of a field from its class or a base class; that of `f` names its parameters."""
     cls: type = type(owner)
     meaning = meanings(cls).get(field) or f"{field} of {cls.__name__}"
     names = getattr(getattr(owner, "dynamics", None), "names", None)

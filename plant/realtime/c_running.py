@@ -211,7 +211,7 @@ def values_of(
     about = f"{type(law).__name__}, with the {limits} of the running controller. {sides(without)}"
     # 2. The values that the fixed parts of the running controller need, too.
     n = rig.n
-    values = output.values | target.values
+    values: dict[str, Any] = output.values | target.values
     values |= {"name": name, "n": n, "prefix": PREFIX, "ramp": literal(RAMP)}
     passed = values["passed"]
     sizes = f"#define N {n}\n#define STATES {layout.states}\n"

@@ -259,7 +259,7 @@ class Guards:
         )
 
     def motion_limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Lowest, highest position [rad], largest speed [rad/s] and rate of torque [N m/s]: (4, n)."""
+        """Lowest, highest position [rad], largest speed [rad/s], torque rate [N m/s]: (4, n)."""
         # An arm without limits of its own moves freely.
         free = np.full(rig.n, np.inf)
         position = np.array([-free, free])
@@ -283,11 +283,11 @@ class Guards:
         )
 
     def slack(self, rig: Rig) -> NDArray[np.float64]:
-        """Speed (n,) [pulses/s] that is no rise in a hold: five turns of the motor, and two pulses."""
+        """Speed (n,) [pulses/s] that is no rise in a hold: some turns of the motor, two pulses."""
         return _TURNS * rig.encoder.resolution + 2 / rig.period
 
     def torque_limits(self, rig: Rig) -> NDArray[np.float64]:
-        """Limits of the time at the torque limit [s] and of the swing on the shaft [N m]: (2, n)."""
+        """Limits of the time at the torque limit [s] and of the shaft's swing [N m]: (2, n)."""
         share, swing = (
             self._per_joint(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter")
         )
