@@ -69,9 +69,9 @@ class Imperfection:
 def _replaced(part: Any, path: list[str], value: Any) -> Any:
     """A part with another value at the end of a path of fields."""
     # Parts are frozen, so all of them on the path are made anew.
-    name, *rest = path
-    if rest:
-        value = _replaced(getattr(part, name), rest, value)
+    name = path[0]
+    if len(path) > 1:
+        value = _replaced(getattr(part, name), path[1:], value)
     return dataclasses.replace(part, **{name: value})
 
 

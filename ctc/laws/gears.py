@@ -236,7 +236,10 @@ class ElasticGears:
 
     def _gains(self, table: Any, n: int) -> tuple[list[ca.SX], list[ca.SX]]:
         """Gains of filter and regulator at this pose; torques in them are for 1 kg m^2."""
-        middle, half, *coefficients = ca.vertsplit(table, n)
+        rows = ca.vertsplit(table, n)
+        middle = rows[0]
+        half = rows[1]
+        coefficients = rows[2:]
         inertia_share = self._rotors * self.mobility.diagonal
         x = ca.fmin(ca.fmax((inertia_share - middle) / half, -1), 1)
         gains = []

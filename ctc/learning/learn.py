@@ -122,11 +122,8 @@ def learn(
     corrections = []
     errors = []
     for record, (correction, innovation) in zip(logs, results, strict=True):
-        # The smallest innovation so far belongs to an undisturbed repetition of this arm: a model
-        # with wrong gears raises all innovations, a disturbance raises one.
         innovations.append(innovation)
-        usual = max(SETTINGS.innovation_ratio * min(innovations), 1.0)
-        if innovation > min(SETTINGS.largest_innovation, usual):
+        if _is_disturbed(innovations):
             left_out.append(_left_out(record, innovations, run_law))
         else:
             corrections.append(correction)
@@ -188,6 +185,14 @@ def learn(
         before=start,
         wanted=wanted,
     )
+
+
+def _is_disturbed(innovations: Sequence[float]) -> bool:
+    """Whether the last of these RMS innovations is too large for its log to be learnt from."""
+    # The smallest innovation so far belongs to an undisturbed repetition of this arm: a model with
+    # wrong gears raises all innovations, a disturbance raises one.
+    usual = max(SETTINGS.innovation_ratio * min(innovations), 1.0)
+    return innovations[-1] > min(SETTINGS.largest_innovation, usual)
 
 
 def _left_out(record: Record, innovations: list[float], law: Law) -> str:

@@ -212,7 +212,7 @@ class Dynamics(Part):
         # C_ij = sum_k c_ijk qd_k with the Christoffel symbols c_ijk = (dD_ij/dq_k + dD_ik/dq_j -
         # dD_jk/dq_i) / 2. The first term sums to Ddot / 2, the other two are skew in i and j: hence
         # Ddot - 2 C is skew.
-        q, qd, *_ = self._symbols
+        q, qd = self._symbols[:2]
         D = self._equations[0]
         dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
         rate = ca.reshape(ca.jacobian(ca.vec(D), q) @ qd, self.n, self.n)

@@ -69,7 +69,7 @@ def torque(
     for i in reversed(range(chain.n)):
         force = force + forces[i]
         moment = moment + moments[i]
-        *_, rotors[i] = _standard(pi, i)
+        rotors[i] = _standard(pi, i)[-1]
         tau[i] = (force if chain.links[i].prismatic else moment)[2]
         rotation, origin = frames[i]
         # The same force and moment, in the frame and about the origin of the previous link.

@@ -149,7 +149,8 @@ class LoopKernel(_Compiled):
         if logs is None:
             name = self.program_name
             logs = np.empty((0, 0)), np.empty((0, 0))
-        *columns, h = tables
+        columns = tables[:-1]
+        h = tables[-1]
         final = np.empty_like(initial)
         kernel, _ = self.program(name)
         steps = kernel.call(name, initial, lanes, np.append(uniform, h), *columns, *logs, final)
@@ -209,7 +210,8 @@ class LoggedKernel(_Compiled):
 
         N is `samples`; the other arguments are as of `LoopKernel.run`.
         """
-        *columns, h = tables
+        columns = tables[:-1]
+        h = tables[-1]
         final = np.empty_like(initial)
         errors = np.empty((samples, self.loop.n, self.width))
         kernel, _ = self.program("logged")
