@@ -34,7 +34,7 @@ from plant.parts.fields import ArrayOrSymbols, Floats, Vector
 from plant.parts.messages import joint_labels
 from plant.parts.part import Part, number, part, structure
 
-_FRICTION = ("viscous", "coulomb")  # what may be left open
+_FRICTION = ("viscous", "coulomb")  # fields that may be open
 
 
 @part
@@ -47,21 +47,21 @@ class Drive(Part):
         k, motor turns per turn of the joint, signed: negative where the motor turns against the
         joint.
     motor_inertia : (n,) array_like
-        Jm [kg m^2]. Already inside f (f1 and f7 of the paper hold Jm k^2): never added to D a
-        second time.
+        Rotor inertia Jm [kg m^2]. f contains Jm k^2 already (f1 and f7 of the paper), so it is not
+        added to D again.
     viscous : (n,) array_like or None
-        Kfr-visc [N m s/rad]. None leaves it open: `identification.identify` finds it together with
-        f.
+        Kfr-visc [N m s/rad]. None leaves it open: `identification.identify` estimates it together
+        with f.
     coulomb : (n,) array_like or None
         Kfr-stat, static and sliding friction alike [N m]; None likewise.
     motor_gain : (n,) array_like
         K_i, motor torque per current [N m/A].
     current_limit : (n,) array_like
-        Largest current of the amplifier [A]; may be infinite.
+        Largest current of the amplifier [A]; infinity means no limit.
     curve : FrictionCurve, optional
         Friction offset (unequal levels of the two directions) and Stribeck effect.
     coupling : Coupling, optional
-        Where one motor moves several joints; the same as the chain's.
+        Coupling of motors that move several joints; the same as the chain's.
     elasticity : Elasticity, optional
         Stiffness [N m/rad], damping [N m s/rad] and backlash [rad] of the gears, joint side (also
         `Elasticity.from_resonance`); none by default: rigid gears.
@@ -69,8 +69,7 @@ class Drive(Part):
         Time constant with which the motor currents follow the commanded ones [s]; none by default,
         and with 0.
     presliding : Presliding, optional
-        How far friction gives before it slides [rad], and its micro-damping [N m s/rad]; none by
-        default.
+        Presliding distance [rad] and micro-damping [N m s/rad] of the friction; none by default.
     load_friction : (n,) array_like or LoadFriction, optional
         Rise of the Coulomb level over the torque that the gear transmits, a share, joint side; none
         by default.
@@ -85,7 +84,8 @@ class Drive(Part):
         Names of the joints, for messages, tables and figures of the logs and the laws of this
         drive.
     left_open : tuple of str, optional
-        Which of "viscous" and "coulomb" are open, and zero until they are found; None adds them.
+        Those of "viscous" and "coulomb" that are open, and zero until they are identified; a value
+        of None adds them.
 
     See Also
     --------
@@ -133,21 +133,19 @@ class Drive(Part):
         object.__setattr__(self, "left_open", still_open)
         # The names are checked before the numbers, since the messages below use them as labels.
         joints = self.joints
-        if (
-            isinstance(joints, str)
-            or not all(isinstance(j, str) for j in joints)
-            or len(joints) not in (0, self.n)
-        ):
+        strings = not isinstance(joints, str) and all(isinstance(name, str) for name in joints)
+        if not strings or len(joints) not in (0, self.n):
             raise ValueError(
                 f"joints must be {self.n} names, or none; got {joints!r:.80}. Name every joint."
             )
         object.__setattr__(self, "joints", tuple(joints))
         labels = joint_labels(joints, self.n)
         # A gear may be negative, but zero would leave the motor without effect.
-        zero = np.flatnonzero(self.gear == 0)
-        if zero.size:
+        zero = self.gear == 0
+        if zero.any():
             raise ValueError(
-                f"gear must not be zero; got 0.0 at {labels[zero[0]]}. Its sign is the motor's."
+                f"gear must not be zero; got 0.0 at {labels[zero.argmax()]}. Its sign is the"
+                " motor's."
             )
         signs(
             self,
@@ -169,14 +167,14 @@ class Drive(Part):
         if self.load_friction is not None and not isinstance(self.load_friction, LoadFriction):
             object.__setattr__(self, "load_friction", LoadFriction(share=self.load_friction))
         if self.elasticity is not None:
-            instance(
-                "elasticity", self.elasticity, Elasticity, "Give Elasticity(stiffness=..., ...)."
-            )
+            advice = "Give Elasticity(stiffness=..., ...)."
+            instance("elasticity", self.elasticity, Elasticity, advice)
         self.require_joints(self.n)
         # A backlash beyond one turn of the motor is one that was given motor side.
         play = None if self.elasticity is None else self.elasticity.backlash
-        if play is not None and (play * np.abs(self.gear) > 2 * np.pi).any():
-            i = np.argmax(play * np.abs(self.gear) > 2 * np.pi)
+        excessive = play is not None and play * np.abs(self.gear) > 2 * np.pi
+        if np.any(excessive):
+            i = np.argmax(excessive)
             turn = 2 * np.pi / abs(self.gear[i])
             raise ValueError(
                 f"backlash must be within one turn of the motor, {turn:.3g} rad at {labels[i]}; got"
@@ -196,8 +194,8 @@ class Drive(Part):
         """A drive with the friction and efforts of a URDF file, on the joints of `Chain.from_urdf`.
 
         The other ``fields`` are those of a `Drive`: gear, motor_inertia and motor_gain, which no
-        file has; those that the file has too go before it. A joint of which it does not state what
-        is needed, or an effort of 0, is refused.
+        file has; fields that the file states as well replace its values. A missing friction, a
+        missing effort or an effort of 0 is refused.
 
         Examples
         --------
@@ -228,12 +226,11 @@ class Drive(Part):
         ):
             if key in fields:
                 continue
-            lacking = np.flatnonzero(~np.isfinite(values))
-            if lacking.size:
-                where = f"{element} of joint {names[lacking[0]]} in {Path(path).name}"
+            lacking = ~np.isfinite(values)
+            if lacking.any():
                 raise ValueError(
-                    f"{where} must be stated; it is not, or 0. Give {key} motor side (friction: or"
-                    " None)."
+                    f"{element} of joint {names[lacking.argmax()]} in {Path(path).name} must be"
+                    f" stated; it is not, or 0. Give {key} motor side (friction: or None)."
                 )
             changes[key] = values / scale
         return dataclasses.replace(drive, **changes)
@@ -281,10 +278,8 @@ class Drive(Part):
 
     def limited_to(self, torque: ArrayLike) -> Self:
         """This drive with amplifiers limited to these torques [N m], on the joint (or shaft)."""
-        current = np.minimum(
-            self.current_limit, np.asarray(torque) / (self.motor_gain * np.abs(self.gear))
-        )
-        return dataclasses.replace(self, current_limit=current)
+        current = np.asarray(torque) / (self.motor_gain * np.abs(self.gear))
+        return dataclasses.replace(self, current_limit=np.minimum(self.current_limit, current))
 
     def limited(self, tau: ArrayOrSymbols) -> ArrayOrSymbols:
         """Joint torque [N m] after rounding to `torque_step`, if any, and saturation."""

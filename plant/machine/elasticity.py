@@ -143,14 +143,14 @@ class Resonance(Part):
     def of(self, drive: Any) -> Elasticity:
         """The elasticity with a drive, whose motors must be lighter than the inertia of the arm."""
         # The motor is locked: only the links swing, and D_ii holds the rotor Jm k^2 as well.
-        links = self.inertia - drive.reflected_inertia()
+        rotors = drive.reflected_inertia()
+        links = self.inertia - rotors
         if (links <= 0).any():
-            joint = int(np.flatnonzero(links <= 0)[0])
-            label = joint_label(drive.joints, joint)
-            rotor = drive.reflected_inertia()[joint]
+            i = int(np.argmax(links <= 0))
             raise ValueError(
-                f"D must exceed the motors' inertia; {label} has {self.inertia[joint]:.4g} kg m^2,"
-                f" its motor {rotor:.4g}. Use the drive whose motors are in f."
+                f"D must exceed the motors' inertia; {joint_label(drive.joints, i)} has"
+                f" {self.inertia[i]:.4g} kg m^2, its motor {rotors[i]:.4g}. Use the drive whose"
+                " motors are in f."
             )
         stiffness, damping = gears(self.hz, self.damping_ratio, links)
         return Elasticity(stiffness=stiffness, damping=damping, backlash=self.backlash)

@@ -93,19 +93,22 @@ def friction_impulse(
     friction acted on it alone: -inverse.alone qd, the velocity that of the end without Coulomb
     friction; `bound` is the Coulomb level times step.
     """
-    n = stopping.shape[0]
     impulses = ca.vertsplit(impulse)
     # A level below zero would turn the interval around.
     bound = ca.fabs(bound)
     # Projected Gauss-Seidel: each joint takes the impulse that stops it, given the impulses of all
     # others now, and is cut to the interval +-bound.
     for _ in range(sweeps):
-        for i in range(n):
-            wanted = sum(
-                (inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i]
-            )
+        for i in range(len(impulses)):
+            wanted = _stopping_impulse(inverse, stopping, impulses, i)
             impulses[i] = ca.fmin(ca.fmax(wanted, -bound[i]), bound[i])
     return ca.vertcat(*impulses)
+
+
+def _stopping_impulse(inverse: Inverse, stopping: ca.SX, impulses: list[ca.SX], i: int) -> ca.SX:
+    """Impulse that stops joint i [N m s], given the impulses on all other joints."""
+    coupled = (inverse.share[i, j] * impulses[j] for j in range(len(impulses)) if j != i)
+    return sum(coupled, stopping[i])
 
 
 def smooth_impulse(inverse: Inverse, stopping: ca.SX, bound: ca.SX) -> ca.SX:
@@ -196,7 +199,6 @@ def bristle_impulse(
     """
     # In units of momentum: `distance` is D of the docstring, the momentum with which the joint goes
     # the presliding distance in half a step.
-    n = stopping.shape[0]
     impulses = ca.vertsplit(impulse)
     bound = ca.vertsplit(ca.fabs(bound))
     deflection = ca.vertsplit(bristles.deflection)
@@ -204,10 +206,8 @@ def bristle_impulse(
     damped = ca.vertsplit(bristles.damped(ca.vertcat(*bound)))
     following = list(deflection)
     for _ in range(sweeps):
-        for i in range(n):
-            wanted = sum(
-                (inverse.share[i, j] * impulses[j] for j in range(n) if j != i), stopping[i]
-            )
+        for i in range(len(impulses)):
+            wanted = _stopping_impulse(inverse, stopping, impulses, i)
             # m, with its sign, is the momentum that remains if the bristles do not bend any
             # further. The joint moves that way, so the equation is solved for a positive momentum.
             free = -(wanted + bound[i] * deflection[i])

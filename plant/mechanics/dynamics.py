@@ -252,9 +252,8 @@ class Dynamics(Part):
         With four arguments D qdd_r + C qd_r + gravity = Y(q, qd, qd_r, qdd_r) f, as in passivity-
         based laws.
         """
-        if len(accelerations) == 2:
-            return self._passive_regressor(q, qd, *accelerations)
-        return self._regressor(q, qd, *accelerations)
+        regressor = self._passive_regressor if len(accelerations) == 2 else self._regressor
+        return regressor(q, qd, *accelerations)
 
     def _prove(self) -> None:
         """Refuse a lumping whose torque is not the chain's, at random states.

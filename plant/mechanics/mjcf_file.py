@@ -13,7 +13,7 @@ from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed, rotation_of
 from plant.parts.arguments import choice
 
-# places in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz
+# Indices in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz.
 FULL = (0, 3, 5, 1, 2, 4)
 
 # Elements that may stand in <mujoco>. Those that only draw or control are ignored, all that add
@@ -35,7 +35,8 @@ _TOP = (
     "worldbody",
 )
 _IN_BODY = ("body", "camera", "geom", "inertial", "joint", "light", "site")
-_ZERO = {  # attribute that must be zero -> what it would be
+# Attributes that must be zero, and the effect that they would have.
+_ZERO = {
     "joint": {"stiffness": "a spring", "springdamper": "a spring"},
     "body": {"gravcomp": "gravity compensation", "mocap": "a body that is moved by hand"},
     "compiler": {
@@ -125,10 +126,8 @@ class _Reader:
         self.defaults: dict[str, dict[str, str]] = {"main": {}}
         for element in root.all("compiler"):
             get = element.attributes.get
-            self.degrees = (
-                choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian"))
-                == "degree"
-            )
+            unit = choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian"))
+            self.degrees = unit == "degree"
             self.sequence = get("eulerseq", "xyz")
             self.autolimits = get("autolimits", "true") == "true"
             if len(self.sequence) != 3 or set(self.sequence.lower()) - set("xyz"):

@@ -47,12 +47,15 @@ class Element:
         """The children of this tag."""
         return [child for child in self.children if child.tag == tag]
 
+    @property
+    def _name_end(self) -> int:
+        """End of the tag's name in the bytes of the file, behind the <."""
+        return self.start + 1 + len(self.tag.encode())
+
     def attribute_edit(self, data: bytes, name: str, value: str | None) -> Edit:
         """The edit that sets an attribute, or removes it (None), in the bytes of the file."""
         # The search starts behind the tag's name and ends with the start tag.
-        for match in _ATTRIBUTE.finditer(
-            data, self.start + 1 + len(self.tag.encode()), self.opened
-        ):
+        for match in _ATTRIBUTE.finditer(data, self._name_end, self.opened):
             if match[1].decode() == name:
                 start, stop = match.span(2)
                 if value is None:
@@ -60,13 +63,13 @@ class Element:
                     return len(data[: match.start()].rstrip()), stop, b""
                 return start, stop, quoteattr(value).encode()
         # A new attribute stands directly behind the tag's name.
-        place = self.start + 1 + len(self.tag.encode())
-        return place, place, b"" if value is None else f" {name}={quoteattr(value)}".encode()
+        text = "" if value is None else f" {name}={quoteattr(value)}"
+        return self._name_end, self._name_end, text.encode()
 
     def child_edit(self, data: bytes, text: str, *, first: bool = False) -> Edit:
         """The edit that adds a child of this text as the last (or the first), indented."""
         if not self.children:
-            name = data[self.start + 1 : self.start + 1 + len(self.tag.encode())]
+            name = data[self.start + 1 : self._name_end]
             # <tag/> has no content: it is opened, and a closing tag is added.
             if self.opened == self.stop:
                 place = data.rfind(b"/", self.start, self.stop)
