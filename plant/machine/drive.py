@@ -172,8 +172,10 @@ class Drive(Part):
         self.require_joints(self.n)
         # A backlash beyond one turn of the motor is one that was given motor side.
         play = None if self.elasticity is None else self.elasticity.backlash
-        excessive = play is not None and play * np.abs(self.gear) > 2 * np.pi
-        if np.any(excessive):
+        if play is None:
+            return
+        excessive = play * np.abs(self.gear) > 2 * np.pi
+        if excessive.any():
             i = np.argmax(excessive)
             turn = 2 * np.pi / abs(self.gear[i])
             raise ValueError(

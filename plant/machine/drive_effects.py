@@ -17,12 +17,12 @@ class TorqueRipple(Part):
     Parameters
     ----------
     amplitude : (n,) array_like
-        Of the torque [N m], motor side; a share of the largest torque is that share of
-        ``motor_gain * current_limit``.
+        Amplitude of the torque [N m], motor side; the largest motor torque is ``motor_gain *
+        current_limit``.
     cycles : (n,) array_like
-        Of the torque per turn of the motor, such as the number of its slots.
+        Periods of the torque per turn of the motor, such as the number of its slots.
     phase : (n,) array_like, optional
-        At motor angle 0 [rad].
+        Phase at motor angle 0 [rad].
 
     Raises
     ------

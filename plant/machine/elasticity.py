@@ -28,8 +28,8 @@ class Elasticity(Part):
     damping : (n,) array_like
         Torque per rate of deflection [N m s/rad].
     backlash : (n,) array_like, optional
-        How far the joint can turn while the motor stands [rad]; at most one turn of the motor. None
-        by default.
+        Angle that the joint can turn while the motor stands [rad], at most one turn of the motor;
+        none by default.
 
     Raises
     ------
@@ -89,7 +89,7 @@ class Elasticity(Part):
         q : (n,) array_like, optional
             Pose [rad]; zeros by default.
         backlash : (n,) array_like, optional
-            As of `Elasticity`.
+            Backlash [rad], as of `Elasticity`.
 
         Returns
         -------
@@ -176,7 +176,7 @@ class Spring(NamedTuple):
 
     The torque is that of the middle of the step, with the speeds at its start.
 
-    ``added`` [kg m^2]: inertia by which the spring resists a change of the deflection's speed.
+    ``added`` [kg m^2]: inertia with which the spring resists a change of the deflection's speed.
     """
 
     torque: ca.SX

@@ -36,9 +36,9 @@ class Jitter(Part):
     share : float
         Largest displacement to either side, as a share of the law's period.
     seed : int
-        Of the draws.
+        Seed of the draws.
     stream : float
-        A whole number, 0 or more: loops with other ones have other instants.
+        A whole number, 0 or more: loops with different streams have different instants.
 
     See Also
     --------
@@ -100,7 +100,7 @@ class Transport(Part):
     Parameters
     ----------
     delay : float
-        From a sample to its torque [s], at most one period of the law.
+        Time from a sample to its torque [s], at most one period of the law.
     lost : sequence of int
         Steps of the law, counted from 0, whose counts do not arrive; those of step 0 always do.
     bit : float
@@ -173,9 +173,9 @@ class Rig(Part):
     transport : Transport, optional
         Delay of the torque [s], lost counts.
     jitter : Jitter, optional
-        Of the instants at which a law reads the encoders, a share of its period.
+        Displacement of the instants at which a law reads the encoders, a share of its period.
     springs : KnownTorque or tuple of KnownTorque, optional
-        `JointSpring`, `Counterbalance`, `CosineTorque` or a part of one's own, on the links; none
+        `JointSpring`, `Counterbalance`, `CosineTorque` or another `KnownTorque`, on the links; none
         by default.
 
     See Also

@@ -44,6 +44,7 @@ class Arm(Part):
     f: Vector = number(("p",))
 
     def __post_init__(self) -> None:
+        # Before the check of all parts, which knows the number of parameters only by this array.
         names = self.dynamics.short_names
         if np.shape(self.f) != (len(names),):
             raise ValueError(
@@ -71,6 +72,7 @@ class Arm(Part):
 
     def forward(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Floats:
         """Forward dynamics: acceleration (n,) [rad/s^2] without friction; D(q) must be positive."""
+        # D(q) of a poor estimate of f may be singular: no acceleration is right then.
         tau = array("tau", tau, (self.n,), advice="One torque per joint [N m].")
         self.require_positive(q)
         # qdd = D^-1 (tau - h). A solve, not the inverse of D, which would lose digits.

@@ -1,10 +1,10 @@
 """Base parameters: the identifiable combinations of the standard parameters of a chain.
 
 The columns of the regressor of the standard parameters are linearly dependent. Taken in an order of
-preference, each column is either independent of those before it, and its parameter stays, or a
-combination of them, and its parameter is regrouped into theirs: what is left, B pi, is the smallest
-f with the same torque. The preference (masses, mz and Iyy last) gives the combinations of the
-literature, where a link's mass joins the inertia of the link before it.
+preference, each column is either independent of the preceding ones, and its parameter stays, or it
+is a combination of them, and its parameter is regrouped into theirs. The rest, B pi, is the
+smallest f with the same torque. The preference (masses, mz and Iyy last) gives the combinations of
+the literature, where a link's mass joins the inertia of the link before it.
 
 Source: M. Gautier and W. Khalil, Direct calculation of minimum set of inertial parameters of serial
 robots, IEEE Transactions on Robotics and Automation 6 (1990); M. Gautier, Numerical calculation of

@@ -36,11 +36,11 @@ class Chain(Part):
     gravity : (3,) array_like
         Acceleration of gravity in the base frame [m/s^2]; of a tilted base see `tilted`.
     bodies : tuple of Body, optional
-        Inertial parameters of the links, where known, each in its link's ``frame``.
+        Inertial parameters of the links, if known, each in the ``frame`` of its link.
     coupling : Coupling, optional
-        Where one motor moves several joints: `Body.rotor` is then reflected to the shaft.
+        Coupling of motors that move several joints: `Body.rotor` is then reflected to the shaft.
     limits : Limits, optional
-        Of positions, speeds and efforts, as a model file states them.
+        Limits of positions, speeds and efforts, as a model file states them.
 
     See Also
     --------
@@ -78,6 +78,7 @@ class Chain(Part):
                 f"links must have names of their own; {twice[0]!r} comes twice. Rename one."
             )
         gravity = array("gravity", self.gravity, (3,), advice="Give m/s^2, such as (0, 0, -9.81).")
+        # Bodies are optional, since equations need the geometry alone; then all links have one.
         bodies = tuple(self.bodies) if np.iterable(self.bodies) else (self.bodies,)
         complete = len(bodies) == len(links) and all(isinstance(body, Body) for body in bodies)
         if bodies and not complete:
@@ -140,9 +141,10 @@ class Chain(Part):
     def carrying(self, body: Body, link: int | str = -1) -> Chain:
         """The same chain with a tool or a load fixed to a link, the last one by default.
 
-        The body is in the frame of that link's own body; the link is a place in the chain from 0,
-        or a name.
+        The frame of the body is that of the body of the link. The link is an index from 0, or a
+        name.
         """
+        # Joined with the body of the link, so that f, which sees their sum alone, counts both.
         instance("body", body, Body, "Give mass and com; a point mass needs no inertia.")
         if not self.bodies:
             raise ValueError(
@@ -222,6 +224,7 @@ class Chain(Part):
         and ball joints, springs, fluids, plugins.
         """
         model = read_mjcf(path)
+        # Unlike URDF, the file states gravity.
         links, bodies, limits = links_of_chain(model, joints)
         return cls(links=links, gravity=model.gravity, bodies=bodies, limits=limits)
 
@@ -253,6 +256,7 @@ class Chain(Part):
             advice = "Give alpha, a and d by name; rows of the modified table are Links."
             instance(f"row {i}", row, dict, advice)
             label = f"a key of row {i} (standard table; rows of the modified one are Links)"
+            # A misspelt key would silently take its default.
             for key in row:
                 choice(label, key, _KEYS)
             for key in ("alpha", "a", "d"):

@@ -32,10 +32,10 @@ class Dynamics(Part):
     ----------
     chain : Chain
     lumping : Lumping
-        How f is made of the links' inertial parameters; one whose torque is not the chain's is
-        refused.
+        The combinations f of the links' inertial parameters. A lumping is refused if its torque
+        differs from that of the chain.
     ranges : (p, 2) nested tuple, optional
-        Lower and upper bound of each f, in which a search looks by default.
+        Lower and upper bound of each f: the default bounds of a search.
 
     Notes
     -----
@@ -143,7 +143,7 @@ class Dynamics(Part):
     def load_matrix(self, link: int | str = -1) -> Floats:
         """Increments B (p, 10) of f by a load on a link: f + B ``body.standard_parameters``.
 
-        The link is given by its place in the chain from 0, or its name; by default it is the last.
+        The link is an index in the chain from 0, or a name; by default the last one.
         """
         return _load_matrix(self, link).copy()
 

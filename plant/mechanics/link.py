@@ -36,10 +36,10 @@ class Link(Part):
     prismatic : bool
         The joint slides: q is in m, and the torque a force [N].
     before : Placement
-        Pose, in the previous link's frame, of the frame in which the row begins: for geometry that
+        Pose of the frame where the row begins, in the frame of the previous link: for geometry that
         no row describes.
     frame : Placement
-        Pose, in the link's frame, of the frame in which its body is given (`Body`).
+        Pose of the frame of the link's `Body`, in the frame of the link.
 
     See Also
     --------

@@ -30,6 +30,7 @@ class Inverse(NamedTuple):
 
     def solve(self, x: ca.SX) -> ca.SX:
         """A^-1 x."""
+        # An impulse on each joint alone, times the mobility of that joint.
         return self.diagonal * self.own(x)
 
     def matrix(self):
@@ -62,6 +63,7 @@ def row_by_row(inverted, minors=()):
 
 def _by_blocks(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
     """The inverse by the Schur complement of its first two rows."""
+    # The recursion ends with no row or one row: an odd number of joints leaves one.
     n = matrix.shape[0]
     if n == 0:
         return ca.SX(0, 0), []
@@ -94,6 +96,7 @@ def eliminated(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
     # Gaussian elimination without row exchanges, which a positive definite matrix does not need.
     while matrix.shape[0]:
         pivots.append(matrix[0, 0])
+        # Rows above the diagonal are zero.
         columns.append(ca.vertcat(ca.SX.zeros(n - matrix.shape[0]), matrix[:, 0] / matrix[0, 0]))
         matrix = matrix[1:, 1:] - matrix[1:, 0] @ matrix[0, 1:] / matrix[0, 0]
     return ca.horzcat(*columns), pivots

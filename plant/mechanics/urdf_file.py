@@ -21,6 +21,7 @@ def read_urdf(path: str | Path) -> ModelFile:
     # Macros cannot be read; their expansion can. The bytes then are those of the expansion.
     if is_xacro(robot):
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
+    # Links first: an unnamed one is refused there.
     bodies = _bodies(robot)
     joints = _joints(robot)
     links = {link.attributes["name"]: link for link in robot.all("link")}
@@ -32,6 +33,7 @@ def origin_of(element: Element, where: str) -> Placement:
     origin = element.find("origin")
     if origin is None:
         return HERE
+    # Roll, pitch and yaw about fixed axes, in radians.
     position = numbers_of(origin, "xyz", 3, "0 0 0", f"{where}, origin")
     roll, pitch, yaw = numbers_of(origin, "rpy", 3, "0 0 0", f"{where}, origin")
     return Placement.of_angles(roll, pitch, yaw, position)
@@ -59,6 +61,8 @@ def _bodies(robot: Element) -> dict[str, Body | None]:
         bodies[name] = None
         for inertial in inertials:
             mass = numbers_of(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
+            # About the centre of mass, along the axes of the <origin>; `body_in` turns it into the
+            # axes of the link.
             matrix = inertial.find("inertia")
             inertia = [numbers_of(matrix, key, 1, None, f"{where}, inertia")[0] for key in INERTIA]
             bodies[name] = body_in(mass, np.array(inertia), name, origin_of(inertial, where))
@@ -90,6 +94,7 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
             raise ValueError(
                 f"{where} must have a parent and a child link; one is missing. Add it."
             )
+        # The axis is in the frame of the joint, which is that of the child link.
         axis = numbers_of(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
         # A fixed joint needs no axis; any other one needs a direction to turn about.
         if kind in MOVING and np.linalg.norm(axis) < 1e-6:
@@ -116,8 +121,6 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
 
 def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float, float, float]:
     """Lower and upper position, velocity, effort; infinite without a limit.
-
-    Files write 0 for a velocity or an effort that they do not know: no limit.
 
     Files write 0 for a velocity or an effort that they do not know: no limit.
     """
