@@ -156,7 +156,7 @@ def fit_gears(
     """Fits with the best compliances of a grid, one for each pass band in which there is one.
 
     `dynamics`, `records`, `unknown`, `known_values`: as for `equation_error`; rigs with elasticity
-    or without. `grid` (m, n): compliances of each gear that are tested [rad/(N m)]: rows of all gears
+    or without. `grid` (m, n): tested compliances of each gear [rad/(N m)]: rows of all gears
     together first, then each on its own. A column of one value keeps that gear as it is.
     """
     names = linear(dynamics, records[0].rig, unknown)

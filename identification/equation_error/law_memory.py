@@ -267,15 +267,7 @@ def state_directions(record: Record, run: LawRun, scale: Floats) -> tuple[Memory
     return Memory(state=np.array(law.state), directions=directions, usual=usual), columns
 
 
-def _fitted(
-    dynamics,
-    record,
-    unknown,
-    run,
-    columns,
-    usual,
-    bands,
-):
+def _fitted(dynamics, record, unknown, run, columns, usual, bands):
     """Coordinates (r,) [N m] of the least residual beside their usual size, and its band."""
     rig = record.rig
     torque = law_torque(record, run)

@@ -82,11 +82,7 @@ class NotIdentifiableError(ValueError):
 
 
 def least_squares(
-    names: Sequence[str],
-    rows: Floats,
-    target: Floats,
-    *,
-    dependent: float = IDENTIFIABLE.equations,
+    names: Sequence[str], rows: Floats, target: Floats, *, dependent: float = IDENTIFIABLE.equations
 ) -> tuple[Floats, Floats, float]:
     """Solve rows x = target.
 

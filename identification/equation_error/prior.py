@@ -84,7 +84,7 @@ class Prior(Frozen):
         return np.array([dot(row, row) for row in map(self.deviations, vectors)])
 
     @classmethod
-    def of(cls, dynamics: Dynamics, rig: Rig, argument: Any) -> Self:
+    def of(cls, dynamics: Dynamics, rig: Rig, argument) -> Self:
         """Prior of the argument: a spread of the chain's own bodies, or (bodies, f or an arm, and a
         spread).
 

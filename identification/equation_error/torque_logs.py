@@ -1,7 +1,7 @@
 """Positions and torques of logs, from records or arrays: the torque that acted at each sample."""
 
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -116,7 +116,7 @@ class TorqueLog:
     counted: bool = False
 
 
-def torque_logs(dynamics: Dynamics, q: Any, torque: Any, rig: Rig | None) -> list[TorqueLog]:
+def torque_logs(dynamics: Dynamics, q, torque, rig: Rig | None) -> list[TorqueLog]:
     """Logs of records, or of positions (N, n) and torques (N, n), one or a sequence of each."""
     # Records, or positions with torques and a rig: the first argument decides.
     records = (q,) if isinstance(q, Record) else tuple(q) if isinstance(q, (tuple, list)) else ()

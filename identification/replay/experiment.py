@@ -111,7 +111,7 @@ class Experiment:
         unknown: Sequence[str],
         *,
         smooth: bool = False,
-        **options: Any,
+        **options,
     ) -> None:
         if record.law is None:
             raise ValueError(
@@ -255,12 +255,7 @@ class Rounding(Experiment):
         return _Rounded(path) if isinstance(path, Logged) and path.whole else path
 
     def counts(
-        self,
-        start: Any,
-        numbers: Floats,
-        names: Sequence[str],
-        shifts: Sequence[Floats],
-        threads: int,
+        self, start, numbers: Floats, names: Sequence[str], shifts: Sequence[Floats], threads: int
     ) -> list[Floats]:
         """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by
         so many pulses (n,).

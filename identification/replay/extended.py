@@ -10,7 +10,6 @@ import copy
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -95,7 +94,7 @@ class Extended(Stacked):
         prior: Prior | None = None,
         runs: Sequence[int] | None = None,
         threads: int | None = None,
-        **options: Any,
+        **options,
     ) -> None:
         n = dynamics.n
         links = _link_inertia(dynamics, records[0], f)
@@ -220,14 +219,7 @@ class _Log:
     `law`: numbers of its law that may be wrong. `prediction`: the model with rigid gears.
     """
 
-    def __init__(
-        self,
-        dynamics,
-        record,
-        unknown,
-        links,
-        options,
-    ):
+    def __init__(self, dynamics, record, unknown, links, options):
         self._links = links
         self._damped = record.rig.drive.elasticity is not None
         self._springs = None

@@ -245,8 +245,7 @@ def compliance(at: Optimum) -> list[Trial]:
     # The stiffest first.
     frequencies = np.geomspace(highest, lowest, count).tolist()
     return _tried(
-        at,
-        [{f"compliance[{i}]": hz**-2 for i in group} for group in groups for hz in frequencies],
+        at, [{f"compliance[{i}]": hz**-2 for i in group} for group in groups for hz in frequencies]
     )
 
 

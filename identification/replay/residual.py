@@ -70,7 +70,20 @@ class Reweighable(Residual, Protocol):
         ...
 
 
-class Reparametrised:
+class _Batched:
+    """A residual that simulates several vectors side by side."""
+
+    def innovations(self, values: Floats) -> Floats:
+        """Weighted innovations (M,), scaled, at values (k,); inf where the simulation diverges."""
+        # One way into the simulation: a single vector is a batch of one.
+        return self.all_innovations([values])[0]
+
+    def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
+        """The same at each of several vectors."""
+        raise NotImplementedError
+
+
+class Reparametrised(_Batched):
     """A residual as a function of other unknowns.
 
     `unknown`: names of the coordinates. `values_of`: coordinates (j,) -> values (k,) of the
@@ -94,9 +107,6 @@ class Reparametrised:
     def scales(self) -> Floats:
         return self.residual.scales
 
-    def innovations(self, coordinates: Floats) -> Floats:
-        return self.all_innovations([coordinates])[0]
-
     def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
         # Impossible values are not simulated: a kernel would return NaN, which no search can order.
         values = [self.values_of(coordinates) for coordinates in vectors]
@@ -118,7 +128,7 @@ class Reparametrised:
         return self.residual.reweigh(self.values_of(coordinates))
 
 
-class WithPrior:
+class WithPrior(_Batched):
     """A residual, and behind it how far unknowns are from their expected values.
 
     `deviations`: unknowns (k,) -> deviations (count,), each in its standard deviations. `noise`:
@@ -150,9 +160,6 @@ class WithPrior:
         # Deviations have their scale in `noise`, which is set apart from the records' weights.
         return np.append(self.residual.scales, np.ones(self.count))
 
-    def innovations(self, values: Floats) -> Floats:
-        return self.all_innovations([values])[0]
-
     def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
         vectors = list(vectors)
         # The iterable serves twice: for the innovations, and for the deviations behind them.
@@ -174,7 +181,7 @@ class WithPrior:
         return self.residual.reweigh(values)
 
 
-class Stacked:
+class Stacked(_Batched):
     """The rows of several records one after another: first a prior's of f, last `expected` more.
 
     `weights`: of the innovations of each record. A class that derives from it says in `parts` how
@@ -191,10 +198,6 @@ class Stacked:
     def parts(self, vectors: Sequence[Floats]) -> Iterator[list[Floats]]:
         """Rows of each part, a list with an array per vector: the records', then what follows."""
         raise NotImplementedError
-
-    def innovations(self, values: Floats) -> Floats:
-        """Weighted innovations (M,), scaled, at values (k,); inf where the simulation diverges."""
-        return self.all_innovations([values])[0]
 
     def all_innovations(self, vectors: Iterable[Floats]) -> list[Floats]:
         """Weighted innovations (M,) at each of several vectors, simulated side by side."""

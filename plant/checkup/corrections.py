@@ -70,7 +70,7 @@ class _Trial(NamedTuple):
     unexplained: float
 
 
-def tried(record: Any, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
+def tried(record, examined: Callable[[Any], list[Finding]]) -> tuple[tuple[Finding, ...], Any]:
     """Findings about a record with the effect of their corrections; the record with all that help.
 
     `examined` gives the findings about a record.
@@ -143,12 +143,7 @@ def _problem_count(findings):
     return sum(not finding.ok for finding in findings)
 
 
-def _trial(
-    correction,
-    findings,
-    unexplained,
-    examined,
-):
+def _trial(correction, findings, unexplained, examined):
     """Findings after a correction; those before it where the motion then explains less torque."""
     # A correction that makes the torque less plausible is no correction, whatever the checks say.
     share = unexplained_share(correction.record)
@@ -158,7 +153,7 @@ def _trial(
     return _Trial(correction, examined(correction.record), share)
 
 
-def unexplained_share(record: Any) -> float:
+def unexplained_share(record) -> float:
     """Share of the torque's variance that the motion does not explain, mean over the joints.
 
     It is 1 for a joint, or a record, whose torque is unknown.
@@ -253,10 +248,7 @@ def _turned_counts(record, findings, index):
     )
     # A stated `reference` would contradict the turned column.
     with_reference = replace(
-        record,
-        reference=None,
-        reference_pulses=reference,
-        error_pulses=reference - record.counts,
+        record, reference=None, reference_pulses=reference, error_pulses=reference - record.counts
     )
     counts_column = signals.column("counts", joint)
     # Where the gear converted only one of the two columns to pulses, its sign is a correction of

@@ -90,7 +90,7 @@ LEFT_OUT = LeftOutSettings()
 _MORE_MOTION = "log a motion of all joints (design_motion), or identify with prior=, such as 0.3."
 
 
-def hardly_moving(record: Any) -> Bools:
+def hardly_moving(record) -> Bools:
     """Motors (n,) that move by less than `LEAST_MOTION`, or only hunt about their reference.
 
     Hunting counts only while the reference moves other joints.
@@ -106,7 +106,7 @@ def hardly_moving(record: Any) -> Bools:
     return (moved < LEAST_MOTION) | (hunting & (record.injected is None))
 
 
-def hardly_asked(record: Any) -> Bools:
+def hardly_asked(record) -> Bools:
     """Those of the hardly moving motors (n,) whose reference hardly moves either.
 
     Friction may hold them beside the reference, which is no mistake.

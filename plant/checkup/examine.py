@@ -5,7 +5,6 @@ It needs no model of the arm.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -547,7 +546,7 @@ _CHECKS = (
 )
 
 
-def examine(record: Any) -> Checkup:
+def examine(record) -> Checkup:
     """Check a record for errors; ``record.check()`` does."""
     labels = tuple(Signals(record).joint_labels)
     # Too short for corrections, which compare statistics.

@@ -77,7 +77,7 @@ class LostRows(NamedTuple):
         return self.packets | self.stuck | self.glitches | self.late
 
 
-def lost_rows(record: Any) -> LostRows:
+def lost_rows(record) -> LostRows:
     """Find the rows of a record that are no measurement, among those with weight."""
     N, n = record.counts.shape
     packets, stuck, glitches, late = np.zeros((4, N), bool)
@@ -127,7 +127,7 @@ def lost_rows(record: Any) -> LostRows:
     return lost
 
 
-def bridged(record: Any) -> Any:
+def bridged(record) -> Any:
     """The record with lost rows and short gaps bridged without weight, and lost turns taken back.
 
     A record without any is returned as it is.
@@ -146,7 +146,7 @@ def bridged(record: Any) -> Any:
     return all_bridged(record, lost)
 
 
-def all_bridged(record: Any, lost: LostRows) -> Any:
+def all_bridged(record, lost: LostRows) -> Any:
     """The record with these rows and short gaps bridged, and lost turns taken back."""
     # Turns first: the lines of the bridges end on the counts beside them.
     if lost.turns.any():
@@ -154,7 +154,7 @@ def all_bridged(record: Any, lost: LostRows) -> Any:
     return on_lines(record, lost.any | short_gaps(record.valid == 0, BRIDGED))
 
 
-def repeats_bridged(record: Any, lost: LostRows) -> Any:
+def repeats_bridged(record, lost: LostRows) -> Any:
     """The record with lost packets, stuck samples and late stamps bridged.
 
     Glitches and jumps stay as they are.
@@ -162,7 +162,7 @@ def repeats_bridged(record: Any, lost: LostRows) -> Any:
     return on_lines(record, lost.packets | lost.stuck | lost.late)
 
 
-def off_reference(record: Any) -> Bools:
+def off_reference(record) -> Bools:
     """Rows (N,) in short gaps whose logged reference is not the stated one.
 
     There are none where many rows are off: then the record follows another reference.
@@ -184,7 +184,7 @@ def short_gaps(missing: Bools, longest: int) -> Bools:
     return short
 
 
-def on_lines(record: Any, rows: Bools) -> Any:
+def on_lines(record, rows: Bools) -> Any:
     """The record with these rows on straight lines between the others, and without weight."""
     if not rows.any():
         return record

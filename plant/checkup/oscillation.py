@@ -8,7 +8,7 @@ or the amplifier limit it.
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -101,7 +101,7 @@ def oscillation_findings(signals: Signals, share: float = 1.0) -> Iterator[Findi
     yield from unless(reason, (_NAME,), signals.per_joint(check))
 
 
-def own_oscillations(record: Any, share: float = 1.0) -> list[float]:
+def own_oscillations(record, share: float = 1.0) -> list[float]:
     """Frequencies [Hz] at which joints of the loop of a `Record` oscillate.
 
     They have at least this share of the size at which a finding reports them.

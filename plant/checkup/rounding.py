@@ -8,7 +8,7 @@ cells merged, it shows that of `fix`. So the log is its own yardstick for any mo
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def rounding_findings(signals: Signals) -> Iterator[Finding]:
         yield check.wrong(share, f"The counts show {evidence}, not {stated!r} as stated.")
 
 
-def rounding_doubts(record: Any) -> list[str]:
+def rounding_doubts(record) -> list[str]:
     """A line if the counts of a record contradict the stated convention, or none."""
     return [finding.advice for finding in rounding_findings(Signals(record)) if not finding.ok]
 

@@ -84,7 +84,7 @@ class Signals:
     time between two samples [s].
     """
 
-    def __init__(self, record: Any) -> None:
+    def __init__(self, record) -> None:
         self.record = record
         self.rig = record.rig
         self.n = record.n

@@ -8,7 +8,7 @@ average over much of a swing.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class TorqueRegression:
     unexplained: float
 
     @classmethod
-    def of(cls, signals: Any, torque: Floats, i: int) -> Self | None:
+    def of(cls, signals, torque: Floats, i: int) -> Self | None:
         """Fit the torque (M, n) [N m] of motor i; None for too few rows, or a constant torque."""
         # 1. Rows in which the motor moves, so that friction has a known sign.
         n = signals.n
@@ -200,7 +200,7 @@ class AveragedRegression:
     delay_std: float
 
     @classmethod
-    def all_of(cls, signals: Any, torque: Floats) -> list[Self] | None:
+    def all_of(cls, signals, torque: Floats) -> list[Self] | None:
         """Fit the torques (M, n) [N m] of all motors; None for a log too short for the unknowns."""
         # 1. Terms that all motors share: inertia that depends on the pose, the Coriolis terms that
         # belong to it, and gravity. The first joint's angle does not change the inertia.

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -184,7 +184,7 @@ def law_fit(signals: Signals, i: int) -> LawFit | None:
     )
 
 
-def correlation(signals: Any, i: int, j: int) -> float:
+def correlation(signals, i: int, j: int) -> float:
     """Squared correlation of the logged torque of motor i with the commanded one of motor j."""
     logged = signals.torque[:, i]
     commanded = signals.commanded[:, j]
@@ -324,14 +324,7 @@ def _feeds_forward(law, rig):
     return bool(law.block(rig).step.jac_sparsity(0, 3).nnz() > 0)
 
 
-def _judged(
-    i,
-    delay,
-    std,
-    evidence,
-    look=SETTINGS.late,
-    wrong=SETTINGS.very_late,
-):
+def _judged(i, delay, std, evidence, look=SETTINGS.late, wrong=SETTINGS.very_late):
     """Judge a delay [samples] with its standard deviation."""
     check = Check("delay", i, "samples")
     # A delay that matters, or may matter, but is not significant.

@@ -79,22 +79,13 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
     if m < 0 or (np.diag(I) < 0).any():
         # The whole matrix has the wrong sign if its trace has.
         inertia = I * (1 - 2 * (np.trace(I) < 0))
-        yield (
-            "a negative mass or inertia",
-            replace(stated, mass=abs(m), inertia=inertia),
-        )
+        yield ("a negative mass or inertia", replace(stated, mass=abs(m), inertia=inertia))
         inertia = I - moments + np.abs(moments)
-        yield (
-            "a negative moment of inertia",
-            replace(stated, mass=abs(m), inertia=inertia),
-        )
+        yield ("a negative moment of inertia", replace(stated, mass=abs(m), inertia=inertia))
 
     # 2. Units.
     for words, mass, length, per_unit in _UNITS:
-        yield (
-            words,
-            replace(stated, mass=m * mass, com=c * length, inertia=I * per_unit),
-        )
+        yield (words, replace(stated, mass=m * mass, com=c * length, inertia=I * per_unit))
 
     # 3. The point about which the inertia is stated (Steiner).
     # The offset of the centre of mass in the axes of the inertia.
@@ -140,10 +131,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
             f"a link mirrored in {'xyz'[axis]}",
             Inertial(m, plane @ c, rotation, plane @ I @ plane),
         )
-        yield (
-            f"a centre of mass mirrored in {'xyz'[axis]}",
-            replace(stated, com=plane @ c),
-        )
+        yield (f"a centre of mass mirrored in {'xyz'[axis]}", replace(stated, com=plane @ c))
 
 
 def _with_products(stated, products):

@@ -86,7 +86,7 @@ def _missing(table, path=""):
             yield f"{path}{key}"
 
 
-def per_joint_table(table: Any, cls: type[Part], n: int) -> Any:
+def per_joint_table(table, cls: type[Part], n: int) -> Any:
     """A table with one number for all joints written out."""
     # `check_keys` refuses what is no table, with its heading.
     if not isinstance(table, Mapping):

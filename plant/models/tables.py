@@ -49,7 +49,7 @@ def _kinds(cls):
     return kinds | _KINDS.get(cls.__name__, {})
 
 
-def class_of(kind: Any, heading: str) -> type[Part]:
+def class_of(kind, heading: str) -> type[Part]:
     """The class of a kind; a file imports no package.
 
     `heading` of its table is for messages.
@@ -65,7 +65,7 @@ def class_of(kind: Any, heading: str) -> type[Part]:
     raise ValueError(f"kind in [{heading}] must be that of a part; got {kind!r:.60}. {hint}")
 
 
-def check_keys(table: Any, cls: type[Part], heading: str) -> None:
+def check_keys(table, cls: type[Part], heading: str) -> None:
     """Raise a ValueError for a key that is no field, and for the lack of one without a default."""
     if not isinstance(table, Mapping):
         raise ValueError(
@@ -96,7 +96,7 @@ def _in_brackets(cls, name):
     return f" ({text})" if text else ""
 
 
-def part_of(table: Any, kind: str, heading: str, parts: Mapping[str, Part] | None = None) -> Any:
+def part_of(table, kind: str, heading: str, parts: Mapping[str, Part] | None = None) -> Any:
     """The part that a table describes, of this kind where the table has no kind.
 
     `heading` of the table is for messages; `parts` by their headings, ``"[arm]"``, stand for text
@@ -107,7 +107,7 @@ def part_of(table: Any, kind: str, heading: str, parts: Mapping[str, Part] | Non
     check_keys(table, cls, heading)
     kinds = _kinds(cls)
 
-    def value_of(key: str, value: Any) -> Any:
+    def value_of(key: str, value) -> Any:
         if isinstance(value, Mapping):
             return part_of(value, kinds.get(key, ""), f"{heading}.{key}", parts)
         if isinstance(value, list) and value and all(isinstance(row, Mapping) for row in value):
@@ -132,7 +132,7 @@ def table_of(part: Part, kind: str, parts: Mapping[str, Part] | None = None) -> 
     """
     kinds = _kinds(type(part))
 
-    def value_of(key: str, value: Any, plain: Any) -> Any:
+    def value_of(key: str, value, plain) -> Any:
         if isinstance(value, Part):
             # The same rig or arm is written once, and referred to by its heading.
             for heading, named_part in (parts or {}).items():
