@@ -183,7 +183,7 @@ def friction_trials(
 
     # All candidates against the fit without any, on the same blocks.
     base = beside(())[0]
-    trials = list[FrictionTrial]()
+    trials = []
     for i, (kind, share) in enumerate(candidates):
         losses, fits = beside(range(count + i * size, count + (i + 1) * size))
         gains = (base - losses)[np.isfinite(base - losses)]

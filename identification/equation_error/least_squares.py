@@ -186,7 +186,7 @@ def dependent_columns(
     column of zeros.
     """
     lengths = np.sqrt((rows * rows).sum(axis=0))
-    combinations = dict[str, tuple[str, ...]]()
+    combinations = {}
     independent = list[int]()
     for i in range(rows.shape[1]):
         # Against the independent ones before it alone: so each dependence is reported once.

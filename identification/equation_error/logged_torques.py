@@ -152,7 +152,7 @@ class TorqueEquations:
 
     def left_out(self, stated: bool) -> dict[str, str]:
         """Joint -> reason for which its equations are not used; `stated`: joints were stated."""
-        messages = dict[str, str]()
+        messages = {}
         for j, label in enumerate(self.dynamics.chain.joint_labels):
             if stated and not self.used[:, j].any():
                 messages[label] = "as stated"

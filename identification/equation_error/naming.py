@@ -64,7 +64,7 @@ def units(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
     inertial torque alone is an inertia where all joints turn.
     """
     lumping = dynamics.lumping
-    of_f = dict[str, str]()
+    of_f = {}
     # Along a prismatic joint a mass enters the inertial torque, too.
     turning = not any(link.prismatic for link in dynamics.chain.links)
     for i, name in enumerate(dynamics.names):
@@ -176,7 +176,7 @@ def of_each(
     """Results of a function of each record and its other arguments; a ValueError names the
     record.
     """
-    results = list[T]()
+    results = []
     for (record, about), *arguments in zip(each_named(records), *arguments_of_each, strict=True):
         with about:
             results.append(make(record, *arguments))

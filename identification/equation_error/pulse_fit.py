@@ -185,8 +185,8 @@ def over_bands(
     # Torques do not depend on the band: they are computed once for all bands.
     torques = of_each(torque_of, even)
     highest = min(BAND_MOST / record.rig.period for record in even)
-    fits = dict[float, TorqueFit]()
-    systems = dict[float, list[System]]()
+    fits = {}
+    systems = {}
     for band in BANDS[highest > BANDS].tolist():
         try:
             equations = [

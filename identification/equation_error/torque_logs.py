@@ -210,7 +210,7 @@ def _of_records(dynamics, records):
 
 def dead_columns(log: TorqueLog) -> dict[int, str]:
     """Joints whose torque was not measured, with the reason."""
-    reasons = dict[int, str]()
+    reasons = {}
     label = f" in {log.label}" if log.label else ""
     for joint, column in enumerate(log.torque.T):
         if np.isnan(column).all():

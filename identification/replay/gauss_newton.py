@@ -306,8 +306,8 @@ def slopes(
     for attempt in range(SETTINGS.shortenings):
         # Only the steps that failed are shortened: others have good slopes.
         step[varied[waiting]] *= 0.25 if attempt else 1.0
-        lost = list[int]()
-        jumping = list[int]()
+        lost = []
+        jumping = []
         for begin in range(0, len(waiting), together):
             block = waiting[begin : begin + together]
             moves = np.zeros((len(block), len(values)))

@@ -352,7 +352,7 @@ class Prediction(Stacked):
         loop feels counts at so many `steps` in a sample. Innovations of records that did not feel
         rounding are zero.
         """
-        of_record = list[list[Floats]]()
+        of_record = []
         for (followed, part), moved in zip(
             self._each(values), np.swapaxes(shifts, 0, 1), strict=True
         ):

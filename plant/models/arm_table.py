@@ -124,7 +124,7 @@ def chain_of(table: dict[str, Any], folder: Path) -> Chain:
             f"[arm] must have one of links, urdf, mjcf; got {' and '.join(sources) or 'none'}. Give"
             " one."
         )
-    changes: dict[str, Any] = {}
+    changes = {}
     if "gravity" in table:
         changes["gravity"] = table["gravity"]
     if sources != ["links"]:

@@ -175,7 +175,7 @@ def check_model(path: str | Path) -> ModelCheck:
     joints = [joint for joint in robot.all("joint") if joint.attributes.get("type") in MOVING]
     moving = {end.attributes.get("link") for joint in joints for end in joint.all("child")}
     # 2. Each link by itself, beside its partner.
-    findings: dict[str, ModelFinding] = {}
+    findings = {}
     for name, link in links.items():
         # A link that moves needs an inertial; a fixed one may do without.
         missing = link.stated is None and name in moving

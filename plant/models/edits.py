@@ -25,7 +25,7 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
         parts = f'<origin xyz="{_text(body.com)}"/><mass value="{_text(body.mass)}"/>'
         return [link.child_edit(data, f"<inertial>{parts}{_matrix(body)}</inertial>", first=True)]
     # 1. Centre of mass and mass.
-    edits: list[Edit] = []
+    edits = []
     for tag, name, value in (("origin", "xyz", body.com), ("mass", "value", body.mass)):
         element = inertial.find(tag)
         if element is None:

@@ -35,7 +35,7 @@ def new_robot_file(path: str, target: Path, base: str | None, tip: str | None) -
     Chain.from_urdf(path, names)  # raises a ValueError for a tree that is no arm
     # Rows of `_OF_URDF`: damping, friction and effort of the joints.
     stated = np.array([(*joint.friction, joint.limits[3]) for joint in chosen]).T
-    comments = dict[str, str]()
+    comments = {}
     drive: dict[str, Any] = dict.fromkeys(("gear", "motor_inertia", "motor_gain"), MISSING)
     for key, unit, values in zip(_OF_URDF, ("N m s/rad", "N m", "N m"), stated, strict=True):
         # Zeros in all joints count as not stated.
