@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,6 +70,19 @@ def every_of(band: float, period: float, every: int | None) -> int:
     return max(1, int(1 / (2 * band * period))) if every is None else every
 
 
+class Selection(NamedTuple):
+    """Which equations of the logs a fit uses, as stated.
+
+    `band`: where both sides are compared [Hz]. `cutoff` [Hz], `every`: None by the band. `slowest`
+    (n,): speeds below which a joint's equations are left out [rad/s].
+    """
+
+    band: float
+    cutoff: float | None
+    every: int | None
+    slowest: Floats
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueEquations:
     """The checked arguments of `fit_torque`.
@@ -86,15 +99,10 @@ class TorqueEquations:
     used: Bools
 
     def systems(
-        self,
-        band: float,
-        cutoff: float | None,
-        every: int | None,
-        slowest: Floats,
-        *,
-        thin: bool = False,
+        self, selection: Selection, *, thin: bool = False
     ) -> tuple[tuple[str, ...], list[System]]:
         """Names of the unknowns, and one system per log in these alone."""
+        band, cutoff, every, slowest = selection
         systems = []
         names = (*self.names, *self.extra)
         for complete, used in zip(self.logs, self.used, strict=True):
@@ -365,14 +373,15 @@ def fit_torque(
         slowest = np.zeros(task.dynamics.n) if slowest is None else slowest
 
     # 2. The fit, and what is doubtful of it: known numbers, and friction of other kinds.
-    names, systems = task.systems(width, cutoff, every, slowest)
+    selection = Selection(width, cutoff, every, slowest)
+    names, systems = task.systems(selection)
     # All settings of the fit are reported, chosen or stated: with them the fit can be repeated.
     report |= {"band": width, "cutoff": cutoff_of(width, cutoff), "least_speed": slowest}
     report["every"] = tuple(every_of(width, log.rig.period, every) for log in task.logs)
-    report["freed"] = dict(_freed(task, (width, cutoff, every, slowest), stated))
+    report["freed"] = dict(_freed(task, selection, stated))
     try:
         fit = weighted(task.dynamics, names, systems, stated, task.seconds, **report)
-        friction = _friction(task, fit, (width, cutoff, None, slowest))
+        friction = _friction(task, fit, selection._replace(every=None))
         return replace(fit, friction=friction)
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.
@@ -392,7 +401,7 @@ def _chosen(
 
     def above(share: float, band: float) -> list[System]:
         least = task.least(usual, share, band) if slowest is None else slowest
-        return task.systems(band, cutoff, None, least, thin=True)[1]
+        return task.systems(Selection(band, cutoff, None, least), thin=True)[1]
 
     # The band at the most cautious speeds, then the speeds in that band: the other way round, noise
     # of a band that is too wide would pass for uncertain signs of friction.
@@ -402,7 +411,7 @@ def _chosen(
     if slowest is not None:
         return width, slowest, {"bands": bands_tried}
     # Least speeds select among these equations: they are filtered once.
-    slow = task.systems(width, cutoff, None, np.zeros(task.dynamics.n), thin=True)[1]
+    _, slow = task.systems(Selection(width, cutoff, None, np.zeros(task.dynamics.n)), thin=True)
 
     def faster(share: float) -> list[System]:
         least = task.least(usual, share, width)
@@ -414,12 +423,12 @@ def _chosen(
 
 
 def _freed(
-    task: TorqueEquations, settings: tuple[Any, ...], weights: Floats | None
+    task: TorqueEquations, selection: Selection, weights: Floats | None
 ) -> Iterator[tuple[str, tuple[float, float]]]:
     """Each known number that the torques can identify: its estimate, and standard deviation."""
     for name in task.known:
         remaining = {key: value for key, value in task.known.items() if key != name}
-        names, systems = replace(task, known=remaining).systems(*settings)
+        names, systems = replace(task, known=remaining).systems(selection)
         try:
             fit = weighted(task.dynamics, names, systems, weights, task.seconds)
         except ValueError:
@@ -429,7 +438,7 @@ def _freed(
 
 
 def _friction(
-    task: TorqueEquations, fit: TorqueFit, settings: tuple[Any, ...]
+    task: TorqueEquations, fit: TorqueFit, selection: Selection
 ) -> tuple[FrictionTrial, ...]:
     """Kinds of friction beyond Coulomb and viscous, on the joints whose Coulomb friction is
     unknown.
@@ -473,11 +482,11 @@ def _friction(
             for kind, share in candidates
             for j in joints
         }
-        systems = replace(task, extra={**task.extra, **columns}).systems(*settings, thin=True)[1]
+        systems = replace(task, extra={**task.extra, **columns}).systems(selection, thin=True)[1]
         # The weights of the fit itself, so that a gain is measured in its residual.
         weights = np.tile(1 / fit.sigma, (len(task.logs), 1))
         return friction_trials(
-            systems, candidates, joints, task.seconds, 1 / settings[0], weights, usual
+            systems, candidates, joints, task.seconds, 1 / selection.band, weights, usual
         )
 
     if not joints:
