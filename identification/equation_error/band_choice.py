@@ -122,8 +122,9 @@ class _Tried:
     without: Floats
 
     def losses(self, fits: Floats) -> Floats:
-        """Mean squared error (S,) with which fits without each segment (S, k) predict it; NaN of
-        one without rows.
+        """Mean squared error (S,) of each segment, predicted by the fit without it.
+
+        `fits` (S, k). NaN of a segment without rows.
         """
         losses = np.full(len(fits), np.nan)
         # A segment none of whose equations count has no loss. Each of the others is predicted by
@@ -177,8 +178,9 @@ class _Choice:
         self.trials = dict[float, FitTrial]()
 
     def worse(self, at: float, systems: Sequence[System], gap: float) -> float:
-        """By how many standard errors it predicts worse than a more cautious one; -inf if there
-        are too few yet.
+        """Standard errors by which a value predicts worse than a more cautious one.
+
+        -inf where there are too few equations yet.
         """
         fit = tried(systems, self._seconds, gap, self._weights)
         if fit is None:
@@ -268,8 +270,9 @@ def choose_speed(
     gap: float,
     weights: Floats | None,
 ) -> tuple[float, tuple[FitTrial, ...]]:
-    """The least share of the usual speeds, the higher ones not contradicting; arguments as for
-    `choose_band`.
+    """The lowest share of the usual speeds that no higher share contradicts.
+
+    Arguments as for `choose_band`.
     """
     # Higher least speeds are the more cautious ones, and come first among the shares.
     choice = _Choice("of the usual speed", operator.gt, seconds, weights)
@@ -285,8 +288,9 @@ def choose_speed(
 def tried(
     systems: Sequence[System], seconds: Floats, gap: float, weights: Floats | None
 ) -> _Tried | None:
-    """Fits without each segment, and without the equations within a gap [s] of it; None of too few
-    equations.
+    """Fits without each segment, nor the equations within a gap [s] of it.
+
+    None where there are too few equations.
     """
     places = Places.of(systems)
     rows = np.concatenate([system.regressor[system.used] for system in systems])

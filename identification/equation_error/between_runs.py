@@ -127,8 +127,10 @@ class BetweenRuns(Shown, Frozen):
         added: Floats,
         common: Floats,
     ) -> Self:
-        """Of values (R, k) and their standard deviations; `within`, `added`, `common` (k,): the
-        variance of their mean.
+        """Differences from the values of each run and the variances of their mean.
+
+        `estimates`, `std` (R, k): of each run. `within`, `added`, `common` (k,): the parts of the
+        variance.
 
         That of each run alone, what differs between runs, and what no further log reduces.
         """
@@ -168,8 +170,9 @@ class BetweenRuns(Shown, Frozen):
         return f", but for {count} that alone do{'es' * (count == 1)} not tell all" if count else ""
 
     def among(self, places: Integers, count: int) -> Self:
-        """The same of `count` values, of which these (k,) are at places; nothing is known of the
-        rest.
+        """The same of `count` values, of which these (k,) are at `places`.
+
+        Nothing is known of the other values.
         """
         # Values without a comparison: no estimate, no deviation, and the normal quantile.
         unknown = {"values": np.nan, "std": np.nan, "freedom": MANY}
@@ -229,8 +232,9 @@ def between_runs(
     blocks: Integers,
     common: Floats | float = 0.0,
 ) -> tuple[BetweenRuns, Floats]:
-    """Differences between the logs of a weighted fit, and the covariance (k, k) of its values with
-    them.
+    """Differences between the logs of a weighted fit, and the covariance with them.
+
+    The covariance (k, k) is that of the values of the fit.
 
     `values` (k,), `noise` (k, k): of the fit, and covariance by noise alone. `rows` (M, k),
     `residual` (M,): weighted. `runs`, `blocks` (M,): log, and block of a log, of each row, from 0;
@@ -328,8 +332,9 @@ def _agree(estimates, std):
 
 
 def _further(within, between, freedom, count, common=0.0):
-    """Logs beside `count` that halve the standard deviations of half of the values, if they are
-    alike.
+    """Logs beside `count` that halve the standard deviations of half of the values.
+
+    Further logs count as alike to these.
     """
     # By trying: Student's quantile has no inverse in the number of logs.
     for logs in range(count + 1, count + SETTINGS.further):

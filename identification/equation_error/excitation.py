@@ -76,8 +76,9 @@ def advice(dynamics: Dynamics, records: Sequence[Record], prior: Prior | None) -
 
 
 def _motion(record):
-    """In the pass band, as many samples as are independent in it; joints that hardly move stand
-    still.
+    """Motion in the pass band, with as many samples as are independent in it.
+
+    Joints that hardly move stand still.
     """
     rig = record.rig
     counts = record.counts

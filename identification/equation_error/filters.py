@@ -15,8 +15,9 @@ _ORDER = 4
 
 
 def low_pass(x: ArrayLike, period: float, cutoff: float) -> Floats:
-    """Zero-phase low-pass of the columns of x (N, ...), sampled every `period` [s]; `cutoff` in
-    Hz.
+    """Zero-phase low-pass of the columns of x (N, ...).
+
+    `period` [s]: between samples. `cutoff` [Hz].
     """
     # Imported here: it takes a third of a second, which the genetic algorithm does not need.
     from scipy.signal import sosfiltfilt
@@ -45,8 +46,9 @@ def _butterworth(cutoff):
 
 
 def derivatives(q: ArrayLike, period: float, cutoff: float) -> Motion:
-    """Motion from positions (N, n) [rad], sampled every `period` [s]: low-passed, then central
-    differences.
+    """Motion from positions (N, n) [rad]: low-passed, then differentiated by central differences.
+
+    `period` [s]: between samples. `cutoff` [Hz].
 
     Returns q, qd, qdd, each (N, n).
     """

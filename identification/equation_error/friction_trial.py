@@ -101,8 +101,9 @@ class FrictionTrial(Shown):
         )
 
     def drive(self, drive: Drive) -> Drive:
-        """A drive that has this friction too: fit again with it, and controllers compensate it (but
-        of load).
+        """A drive with this friction, to fit again and to compensate in controllers.
+
+        Friction of the load is not compensated.
 
         Raises
         ------
@@ -158,8 +159,9 @@ def friction_trials(
     weights: Floats,
     usual: Floats,
 ) -> tuple[FrictionTrial, ...]:
-    """Trials, best first, of systems whose last columns are those of each candidate, one for each
-    of these joints.
+    """Trials of kinds of friction, best first.
+
+    The last columns of the systems are those of each candidate, one for each of these joints.
 
     `seconds` (R,): length of each log. `gap` [s]: around a block, which is left out with it.
     `weights` (R, n). `usual` (n,): speeds that a share is of [rad/s].
@@ -168,8 +170,9 @@ def friction_trials(
     count = systems[0].regressor.shape[2] - len(candidates) * size
 
     def beside(columns: Iterable[int]) -> tuple[Floats, Floats]:
-        """Losses of a fit with these columns beside the common ones, and its values; NaN where
-        there are too few equations.
+        """Losses of a fit with these columns beside the common ones, and its values.
+
+        NaN where there are too few equations.
         """
         # The common columns come first in each system; the columns of the candidates follow, joint
         # by joint.

@@ -1,5 +1,4 @@
-"""The equation error behind elastic gears: f for given compliances, and the compliances of least
-residual.
+"""Equation error behind elastic gears: f for given compliances, then the best compliances.
 
 A gear passes on the torque of its motor less that of friction and rotor, and winds up by it: the
 deflection is compliance times that torque. So the motion of the links follows from counts of the
@@ -82,8 +81,9 @@ class GearFit:
 def fit_deflection(
     dynamics: Dynamics, records: Sequence[Record], unknown: Sequence[str], known_values: Known
 ) -> GearFit:
-    """Compliance of gears from records with `link_counts` of all; arguments as for
-    `equation_error`.
+    """Compliance of gears from records with `link_counts` of all.
+
+    Arguments as for `equation_error`.
     """
     names = linear(dynamics, records[0].rig, unknown)
     deflections = [
@@ -103,9 +103,7 @@ def fit_deflection(
 
 
 class _Wound:
-    """A record in a pass band [Hz]: motion of its motors, and the torque with which they wind up
-    their gears.
-    """
+    """Motion of the motors and wind-up torque of the gears of a record in a pass band [Hz]."""
 
     def __init__(self, record, band):
         rig = record.rig

@@ -29,8 +29,9 @@ FADED = 30
 
 @dataclass(frozen=True, kw_only=True)
 class LawMemorySettings:
-    """How the state of a law is fitted; chosen by hand. Relative numbers are shares of the largest
-    magnitude in the run.
+    """How the state of a law is fitted; chosen by hand.
+
+    Relative numbers are shares of the largest magnitude in the run.
 
     Parameters
     ----------
@@ -88,17 +89,14 @@ class Memory:
 
 
 class Resumption(NamedTuple):
-    """Where a record's law and arm were at its first sample: the law's state (s,), and q and qd
-    (2, n).
-    """
+    """State of a record's law (s,), and q and qd (2, n) of its arm, at the first sample."""
 
     state: Floats
     initial: Floats
 
 
 def along_log(record: Record, *, unknown_law: bool = False) -> Record:
-    """The record of a law with a memory as one whose torque is known: as it was logged, or from the
-    law's own run.
+    """The record with a law whose torque is known: as logged, or from its own run.
 
     Of a law without memory, or one that repeats a column, it is returned as it is. Where numbers of
     the law are unknown, what was logged is left aside. Fast hardware with a memory goes on from a
@@ -167,9 +165,7 @@ def with_state(dynamics: Dynamics, record: Record, unknown: Iterable[str]) -> tu
 
 
 def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
-    """The record, its law reading the log as if at work before it, and usual magnitudes (s,) of
-    its state.
-    """
+    """The record with a law that was at work before it, and usual magnitudes (s,) of its state."""
     record = reading(record, law)
     _require_reference(record)
     # The second half of the log, in which a state that starts with the law has settled.
@@ -182,9 +178,7 @@ def at_work(record: Record, law: Resumed) -> tuple[Record, Floats]:
 
 
 def _before(record):
-    """Some samples before the record, its counts and its reference on straight lines to the
-    first.
-    """
+    """Samples before the record, its counts and reference on straight lines to the first sample."""
     t = record.rig.period * np.arange(FADED)
     rows = np.flatnonzero(record.valid)[: SETTINGS.straight]
     # The last of these samples is one period before the first of the record.

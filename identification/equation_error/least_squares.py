@@ -1,5 +1,4 @@
-"""Linear least squares in plain sums, the same bits on any number of threads, and cluster-robust
-covariances.
+"""Linear least squares with the same bits on any number of threads; cluster-robust covariances.
 
 By Gram-Schmidt, or of products: products of the columns are made six times faster than an
 orthonormal basis, and lose half the digits: they are exact enough where columns that are nearly
@@ -138,8 +137,9 @@ class _Separable(NamedTuple):
 
 
 def _by_rows(rows, lengths, target, separable):
-    """R (k, k) of rows (N, k) over the lengths (k,) of columns = Q R, and Q^T target (k,):
-    Gram-Schmidt, twice.
+    """Factor R (k, k) of the scaled rows, and Q^T target (k,), by Gram-Schmidt twice.
+
+    The rows (N, k) over the lengths (k,) of their columns are Q R.
     """
     k = rows.shape[1]
     basis = np.ascontiguousarray((rows / lengths).T)
@@ -182,8 +182,9 @@ def _by_products(rows, lengths, target, separable):
 def dependent_columns(
     names: Sequence[str], rows: Floats, *, dependent: float = IDENTIFIABLE.equations
 ) -> dict[str, tuple[str, ...]]:
-    """Columns (N, k) that are combinations of those before them: name -> names of these, () of a
-    column of zeros.
+    """Columns (N, k) that are combinations of previous ones: name -> names of these.
+
+    () of a column of zeros.
     """
     lengths = np.sqrt((rows * rows).sum(axis=0))
     combinations = {}
@@ -245,8 +246,9 @@ _AT_ONCE = 1 << 19
 
 
 def in_groups(lengths: Sequence[int], prior: int, least: int) -> Integers:
-    """Groups (M,) of rows, from 0: each of these lengths is cut into the same number of segments,
-    at least so many of all lengths together.
+    """Groups (M,) of rows, from 0: each length is cut into the same number of segments.
+
+    There are at least `least` segments of all lengths together.
 
     The first rows, as many as `prior`, are those of a prior: they are in group -1 and never left
     out.
@@ -320,16 +322,12 @@ def run_moves(rows: Floats, residual: Floats, runs: Integers) -> Floats:
 
 
 def _student(variance, scale, count):
-    """Standard deviations of values in these scales, widened by Student's quantile of so many
-    groups.
-    """
+    """Standard deviations of values in these scales, widened for the number of groups."""
     return np.sqrt(variance) / scale * wider(count - 1)
 
 
 def wider(freedom: ArrayLike) -> Floats:
-    """Student's 95 % quantile for these degrees of freedom, divided by that of the normal
-    distribution.
-    """
+    """Student's 95 % quantile over that of the normal distribution, by degrees of freedom."""
     from scipy.special import stdtrit
 
     return np.asarray(stdtrit(freedom, 0.975) / NORMAL)
@@ -350,8 +348,9 @@ def at_least(covariance: Floats, std: Floats) -> Floats:
 
 
 def covariance_of(names: Sequence[str], estimated: Sequence[str], covariance: Floats) -> Floats:
-    """Covariance (m, m) of numbers by their names, from one (k, k) of the estimated numbers; zero
-    of all others.
+    """Covariance (m, m) of numbers by their names, from that (k, k) of the estimated numbers.
+
+    Zero of numbers that were not estimated.
     """
     result = np.zeros((len(names),) * 2)
     pairs = [(i, estimated.index(name)) for i, name in enumerate(names) if name in estimated]

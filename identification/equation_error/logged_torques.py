@@ -440,9 +440,7 @@ def _freed(
 def _friction(
     task: TorqueEquations, fit: TorqueFit, selection: Selection
 ) -> tuple[FrictionTrial, ...]:
-    """Kinds of friction beyond Coulomb and viscous, on the joints whose Coulomb friction is
-    unknown.
-    """
+    """Trials of friction beyond Coulomb and viscous, on joints with unknown Coulomb friction."""
     dynamics = task.dynamics
     rig = task.logs[0].rig
     usual = np.maximum(task.usual_speed(), 1e-9)

@@ -50,8 +50,9 @@ _FIRST = [kind in ("mx", "my", "mz") for kind in STANDARD]
 
 
 def short_names(dynamics: Dynamics, names: Iterable[str]) -> tuple[str, ...]:
-    """The same names with those of f short (`Dynamics.short_names`); `Dynamics.legend` says what
-    they mean.
+    """The same names with those of f short (`Dynamics.short_names`).
+
+    `Dynamics.legend` says what they mean.
     """
     short = dict(zip(dynamics.names, dynamics.short_names, strict=True))
     return tuple(short.get(name, name) for name in names)
@@ -129,8 +130,9 @@ def record_label(records: Sequence[Record], k: int) -> str:
 
 
 def column_of(record: Record, field: str, joint: int) -> str:
-    """The column of a signal and a joint in the file of a record, as a clause; "" where no
-    mapping names it.
+    """The column of a signal and a joint in the file of a record, as a clause.
+
+    "" where no mapping names it.
     """
     column = record.column(field, joint)
     return "" if column == field else f", {column},"
@@ -173,8 +175,9 @@ def each_named(records: Sequence[Record]) -> Iterator[tuple[Record, Any]]:
 def of_each(
     make: Callable[..., T], records: Sequence[Record], *arguments_of_each: Iterable[Any]
 ) -> list[T]:
-    """Results of a function of each record and its other arguments; a ValueError names the
-    record.
+    """Results of a function of each record and its further arguments.
+
+    A ValueError names the record.
     """
     results = []
     for (record, about), *arguments in zip(each_named(records), *arguments_of_each, strict=True):

@@ -36,8 +36,9 @@ _OF_MODEL = 0.3
 @kept
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prior(Frozen):
-    """Gaussian prior of f: `names` (p), `mean` (p,), `covariance` (p, p), and the relative
-    `spread` it was made of.
+    """Gaussian prior of f.
+
+    `names` (p), `mean` (p,), `covariance` (p, p), and the relative `spread` it was made of.
     """
 
     names: tuple[str, ...]
@@ -85,8 +86,10 @@ class Prior(Frozen):
 
     @classmethod
     def of(cls, dynamics: Dynamics, rig: Rig, argument) -> Self:
-        """Prior of the argument: a spread of the chain's own bodies, or (bodies, f or an arm, and a
-        spread).
+        """Prior from the argument of a user.
+
+        The argument is a spread of the chain's own bodies, or a pair: bodies, f or an arm, and a
+        spread.
 
         Bodies without any rotor have those of the rig.
         """
@@ -118,8 +121,9 @@ class Prior(Frozen):
 
     @classmethod
     def of_model(cls, dynamics: Dynamics, rig: Rig) -> Self | None:
-        """That of the chain's own bodies; None where it has none, or they do not spread every
-        parameter.
+        """Prior of the chain's own bodies.
+
+        None where it has none, or where they do not spread every parameter.
         """
         with contextlib.suppress(ValueError):
             return cls.of(dynamics, rig, _OF_MODEL)
@@ -168,8 +172,9 @@ _SETTLED = 0.05
 
 
 class PriorRows:
-    """Rows of a prior, or none: whitened deviations of f, times the `noise` of an innovation
-    [pulses].
+    """Rows of a prior, or none: whitened deviations of f times the noise of an innovation.
+
+    `noise`: in pulses.
     """
 
     def __init__(self, prior: Prior | None, unknown: Sequence[str]) -> None:

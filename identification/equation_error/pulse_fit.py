@@ -1,5 +1,4 @@
-"""The equation error of records: torques from the law that commanded them, motion from counts, in a
-pass band.
+"""Equation error of records: torques from the law, motion from the counts, in a pass band.
 
 Under a law without memory the torque of the motors follows from the logged counts, as exactly as
 they are known. Low frequencies hardly excite inertias; above the slow mode of the position loop the
@@ -75,8 +74,9 @@ BANDS = 2.0 ** np.arange(-1, 6, 0.5)
 
 
 def mode_in(record: Record) -> float:
-    """Frequency [Hz] of the strongest oscillation in the tracking errors of a record, by their
-    accelerations.
+    """Frequency [Hz] of the strongest oscillation in the tracking errors of a record.
+
+    The strongest acceleration counts, not the largest error.
     """
     frequency, power = spectrum(record.error_pulses, record.rig.period)
     # Weighted with frequency squared: the slow errors of the motion are larger than a mode's.
@@ -96,8 +96,9 @@ def path_in(record: Record) -> float:
 
 
 def pass_band(record: Record, arm: Arm | None = None) -> float:
-    """Pass band [Hz] of a record's equation error: twice the slow mode, of the data or of a
-    linearised arm.
+    """Pass band [Hz] of a record's equation error: twice the slow mode.
+
+    The mode is that of the data, or of a linearised arm.
 
     Under a law with a memory (computed torque) nothing oscillates, and the band is a multiple of
     the path's.
@@ -171,8 +172,9 @@ def over_bands(
     unknown: Iterable[str],
     known_values: Mapping[str, float] | None = None,
 ) -> dict[float, TorqueFit]:
-    """Fits of the torque equation to logged torques, band [Hz] -> TorqueFit; first the band that is
-    chosen.
+    """Fits of the torque equation to logged torques in many bands: band [Hz] -> TorqueFit.
+
+    The chosen band comes first.
 
     Too low a band holds too little of the motion; too high a one holds accelerations that come from
     the rounding of the counts, not from the torque: every value comes out too small. In between the
@@ -218,8 +220,9 @@ def fit_systems(
     systems: Iterable[System],
     seconds: Floats | None = None,
 ) -> TorqueFit:
-    """Weighted fit of the unknowns without a known value to equations in all of them, and to the
-    prior.
+    """Weighted fit of the unknowns without a known value, with the prior.
+
+    The equations are in all unknowns.
 
     `seconds`: as for `weighted`.
     """

@@ -86,8 +86,9 @@ class Places:
         return cls(record=record, joint=joint, sample=sample, t=sample * period)
 
     def segments(self, seconds: Floats, least: int) -> tuple[Integers, int]:
-        """Segment (M,) of each equation, and the number of all: logs of these lengths (R,) in equal
-        parts, at least so many together.
+        """Segment (M,) of each equation, and the number of all segments.
+
+        Logs of these lengths (R,) are cut into equal parts, at least `least` together.
         """
         # Rounded up, and the same for each log whatever its length.
         per_log = -(-least // len(seconds))
@@ -217,8 +218,9 @@ def regressor_along(
 
 
 def linear(dynamics: Dynamics, rig: Rig, unknown: Iterable[str]) -> tuple[str, ...]:
-    """The unknowns that enter the torque linearly together; of several spring numbers that do not,
-    the first.
+    """The unknowns that enter the torque linearly together.
+
+    Of several numbers of a spring that do not, the first.
     """
     unknown = tuple(unknown)
     springs = [name for name in rig.number_names() if name.startswith(SPRINGS)]
@@ -253,8 +255,9 @@ def _mapped(dynamics, rig, unknown, elastic, count):
 def balance(
     dynamics: Dynamics, rig: Rig, unknown: tuple[str, ...], elastic: bool
 ) -> tuple[list[str], Any]:
-    """Names of all numbers, and (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these
-    numbers.
+    """Names of all numbers, and the casadi function of the torque equation.
+
+    (q, qd, qdd, numbers) -> regressor of the unknowns, torque of these numbers.
 
     Of elastic gears speed and acceleration of the motors come before the numbers.
     """

@@ -36,8 +36,7 @@ SETTINGS = StatedLawSettings()
 
 
 def torque_apart(record: Record) -> Floats | None:
-    """Distance (n,) of the logged torque of each joint from that of the stated law, relative to it
-    (rms).
+    """Relative RMS distance (n,) of the logged torque from that of the stated law.
 
     None where nothing can be compared: nothing logged, counts that were moved, no law or one that
     repeats the log, fast hardware with a memory, or a reference whose rounding hides the torque.

@@ -18,8 +18,9 @@ from plant.simulation.simulator import injected_beside
 
 
 def torque_of(record: Record) -> Floats:
-    """Joint torques (N, n) [N m] of a record: commanded by its law, or logged where the law has a
-    memory.
+    """Joint torques (N, n) [N m] of a record: commanded by its law, or else logged.
+
+    They are logged where the law has a memory.
 
     A torque that a sampled law holds counts half at both ends of its sample, and so does one that
     was injected, which is added to what the law commanded. A law along its log is run.
@@ -35,8 +36,9 @@ def torque_of(record: Record) -> Floats:
 
 
 def measured_torque(record: Record) -> Floats:
-    """Joint torques (N, n) [N m] as they were logged, or by the currents; they hold what was
-    injected.
+    """Joint torques (N, n) [N m] as they were logged, or by the currents.
+
+    They contain an injected torque.
     """
     if record.torque is not None:
         return record.torque
@@ -51,8 +53,9 @@ def measured_torque(record: Record) -> Floats:
 
 
 def logged_torque(record: Record) -> Floats:
-    """Joint torques (N, n) [N m] that a record has logged, half at both ends of a sample that
-    holds them.
+    """Logged joint torques (N, n) [N m] as means around each sample.
+
+    A torque that is held for a sample counts half at both of its ends.
     """
     law = record.law
     logged = measured_torque(record)
@@ -63,8 +66,9 @@ def logged_torque(record: Record) -> Floats:
 
 
 def law_torque(record: Record, run: LawRun | None = None) -> Floats:
-    """Torque (N, n) [N m] of the motors around each sample under a law that reads its log;
-    `run`: of it.
+    """Motor torque (N, n) [N m] around each sample under a law that reads its log.
+
+    `run`: of the law.
     """
     clock = Clock.of(record)
     run = run_law(record) if run is None else run
@@ -80,8 +84,9 @@ def driven(record: Record, commanded: Floats) -> Floats:
 
 
 def _held(torque):
-    """Mean (N, n) around each sample of a torque that is held to the next: at a sample, both
-    act.
+    """Mean (N, n) around each sample of a torque that is held to the next.
+
+    Both act at a sample.
     """
     return (torque + np.vstack([torque[:1], torque[:-1]])) / 2
 
@@ -222,8 +227,9 @@ def dead_columns(log: TorqueLog) -> dict[int, str]:
 
 
 def thinned(log: TorqueLog, cutoff: float) -> TorqueLog:
-    """The log with no more samples than a search of a band below a cutoff [Hz] needs, or the log
-    itself.
+    """The log with no more samples than the search of a band below a cutoff [Hz] needs.
+
+    The log itself where it has no more.
     """
     every = int(1 / (_FINE * cutoff * log.rig.period))
     # The same object tells the caller that nothing was thinned.

@@ -45,8 +45,9 @@ class Deflections(NamedTuple):
 
     @classmethod
     def of(cls, record: Record, band: float) -> "Deflections":
-        """Of a record with `link_counts`; their zeros are set so that the mean deflection is
-        nought.
+        """Motions of a record with `link_counts`.
+
+        The zeros of the links are set so that the mean deflection is zero.
         """
         rig = record.rig
         counts = record.counts
@@ -100,8 +101,9 @@ class Deflections(NamedTuple):
         return replace(system, used=system.used & self.seen)
 
     def _passed(self, dynamics, f):
-        """Torque (N, n) that each gear passes to the links, and its regressor (N, n, p) on the
-        joints.
+        """Torque (N, n) that each gear passes to the links, and its regressor on the joints.
+
+        The regressor is (N, n, p).
         """
         drive = self.record.rig.drive
         links = self.links
@@ -113,8 +115,9 @@ class Deflections(NamedTuple):
 
 
 class Wound(NamedTuple):
-    """Compliance of each gear, and d / k^2, (2, n); half-widths (2, n) of their 95 % intervals.
-    NaN if not seen.
+    """Compliance of each gear and d / k^2, (2, n), with half-widths of their 95 % intervals.
+
+    NaN of a gear without both encoders.
     """
 
     values: Floats

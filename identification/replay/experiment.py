@@ -174,8 +174,9 @@ class Experiment:
         return path_of(self.record, self.clock, smooth=smooth)
 
     def began(self, numbers: Floats) -> tuple[Floats, Floats]:
-        """Position and speed (n,) at the start, from the counts, with these numbers (k,); (n, P) of
-        numbers (k, P).
+        """Position and speed (n,) at the start with these numbers (k,), from the counts.
+
+        (n, P) of numbers (k, P).
 
         Numbers that no rig can have begin as by the record's rig.
         """
@@ -224,8 +225,9 @@ _AT_ONCE = 1 << 17
 
 
 class Rounding(Experiment):
-    """The loop of a record, as `loop` has it, without correction and with rounding, which it feels
-    at so many `steps` in a sample.
+    """The loop of a record without correction, whose encoders round.
+
+    It feels the rounding at so many `steps` in a sample.
     """
 
     def __init__(self, loop: ClosedLoop, record: Record, steps: int) -> None:
@@ -248,8 +250,9 @@ class Rounding(Experiment):
         self._reference = counts_along(self.driven["path"], self.clock.t)
 
     def path(self, smooth: bool) -> Any:
-        """The commanded path; of logged counts, the smoothest motion that they allow, rounded at
-        every instant.
+        """The commanded path of the loop with rounding encoders.
+
+        Of logged counts it is the smoothest motion that they allow, rounded at every instant.
         """
         path = super().path(smooth)
         return _Rounded(path) if isinstance(path, Logged) and path.whole else path
@@ -257,8 +260,9 @@ class Rounding(Experiment):
     def counts(
         self, start, numbers: Floats, names: Sequence[str], shifts: Sequence[Floats], threads: int
     ) -> list[Floats]:
-        """Counts (N, n) from a start, with numbers (k,) of these names, for encoders shifted by
-        so many pulses (n,).
+        """Counts (N, n) of encoders that are shifted by so many pulses (n,).
+
+        From a start, with numbers (k,) of these names.
         """
         # By name: the loop with phases has more numbers than the one that the values belong to.
         stated = dict(zip(names, numbers.tolist(), strict=True))

@@ -202,8 +202,9 @@ def _beside(record):
 
 
 def _link_inertia(dynamics, record, f):
-    """Inertia (n,) of what each gear drives where a log begins [kg m^2]; None where none is left
-    beside the motor's.
+    """Inertia (n,) that each gear drives where a log begins [kg m^2].
+
+    None where none is left beside the motor's.
     """
     pose = record.rig.cell_centre(record.counts[0])
     rotors = record.rig.drive.reflected_inertia()
@@ -340,9 +341,7 @@ class _Log:
 
 
 def _with_springs(rig, links):
-    """A rig that behaves alike, and has the numbers by which gears are elastic, currents lag and
-    torques are offset.
-    """
+    """An equivalent rig that has numbers for elasticity, lagging currents and torque offsets."""
     drive = rig.drive
     gears = drive.elasticity
     if gears is None and links is not None:

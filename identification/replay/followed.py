@@ -97,8 +97,9 @@ class Followed(Experiment):
             self.weight *= _steady(moved)[:, None]
 
     def _settled(self):
-        """0 (N,) while a replay has not converged to the log: after a gap, or a start at an
-        unknown speed; else 1.
+        """0 (N,) while a replay has not converged to the log, else 1.
+
+        It has not after a gap, nor after a start at an unknown speed.
         """
         settled = np.ones(len(self.record))
         record = self.record
@@ -137,16 +138,16 @@ class Followed(Experiment):
 
     @property
     def rounds(self) -> bool:
-        """Whether the arm of the log felt the rounding of its counts, which the model leaves
-        out.
-        """
+        """Whether the arm of the log felt the rounding of its counts, which the model omits."""
         return not (self.loop.law.replays or self.record.rig.encoder.smooth)
 
     def rounded(
         self, values: Floats, shifts: Sequence[Floats], threads: int, steps: int
     ) -> list[Floats]:
-        """Counts (N, n) of the logs that the model itself makes with values, its encoders shifted
-        (n,) and rounding at so many `steps` in a sample.
+        """Counts (N, n) of the logs that the model itself makes with rounding encoders.
+
+        `shifts`: of the encoders (n,), a log for each. `steps`: per sample, at which it feels the
+        counts.
         """
         start, numbers = self._start(values)
         return Rounding(self.loop, self.record, steps).counts(
@@ -184,8 +185,9 @@ class Followed(Experiment):
         return copied
 
     def innovations(self, values: Floats) -> Floats:
-        """Weighted innovations (N n,) with values (k,) of the unknowns; inf where the run
-        diverges.
+        """Weighted innovations (N n,) with values (k,) of the unknowns.
+
+        inf where the run diverges.
         """
         return self.block([values])[0]
 
@@ -236,8 +238,7 @@ def speed_of(counts: Floats, window: int) -> Floats:
 
 
 def _steady(moved):
-    """1 (N,) while all joints pass counts (N, n) fast enough, and 0 while one is slow and for a
-    while after it.
+    """1 (N,) while all joints are fast enough; 0 while one is slow, and for a while after it.
 
     A slow joint's counts change one by one; the torque of each, which a model without rounding
     lacks, excites elastic gears like a compliance of their own. A joint that is slow most of the

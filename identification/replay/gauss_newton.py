@@ -253,8 +253,9 @@ def reweighed(
 def within_bounds(
     solve: Callable[[Bools], Floats], values: Floats, step: Floats, bounds: Floats
 ) -> Floats:
-    """Gauss-Newton's change (k,) of the values, with an active set: a value that would leave its
-    bounds stays, and the others are solved again without it.
+    """Gauss-Newton's change (k,) of the values, with an active set of bounds.
+
+    A value that would leave its bounds stays, and the others are solved again without it.
 
     `solve`: which of the varied unknowns move (v,) -> their least squares, to be subtracted, in
     steps.
@@ -293,8 +294,9 @@ def slopes(
     varied: Integers,
     innovations: Floats | None = None,
 ) -> Floats:
-    """Change of the innovations per step (M, v), by central differences of the varied unknowns
-    (v,).
+    """Change of the innovations (M, v) per step of the varied unknowns.
+
+    By central differences.
 
     Steps that lose the log are shortened in place; with the innovations (M,) of the values
     themselves, also those on which innovations jump to one side.
@@ -337,15 +339,15 @@ def slopes(
 
 
 def side_by_side(innovations: int) -> int:
-    """Number of simulations with so many innovations that run at once: as many as cores; one of a
-    long log, for its memory.
+    """Number of simulations with so many innovations that run at once.
+
+    As many as cores; one of a long log, for its memory.
     """
     return min(cores(), max(1, SETTINGS.innovations_at_once // innovations))
 
 
 def _jumps(up, innovations, down, slope):
-    """Whether innovations change to one side alone, and by much: there an arm's links lose their
-    inertia.
+    """Whether innovations change much to one side alone: there the links lose their inertia.
 
     Takes `up` as work space. `slope` is half of the difference between both.
     """
@@ -356,8 +358,9 @@ def _jumps(up, innovations, down, slope):
 
 
 def noise(residual: Residual, innovations: Floats) -> float:
-    """Variance of weighted innovations (M,) per independent reading, inflated by their
-    autocorrelation.
+    """Variance of weighted innovations (M,) per independent reading.
+
+    It is inflated by their autocorrelation.
     """
     return float(
         dot(innovations, innovations)
@@ -367,8 +370,7 @@ def noise(residual: Residual, innovations: Floats) -> float:
 
 
 def variance_inflation(residual: Floats, window: int = 50) -> float:
-    """Ratio by which autocorrelation raises the variance of a mean over that of independent
-    samples: 1 without any.
+    """Factor by which autocorrelation raises the variance of a mean: 1 without any.
 
     `window`: lags [samples] over which the autocorrelation is summed, with Bartlett's weights,
     under which the sum cannot become negative; chosen by hand.

@@ -1,6 +1,4 @@
-"""Objective (4): how far a candidate arm's tracking errors are from the measured ones, a whole
-population at once.
-"""
+"""Objective (4): distance of simulated from measured tracking errors, for a whole population."""
 
 import functools
 from collections.abc import Iterable
@@ -26,8 +24,7 @@ _SINGLE_THREADED = 2
 
 @functools.lru_cache
 def squared_error(n: int) -> ca.Function:
-    """The term that one sample adds, (log, data, memory) -> sum over joints of (e^r - e^m)^2,
-    memory.
+    """The term of one sample: (log, data, memory) -> sum over joints of (e^r - e^m)^2, memory.
 
     The data are the measured errors and the root of the sample's weight. Source: paper eq. (4).
     """
@@ -171,8 +168,9 @@ class _Scored(Experiment):
         return np.concatenate([np.empty(0), *shared_out(self._margins, blocks, threads)])
 
     def _margins(self, numbers: Floats) -> Floats:
-        """Smallest pivot (P,) of D less the motors' own inertia, of candidates given by all
-        their numbers (P, k).
+        """Smallest pivot (P,) of D less the motors' own inertia, of each candidate.
+
+        `numbers` (P, k): all numbers of the candidates.
         """
         p = self.loop.dynamics.p
         f = numbers[:, :p]

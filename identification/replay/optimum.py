@@ -64,8 +64,9 @@ class Optimum:
         return direction - np.einsum("v,vm->m", coefficients, self.rates)
 
     def towards(self, moves: Floats, change: Floats, bounds: Floats) -> Floats:
-        """Step (k,) on the way to an estimate that follows the log best, with the varied unknowns
-        adapted.
+        """Step (k,) on the way to an estimate that follows the log best.
+
+        The varied unknowns adapt to it.
 
         `moves` (k,): to the estimate, which change the innovations by `change` (M,) where they are
         small; where joints stick, an estimate may be far too large.
@@ -121,8 +122,9 @@ class _Solver:
 def fitted(
     model: Extended, values: Floats, step: Floats, bounds: Floats, near: Optimum | None = None
 ) -> Optimum:
-    """Gauss-Newton from values (k,), with steps (k,) of the central differences; zero leaves an
-    unknown as it is.
+    """Gauss-Newton from values (k,), with steps (k,) of the central differences.
+
+    A step of zero leaves an unknown as it is.
 
     Near another optimum, whose varied unknowns are the first of these, its rates are taken as they
     are; those of the others are made once.

@@ -1,5 +1,4 @@
-"""Prediction error: the model follows the log, corrected a little at every sample, and is judged by
-its innovations.
+"""Prediction error: a model follows the log through an observer, judged by its innovations.
 
 The innovation is the difference between a counted position and its prediction from all samples
 before. With the right observer gains (an alpha-beta observer) innovations are small and
@@ -263,21 +262,18 @@ class Prediction(Stacked):
             yield followed, np.concatenate(parts)
 
     def zeros_in(self, values: Floats) -> Floats:
-        """Where the joints of each record are when their counters say zero (R, n) [rad], of
-        values (k,).
-        """
+        """Joint positions (R, n) [rad] at zero counts of each record, from values (k,)."""
         return np.array([values[zeros] for zeros in self._zeros])
 
     def resumptions(self, values: Floats) -> tuple[Resumption | None, ...]:
-        """Where law and arm of each record were at its first sample, of values (k,); None where
-        that is known.
+        """State of law and arm of each record at its first sample, from values (k,).
+
+        None where that is known.
         """
         return tuple(followed.resumption(part) for followed, part in self._each(values))
 
     def lost(self, values: Floats) -> str:
-        """Label in messages of the first record whose run with these values diverges; "" where
-        there is but one.
-        """
+        """Label of the first record whose run with these values diverges; "" of a single record."""
         # One record after another: at a start that diverges the time does not matter, the name
         # does.
         for k, (followed, part) in enumerate(self._each(values)):
@@ -339,14 +335,11 @@ class Prediction(Stacked):
 
     @property
     def rounds(self) -> bool:
-        """Whether the arm of any record felt the rounding of its counts, which the model leaves
-        out.
-        """
+        """Whether the arm of any record felt the rounding of its counts, which the model omits."""
         return any(followed.rounds for followed in self._followed)
 
     def of_rounded(self, values: Floats, shifts: Floats, steps: int) -> list[Floats]:
-        """Weighted innovations (M,) of the logs that the model makes itself with these values, its
-        encoders rounding.
+        """Weighted innovations (M,) of logs that the model makes itself with rounding encoders.
 
         Shifts (L, R, n) [pulses] are those of the encoders of each record, for L logs of each; its
         loop feels counts at so many `steps` in a sample. Innovations of records that did not feel
@@ -406,8 +399,9 @@ class Prediction(Stacked):
 
 
 def _add_memory(vector, k, record, memory):
-    """Add the state of a record's law and arm before its log; one over their expected magnitudes,
-    in RMS roundings.
+    """Add the state of a record's law and arm before its log to the nuisances.
+
+    Returns one over their expected magnitudes, in RMS roundings.
     """
     n = record.n
     vector.add(

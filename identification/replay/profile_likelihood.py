@@ -99,8 +99,9 @@ class Profile:
         return self._begun(value, level).squares - self._best.squares
 
     def end(self, distance: float, level: float, limit: float) -> float:
-        """Where the sum has risen by the level, on the way from the best fit to a limit; the limit
-        if nowhere.
+        """Value of the coordinate at which the sum has risen by the level.
+
+        The limit if it does not rise so much on the way to it.
 
         `distance`: to be tried first, signed.
         """
@@ -149,8 +150,9 @@ class Profile:
         return point.squares < SETTINGS.lost * self._best.squares
 
     def _begun(self, value, level):
-        """The others fitted with the coordinate at a value, from where they are at the best fit or
-        move to from there.
+        """Fit of the others with the coordinate at a value, from the best fit.
+
+        They begin where they are at the best fit, or where the slopes move them.
 
         The better of both goes on with slopes by differences.
         """
@@ -171,8 +173,9 @@ class Profile:
         return point
 
     def _moved(self, point, value, level, along=True):
-        """The others fitted with the coordinate moved to a value, beginning where it takes them
-        along, or as they are.
+        """Fit of the others after the coordinate has moved to a value.
+
+        They begin where it takes them along, or as they are.
 
         Where it takes them follows from the slopes.
         """
@@ -186,8 +189,9 @@ class Profile:
         return self._fitted(Descent(z, self._residual.innovations(z), point.slopes), level)
 
     def _change(self, change, innovations):
-        """Gauss-Newton's change of the other coordinates; none where their slopes do not separate
-        them.
+        """Gauss-Newton's change of the other coordinates.
+
+        Zero where their slopes do not separate them.
         """
         # Slopes that were updated along a walk may become dependent; then the others stay.
         try:

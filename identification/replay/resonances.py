@@ -76,8 +76,9 @@ _SPREAD = float(np.diff(np.log(SETTINGS.usual_damping))[0]) / 2 / NORMAL
 
 
 def link_inertia(dynamics: Dynamics, rig: Rig, pose: ArrayLike) -> tuple[Floats, Floats]:
-    """(A, rotors), (n, p) and (n,): A f - rotors is the inertia behind each gear at a pose,
-    others held [kg m^2].
+    """(A, rotors), (n, p) and (n,), of the inertia A f - rotors behind each gear [kg m^2].
+
+    At a pose, with the other joints held.
     """
     # D is linear in f, and so is its diagonal on the shafts.
     f = ca.SX.sym("f", dynamics.p)
@@ -166,8 +167,9 @@ class Resonances(WithPrior):
         )
 
     def _deviations(self, coordinates):
-        """Deviations of damping ratios from the expected, and of compliances from the measured, in
-        their standard deviations.
+        """Standardised deviations of damping ratios and of measured compliances.
+
+        Damping ratios from the expected ones, compliances from the measured ones.
         """
         deviations = [
             (coordinates[place] - _LOG_RATIO) / _SPREAD for place in self.damping.values()
@@ -195,8 +197,9 @@ class Resonances(WithPrior):
         return self._slope @ vector[self._f] - self._rotors
 
     def values(self, coordinates: Floats) -> Floats:
-        """Values (k,) of the unknowns; NaN where no link is left behind a gear, or no compliance
-        in it.
+        """Values (k,) of the unknowns at coordinates (k,).
+
+        NaN where no link is left behind a gear, or no compliance in it.
         """
         values = coordinates.copy()
         m = self.inertia(coordinates)
@@ -212,8 +215,9 @@ class Resonances(WithPrior):
         return values
 
     def start(self, values: Floats, step: Floats, bounds: Floats) -> Start:
-        """Coordinates, steps and bounds (k, 2) of those of values; damping starts at what is
-        expected.
+        """Coordinates, steps and bounds (k, 2) from those of values.
+
+        Damping starts at the expected ratio.
         """
         z = values.copy()
         steps = step.copy()
@@ -270,9 +274,7 @@ class Resonances(WithPrior):
         return changed
 
     def settle(self, coordinates: Floats) -> float:
-        """Give the expected values the noise of the innovations at these coordinates; the variance
-        of that noise.
-        """
+        """Give the expected values the noise of the innovations; the variance of that noise."""
         # The innovations alone: deviations from expected values are no noise.
         rows = self.innovations(coordinates)
         innovations = rows[: len(rows) - self.count]
