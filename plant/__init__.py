@@ -8,7 +8,7 @@ An experiment: Arm + Rig + Law + Reference -> Record. The rooms, each above all 
 `ros2`          a control law as a controller of ros2_control
 `fmu`           a law or an arm as an FMU
 `analysis`      the loop linearised, python-control, P gains
-`simulation`    the closed loop as one symbolic step, the kernels made of it, `simulate` and `replay`
+`simulation`    the closed loop as one symbolic step, its kernels, `simulate` and `replay`
 `logs`          `Record`, and the readers of files
 `checkup`       does a log agree with its rig and its law? `Record.check` -> `Checkup`
 `laws`          what a control law has to give; P, PD, PID, cascade, laws that repeat a log

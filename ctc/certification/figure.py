@@ -258,7 +258,7 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
     # A line at zero would lie on the axis.
     axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])
     axis.set(xlabel="locked-rotor resonance [Hz]", ylabel="loops outside the limit [%]")
-    legend_above(axis, left=True, columns=5)
+    legend_above(axis, at_left=True, columns=5)
 
 
 def _headroom(labels: list[str]) -> float:

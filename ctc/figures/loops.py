@@ -48,7 +48,7 @@ def plot_margins(margins: Any, ax: Any = None) -> NDArray[Any]:
         axis.axhline(level, color="0.35", linewidth=0.6, linestyle="--")
         axis.set(ylabel=name, xscale="log", xlim=(begin, f[-1]), ylim=ends)
     axes[1].set_yticks(np.arange(-360, 1, 90))
-    legend_above(axes[0], left=True)
+    legend_above(axes[0], at_left=True)
     axes[-1].set_xlabel("frequency [Hz]")
     return axes
 
@@ -85,7 +85,7 @@ def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
         width = np.diff(edges)[full]
         bars.barh(np.full(len(start), -row), width, 0.62, left=start, color=colour, linewidth=0)
     share.set(ylabel=f"samples within ±{sweep.within:g} pulse [%]", ylim=(-2, 104))
-    legend_above(share, left=True)
+    legend_above(share, at_left=True)
     bars.set_yticks([-row for row in range(len(names))], names)
     bars.set_ylim(-len(names) + 0.4, 0.6)
     dressed(bars, "every sample within")

@@ -1,6 +1,4 @@
-"""A control law or an arm as an FMU: model description, a binary for Linux on x86-64, and its
-sources.
-"""
+"""Export of a control law or an arm as an FMU: description, binary for Linux, C sources."""
 
 import hashlib
 import io
@@ -29,13 +27,15 @@ from plant.simulation.stepped_arm import stepped_loop
 from plant.version import __version__
 
 _TEMPLATES = Path(__file__).with_name("c")
+# The earliest time of a ZIP archive: the same model must give the same bytes.
 _STAMP = (1980, 1, 1, 0, 0, 0)
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
 
 
 class _Model(NamedTuple):
-    """What an FMU is made of: its variables, its own C by file, the values of the templates, its
-    usual step [s].
+    """Content of an FMU: variables, C text by file, values of the templates, usual step [s].
+
+    The token of an FMU is a hash of its `repr`, names of fields included.
     """
 
     name: str
@@ -50,8 +50,7 @@ class _Model(NamedTuple):
 def to_fmu(
     model: Law | Running | Arm, path: str | Path, rig: Rig | None = None, version: int = 2
 ) -> None:
-    """A control law, or an arm with its drives and encoders, as a functional mock-up unit for
-    co-simulation.
+    """Export a control law, or an arm with drives and encoders, as an FMU for co-simulation.
 
     It holds a binary for Linux on x86-64 and its C, and no Python. Its state can be saved, restored
     and serialised.
@@ -97,30 +96,30 @@ def to_fmu(
     True
     """
     choice("version", version, (2, 3))
-    place = _free_place(path)
-    made = _arm(model, rig) if isinstance(model, Arm) else _law(model, rig)
-    sources = _sources(made, f"fmi{version}.c")
-    name = place.stem
-    token = str(uuid.UUID(bytes=hashlib.sha256(repr((sources, made)).encode()).digest()[:16]))
-    values = made.values | {
+    target = _checked_path(path)
+    parts = _arm(model, rig) if isinstance(model, Arm) else _law(model, rig)
+    sources = _sources(parts, f"fmi{version}.c")
+    name = target.stem
+    token = str(uuid.UUID(bytes=hashlib.sha256(repr((sources, parts)).encode()).digest()[:16]))
+    values = parts.values | {
         "token": token,
         "made": f"made by onepulse {__version__}",
         "model": name,
     }
     texts = {
         f"sources/{file}": Template(text).substitute(values)
-        for file, text in (sources | made.files).items()
+        for file, text in (sources | parts.files).items()
     }
-    files = [file for file in sources | made.files if file.endswith(".c") and file != "common.c"]
-    values |= described(version, made.variables, files)
-    values |= {"said": made.said, "tool": f"onepulse {__version__}", "step": repr(made.step)}
+    files = [file for file in sources | parts.files if file.endswith(".c") and file != "common.c"]
+    values |= described(version, parts.variables, files)
+    values |= {"said": parts.said, "tool": f"onepulse {__version__}", "step": repr(parts.step)}
     described_in = {"modelDescription.xml": f"fmi{version}.xml"}
     if version == 3:
         described_in["sources/buildDescription.xml"] = "build.xml"
     texts |= {file: Template(_template(of)).substitute(values) for file, of in described_in.items()}
     folder = "linux64" if version == 2 else "x86_64-linux"
     binary = {f"binaries/{folder}/{name}.so": _compiled(texts, files)}
-    _write(place, {file: text.encode() for file, text in texts.items()} | binary)
+    _write(target, {file: text.encode() for file, text in texts.items()} | binary)
 
 
 def _template(name: str) -> str:
@@ -137,10 +136,10 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
             "rig must be left out for a controller that law.start(...) gave; got one. It has its"
             " own."
         )
-    said = f"{type(model.law).__name__} with the guards of its running controller"
+    description = f"{type(model.law).__name__} with the guards of its running controller"
     values = {"period": repr(model.period), "start": braced(np.zeros(4 * model.n))}
     return _Model(
-        "controller", said, law_variables(model), _controller(model), values, model.period
+        "controller", description, law_variables(model), _controller(model), values, model.period
     )
 
 
@@ -162,26 +161,28 @@ def _arm(arm: Arm, rig: Rig | None) -> _Model:
         )
     loop = stepped_loop(arm, rig, 4, 3)
     require_counts(rig)
-    said = "A geared arm with its drives and encoders"
+    description = "A geared arm with its drives and encoders"
     values = arm_values(arm, loop)
-    return _Model("arm", said, arm_variables(arm), {}, values, rig.period)
+    return _Model("arm", description, arm_variables(arm), {}, values, rig.period)
 
 
-def _sources(made: _Model, interface: str) -> dict[str, str]:
-    """Templates by file, of which the numbers of variables are known."""
-    kinds = [(variable.whole, variable.settable) for variable in made.variables]
-    made.values.update(
-        name=made.name,
-        NAME=made.name.upper(),
-        n=str(sum(variable.name.startswith("torque.") for variable in made.variables)),
-        reals=str(sum(not whole for whole, _ in kinds)),
+def _sources(parts: _Model, interface: str) -> dict[str, str]:
+    """Templates by file; the numbers of variables are added to the values of the model."""
+    kinds = [(variable.whole, variable.settable) for variable in parts.variables]
+    parts.values.update(
+        name=parts.name,
+        NAME=parts.name.upper(),
+        n=str(sum(variable.name.startswith("torque.") for variable in parts.variables)),
+        reals=str(sum(not is_whole for is_whole, _ in kinds)),
         reals_set=str(kinds.count((False, True))),
-        wholes=str(sum(whole for whole, _ in kinds)),
+        wholes=str(sum(is_whole for is_whole, _ in kinds)),
         wholes_set=str(kinds.count((True, True))),
     )
-    own = {"arm.h": "arm.h", "model.c": "arm.c"} if made.name == "arm" else {"model.c": "law.c"}
+    templates = (
+        {"arm.h": "arm.h", "model.c": "arm.c"} if parts.name == "arm" else {"model.c": "law.c"}
+    )
     shared = {file: file for file in ("fmu.h", "common.c", interface)}
-    return {file: _template(of) for file, of in (shared | own).items()}
+    return {file: _template(of) for file, of in (shared | templates).items()}
 
 
 def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
@@ -196,23 +197,23 @@ def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
         for file, text in texts.items():
             (Path(folder) / Path(file).name).write_text(text, "utf-8")
         command = [compiler, *_FLAGS, "-o", "fmu.so", *files, "-lm"]
-        # the compiler
-        said = subprocess.run(command, cwd=folder, capture_output=True, text=True)  # noqa: S603
-        if said.returncode:
+        # The command is the compiler that was found above, with names of files made here.
+        outcome = subprocess.run(command, cwd=folder, capture_output=True, text=True)  # noqa: S603
+        if outcome.returncode:
             raise ValueError(
-                f"the C must compile; {compiler} says {said.stderr.strip()[:200]!r}. Try another"
+                f"the C must compile; {compiler} says {outcome.stderr.strip()[:200]!r}. Try another"
                 " compiler."
             )
         return (Path(folder) / "fmu.so").read_bytes()
 
 
-def _free_place(given: str | Path) -> Path:
+def _checked_path(location: str | Path) -> Path:
     """The path, if its name is one for C and nothing else lies there."""
-    if not isinstance(given, (str, Path)):
+    if not isinstance(location, (str, Path)):
         raise ValueError(
-            f"path must be that of a file; got {given!r:.60}. Give a name that ends in .fmu."
+            f"path must be that of a file; got {location!r:.60}. Give a name that ends in .fmu."
         )
-    path = Path(given)
+    path = Path(location)
     if path.suffix != ".fmu" or not (path.stem.isidentifier() and path.stem.isascii()):
         raise ValueError(
             f"path must end in .fmu, its name in letters, digits and _; got {path.name!r:.60}."

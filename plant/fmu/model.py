@@ -1,5 +1,4 @@
-"""What an FMU exchanges, as the model descriptions of both versions of FMI list it; the step of
-`simulate` as C.
+"""Variables of an FMU in the model descriptions of FMI 2 and 3; the step of `simulate` as C.
 
 The functions of an arm are those of `plant.simulation.closed_loop`; here they are put into text.
 """
@@ -40,13 +39,13 @@ def of_joints(
     quantity: str,
     joints: Sequence[str],
     causality: str,
-    said: str,
+    description: str,
     unit: str | None = None,
     whole: bool = False,
 ) -> list[Variable]:
     """One variable per joint, ``torque.elbow``."""
     return [
-        Variable(f"{quantity}.{joint}", causality, f"{said}, {joint}", unit, whole=whole)
+        Variable(f"{quantity}.{joint}", causality, f"{description}, {joint}", unit, whole=whole)
         for joint in joints
     ]
 
@@ -106,25 +105,23 @@ def arm_variables(arm: Arm) -> list[Variable]:
 
 
 def described(version: int, variables: Sequence[Variable], files: Sequence[str]) -> dict[str, str]:
-    """Lists of a model description; a variable's value reference is its place, and the reals
-    come first.
-    """
+    """Lists of a model description; the value reference of a variable is its index, reals first."""
     places = [place for place, variable in enumerate(variables) if not variable.settable]
-    known = {
+    lists = {
         "variables": [
             _declared(variable, place, version) for place, variable in enumerate(variables)
         ]
     }
     if version == 2:
-        known["outputs"] = [f'<Unknown index="{place + 1}"/>' for place in places]
-        known["files"] = [f'<File name="{file}"/>' for file in files]
+        lists["outputs"] = [f'<Unknown index="{place + 1}"/>' for place in places]
+        lists["files"] = [f'<File name="{file}"/>' for file in files]
     else:
-        known["outputs"] = [f'<Output valueReference="{place}"/>' for place in places]
-        known["initial"] = [f'<InitialUnknown valueReference="{place}"/>' for place in places]
-        known["files"] = [f'<SourceFile name="{file}"/>' for file in files]
+        lists["outputs"] = [f'<Output valueReference="{place}"/>' for place in places]
+        lists["initial"] = [f'<InitialUnknown valueReference="{place}"/>' for place in places]
+        lists["files"] = [f'<SourceFile name="{file}"/>' for file in files]
     return {
         "count": str(len(variables)),
-        **{name: "\n      ".join(lines) for name, lines in known.items()},
+        **{name: "\n      ".join(lines) for name, lines in lists.items()},
     }
 
 
@@ -145,16 +142,18 @@ def _declared(variable: Variable, place: int, version: int) -> str:
         value["start"] = str(int(variable.start)) if variable.whole else repr(float(variable.start))
     else:
         about["initial"] = "calculated"
-    said, given = (
-        " ".join(f"{key}={quoteattr(text)}" for key, text in each.items())
-        for each in (about, value)
-    )
+    head = _attributes(about)
+    body = _attributes(value)
     if version == 2:
         return (
-            f"<ScalarVariable {said}><{'Integer' if variable.whole else 'Real'}"
-            f" {given}/></ScalarVariable>"
+            f"<ScalarVariable {head}><{'Integer' if variable.whole else 'Real'}"
+            f" {body}/></ScalarVariable>"
         )
-    return f"<{'Int32' if variable.whole else 'Float64'} {said} {given}/>"
+    return f"<{'Int32' if variable.whole else 'Float64'} {head} {body}/>"
+
+
+def _attributes(texts: dict[str, str]) -> str:
+    return " ".join(f"{key}={quoteattr(text)}" for key, text in texts.items())
 
 
 def arm_values(arm: Arm, loop: ClosedLoop) -> dict[str, str]:
@@ -177,9 +176,9 @@ def arm_values(arm: Arm, loop: ClosedLoop) -> dict[str, str]:
 
 def _settled(loop: ClosedLoop) -> str:
     """The state at the start."""
-    q, qd, numbers = (
-        ca.SX.sym(name, size) for name, size in (("q", loop.n), ("qd", loop.n), ("f", _count(loop)))
-    )
+    q = ca.SX.sym("q", loop.n)
+    qd = ca.SX.sym("qd", loop.n)
+    numbers = ca.SX.sym("f", _count(loop))
     start = {"q": q, "qd": qd}
     if loop.elastic:
         start |= {"link": loop.hanging.expand()(q, numbers), "link_speed": qd}
@@ -195,9 +194,9 @@ def _moved(loop: ClosedLoop) -> str:
     for i, place in enumerate(places["logged"]):
         times[place] = (f"torque[{i}]", TIME)
     times[places["h"].start] = (repr(loop.h), UNIFORM)
-    state, time, numbers = (
-        ca.SX.sym(name, loop.substep.size1_in(i)) for i, name in enumerate(("x", "t", "numbers"))
-    )
+    state = ca.SX.sym("x", loop.substep.size1_in(0))
+    time = ca.SX.sym("t", loop.substep.size1_in(1))
+    numbers = ca.SX.sym("numbers", loop.substep.size1_in(2))
     function = ca.Function("moved", [state, time, numbers], loop.substep(state, time, numbers)[:1])
     return _body(
         function, [_state(loop), times, _numbers(loop)], {"state": range(len(loop.state_names))}
@@ -224,23 +223,19 @@ def _observed(loop: ClosedLoop) -> str:
 def _body(
     function: ca.Function, inputs: list[list[tuple[str, int]]], targets: dict[str, range | None]
 ) -> str:
-    """Statements that write the results, joined, into arrays; all are read before one is
-    written.
-    """
+    """Statements that write the results into arrays, after all inputs have been read."""
     lines, values, _ = statements(function, inputs)
     listed = "".join(f"    {value},\n" for value in values)
     body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
     body.append(f"const double results[{len(values)}] = {{\n{listed}}};")
-    first = 0
+    begin = 0
     for name, places in targets.items():
         count = 1 if places is None else len(places)
-        last = f"{name} = results[{first}] != 0.0;"
-        body.append(
-            last
-            if places is None
-            else f"memcpy({name}, results + {first}, {count} * sizeof *results);"
-        )
-        first += count
+        if places is None:
+            body.append(f"{name} = results[{begin}] != 0.0;")
+        else:
+            body.append(f"memcpy({name}, results + {begin}, {count} * sizeof *results);")
+        begin += count
     return textwrap.indent("\n".join(body), "    ")
 
 

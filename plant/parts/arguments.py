@@ -1,6 +1,4 @@
-"""Checks of what a user hands in: every message says what was expected, what came, and what to
-do.
-"""
+"""Checks of arguments: every message says the expected value, the received one, and a remedy."""
 
 import dataclasses
 import difflib
@@ -71,9 +69,7 @@ def array(
 
 
 def per_joint(name: str, value: Any, n: int) -> Any:
-    """Numbers of n joints in their last axis, as an array; symbols of casadi as they are; or a
-    refusal.
-    """
+    """Numbers of n joints in their last axis, as an array; casadi symbols remain as they are."""
     if isinstance(value, (ca.SX, ca.MX, ca.DM)):
         return value
     shape = np.shape(value)
@@ -84,7 +80,7 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
     """Return `value` if it is one of `allowed`, or refuse it and offer the nearest."""
     if value in allowed:
         return value
-    texts = {str(each): each for each in allowed}
+    texts = {str(option): option for option in allowed}
     same = texts.get(str(value))
     hint = (
         near(value, allowed, f"Use {next(iter(allowed))!r}.")
@@ -96,36 +92,36 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
     )
 
 
-def several(names: Iterable[str], most: int = 20) -> str:
-    """Names one after another; of many the first, and how many more there are."""
-    every = list(names)
-    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+def several(names: Iterable[str], limit: int = 20) -> str:
+    """Names separated by commas; beyond `limit` of them, only how many remain."""
+    texts = list(names)
+    return ", ".join(texts[:limit]) + (
+        f" and {len(texts) - limit} more" if len(texts) > limit else ""
+    )
 
 
-def near(value: Any, known: Iterable[Any], otherwise: str = "", *, cutoff: float = 0.4) -> str:
-    """The last part of a message: whether the nearest of what is known was meant; `otherwise`
-    where none is near.
-    """
-    found = difflib.get_close_matches(str(value), [str(each) for each in known], n=1, cutoff=cutoff)
-    return f"Did you mean {found[0]!r}?" if found else otherwise
+def near(value: Any, candidates: Iterable[Any], otherwise: str = "", *, cutoff: float = 0.4) -> str:
+    """Last part of a message: the most similar candidate, or `otherwise` where none is similar."""
+    matches = difflib.get_close_matches(
+        str(value), [str(candidate) for candidate in candidates], n=1, cutoff=cutoff
+    )
+    return f"Did you mean {matches[0]!r}?" if matches else otherwise
 
 
 def instance(name: str, value: T, kind: type[Any], advice: str) -> T:
     """Return `value` if it is a `kind`, or refuse it."""
     if isinstance(value, kind):
         return value
-    given = (
+    received = (
         f"the class {value.__name__}"
         if inspect.isclass(value)
         else f"a value of type {type(value).__name__}"
     )
-    raise ValueError(f"{name} must be of type {kind.__name__}; got {given}. {advice}")
+    raise ValueError(f"{name} must be of type {kind.__name__}; got {received}. {advice}")
 
 
 def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float:
-    """Return `value` as a float if it is one finite number (above zero if `positive`), or refuse
-    it.
-    """
+    """Return `value` as a float if it is one finite number, positive if `positive`."""
     sound = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     if sound and (value > 0 or not positive):
         return float(value)
@@ -136,7 +132,7 @@ def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float
 
 
 def whole(name: str, value: Any, advice: str, *, least: int = 1) -> int:
-    """Return `value` if it is a whole number of at least so much, or refuse it."""
+    """Return `value` if it is a whole number of at least `least`, or refuse it."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= least:
         return int(value)
     raise ValueError(
@@ -155,10 +151,9 @@ def signs(
     advice: str = _MAGNITUDES,
     labels: Sequence[str] = (),
 ) -> None:
-    """Refuse a part of which one of these numbers, or one entry of them, has the wrong sign; None
-    has none.
+    """Refuse a part if one of these numbers, or an entry of one, has the wrong sign; None passes.
 
-    With labels of the joints the message says which.
+    With `labels` of the joints the message names the joint.
     """
     for names, sound, rule in (
         (positive, np.greater, "be positive"),
@@ -172,9 +167,7 @@ def signs(
 
 
 def decimal(text: str) -> float:
-    """A number of a file: ASCII digits, no underscore between them; ``nan`` and ``inf`` are
-    numbers too.
-    """
+    """A number in a file: ASCII digits without underscores; ``nan`` and ``inf`` are numbers too."""
     if "_" in text or not text.isascii():
         raise ValueError(
             f"a number must have digits 0 to 9 alone; got {text!r:.40}. Write it like 17.4 or 1e-3."
@@ -190,9 +183,7 @@ def optional_period(law: Any) -> None:
 
 
 def known_options(callable_: C) -> C:
-    """Decorate a function or class so that a call that does not fit is a ValueError, with the
-    nearest name offered.
-    """
+    """Decorate a function or class: wrong options are a ValueError that offers the nearest name."""
     signature = inspect.signature(callable_)
     if any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
         raise ValueError(
@@ -243,9 +234,9 @@ def known_options(callable_: C) -> C:
         except np.linalg.LinAlgError as error:
             if _UNSOLVED in str(error):
                 raise
-            what = f"{callable_.__name__} {_UNSOLVED}; they have none or many ({error})"
+            cause = f"{callable_.__name__} {_UNSOLVED}; they have none or many ({error})"
             raise np.linalg.LinAlgError(
-                f"{what}. Look for a joint that hardly moves, or a column of zeros."
+                f"{cause}. Look for a joint that hardly moves, or a column of zeros."
             ) from error
 
     if not is_class:

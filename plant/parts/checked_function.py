@@ -1,5 +1,6 @@
-"""casadi Functions called: with shapes checked that casadi broadcasts and transposes silently,
-or without copies.
+"""Calls of casadi Functions: with checks of shapes, or without copies.
+
+casadi itself broadcasts and transposes arguments silently.
 """
 
 from typing import Any
@@ -20,10 +21,10 @@ class CheckedFunction:
     def __call__(self, *arguments: Any) -> Any:
         names = self.function.name_in()
         if len(arguments) != len(names):
-            given = (
+            mismatch = (
                 f"{self.function.name()} takes ({', '.join(names)}); got {len(arguments)} arguments"
             )
-            raise ValueError(f"{given}. Give all of them, in this order.")
+            raise ValueError(f"{mismatch}. Give all of them, in this order.")
         checked: list[Any] = []
         for i, (name, value) in enumerate(zip(names, arguments, strict=True)):
             shape = self.function.size_in(i)
@@ -50,18 +51,18 @@ class CheckedFunction:
 
 
 def evaluated(function: ca.Function, *inputs: Any) -> list[Floats]:
-    """Dense outputs of a Function, each (columns, rows), at dense inputs that are given likewise.
+    """Dense outputs of a Function, each (columns, rows), at dense inputs of the same layout.
 
-    Nothing is converted: of long arrays some ten times as fast as a call.
+    The buffers are shared, not converted: for long arrays some ten times as fast as a call.
     """
     buffer, evaluate = function.buffer()
-    held = [np.ascontiguousarray(each, dtype=np.float64).reshape(-1) for each in inputs]
-    found = [
+    arguments = [np.ascontiguousarray(values, dtype=np.float64).reshape(-1) for values in inputs]
+    outputs = [
         np.empty((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())
     ]
-    for i, each in enumerate(held):
-        buffer.set_arg(i, each.data)
-    for i, each in enumerate(found):
-        buffer.set_res(i, each.reshape(-1).data)
+    for i, values in enumerate(arguments):
+        buffer.set_arg(i, values.data)
+    for i, values in enumerate(outputs):
+        buffer.set_res(i, values.reshape(-1).data)
     evaluate()
-    return found
+    return outputs

@@ -1,11 +1,12 @@
-"""Finished stages of long work in a file, so that what is killed goes on and ends in the same bits.
+"""Checkpoints: finished stages of long work in a file; resumed work ends in the same bits.
 
-A stage is a pure function of the inputs that the checkpoint is bound to. What it gave is written
-down; called again, the work takes it from there and computes the rest. The file is replaced as a
-whole (`plant.parts.files`), so a killed process leaves the last state that was written. A file of
-other inputs, versions or another processor is refused.
+A stage is a pure function of the inputs that the checkpoint is bound to. Its result is stored;
+called again, the work reads it from the file and computes the remaining stages. The file is
+replaced as a whole (`plant.parts.files`), so a killed process leaves the last state that was
+written. A file of other inputs, versions or another processor is refused.
 """
 
+import dataclasses
 import hashlib
 import logging
 import threading
@@ -27,28 +28,41 @@ from plant.parts.saved import FORMAT, MOST, fingerprint, parsed, versions, writt
 
 T = TypeVar("T")
 
-# time between two writes, at least, in that which the last one took: the file grows with the work
-_SHARE = 20
 
-_LEAST = 0.2  # the same in seconds
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class WriteInterval:
+    """Shortest time from one write of a checkpoint to the next.
+
+    Parameters
+    ----------
+    durations : float
+        In durations of the previous write, so that writing takes at most a twentieth of the time
+        although the file grows with the work; chosen by hand.
+    seconds : float
+        In seconds, for small files; chosen by hand.
+    """
+
+    durations: float = 20
+    seconds: float = 0.2
+
+
+INTERVAL = WriteInterval()
 
 
 class Checkpoint:
-    """Finished stages of one piece of work. Use it in a ``with`` statement: at its end all that is
-    finished is written.
+    """Finished stages of one piece of work; the end of its ``with`` statement writes them.
 
-    `path` is a file, made if it is not there; or the checkpoint of larger work; or None: nothing is
-    kept. `work` is what the file is of. A file of other work, another version or processor is
-    refused.
+    `path` is a file, made if it does not exist; or the checkpoint of larger work; or None, which
+    stores nothing. `work` names the work. A file of other work, another version or another
+    processor is refused.
     """
 
     def __init__(self, path: "str | Path | Checkpoint | None", work: str) -> None:
-        self._prefix, self._file, self._whole, self._work = (
-            "",
-            None,
-            not isinstance(path, Checkpoint),
-            work,
-        )
+        self._prefix = ""
+        self._file = None
+        self._work = work
+        # A part of larger work must leave the file open for the stages that follow it.
+        self._owner = not isinstance(path, Checkpoint)
         if isinstance(path, Checkpoint):
             self._prefix = path._prefix
             self._file = path._file
@@ -67,7 +81,7 @@ class Checkpoint:
     ) -> None:
         if self._file is not None:
             self._file.write()
-            self._file.closed = self._whole
+            self._file.closed = self._owner
 
     def part(self, name: str) -> "Checkpoint":
         """The same file for a part of the work, whose stages have names of their own."""
@@ -76,30 +90,32 @@ class Checkpoint:
         return part
 
     def bind(self, inputs: Callable[[], Mapping[str, Any]]) -> "Checkpoint":
-        """Refuse stages that were made of other inputs: name -> part, record, array or setting;
-        asked for if needed.
+        """Refuse a file whose stages had other inputs: name -> part, record, array or setting.
+
+        `inputs` is called only if there is a file.
         """
         if self._file is not None:
-            given = {name: fingerprint(value) for name, value in inputs().items()}
-            made = self.stage("inputs", lambda: given)
-            other = [name for name in given if made.get(name) != given[name]]
-            if other:
+            fingerprints = {name: fingerprint(value) for name, value in inputs().items()}
+            stored = self.stage("inputs", lambda: fingerprints)
+            different = [name for name in fingerprints if stored.get(name) != fingerprints[name]]
+            if different:
                 raise ValueError(
-                    f"checkpoint {self._file.path} must be of the same {other[0]}; it was made with"
-                    " another. Give the same, or another file."
+                    f"checkpoint {self._file.path} must be of the same {different[0]}; it was made"
+                    " with another. Give the same, or another file."
                 )
         return self
 
     def stage(self, name: str, make: Callable[[], T]) -> T:
-        """What `make` gives, or what it gave when this stage was finished before; the log says
-        how long it took.
+        """Result of `make`, or its stored result if this stage was finished in an earlier run.
+
+        The log reports the time that it took.
         """
         began = time.monotonic()
-        made = make() if self._file is None else self._file.stage(f"{self._prefix}{name}", make)
+        result = make() if self._file is None else self._file.stage(f"{self._prefix}{name}", make)
         logging.getLogger(f"onepulse.{self._work}").info(
             "%s%s: %.1f s", self._prefix, name, time.monotonic() - began
         )
-        return made
+        return result
 
     def remembered(
         self, name: str, function: Callable[[Floats], ArrayLike]
@@ -107,10 +123,10 @@ class Checkpoint:
         """A function of one array, each of whose values is a stage."""
 
         def remembering(x: Floats) -> ArrayLike:
-            own = hashlib.sha256(
+            digest = hashlib.sha256(
                 repr(x.shape).encode() + np.ascontiguousarray(x).tobytes()
             ).hexdigest()
-            return self.stage(f"{name} {own[:24]}", lambda: function(x))
+            return self.stage(f"{name} {digest[:24]}", lambda: function(x))
 
         return remembering if self._file is not None else function
 
@@ -119,7 +135,9 @@ class _File:
     """All stages of a file by name, as plain data and, once written, as text."""
 
     def __init__(self, path: Path, work: str) -> None:
-        self.path, self._lock = path, threading.RLock()
+        self.path = path
+        # Reentrant, since `stage` writes while it holds the lock; stages may finish in threads.
+        self._lock = threading.RLock()
         self._head = {
             "kind": "checkpoint",
             "format": FORMAT,
@@ -148,30 +166,29 @@ class _File:
     def stage(self, name: str, make: Callable[[], T]) -> T:
         with self._lock:
             if name in self._stages:
-                made: T = self._made(name)
-                return made
-        made = make()
-        plain = to_plain(made)
+                result: T = self._restored(name)
+                return result
+        result = make()
+        plain = to_plain(result)
         with self._lock:
-            self._stages[name], self._pending = plain, True
+            self._stages[name] = plain
+            self._pending = True
             if time.monotonic() >= self._next:
                 self.write()
-        return made
+        return result
 
-    def _made(self, name: str) -> Any:
-        """What a finished stage gave."""
+    def _restored(self, name: str) -> Any:
+        """Stored result of a finished stage."""
         try:
             return from_plain(self._stages[name])
         except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as error:
-            said = " ".join(str(error).split())
+            message = " ".join(str(error).split())
             raise ValueError(
-                f"checkpoint {self.path} is spoilt: {said:.200} Delete it and begin anew."
+                f"checkpoint {self.path} is spoilt: {message:.200} Delete it and begin anew."
             ) from None
 
     def write(self) -> None:
-        """Write what is not on the disk yet; where that fails, say so once, and keep what is
-        there.
-        """
+        """Write the stages that are not on the disk yet; a failure is warned of once."""
         with self._lock:
             if not self._pending or self.closed:
                 return
@@ -188,7 +205,7 @@ class _File:
                         " goes on. Make room."
                     )
             ended = time.monotonic()
-            self._next = ended + max(_LEAST, _SHARE * (ended - began))
+            self._next = ended + max(INTERVAL.seconds, INTERVAL.durations * (ended - began))
 
     def _text(self) -> Any:
         """The file's text; that of each stage is made once."""
@@ -213,11 +230,12 @@ class _File:
             sound = isinstance(data, dict) and data.get("kind") == "checkpoint"
             if not sound or not isinstance(data.get("stages"), dict):
                 raise ValueError("must be a checkpoint; it is another file. Give another name.")
-            for key, own in self._head.items():
-                if data.get(key) != own:
-                    given = _told(data.get(key))
+            for key, expected in self._head.items():
+                if data.get(key) != expected:
+                    received = _in_short(data.get(key))
                     raise ValueError(
-                        f"must be of the {key} {_told(own)}; got {given}. Give another file."
+                        f"must be of the {key} {_in_short(expected)}; got {received}."
+                        " Give another file."
                     )
             self._stages = data["stages"]
             if data.get("sha256") != self._sum():
@@ -228,10 +246,10 @@ class _File:
             raise ValueError(f"checkpoint {self.path} {' '.join(str(error).split())}") from None
 
 
-def _told(value: Any) -> str:
+def _in_short(value: Any) -> str:
     """A value of the head, in short."""
     return (
-        ", ".join(f"{key} {each}" for key, each in value.items())
+        ", ".join(f"{key} {entry}" for key, entry in value.items())
         if isinstance(value, dict)
         else f"{value!r:.60}"
     )

@@ -1,9 +1,8 @@
-"""The rows of a CSV file, read line by line: text in, numbers out, and the line where it went
-wrong.
-"""
+"""Rows of a CSV file as numbers, read line by line; errors name the line."""
 
 import array as packed
 import csv
+import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,9 +14,27 @@ from plant.parts.arguments import decimal
 from plant.parts.fields import Floats
 from plant.parts.files import require_bounded
 
-_LONGEST = 1 << 20  # characters of a line
-_MOST = 1 << 25  # numbers of a file, 256 MiB; its text has no more bytes
-_SECONDS = 60
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TextLimits:
+    """Largest text file that is read; a hostile or mistaken file must not fill the memory.
+
+    Parameters
+    ----------
+    line : int
+        Characters of a line, for files without line ends; chosen by hand.
+    numbers : int
+        Numbers of a file: 256 MiB, and at most as many bytes of text; chosen by hand.
+    seconds : int
+        Time for reading [s]; chosen by hand.
+    """
+
+    line: int = 1 << 20
+    numbers: int = 1 << 25
+    seconds: int = 60
+
+
+LIMITS = TextLimits()
 
 
 def read_rows(
@@ -26,8 +43,9 @@ def read_rows(
     comment: Callable[[int, str], Any] | None = None,
     chosen: Callable[[str], bool] | None = None,
 ) -> tuple[list[str] | None, Floats]:
-    """Names in the heading of a CSV file, or None, and its numbers (N, columns); refusals name the
-    line, no path.
+    """Names in the heading of a CSV file, or None, and its numbers (N, columns).
+
+    Errors name the line, but not the path.
 
     `comment` is called with the number and the text of every line that starts with #. For a foreign
     log `chosen` says whether the column of a name is read: the other cells may be anything, cells
@@ -41,8 +59,8 @@ def read_rows(
     values = packed.array("d")
     rows = 0
     least = 0
-    require_bounded(path, 8 * _MOST)
-    until = time.monotonic() + _SECONDS
+    require_bounded(path, 8 * LIMITS.numbers)
+    deadline = time.monotonic() + LIMITS.seconds
     with open(path, encoding="utf-8-sig") as file:
         for count, line in enumerate(_lines(file), 1):
             ended = line.endswith("\n")
@@ -82,8 +100,8 @@ def read_rows(
                     [number(cells[i]) if not table or cells[i].strip() else np.nan for i in picked]
                 )
             except ValueError:
-                said = _no_number(cells, picked, names, table, first=not rows)
-                raise ValueError(f"line {count} must be numbers; {said}") from None
+                problem = _no_number(cells, picked, names, table, first=not rows)
+                raise ValueError(f"line {count} must be numbers; {problem}") from None
             decimals = len(cells[-1].partition(".")[2])
             if not ended and rows and decimals < least and width - 1 in picked:
                 got = f"got {cells[-1]!r} without a line end, and more decimals in all lines before"
@@ -91,15 +109,16 @@ def read_rows(
                     f"line {count} must be complete; {got}. Write the file again, or end that line."
                 )
             least = min(least, decimals) if rows else decimals
-            rows = rows + 1
-            if not rows % 10_000 and time.monotonic() > until:
+            rows += 1
+            if not rows % 10_000 and time.monotonic() > deadline:
                 raise ValueError(
-                    f"must be read within {_SECONDS} s; row {rows} was not. Save it as NPZ, or"
-                    " cut it."
+                    f"must be read within {LIMITS.seconds} s; row {rows} was not. Save it as NPZ,"
+                    " or cut it."
                 )
-            if len(values) > _MOST:
+            if len(values) > LIMITS.numbers:
                 raise ValueError(
-                    f"must hold at most {_MOST} numbers; got more. Cut the log into several files."
+                    f"must hold at most {LIMITS.numbers} numbers; got more. Cut the log into"
+                    " several files."
                 )
     if not rows:
         raise ValueError(
@@ -112,11 +131,12 @@ def _lines(file: TextIO) -> Iterator[str]:
     """Lines of bounded length: a file without line ends must not be read into memory as one."""
     count = 0
     try:
-        while line := file.readline(_LONGEST):
+        while line := file.readline(LIMITS.line):
             count += 1
-            if len(line) == _LONGEST:
+            if len(line) == LIMITS.line:
                 raise ValueError(
-                    f"line {count} must be shorter than {_LONGEST} characters. Check the line ends."
+                    f"line {count} must be shorter than {LIMITS.line} characters."
+                    " Check the line ends."
                 )
             yield line
     except UnicodeDecodeError as error:
@@ -148,16 +168,16 @@ def _is_number(cell):
     return True
 
 
-def _no_number(cells, picked, names, table, first):
+def _no_number(cells, picked, names, table, heading_row):
     """The first cell of a row that is no number, its column, and what to do."""
-    wrong = next(i for i in picked if not _is_number(cells[i]) and (cells[i].strip() or not table))
-    if "," in cells[wrong] and _is_number(cells[wrong].replace(",", ".")):
+    bad = next(i for i in picked if not _is_number(cells[i]) and (cells[i].strip() or not table))
+    if "," in cells[bad] and _is_number(cells[bad].replace(",", ".")):
         advice = "Write decimals with a point."
-    elif names and first and not any(_is_number(cells[i]) for i in picked):
+    elif names and heading_row and not any(_is_number(cells[i]) for i in picked):
         advice = "If that is a row of units, put # before it."
     elif table:
         advice = "Correct it, leave the cell empty, or leave out that column."
     else:
         advice = "Correct it; of a log, map the columns that are needed with columns=."
-    column = repr(names[wrong])[:60] if names else wrong + 1
-    return f"got {cells[wrong].strip()!r:.60} in column {column}. {advice}"
+    column = repr(names[bad])[:60] if names else bad + 1
+    return f"got {cells[bad].strip()!r:.60} in column {column}. {advice}"

@@ -1,6 +1,4 @@
-"""Types of the fields of parts, for editors and type checkers; at run time they are a plain
-array and a plain tuple.
-"""
+"""Types of the fields of parts for type checkers; at run time, plain arrays and tuples."""
 
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeAlias, TypeVar, overload
 
@@ -25,13 +23,11 @@ if TYPE_CHECKING:
         def __get__(self, part: object | None, owner: Any = None) -> Any: ...
         def __set__(self, part: object, value: ArrayLike) -> None: ...
 
-    class Vector(_ArrayLike[NDArray[np.float64]]):
+    class Vector(_ArrayLike[Floats]):
         """A field of numbers: anything array-like goes in, a numpy.ndarray comes out."""
 
     class Nested(_ArrayLike[tuple[Any, ...]]):
-        """A field of numbers that is structure: anything array-like goes in, nested tuples of
-        floats come out.
-        """
+        """A field of structural numbers: array-like goes in, nested tuples of floats come out."""
 
 else:
     Vector = np.ndarray

@@ -1,4 +1,4 @@
-"""What all figures share: axes that a caller may give, colours, texts that are taken as they are.
+"""Shared by all figures: axes that a caller may pass, colours, literal texts.
 
 A plot takes ``ax=``, as many matplotlib Axes as it draws, and returns the Axes on which it has
 drawn: one, or an array where it draws several. Without ``ax`` it makes a figure of its own.
@@ -41,30 +41,30 @@ def colour_of(place: int) -> str:
 def axes_of(
     ax: Any, shape: tuple[int, ...], new: Callable[[], Any], advice: str = ""
 ) -> NDArray[Any]:
-    """The Axes to draw on, in this shape (() for one): those that a caller gives, in the same
-    order, or `new` ones.
+    """The Axes to draw on, of this shape (() for one): the caller's, in their order, or `new` ones.
 
-    `advice` says how to make them. Another number of them, or something else, is refused.
+    `advice` says how to make them. Another number of Axes, or another type, is refused.
     """
-    given = np.array(new() if ax is None else ax, dtype=object)
+    axes = np.array(new() if ax is None else ax, dtype=object)
     count = int(np.prod(shape))
-    if given.size == count and all(hasattr(each, "get_xlim") for each in given.flat):
-        return given.reshape(shape)
-    made = advice or f"Make them by plt.subplots({', '.join(map(str, shape))})"
+    if axes.size == count and all(hasattr(axis, "get_xlim") for axis in axes.flat):
+        return axes.reshape(shape)
+    recipe = advice or f"Make them by plt.subplots({', '.join(map(str, shape))})"
     wanted = f"{count} matplotlib Axes" if shape else "a matplotlib Axes"
     got = (
-        f"{given.size}"
-        if all(hasattr(each, "get_xlim") for each in given.flat)
+        f"{axes.size}"
+        if all(hasattr(axis, "get_xlim") for axis in axes.flat)
         else f"{type(ax).__name__}"
     )
-    raise ValueError(f"ax must be {wanted}; got {got}. {made}, or leave ax out.")
+    raise ValueError(f"ax must be {wanted}; got {got}. {recipe}, or leave ax out.")
 
 
 def row_by_row(
     ax: Any, rows: int, columns: int, *, width: float = 9.0, height: float = 2.3, time: bool = True
 ) -> NDArray[Any]:
-    """Axes (rows, columns), dressed; by default of a figure of so many inches, and rows; with
-    `time`, along time.
+    """Axes (rows, columns) with grids; without `ax` a new figure. With `time` the x axis is time.
+
+    `width` of the figure and `height` of a row are in inches.
     """
 
     def new() -> Any:
@@ -94,11 +94,9 @@ def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
     return axis
 
 
-def legend_above(axis: Any, *, left: bool = False, columns: int = 2) -> None:
-    """A legend above the axis, where no curve is: to the right of its title, or to the left of
-    an axis without one.
-    """
-    side, x = ("lower left", 0) if left else ("lower right", 1)
+def legend_above(axis: Any, *, at_left: bool = False, columns: int = 2) -> None:
+    """A legend above the axis, clear of the curves; `at_left` suits an axis without a title."""
+    side, x = ("lower left", 0) if at_left else ("lower right", 1)
     axis.legend(
         loc=side,
         bbox_to_anchor=(x, 1),
@@ -112,32 +110,36 @@ def legend_above(axis: Any, *, left: bool = False, columns: int = 2) -> None:
 
 
 def literal(plot: F) -> F:
-    """Decorate what draws and returns Axes: texts in them are taken as they are, so a robot may
-    call a joint ``$x_{$``.
+    """Decorate a plot so that its texts are no mathematics: a joint may be called ``$x_{$``.
 
-    Numbers at ticks keep their mathematics; of a figure that a caller gave by ``ax=``, all that is
-    not drawn on.
+    Numbers at ticks keep their mathematics. In a figure that the caller passed by ``ax=`` only the
+    axes drawn on change.
     """
     signature = inspect.signature(plot)
 
     @functools.wraps(plot)
     def drawn(*args: Any, **kwargs: Any) -> Any:
-        found, numbers = plot(*args, **kwargs), set[int]()
-        axes = [*np.array(found, dtype=object).flat]
-        for one in axes:
-            for axis in (getattr(one, name, None) for name in ("xaxis", "yaxis", "zaxis")):
-                if axis is not None and type(axis.get_major_formatter()).__name__.startswith(
-                    _NUMBERS
-                ):
-                    numbers.update(
-                        map(id, (*axis.get_majorticklabels(), *axis.get_minorticklabels()))
-                    )
-        given = signature.bind(*args, **kwargs).arguments.get("ax") is not None
-        whole: Sequence[Any] = axes if given else [axes[0].figure]
-        for each in whole:
-            for text in each.findobj(lambda artist: hasattr(artist, "set_parse_math")):
+        drawn_axes = plot(*args, **kwargs)
+        axes = [*np.array(drawn_axes, dtype=object).flat]
+        # 1. Collect the labels of ticks that are numbers: "$10^{-3}$" must stay mathematics.
+        numbers = set[int]()
+        for plot_axes in axes:
+            for name in ("xaxis", "yaxis", "zaxis"):
+                axis = getattr(plot_axes, name, None)  # only axes in space have a zaxis
+                if axis is None:
+                    continue
+                formatter = type(axis.get_major_formatter()).__name__
+                if formatter.startswith(_NUMBERS):
+                    numbers.update(map(id, axis.get_majorticklabels()))
+                    numbers.update(map(id, axis.get_minorticklabels()))
+        # 2. Switch mathematics off in all other texts. A figure made here belongs to the plot as a
+        # whole, with its title; in a figure of the caller only the axes drawn on do.
+        by_caller = signature.bind(*args, **kwargs).arguments.get("ax") is not None
+        artists: Sequence[Any] = axes if by_caller else [axes[0].figure]
+        for parent in artists:
+            for text in parent.findobj(lambda artist: hasattr(artist, "set_parse_math")):
                 if id(text) not in numbers:
                     text.set_parse_math(False)
-        return found
+        return drawn_axes
 
     return drawn  # type: ignore[return-value]  # has the signature of what it wraps

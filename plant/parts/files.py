@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and read only if they are files of a sound size."""
+"""Atomic writing of files, and bounded reading of regular files."""
 
 import contextlib
 import glob
@@ -10,19 +10,19 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-_OLD = 60.0  # age [s] beyond which a file beside its place is what a killed process left
+# Age [s] beyond which no living process can still be writing a temporary file; chosen by hand.
+_OLD = 60.0
 
 
-def path_of(name: str, given: Any) -> Path:
-    """A path that is named, or a refusal."""
-    if not isinstance(given, str | os.PathLike) or not os.fspath(given):
-        raise ValueError(f"{name} must be a path; got {given!r:.60}. Name a file or a folder.")
-    return Path(given)
+def path_of(name: str, value: Any) -> Path:
+    """Return `value` as a path, or refuse it."""
+    if not isinstance(value, str | os.PathLike) or not os.fspath(value):
+        raise ValueError(f"{name} must be a path; got {value!r:.60}. Name a file or a folder.")
+    return Path(value)
 
 
 def require_bounded(path: str | Path, most: int) -> None:
-    """Refuse a folder, a pipe, a device, and a file of more than `most` bytes, before anything of
-    it is read.
+    """Refuse a folder, a pipe, a device, and a file of more than `most` bytes, before reading it.
 
     The ValueError does not name the path.
     """
@@ -40,9 +40,7 @@ def require_bounded(path: str | Path, most: int) -> None:
 
 
 def read_bounded(path: str | Path, most: int) -> bytes:
-    """All bytes of a file, at most `most` of them, as `require_bounded`; one that grows while it
-    is read is refused.
-    """
+    """All bytes of a file, at most `most`; a file that grows meanwhile is refused too."""
     require_bounded(path, most)
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
@@ -59,9 +57,7 @@ def read_bounded(path: str | Path, most: int) -> bytes:
 
 
 def require_new(target: str | Path, overwrite: bool) -> Path:
-    """The path of a file to be written; one that is there is refused, unless it may be
-    overwritten.
-    """
+    """Path of a file to be written; an existing file is refused, unless `overwrite`."""
     path = Path(target)
     if path.exists() and not overwrite:
         raise ValueError(
@@ -75,34 +71,33 @@ def require_new(target: str | Path, overwrite: bool) -> Path:
 
 
 def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
-    """Write a file beside its place, to the disk, then put it there: whoever reads sees the old one
-    or the new one.
+    """Write a file atomically: a reader sees the previous file or the new one, never a mixture.
 
-    A link is followed; the folder must be there. Content is str (as UTF-8) or bytes, one after
-    another. A folder, a pipe or a device in its place is refused; after an OSError what was there
-    before is as it was.
+    A link is followed; the folder must exist. `content` yields str (written as UTF-8) or bytes. A
+    folder, a pipe or a device at the path is refused; after an OSError the previous file is
+    unchanged.
     """
-    place = Path(os.path.realpath(path))
-    if place.exists() and not place.is_file():
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
         raise ValueError(
             f"{path} must be a file or not be there; it is a folder, a pipe or a device. Choose"
             " another."
         )
-    temporary = place.with_name(f"{_beside(place)}{secrets.token_hex(8)}")
+    temporary = target.with_name(f"{_beside(target)}{secrets.token_hex(8)}")
     try:
         with open(temporary, "xb") as file:
-            for each in content:
-                file.write(each.encode() if isinstance(each, str) else each)
+            for piece in content:
+                file.write(piece.encode() if isinstance(piece, str) else piece)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, place)
+        os.replace(temporary, target)
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(temporary)
         raise
     if os.name == "posix":
         with contextlib.suppress(OSError):  # a folder that cannot be synchronised
-            folder = os.open(place.parent, os.O_RDONLY)
+            folder = os.open(target.parent, os.O_RDONLY)
             try:
                 os.fsync(folder)
             finally:
@@ -110,16 +105,14 @@ def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
 
 
 def remove_remains(path: str | Path) -> None:
-    """Remove what killed processes left beside a file, unless it is as new as one that is being
-    written.
-    """
-    place = Path(os.path.realpath(path))
-    for left in place.parent.glob(f"{glob.escape(_beside(place))}{'[0-9a-f]' * 16}"):
+    """Remove temporary files of killed processes beside a file, but none that may be in use."""
+    target = Path(os.path.realpath(path))
+    for remnant in target.parent.glob(f"{glob.escape(_beside(target))}{'[0-9a-f]' * 16}"):
         with contextlib.suppress(OSError):
-            if left.stat().st_mtime < time.time() - _OLD:
-                left.unlink()
+            if remnant.stat().st_mtime < time.time() - _OLD:
+                remnant.unlink()
 
 
-def _beside(place: Path) -> str:
-    """How the names begin under which a file is written."""
-    return f".{place.name[:100]}."
+def _beside(target: Path) -> str:
+    """Prefix of the names of temporary files."""
+    return f".{target.name[:100]}."

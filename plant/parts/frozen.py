@@ -1,6 +1,4 @@
-"""Results and records: frozen dataclasses of arrays that can be compared, copied and sent to
-another process.
-"""
+"""Frozen dataclasses of arrays that can be compared, copied and sent to another process."""
 
 import dataclasses
 from typing import Any, ClassVar
@@ -9,10 +7,9 @@ import numpy as np
 
 
 class Frozen:
-    """Base of a frozen dataclass with ``eq=False``: equal when all fields are, arrays bit for bit;
-    so is every copy.
+    """Base of a frozen dataclass with ``eq=False``: equal when all fields are, arrays bit for bit.
 
-    Fields with ``compare=False`` do not count.
+    A copy equals its original. Fields with ``compare=False`` do not count.
     """
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]

@@ -1,5 +1,4 @@
-"""What can be written down as kind + fields: parts, and marked results, found by name and never
-imported.
+"""Registry of the classes that files may hold: parts and marked results, by package and name.
 
 A description names a kind, ``plant.Rig``. It is looked up here among the classes that have been
 defined, so that no file decides what is imported or called.
@@ -29,16 +28,15 @@ def kind_of(cls: type) -> str:
 
 
 def kept(cls: C) -> C:
-    """Class decorator: a result of named fields (a dataclass, a named tuple) that files may
-    hold.
-    """
+    """Class decorator: a result of named fields (dataclass, named tuple) that files may hold."""
     _RESULTS[kind_of(cls)] = cls
     return cls
 
 
 def field_names(cls: type, *, compared: bool = False) -> list[str] | None:
-    """Names of the fields of a part or a marked result, or those that count when `compared`;
-    None of others.
+    """Names of the fields of a part or a marked result; None of another class.
+
+    With `compared` only those that count in a comparison.
     """
     if cls not in (PARTS.get(kind_of(cls)), _RESULTS.get(kind_of(cls))):
         return None
@@ -49,12 +47,12 @@ def field_names(cls: type, *, compared: bool = False) -> list[str] | None:
 
 def class_of(kind: Any) -> type:
     """The class of a kind; the refusal of an unknown one says which package to import."""
-    known = {**PARTS, **_RESULTS}
-    if isinstance(kind, str) and kind in known:
-        return known[kind]
+    classes = {**PARTS, **_RESULTS}
+    if isinstance(kind, str) and kind in classes:
+        return classes[kind]
     package = str(kind).split(".")[0]
     hint = f"import {package} first" if package in PACKAGES else "check the file"
-    near = difflib.get_close_matches(str(kind), known, n=3, cutoff=0.0)
+    near = difflib.get_close_matches(str(kind), classes, n=3, cutoff=0.0)
     raise ValueError(
         f"kind must be a known one, such as {', '.join(near)}; got {kind!r:.60}. Please {hint}."
     )
@@ -83,14 +81,14 @@ def source_of(cls: type) -> str:
 @functools.cache
 def meanings(cls: type) -> dict[str, str]:
     """Field -> its description, in one line; that of a class itself before those of its bases."""
-    found: dict[str, str] = {}
+    descriptions: dict[str, str] = {}
     names: list[str] = []
     for line in "\n".join(base.__doc__ or "" for base in reversed(cls.__mro__)).splitlines():
         if head := _HEAD.match(line):
             names = head[1].split(", ")
-            found |= dict.fromkeys(names, "")
+            descriptions |= dict.fromkeys(names, "")
         elif line.startswith("        ") and names:
-            found |= {name: f"{found[name]} {line.strip()}".strip() for name in names}
+            descriptions |= {name: f"{descriptions[name]} {line.strip()}".strip() for name in names}
         elif line.strip():
             names = []
-    return found
+    return descriptions

@@ -1,5 +1,4 @@
-"""MCAP files that are complete after every chunk, with messages of ROS 2 in CDR: numbers per joint,
-and text.
+"""MCAP files of ROS 2 messages in CDR (numbers per joint, text), complete after every chunk.
 
 Behind the last chunk stand the summary and the footer; the next chunk is written over them with new
 ones, in one call, so that a process that is killed leaves a file with an index.
@@ -39,7 +38,7 @@ _DEFINITION = (
 
 
 def _opened(path: str | Path) -> Any:
-    """A file to be written anew; what is no earlier MCAP file stays."""
+    """A file opened for writing; only an earlier MCAP file may be overwritten."""
     place = Path(path)
     if place.is_file():
         with place.open("rb") as file:
@@ -70,8 +69,8 @@ class McapFile:
         self._count = 0
         names = joints or [f"joint_{k + 1}" for k in range(n)]
         self._messages = {
-            topic: (k, *_message(names, each[1]))
-            for k, (topic, each) in enumerate(topics.items(), 1)
+            topic: (k, *_message(names, description[1]))
+            for k, (topic, description) in enumerate(topics.items(), 1)
         }
         self._totals = dict.fromkeys(range(1, len(topics) + 1), 0)
         self._chunks = 0
@@ -96,16 +95,14 @@ class McapFile:
         self._entries: dict[int, list[bytes]] = {channel: [] for channel in self._totals}
 
     def append(self, topic: str, time: int, values: Sequence[Any] | str) -> None:
-        """Append a message at a time [ns], not before the last one's: its arrays in their order,
-        or its text.
-        """
+        """Append a message, its arrays in order or its text; times [ns] must not decrease."""
         channel, message, places = self._messages[topic]
         if isinstance(values, str):
             message = bytearray(_ENCAPSULATION + _text(f"{values}\0"))
         else:
             struct.pack_into("<II", message, len(_ENCAPSULATION), *divmod(time, 10**9))
-            for place, each in zip(places, values, strict=True):
-                message[place] = np.asarray(each, "<f8").tobytes()
+            for place, values_of_field in zip(places, values, strict=True):
+                message[place] = np.asarray(values_of_field, "<f8").tobytes()
         self._begin = self._begin if self._count else time
         self._last = time
         self._times.append(time)
@@ -113,13 +110,13 @@ class McapFile:
         self._records.append(
             _record(5, _pack("HIQQ", channel, self._count % 2**32, time, time), message)
         )
-        self._size = self._size + len(self._records[-1])
-        self._count = self._count + 1
+        self._size += len(self._records[-1])
+        self._count += 1
         if self._size >= max(_CHUNK, len(self._index)):
             self._flush()
 
     def close(self) -> None:
-        """Write what has come, and close the file."""
+        """Write the remaining messages, and close the file."""
         if self._records:
             self._flush()
         self._file.close()
@@ -152,15 +149,13 @@ class McapFile:
         self._write(chunk + indexes)
 
     def _write(self, data: bytes) -> None:
-        """Write records, and the end of the file behind them; where that fails, the end as it
-        was, and no more.
-        """
+        """Write records and a new end of the file; after an OSError restore the previous end."""
         if self._file.closed:
             return
-        known = len(self._totals)
-        totals = b"".join(_pack("HQ", *each) for each in self._totals.items())
+        channels = len(self._totals)
+        totals = b"".join(_pack("HQ", *total) for total in self._totals.items())
         counts = _pack(
-            "QHIIIIQQ", self._count, known, known, 0, 0, self._chunks, self._begin, self._last
+            "QHIIIIQQ", self._count, channels, channels, 0, 0, self._chunks, self._begin, self._last
         )
         footer = _record(2, _pack("QQI", self._end + len(data) + len(_DATA_END), 0, 0)) + _MAGIC
         tail = b"".join(
@@ -168,7 +163,7 @@ class McapFile:
         )
         try:
             self._put(data + tail)
-            self._end = self._end + len(data)
+            self._end += len(data)
             self._tail = tail
         except OSError as error:
             with contextlib.suppress(OSError), self._file:
@@ -181,19 +176,20 @@ class McapFile:
 
     def _put(self, data: bytes) -> None:
         self._file.seek(self._end)
-        left = memoryview(data)
-        while left:
-            left = left[self._file.write(left) :]
+        remaining = memoryview(data)
+        while remaining:
+            remaining = remaining[self._file.write(remaining) :]
 
 
 def joint_topics(n: int, columns: Mapping[str, int]) -> Topics:
-    """What was measured and what was commanded, in rad and N m, and the columns of a record, by
-    their widths.
+    """Topics of a record: measured and commanded joint states [rad, N m], and all its columns.
+
+    `columns`: name of a column -> its width.
     """
     fields = {"position": n, "velocity": 0, "effort": columns.get("torque", 0)}
     states = {"/joint_states": fields, "/reference": fields | {"effort": 0}}
     topics: dict[str, Any] = {
-        topic: ("sensor_msgs/msg/JointState", each) for topic, each in states.items()
+        topic: ("sensor_msgs/msg/JointState", widths) for topic, widths in states.items()
     }
     return topics | {"/sample": ("onepulse_msgs/msg/Sample", columns)}
 
@@ -214,11 +210,9 @@ def _record(opcode: int, *parts: bytes | bytearray) -> bytes:
 
 def _message(names: Sequence[str], fields: Mapping[str, int]) -> tuple[bytearray, list[slice]]:
     """A message of numbers, all 0, and where the arrays of its fields stand in it."""
-    data, places, begin = (
-        bytearray(_ENCAPSULATION + bytes(8) + _text("\0")),
-        [],
-        len(_ENCAPSULATION),
-    )
+    begin = len(_ENCAPSULATION)
+    data = bytearray(_ENCAPSULATION + bytes(8) + _text("\0"))  # a time of 0, an empty frame_id
+    places = []
 
     def align(size: int) -> None:
         data.extend(bytes(-(len(data) - begin) % size))

@@ -1,6 +1,4 @@
-"""What a user is told: warnings at his own line, progress, and the one name of a joint in all
-messages and figures.
-"""
+"""Messages to the user: warnings at the caller's line, progress bars, labels of joints."""
 
 import sys
 import warnings
@@ -20,7 +18,7 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
         frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OURS
     ):
         frame = frame.f_back
-        level = level + 1
+        level += 1
     warnings.warn(text, category, stacklevel=level)
 
 
@@ -33,9 +31,7 @@ def progress_bar(total: int | None, label: str, unit: str, shown: bool) -> Any:
 
 
 def joint_label(names: Sequence[str], joint: int) -> str:
-    """Label of a joint by its place from 0: ``joint 2 (q[0])``, ``elbow_joint (q[2])``; ``joint
-    q[0]`` if unnamed.
-    """
+    """Label of a joint by its index: ``joint 2 (q[0])``, ``elbow_joint (q[2])``, ``joint q[0]``."""
     if not names:
         return f"joint q[{joint}]"
     return f"{'' if 'joint' in names[joint].lower() else 'joint '}{names[joint]} (q[{joint}])"

@@ -34,9 +34,7 @@ class Declared:
 
 
 def declared(meaning: str) -> Any:
-    """Declare an attribute that a subclass must give; an abstract method declares a method
-    likewise.
-    """
+    """Declare an attribute that a subclass must define, as an abstract method does a method."""
     return Declared(meaning)
 
 
@@ -47,12 +45,11 @@ def number(
     finite: bool = True,
     alike: bool = False,
 ) -> Any:
-    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint (any
-    name for a length).
+    """Declare a field of numbers: `shape` is () for one number or ("n",) for one per joint.
 
-    With `default` None it may be left out; then it is none of the part's numbers, and of no
-    equation. One number stands for all joints where another field says how many there are; if
-    `alike`, it stays one until a part around it does.
+    Any name stands for a length. With `default` None the field may be left out; then it is none
+    of the part's numbers, and of no equation. One number stands for all joints where another
+    field says how many there are; if `alike`, it stays one until a part around it does.
 
     See Also
     --------
@@ -131,25 +128,26 @@ class Part(Saved):
         )
 
     def __post_init__(self) -> None:
-        given = [field for field in dataclasses.fields(self) if "number" in field.metadata]
-        given = [
+        present = [field for field in dataclasses.fields(self) if "number" in field.metadata]
+        present = [
             field
-            for field in given
+            for field in present
             if getattr(self, field.name) is not None or field.default is not None
         ]
         lengths: dict[str, int] = {}
-        # those alike last
-        for field in sorted(given, key=lambda field: np.ndim(getattr(self, field.name)) == 0):
+        # Single numbers come last: the arrays before them tell the number of joints to fill.
+        for field in sorted(present, key=lambda field: np.ndim(getattr(self, field.name)) == 0):
             shape = field.metadata["number"]
             value = getattr(self, field.name)
-            known = tuple(lengths.get(s, s) for s in shape)
+            expected = tuple(lengths.get(s, s) for s in shape)
             if shape == ("n",) and isinstance(value, numbers.Real) and not isinstance(value, bool):
                 if field.metadata["alike"]:
-                    known = ()
+                    expected = ()
                 elif "n" in lengths:
                     value = np.full(lengths["n"], value)
-            name, advice = f"{field.name} of {type(self).__name__}", f"Give {_amount(shape)}."
-            value = array(name, value, known, finite=field.metadata["finite"], advice=advice)
+            name = f"{field.name} of {type(self).__name__}"
+            advice = f"Give {_amount(shape)}."
+            value = array(name, value, expected, finite=field.metadata["finite"], advice=advice)
             if np.isnan(value).any():
                 raise ValueError(f"{name} must be numbers; got NaN. Give its value.")
             lengths.update(
@@ -169,13 +167,11 @@ class Part(Saved):
             elif isinstance(value, Part):
                 yield from value._leaves(f"{prefix}{field.name}.")
             elif field.metadata.get("several") and isinstance(value, tuple):
-                for i, each in enumerate(value):
-                    yield from each._leaves(f"{prefix}{field.name}[{i}].")
+                for i, item in enumerate(value):
+                    yield from item._leaves(f"{prefix}{field.name}[{i}].")
 
     def require_joints(self, n: int, prefix: str = "") -> None:
-        """Refuse numbers per joint, of this part or of one within it, of another number of
-        joints.
-        """
+        """Refuse this part if one of its numbers per joint is for another number of joints."""
         for name, _, field, value in self._leaves(prefix):
             if field.metadata["number"] == ("n",) and len(value) != n:
                 raise ValueError(
@@ -196,9 +192,7 @@ class Part(Saved):
         )
 
     def with_numbers(self, vector: ArrayOrSymbols) -> Self:
-        """Copy with its numbers taken from `vector` (k,): floats, or casadi symbols for use in
-        an equation.
-        """
+        """Copy with its numbers from `vector` (k,): floats, or casadi symbols for equations."""
         symbolic = not isinstance(vector, np.ndarray)
         return self._filled(vector, [0], symbolic)
 
@@ -206,7 +200,8 @@ class Part(Saved):
         """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
         names = self.number_names(prefix)
         numbers = [
-            values.get(name, given) for name, given in zip(names, self.number_values(), strict=True)
+            values.get(name, current)
+            for name, current in zip(names, self.number_values(), strict=True)
         ]
         return self.with_numbers(np.array(numbers))
 
@@ -223,7 +218,7 @@ class Part(Saved):
                 changes[field.name] = value._filled(vector, position, symbolic)
             elif field.metadata.get("several") and isinstance(value, tuple):
                 changes[field.name] = tuple(
-                    each._filled(vector, position, symbolic) for each in value
+                    item._filled(vector, position, symbolic) for item in value
                 )
         if not symbolic:
             return dataclasses.replace(self, **changes)
@@ -234,17 +229,13 @@ class Part(Saved):
 
     # -- description ------------------------------------------------------------------------------
     def describe(self) -> dict[str, Any]:
-        """Kind and fields as a dictionary that JSON can hold without loss; `restore` is the way
-        back.
-        """
+        """Kind and fields as a dictionary that JSON stores without loss; `restore` reads it."""
         fields = {f.name: _plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
         return {"kind": kind_of(type(self)), **fields}
 
     # -- copies -----------------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        """The fields alone: symbols and compiled functions are worked out again where the copy
-        is.
-        """
+        """The fields alone: a copy builds its symbols and compiled functions anew."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     __setstate__ = Frozen.__setstate__
@@ -283,8 +274,7 @@ def _plain(value: Any) -> Any:
     field_specifiers=(number, structure),
 )
 def part(cls: type[T]) -> type[T]:
-    """Class decorator: a frozen, keyword-only dataclass that can be described and restored, with
-    checked options.
+    """Class decorator: a frozen, keyword-only dataclass with checked options, saved and loaded.
 
     Raises
     ------

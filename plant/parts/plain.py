@@ -1,5 +1,4 @@
-"""Parts and results as plain data, and back: dictionaries, lists, numbers and text, as JSON or TOML
-can hold them.
+"""Parts and results as plain data, and back: dictionaries, lists, numbers and text of JSON.
 
 A part or a result is ``{"kind": "plant.Rig", field: ...}``; a tuple is a list. What a part does not
 need, since its constructor makes arrays, results do: ``{"array": [...], "dtype": ..., "shape":
@@ -29,7 +28,7 @@ _TAGS = ("array", "scalar", "list", "dict")
 
 
 def to_plain(value: Any, *, compared: bool = False) -> Any:
-    """A part, a result, or what their fields hold, as plain data; what no file can hold is refused.
+    """A part, a result or a value of a field as plain data; other types are refused.
 
     `compared`: for a comparison alone, without what does not count in one (``compare=False``), and
     parts of the user's own with the text of their class.
@@ -53,13 +52,13 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
         is_part = PARTS.get(described["kind"]) is cls
         return described | {name: _field(getattr(value, name), is_part, compared) for name in names}
     if cls is tuple:
-        return [to_plain(each, compared=compared) for each in value]
+        return [to_plain(item, compared=compared) for item in value]
     if cls is list:
-        return {"list": [to_plain(each, compared=compared) for each in value]}
+        return {"list": [to_plain(item, compared=compared) for item in value]}
     if isinstance(value, dict):
         pairs = [
-            [to_plain(key, compared=compared), to_plain(each, compared=compared)]
-            for key, each in value.items()
+            [to_plain(key, compared=compared), to_plain(item, compared=compared)]
+            for key, item in value.items()
         ]
         return {"dict": pairs}
     require_public(cls)
@@ -73,18 +72,16 @@ def _field(value: Any, is_part: bool, compared: bool) -> Any:
 
 
 def from_plain(data: Any) -> Any:
-    """What `to_plain` was given; unknown kinds, missing or unknown fields, and arrays that do
-    not fit are refused.
-    """
+    """The value that `to_plain` described; unknown kinds and fields that do not fit are refused."""
     if isinstance(data, list):
-        return tuple(from_plain(each) for each in data)
+        return tuple(from_plain(item) for item in data)
     if not isinstance(data, dict):
         return data
     if "kind" in data or not any(tag in data for tag in _TAGS):
-        fields = {name: from_plain(each) for name, each in data.items() if name != "kind"}
-        return _made(class_of(data.get("kind")), fields)
+        fields = {name: from_plain(item) for name, item in data.items() if name != "kind"}
+        return _built(class_of(data.get("kind")), fields)
     if set(data) == {"list"} and isinstance(data["list"], list):
-        return [from_plain(each) for each in data["list"]]
+        return [from_plain(item) for item in data["list"]]
     if set(data) == {"dict"} and isinstance(data["dict"], list):
         pairs = [from_plain(pair) for pair in data["dict"]]
         if all(
@@ -102,7 +99,7 @@ def from_plain(data: Any) -> Any:
     )
 
 
-def _made(cls: type, values: dict[str, Any]) -> Any:
+def _built(cls: type, values: dict[str, Any]) -> Any:
     if PARTS.get(kind_of(cls)) is cls:
         return cls(**values)  # a part checks its own options
     names = field_names(cls) or []
@@ -117,9 +114,7 @@ def _made(cls: type, values: dict[str, Any]) -> Any:
 
 
 def _has_default(cls: type, name: str) -> bool:
-    """Whether a result has a plain value for a field that a file of before it came does not
-    have.
-    """
+    """Whether a result has a default for a field that files of earlier versions lack."""
     fields = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
     return any(field.name == name and field.default is not dataclasses.MISSING for field in fields)
 
@@ -142,16 +137,16 @@ def _array(rows: Any, dtype: Any, shape: Any) -> Any:
             f"an array of {dtype} must hold numbers; got {wrong[0]!r:.40}. Correct it."
         )
     try:
-        made = np.array(flat, dtype=dtype)
+        values = np.array(flat, dtype=dtype)
     except (OverflowError, ValueError):
         raise ValueError(
             f"an array of {dtype} must hold numbers within its range; it does not. Correct it."
         ) from None
-    if dtype not in ("float32", "float64") and made.tolist() != flat:
+    if dtype not in ("float32", "float64") and values.tolist() != flat:
         raise ValueError(f"an array of {dtype} must hold whole numbers; it does not. Correct it.")
-    made = made.reshape(shape)
-    made.setflags(write=False)
-    return made
+    values = values.reshape(shape)
+    values.setflags(write=False)
+    return values
 
 
 def _leaves(rows: Any) -> Any:

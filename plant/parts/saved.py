@@ -1,5 +1,4 @@
-"""Files of parts and results: JSON with kind, format, versions and provenance; read back, the same
-bits.
+"""Files of parts and results: JSON with kind, format, versions and provenance, without loss.
 
 ``{"onepulse": version, "format": 1, "kind": ..., "provenance": {...}, "content": {...}}``. Nothing
 in a file is executed, and it names no module to import.
@@ -31,7 +30,7 @@ _KEYS = ("onepulse", "format", "kind", "provenance", "content")
 
 
 def versions() -> dict[str, str]:
-    """Versions of what results are computed with."""
+    """Versions of the libraries that compute results."""
     return {
         "onepulse": __version__,
         "numpy": np.__version__,
@@ -42,9 +41,7 @@ def versions() -> dict[str, str]:
 
 
 def fingerprint(value: Any) -> str:
-    """SHA-256 of a part, a record or a setting, parts of the user's own with the text of their
-    class.
-    """
+    """SHA-256 of a part, a record or a setting; a class of the user counts with its source text."""
     text = json.dumps(to_plain(value, compared=True), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -53,10 +50,10 @@ class Saved:
     """Base of what can be saved to a file and loaded from it."""
 
     def save(self, path: str | Path) -> None:
-        """Write a JSON file that `load` reads back without loss of a bit; it is there whole, or as
-        it was before.
+        """Write a JSON file that `load` reads back without loss of a bit.
 
-        A part of the user's own inside is refused: its equations are in no file.
+        After an error the previous file is unchanged. A part of the user's own class is refused,
+        since the file cannot hold its equations.
         """
         try:
             content = to_plain(self)
@@ -73,10 +70,9 @@ class Saved:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote. Of a base class (``Law.load``) the file says which.
+        """Read a file of `save`; a base class (``Law.load``) reads every class derived from it.
 
-        No such file, one of another kind or format, or a spoilt one is refused in one line that
-        names it.
+        A missing or spoilt file, or one of another kind or format, is refused by its name.
         """
         try:
             return _read(cls, path)
@@ -91,16 +87,13 @@ class Saved:
             ArithmeticError,
             RecursionError,
         ) as error:
-            said = " ".join(str(error).split())
-            raise ValueError(
-                f"{path}"
-                f" {said if isinstance(error, ValueError) else f'cannot be read: {said:.200}'}"
-            ) from None
+            message = " ".join(str(error).split())
+            if not isinstance(error, ValueError):
+                message = f"cannot be read: {message:.200}"
+            raise ValueError(f"{path} {message}") from None
 
     def provenance(self) -> dict[str, Any]:
-        """What a file says of where it comes from, beside the versions with which it was
-        written.
-        """
+        """Origin of the content that the file records beside the versions of the libraries."""
         return {}
 
 
@@ -123,26 +116,30 @@ def _read(cls: Any, path: str | Path) -> Any:
     missing = [key for key in _KEYS if key not in data]
     if missing:
         raise ValueError(f"must have the key {missing[0]!r}; it has not. Save it again.")
-    found = class_of(data["kind"])
-    if not issubclass(found, cls) and cls not in getattr(found, "_read_by", ()):
+    cls_of_file = class_of(data["kind"])
+    if not issubclass(cls_of_file, cls) and cls not in getattr(cls_of_file, "_read_by", ()):
         raise ValueError(
             f"must hold a {cls.__name__}; it holds a {data['kind']!r:.60}. Use"
-            f" {found.__name__}.load."
+            f" {cls_of_file.__name__}.load."
         )
     content = data["content"]
     if not isinstance(content, dict) or content.get("kind") != data["kind"]:
         raise ValueError(
             f"must hold what its head says, a {data['kind']:.60}; it does not. Save it again."
         )
-    made = from_plain(content)
-    given = data["provenance"]
-    own = made.provenance()
-    differs = [key for key in own if not isinstance(given, dict) or given.get(key) != own[key]]
+    result = from_plain(content)
+    provenance = data["provenance"]
+    expected = result.provenance()
+    differs = [
+        key
+        for key in expected
+        if not isinstance(provenance, dict) or provenance.get(key) != expected[key]
+    ]
     if differs:
         raise ValueError(
             f"must have the {differs[0]} that its head says; it has been changed. Save it again."
         )
-    return made
+    return result
 
 
 _SPECIAL = ("inf", "-inf", "nan", "-nan")
@@ -156,7 +153,7 @@ def written(data: Any, indent: str = "") -> Iterator[str]:
             yield f"{',' if i else '{'}\n{deeper}{json.dumps(key)}: "
             yield from written(value, deeper)
         yield f"\n{indent}}}"
-    elif isinstance(data, list) and any(isinstance(each, (list, dict)) for each in data):
+    elif isinstance(data, list) and any(isinstance(item, (list, dict)) for item in data):
         for i, value in enumerate(data):
             yield f"{',' if i else '['}\n{deeper}"
             yield from written(value, deeper)
@@ -178,9 +175,7 @@ def _scalar(value: Any) -> str:
 
 
 def parsed(data: bytes) -> Any:
-    """Plain data of a text; no JSON, a key twice, or nested too deep is refused, without the
-    path.
-    """
+    """Plain data of a JSON text; errors (no JSON, a key twice, too deep) do not name the path."""
     try:
         return json.loads(data.decode("utf-8"), object_pairs_hook=_object, parse_constant=_refused)
     except RecursionError:
@@ -203,15 +198,15 @@ def parsed(data: bytes) -> Any:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> Any:
-    made = dict(pairs)
-    if len(made) < len(pairs):
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
         twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
         raise ValueError(f"must have each key once; {twice!r:.40} comes twice. Save it again.")
-    if set(made) == {"float"}:
-        if made["float"] not in _SPECIAL:
-            raise ValueError(f"must have numbers; got {made['float']!r:.40}. Save it again.")
-        return float(made["float"])
-    return made
+    if set(entries) == {"float"}:
+        if entries["float"] not in _SPECIAL:
+            raise ValueError(f"must have numbers; got {entries['float']!r:.40}. Save it again.")
+        return float(entries["float"])
+    return entries
 
 
 def _refused(constant: str) -> Any:

@@ -1,6 +1,6 @@
-"""Results as a user sees them: a text of 80 columns, HTML in a notebook, one short line as `repr`.
+"""Display of results: a text of 80 columns, HTML in a notebook, one short line as `repr`.
 
-A result says once what it shows, the verdict first (`Shown._shown`), and how it is called in a line
+A result defines its pieces once, the verdict first (`Shown._shown`), and a summary in one line
 (`Shown._short`).
 """
 
@@ -12,18 +12,19 @@ from plant.parts.tables import Table, wrapped
 
 _INDENT = "    "
 
-_LONGEST = 100  # letters of a `repr` at most
-
 # Colours of text and ground are the page's own, light or dark.
 _STYLE = """
-.onepulse table { border-collapse: collapse; border: 0; margin: .5em 0; font-variant-numeric: tabular-nums; }
-.onepulse th, .onepulse td { padding: .2em .9em .2em 0; border: 0; border-bottom: 1px solid rgba(128, 128, 128, .4);
+.onepulse table { border-collapse: collapse; border: 0; margin: .5em 0; \
+font-variant-numeric: tabular-nums; }
+.onepulse th, .onepulse td { padding: .2em .9em .2em 0; border: 0; \
+border-bottom: 1px solid rgba(128, 128, 128, .4);
   text-align: left; vertical-align: top; }
 .onepulse th { vertical-align: bottom; }
 .onepulse .number { text-align: right; }
 .onepulse td.number { white-space: nowrap; }
 .onepulse .wide { overflow-x: auto; }
-.onepulse .verdict { border-left: .35em solid #808080; padding-left: .6em; margin: .3em 0; max-width: 60em; }
+.onepulse .verdict { border-left: .35em solid #808080; padding-left: .6em; \
+margin: .3em 0; max-width: 60em; }
 .onepulse .good { border-color: #2e9e62; }
 .onepulse .bad { border-color: #d5602f; }
 .onepulse p, .onepulse ul { margin: .3em 0; max-width: 60em; }
@@ -33,9 +34,9 @@ _STYLE = """
 
 @dataclasses.dataclass(frozen=True)
 class Verdict:
-    """What somebody reads who reads nothing else; `good` is None where nothing is judged."""
+    """The main statement of a result; `good` is None where nothing is judged."""
 
-    said: str
+    sentence: str
     good: bool | None = None
 
 
@@ -58,23 +59,26 @@ Piece = str | Table | Verdict | Warned | Aside  # of what a result shows; a str 
 
 
 class Shown:
-    """Base of results: printed, a text no wider than 80 columns; HTML in a notebook; one line in a
-    list or a message.
+    """Base of results: printed as text of at most 80 columns, shown as HTML in a notebook.
 
     A dataclass that derives from it has ``repr=False``.
     """
 
     def _shown(self) -> Iterable[Piece]:
-        """What it shows, the verdict first."""
+        """Pieces of its display, the verdict first."""
         raise NotImplementedError(f"{type(self).__name__} must say what it shows. Define _shown.")
 
     def _short(self) -> str:
-        """What stands between the brackets of its `repr`."""
+        """Text between the brackets of its `repr`."""
         raise NotImplementedError(f"{type(self).__name__} must say itself in short. Define _short.")
 
     def __repr__(self) -> str:
-        said, room = " ".join(self._short().split()), _LONGEST - len(type(self).__name__) - 2
-        return f"{type(self).__name__}({said if len(said) <= room else f'{said[: room - 4]} ...'})"
+        name = type(self).__name__
+        short = " ".join(self._short().split())
+        room = 100 - len(f"{name}()")  # a list of results shows each within 100 letters
+        if len(short) > room:
+            short = f"{short[: room - 4]} ..."
+        return f"{name}({short})"
 
     def __str__(self) -> str:
         return as_text(self._shown())
@@ -89,8 +93,10 @@ def as_text(pieces: Iterable[Piece]) -> str:
 
 
 def inside(result: Shown) -> Iterator[Piece]:
-    """What a result shows as a part of another one: its verdict is a sentence among others."""
-    yield from (piece.said if isinstance(piece, Verdict) else piece for piece in result._shown())
+    """Pieces of a result within another one: its verdict becomes an ordinary sentence."""
+    yield from (
+        piece.sentence if isinstance(piece, Verdict) else piece for piece in result._shown()
+    )
 
 
 def body(result: Shown) -> str:
@@ -104,7 +110,7 @@ def _lines(part: Piece) -> Iterator[str]:
     elif isinstance(part, Table):
         yield from part.lines()
     elif isinstance(part, Verdict):
-        yield from wrapped(part.said)
+        yield from wrapped(part.sentence)
     elif isinstance(part, Warned):
         for warning in part.warnings:
             yield from wrapped(f"warning: {warning}", indent=_INDENT)
@@ -121,7 +127,7 @@ def _html(part: Piece) -> str:
     if isinstance(part, Verdict):
         kind = {None: "", True: " good", False: " bad"}[part.good]
         mark = {None: "", True: "✓ ", False: "✗ "}[part.good]
-        return f'<p class="verdict{kind}"><b>{mark}{text(part.said)}</b></p>'
+        return f'<p class="verdict{kind}"><b>{mark}{text(part.sentence)}</b></p>'
     if isinstance(part, Warned):
         return items([f"warning: {warning}" for warning in part.warnings]) if part.warnings else ""
     return details(part.title, preformatted("\n".join(part.lines))) if part.lines else ""
@@ -144,16 +150,17 @@ def items(lines: Iterable[str], kind: str = "") -> str:
 def table(
     head: Sequence[str], rows: Iterable[Sequence[object]], words: Sequence[int] = (0,)
 ) -> str:
-    """A table that scrolls inside a narrow page; these columns hold words, the others numbers,
-    to the right.
+    """HTML table that scrolls inside a narrow page.
+
+    The columns `words` hold text; all others hold numbers, which are set to the right.
     """
 
     def row(tag: str, cells: Sequence[object]) -> str:
         kinds = ("" if i in words else _NUMBER for i in range(len(cells)))
-        said = (text(cell).replace("N m", "N&nbsp;m") for cell in cells)
+        texts = (text(cell).replace("N m", "N&nbsp;m") for cell in cells)
         return (
             "<tr>"
-            + "".join(f"<{tag}{k}>{c}</{tag}>" for k, c in zip(kinds, said, strict=True))
+            + "".join(f"<{tag}{k}>{c}</{tag}>" for k, c in zip(kinds, texts, strict=True))
             + "</tr>"
         )
 
@@ -168,5 +175,5 @@ def preformatted(value: str) -> str:
 
 
 def details(summary: str, *parts: str) -> str:
-    """What is folded until it is asked for; open on paper."""
+    """A folded section with a summary, which a printed page shows unfolded."""
     return f"<details>\n<summary>{text(summary)}</summary>\n" + "\n".join(parts) + "\n</details>"

@@ -9,7 +9,8 @@ import numpy as np
 
 from plant.parts.fields import Floats
 
-# columns whose products with those behind them are summed; with those before them they are known
+# Columns of a block. Its products with the columns before it follow from symmetry, so that a small
+# block saves work, and a large one calls of `einsum`; chosen by hand.
 _AT_ONCE = 8
 
 
@@ -33,35 +34,35 @@ def product(rows: Floats, columns: Floats) -> Floats:
 
 def products(rows: Floats) -> Floats:
     """Sums of the products (k, k) of the columns of rows (N, k)."""
-    found = np.empty((rows.shape[1],) * 2)
-    for i in range(0, len(found), _AT_ONCE):
-        found[i : i + _AT_ONCE, i:] = np.einsum("mi,mj->ij", rows[:, i : i + _AT_ONCE], rows[:, i:])
-        found[i:, i : i + _AT_ONCE] = found[i : i + _AT_ONCE, i:].T
-    return found
+    sums = np.empty((rows.shape[1],) * 2)
+    for i in range(0, len(sums), _AT_ONCE):
+        sums[i : i + _AT_ONCE, i:] = np.einsum("mi,mj->ij", rows[:, i : i + _AT_ONCE], rows[:, i:])
+        sums[i:, i : i + _AT_ONCE] = sums[i : i + _AT_ONCE, i:].T
+    return sums
 
 
 def triangle(rows: Floats) -> Floats:
-    """R (k, k) of rows (N, k) = Q R, by reflections; rows that are fewer than columns are filled up
-    with zeros.
+    """R (k, k) of rows (N, k) = Q R, by reflections; missing rows are zeros if N < k.
 
     Source: A. Householder, Unitary triangularization of a nonsymmetric matrix, Journal of the ACM
     5, 1958.
     """
     k = rows.shape[1]
-    left = np.vstack([rows, np.zeros((max(0, k - len(rows)), k))]).astype(float)
+    reduced = np.vstack([rows, np.zeros((max(0, k - len(rows)), k))]).astype(float)
     for i in range(k):
-        mirror = left[i:, i].copy()
+        mirror = reduced[i:, i].copy()
         length = norm(mirror)
         if length:
             mirror[0] += np.copysign(length, mirror[0])
             mirror /= norm(mirror)
-            left[i:, i:] -= 2 * mirror[:, None] * (mirror[:, None] * left[i:, i:]).sum(axis=0)
-    return np.triu(left[:k])
+            reduced[i:, i:] -= 2 * mirror[:, None] * (mirror[:, None] * reduced[i:, i:]).sum(axis=0)
+    return np.triu(reduced[:k])
 
 
 def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:
-    """Least squares of rows (N, k) x = target (N,), of least length; `rcond` as of
-    `numpy.linalg.lstsq`.
+    """Least-squares solution x of rows (N, k) x = target (N,), of minimum norm.
+
+    `rcond` as in `numpy.linalg.lstsq`.
     """
     k = rows.shape[1]
     both = triangle(np.column_stack([rows, target]))

@@ -1,5 +1,4 @@
-"""Tables as text, never wider than a terminal: long titles and words wrap, and what is still too
-wide goes below.
+"""Tables as text of at most 80 columns: titles and words wrap, further columns go below.
 
 Cells come as text, numbers already rounded. Numbers stand to the right, words to the left, two
 blanks between columns.
@@ -13,16 +12,34 @@ from collections.abc import Iterable, Sequence
 WIDTH = 80  # letters of a line at most
 
 _GAP = "  "
-_TALLEST = 4  # lines of a title at most; before there are more, columns go below each other
 
-# Letters at which a column of words is not narrowed further, and those of the first column at most.
-_NARROW = 16
-_LABEL = 44
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TableLayout:
+    """Limits of the layout of a table; all are chosen by hand.
+
+    Parameters
+    ----------
+    title : int
+        Lines of a title; before a title has more, columns go below each other.
+    words : int
+        Letters at which a column of words is not narrowed further.
+    label : int
+        Letters of the first column.
+    """
+
+    title: int = 4
+    words: int = 16
+    label: int = 44
+
+
+LAYOUT = TableLayout()
 
 
 def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
-    """Lines of a text that are no longer than the width; all but the first are indented. N m and
-    what a no-break space joins stay together.
+    """Lines of a text, no longer than the width; the second and later ones are indented.
+
+    "N m" and words joined by a no-break space stay on one line.
     """
     lines = textwrap.wrap(
         _joined(text), max(width, 1), subsequent_indent=indent, break_on_hyphens=False
@@ -51,39 +68,37 @@ class Table:
         widths = self._widths(columns, width)
         if widths is not None:
             return self._set(columns, range(len(columns)), widths)
-        others = range(1, len(columns))
+        further = range(1, len(columns))
         for panels in itertools.count(2):  # as few as will do, as alike as can be
-            size = max(-(-len(others) // panels), 1)
-            groups = [(0, *others[i : i + size]) for i in range(0, len(others), size)] or [(0,)]
+            size = max(-(-len(further) // panels), 1)
+            groups = [(0, *further[i : i + size]) for i in range(0, len(further), size)] or [(0,)]
             parts = [
                 (group, self._widths([columns[i] for i in group], width, group)) for group in groups
             ]
-            if all(found is not None for _, found in parts) or size == 1:
+            if all(panel_widths is not None for _, panel_widths in parts) or size == 1:
                 break
         lines: list[str] = []
-        for group, found in parts:
-            own = [columns[i] for i in group]
+        for group, panel_widths in parts:
+            panel = [columns[i] for i in group]
             lines += [
                 *([""] * bool(lines)),
-                *self._set(own, group, found or self._least(own, group, _TALLEST)),
+                *self._set(panel, group, panel_widths or self._least(panel, group, LAYOUT.title)),
             ]
         return lines
 
     def _widths(
         self, columns: Sequence[Sequence[str]], width: int, places: Sequence[int] | None = None
     ) -> list[int] | None:
-        """Width of each column: natural, else with titles that wrap, else with words that wrap;
-        None if too wide.
-        """
+        """Width of each column: natural, else with wrapped titles, else with wrapped words."""
         places = range(len(columns)) if places is None else places
         room = width - len(_GAP) * (len(columns) - 1)
-        for height in range(1, _TALLEST + 1):
+        for height in range(1, LAYOUT.title + 1):
             widths = self._least(columns, places, height)
             if sum(widths) <= room:
                 return widths
         for k in reversed(range(1, len(widths))):  # words wrap, the last first
             if places[k] in self.words:
-                widths[k] -= min(max(sum(widths) - room, 0), max(widths[k] - _NARROW, 0))
+                widths[k] -= min(max(sum(widths) - room, 0), max(widths[k] - LAYOUT.words, 0))
         return widths if sum(widths) <= room else None
 
     def _least(
@@ -95,24 +110,26 @@ class Table:
         for i, column in zip(places, columns, strict=True):
             title = column[:head]
             cells = column[head:]
-            least = (
+            width = (
                 max(map(len, cells), default=0)
                 if i
-                else min(max(map(len, cells), default=0), _LABEL)
+                else min(max(map(len, cells), default=0), LAYOUT.label)
             )
             for name in title:
-                least = max(least, *map(len, _joined(name).split(" ")))
-                least += next(
-                    more for more in itertools.count() if len(wrapped(name, least + more)) <= height
+                width = max(width, *map(len, _joined(name).split(" ")))
+                width += next(
+                    extra
+                    for extra in itertools.count()
+                    if len(wrapped(name, width + extra)) <= height
                 )
-            widths.append(least)
+            widths.append(width)
         return widths
 
     def _set(
         self, columns: Sequence[Sequence[str]], places: Iterable[int], widths: Sequence[int]
     ) -> list[str]:
         """Lines of these columns with these widths."""
-        left = [i == 0 or i in self.words for i in places]
+        left_aligned = [i == 0 or i in self.words for i in places]
         lines = []
         for k, row in enumerate(zip(*columns, strict=True)):
             cells = [wrapped(cell, width) for cell, width in zip(row, widths, strict=True)]
@@ -125,15 +142,16 @@ class Table:
             for line in zip(*cells, strict=True):
                 set_ = [
                     f"{c:<{w}}" if word else f"{c:>{w}}"
-                    for c, w, word in zip(line, widths, left, strict=True)
+                    for c, w, word in zip(line, widths, left_aligned, strict=True)
                 ]
                 lines.append(_GAP.join(set_).rstrip())
         return lines
 
 
 def by_joint(labels: Sequence[str], quantities: Sequence[Sequence[str]]) -> Table:
-    """A table of quantities, each a title and one cell per joint; joints are rows where columns
-    would be too wide.
+    """A table of quantities, each a title and one cell per joint; joints may become rows.
+
+    They do where one column per joint would be wider than the page.
     """
     rows = [("", *labels), *quantities]
     wide = sum(max(map(len, column)) for column in zip(*rows, strict=True)) + len(_GAP) * len(

@@ -281,9 +281,9 @@ class Fields:
     def changed(self, vector: Any, n: int, role: str, change: Callable[[Any], Any]) -> Any:
         """The casadi vector with `change` applied to every field of a role, groups included."""
         for place in self.places(n, role):
-            before = _part(vector, range(place.start))
-            after = _part(vector, range(place.stop, vector.shape[0]))
-            vector = ca.vertcat(before, change(_part(vector, place)), after)
+            head = _part(vector, range(place.start))
+            tail = _part(vector, range(place.stop, vector.shape[0]))
+            vector = ca.vertcat(head, change(_part(vector, place)), tail)
         return vector
 
 

@@ -49,8 +49,7 @@ def to_ros2_control(
     torque_limit: ArrayLike | None = None,
     without: Sequence[str] = (),
 ) -> None:
-    """A control law as a controller of ros2_control: a package for ROS 2 Jazzy, to be built with
-    colcon.
+    """Export a control law as a ros2_control controller: a package for ROS 2 Jazzy and colcon.
 
     It reads `position` (rad, or counts) of each joint, writes `effort` [N m], follows a
     ``JointTrajectory`` or the controller before it, and has every guard and stop of
@@ -153,17 +152,17 @@ def _joint_names(law: Law, rig: Rig, joints: Sequence[str] | None) -> list[str]:
     arm = getattr(law, "arm", None)
     labels = rig.drive.joints if arm is None else [link.name for link in arm.dynamics.chain.links]
     labels = labels or [str(i + 1) for i in range(rig.n)]
-    names = [f"joint{each}" if each.isdigit() else each.replace(" ", "_") for each in labels]
+    names = [f"joint{label}" if label.isdigit() else label.replace(" ", "_") for label in labels]
     if isinstance(joints, str):
         raise ValueError(
             f"joints must be a sequence of names; got {joints!r:.60}. Write ({joints!r:.60},)."
         )
     names = names if joints is None else list(joints)
-    for each in names:
-        if not isinstance(each, str) or not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]{0,99}", each):
+    for label in names:
+        if not isinstance(label, str) or not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]{0,99}", label):
             rule = "be letters, digits, _, - or ., and begin with a letter"
             raise ValueError(
-                f"joints must {rule}, in ROS; got {each!r:.60}. Give joints=(...), as the URDF has"
+                f"joints must {rule}, in ROS; got {label!r:.60}. Give joints=(...), as the URDF has"
                 " them."
             )
     if len(names) != rig.n or len(set(names)) != rig.n:
@@ -174,9 +173,7 @@ def _joint_names(law: Law, rig: Rig, joints: Sequence[str] | None) -> list[str]:
 
 
 def _functions(rig: Rig) -> Iterator[str]:
-    """C of what is generated for the plugin: counts of angles, angles of counts, motion between
-    two points.
-    """
+    """Generated C of the plugin: counts of angles, angles of counts, motion between two points."""
     n = rig.n
     q = ca.SX.sym("positions", n)
     counts = ca.SX.sym("counts", n)
@@ -193,9 +190,7 @@ def _functions(rig: Rig) -> Iterator[str]:
 
 
 def _between(begun: ca.SX, ended: ca.SX, span: ca.SX, at: ca.SX) -> ca.SX:
-    """Position, velocity and acceleration (3, 1) on the polynomial of fifth degree between two
-    of them.
-    """
+    """Position, velocity and acceleration (3, 1) on the quintic between two points."""
     higher = ca.SX.sym("higher", 3)
     share = at / span
     position = begun[0] + begun[1] * at + begun[2] / 2 * at**2
@@ -211,19 +206,24 @@ def _between(begun: ca.SX, ended: ca.SX, span: ca.SX, at: ca.SX) -> ca.SX:
 
 def _function(name: str, inputs: list[tuple[str, ca.SX]], output: str, value: ca.SX) -> str:
     """A C function that writes the components of a vector."""
-    scalar = {each for each, symbol in inputs if symbol.numel() == 1 and each in ("span", "at")}
+    scalar = {
+        argument
+        for argument, symbol in inputs
+        if symbol.numel() == 1 and argument in ("span", "at")
+    }
     sources = [
         (
-            [(each, STATE)]
-            if each in scalar
-            else [(f"{each}[{i}]", STATE) for i in range(symbol.numel())]
+            [(argument, STATE)]
+            if argument in scalar
+            else [(f"{argument}[{i}]", STATE) for i in range(symbol.numel())]
         )
-        for each, symbol in inputs
+        for argument, symbol in inputs
     ]
     function = ca.Function(name, [symbol for _, symbol in inputs], [ca.densify(ca.cse(value))])
     lines, values, _ = statements(function, sources)
     taken = ", ".join(
-        f"double {each}" if each in scalar else f"const double * {each}" for each, _ in inputs
+        f"double {argument}" if argument in scalar else f"const double * {argument}"
+        for argument, _ in inputs
     )
     body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
     body += [f"{output}[{i}] = {text};" for i, text in enumerate(values)]

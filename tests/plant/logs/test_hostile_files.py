@@ -116,7 +116,7 @@ def test_digits_of_other_scripts_and_underscores_are_no_numbers(tmp_path, cell):
 def test_a_table_that_takes_too_long_is_refused_in_one_line(tmp_path, monkeypatch):
     path = tmp_path / "log.csv"
     path.write_text("t,a\n" + "0,1\n" * 20_001)
-    monkeypatch.setattr(csv_rows, "_SECONDS", 0)
+    monkeypatch.setattr(csv_rows, "LIMITS", csv_rows.TextLimits(seconds=0))
     with pytest.raises(
         LoadError, match=r"must be read within 0 s; row 10000 was not. Save it as NPZ, or cut it"
     ):
