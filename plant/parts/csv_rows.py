@@ -100,7 +100,7 @@ def read_rows(
                     [number(cells[i]) if not table or cells[i].strip() else np.nan for i in picked]
                 )
             except ValueError:
-                problem = _no_number(cells, picked, names, table, first=not rows)
+                problem = _no_number(cells, picked, names, table, heading_row=not rows)
                 raise ValueError(f"line {count} must be numbers; {problem}") from None
             decimals = len(cells[-1].partition(".")[2])
             if not ended and rows and decimals < least and width - 1 in picked:
