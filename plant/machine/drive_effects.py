@@ -4,6 +4,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 
 from plant.parts.arguments import array, signs
 from plant.parts.fields import ArrayOrSymbols, Vector
@@ -91,7 +92,7 @@ class CurrentLag(Part):
             )
 
 
-def lagging(commanded: ca.SX, driven: ca.SX, lag: CurrentLag, h: ca.SX) -> tuple[ca.SX, ca.SX]:
+def lagging(commanded: SX, driven: SX, lag: CurrentLag, h: SX) -> tuple[SX, SX]:
     """Mean torque in a step of length h [s] and torque at its end, under a first-order lag."""
     # i' = (commanded - i) / time, solved exactly over the step, and its mean by integration: stable
     # for any step and any time constant.
@@ -137,7 +138,7 @@ class LoadFriction(Part):
                 " 0.1."
             )
 
-    def level(self, load: ca.SX) -> ca.SX:
+    def level(self, load: SX) -> SX:
         """Rise of the Coulomb level [N m] under a transmitted torque [N m], both on the shaft."""
         return self.share * ca.fabs(load)
 

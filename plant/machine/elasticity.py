@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
@@ -179,8 +180,8 @@ class Spring(NamedTuple):
     ``added`` [kg m^2]: inertia with which the spring resists a change of the deflection's speed.
     """
 
-    torque: ca.SX
-    added: ca.SX
+    torque: SX
+    added: SX
 
 
 class Joined(NamedTuple):
@@ -193,11 +194,11 @@ class Joined(NamedTuple):
     motors as far as springs hold them.
     """
 
-    alone: ca.SX
-    passed: ca.SX
+    alone: SX
+    passed: SX
     links: Inverse
 
-    def motors(self, speed: ca.SX, impulse: ca.SX, gained: ca.SX) -> ca.SX:
+    def motors(self, speed: SX, impulse: SX, gained: SX) -> SX:
         """Speed of the motors after an impulse, where links gained a speed."""
         # (motor + added) change = impulse + added gained: the spring drags the motor along with its
         # link.
@@ -209,7 +210,7 @@ class Joined(NamedTuple):
         return row_by_row(ca.diag(1 / self.alone) + passed @ self.links.matrix() @ passed)
 
 
-def joined(motor: ca.SX, link: ca.SX, added: ca.SX) -> Joined:
+def joined(motor: SX, link: SX, added: SX) -> Joined:
     """Inertias (n, 1) of motors and (n, n) of links, joined by what the springs add."""
     # Eliminating the motors from [[motor + added, -added], [-added, link + added]] leaves the
     # links' matrix with added - added^2 / alone = passed motor on its diagonal.
@@ -223,9 +224,7 @@ def reduced(motor: Any, link: Any) -> Any:
     return motor * link / (motor + link)
 
 
-def spring(
-    elasticity: Any, deflection: ca.SX, rate: ca.SX, h: ca.SX, motor: ca.SX, link: ca.SX
-) -> Spring:
+def spring(elasticity: Any, deflection: SX, rate: SX, h: SX, motor: SX, link: SX) -> Spring:
     """The spring of each gear in a step of length h [s], between motor and link (n, 1) [kg m^2].
 
     Deflection: shaft minus link at the middle of the step [rad]; rate: its rate at the start

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 
 from plant.mechanics.symmetric_inverse import Inverse
 from plant.parts.arguments import signs
@@ -84,9 +85,7 @@ class FrictionCurve(Part):
         )
 
 
-def friction_impulse(
-    inverse: Inverse, stopping: ca.SX, impulse: ca.SX, bound: ca.SX, sweeps: int
-) -> ca.SX:
+def friction_impulse(inverse: Inverse, stopping: SX, impulse: SX, bound: SX, sweeps: int) -> SX:
     """Friction impulse (n, 1) of one step [N m s], from that of the previous step by sweeps.
 
     `inverse` is of the inertia matrix [kg m^2], joint side; `stopping` would stop joint i if
@@ -105,13 +104,13 @@ def friction_impulse(
     return ca.vertcat(*impulses)
 
 
-def _stopping_impulse(inverse: Inverse, stopping: ca.SX, impulses: list[ca.SX], i: int) -> ca.SX:
+def _stopping_impulse(inverse: Inverse, stopping: SX, impulses: list[SX], i: int) -> SX:
     """Impulse that stops joint i [N m s], given the impulses on all other joints."""
     coupled = (inverse.share[i, j] * impulses[j] for j in range(len(impulses)) if j != i)
     return sum(coupled, stopping[i])
 
 
-def smooth_impulse(inverse: Inverse, stopping: ca.SX, bound: ca.SX) -> ca.SX:
+def smooth_impulse(inverse: Inverse, stopping: SX, bound: SX) -> SX:
     """Friction impulse of a differentiable law: -bound tanh(qd / REGULARISATION)."""
     # stopping = -qd / diagonal: the speed without Coulomb friction comes back from it.
     qd = -inverse.diagonal * stopping
@@ -163,17 +162,17 @@ class Presliding(Part):
 class Bristles(NamedTuple):
     """Bristles of all shafts: deflection (-1 to 1), distance [rad], damping [N m s/rad]."""
 
-    deflection: ca.SX
-    distance: ca.SX
-    damping: ca.SX | None
+    deflection: SX
+    distance: SX
+    damping: SX | None
 
-    def damped(self, bound: ca.SX) -> ca.SX:
+    def damped(self, bound: SX) -> SX:
         """Impulse per change of deflection in a step with this bound of the friction impulse."""
         # The step damps the bristles like a damping of stiffness h / 2 already: the larger one
         # counts.
         return bound if self.damping is None else ca.fmax(bound, 2 * self.distance * self.damping)
 
-    def bent(self, speed: ca.SX, time: ca.SX) -> Self:
+    def bent(self, speed: SX, time: SX) -> Self:
         """The bristles a time [s] later, at this speed [rad/s]."""
         # An implicit Euler step of dr/dt = (v - abs(v) r) / d: it stays within -1 to 1 for any
         # step.
@@ -184,13 +183,13 @@ class Bristles(NamedTuple):
 
 def bristle_impulse(
     inverse: Inverse,
-    stopping: ca.SX,
-    impulse: ca.SX,
+    stopping: SX,
+    impulse: SX,
     bristles: Bristles,
-    bound: ca.SX,
-    h: ca.SX,
+    bound: SX,
+    h: SX,
     sweeps: int,
-) -> tuple[ca.SX, ca.SX]:
+) -> tuple[SX, SX]:
     """Presliding friction impulse (n, 1) of one step [N m s], and the deflection (n, 1) at its end.
 
     The bristles are those of the middle of the step, of length h [s]. Of a joint alone, with x its
@@ -227,8 +226,8 @@ def bristle_impulse(
 
 
 def smooth_bristle_impulse(
-    inverse: Inverse, stopping: ca.SX, bristles: Bristles, bound: ca.SX, h: ca.SX
-) -> tuple[ca.SX, ca.SX]:
+    inverse: Inverse, stopping: SX, bristles: Bristles, bound: SX, h: SX
+) -> tuple[SX, SX]:
     """Friction impulse and deflection (n, 1) of a differentiable step, from bristles at its start.
 
     Every joint by itself, linear in the change of its speed, and bent at the speed of the end all

@@ -8,6 +8,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 
 from plant.parts.arguments import signs
 from plant.parts.fields import ArrayOrSymbols, Vector
@@ -43,19 +44,19 @@ class KnownTorque(Part, abc.ABC):
     """
 
     @abc.abstractmethod
-    def torque(self, q: ca.SX) -> ca.SX:
+    def torque(self, q: SX) -> SX:
         """Torque (n, 1) [N m] at q (n, 1) [rad], in casadi; positive in the direction of q."""
 
 
 def total_torque(parts: Iterable[KnownTorque], q: ArrayOrSymbols) -> ArrayOrSymbols:
     """Sum of the torques [N m] at q [rad]: (n, 1) of symbols, (..., n) of an array (..., n)."""
-    if isinstance(q, (ca.SX, ca.MX, ca.DM)):
+    if isinstance(q, (SX, ca.MX, ca.DM)):
         # Symbols stay symbols: the torque becomes part of a kernel.
         return functools.reduce(operator.add, (part.torque(q) for part in parts))
     angles = np.asarray(q, dtype=float)
     # Arrays go through the same casadi expression, so that both ways agree; `map` takes all rows at
     # once.
-    symbols = ca.SX.sym("q", angles.shape[-1])
+    symbols = SX.sym("q", angles.shape[-1])
     function = ca.Function("torque", [symbols], [ca.densify(total_torque(parts, symbols))])
     rows = angles.reshape(-1, angles.shape[-1])
     return (
@@ -77,8 +78,8 @@ def require_torques(parts: Iterable[Any], n: int) -> None:
         spring.require_joints(n, f"{kind}.")
         # The torque is evaluated once on symbols. A wrong part is refused here, with its name, and
         # not in a simulation.
-        q = ca.SX.sym("q", n)
-        numbers = ca.SX.sym("numbers", len(spring.number_names()))
+        q = SX.sym("q", n)
+        numbers = SX.sym("numbers", len(spring.number_names()))
         try:
             torque = spring.with_numbers(numbers).torque(q)
         except _REFUSED as error:
@@ -87,8 +88,8 @@ def require_torques(parts: Iterable[Any], n: int) -> None:
             raise ValueError(
                 f"torque of {kind} must be a casadi expression of q ({n}, 1); {reason}."
             ) from error
-        if not isinstance(torque, ca.SX) or torque.shape != (n, 1):
-            shaped = isinstance(torque, (ca.SX, np.ndarray))
+        if not isinstance(torque, SX) or torque.shape != (n, 1):
+            shaped = isinstance(torque, (SX, np.ndarray))
             result = torque.shape if shaped else type(torque).__name__
             raise ValueError(
                 f"torque of {kind} must return casadi SX of shape ({n}, 1), one torque per joint;"
@@ -147,7 +148,7 @@ class JointSpring(KnownTorque):
             advice="A spring that pushes away from its rest is a Counterbalance.",
         )
 
-    def torque(self, q: ca.SX) -> ca.SX:
+    def torque(self, q: SX) -> SX:
         # A spring pulls back, hence the minus.
         torque = -self.stiffness * (q - self.angle)
         return torque if self.preload is None else torque + self.preload
@@ -228,7 +229,7 @@ class Counterbalance(KnownTorque):
                 " and the ends of its spring would meet. Correct one."
             )
 
-    def torque(self, q: ca.SX) -> ca.SX:
+    def torque(self, q: SX) -> SX:
         a = self.base_arm
         b = self.link_arm
         phi = q - self.angle
@@ -266,5 +267,5 @@ class CosineTorque(KnownTorque):
     amplitude: Vector = number(("n",))
     phase: Vector = number(("n",))
 
-    def torque(self, q: ca.SX) -> ca.SX:
+    def torque(self, q: SX) -> SX:
         return self.amplitude * ca.cos(q - self.phase)

@@ -4,6 +4,7 @@ import dataclasses
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
@@ -83,7 +84,7 @@ class Jitter(Part):
         """One draw (steps,) from 0 to 1 for each step of the law."""
         return np.random.default_rng(self.seed).random(steps)
 
-    def late(self, draw: ca.SX, period: ca.SX | float) -> ca.SX:
+    def late(self, draw: SX, period: SX | float) -> SX:
         """How late a step reads the encoders [s]."""
         # All loops of a batch share one draw per step. The fractional part of a large multiple of
         # it is uniform again; with a factor far above all streams, two streams are as good as
@@ -144,7 +145,7 @@ class Transport(Part):
         words[[k for k in self.lost if k < steps]] = 1.0
         return words
 
-    def arrived(self, pulses: ca.SX, seen: ca.SX, word: ca.SX) -> ca.SX:
+    def arrived(self, pulses: SX, seen: SX, word: SX) -> SX:
         """Counts that the law reads: these, or those that it read last."""
         # Bit j of the word: divided by 2^j, whole, and odd. One word carries the losses of several
         # loops.
@@ -152,7 +153,7 @@ class Transport(Part):
         lost = shifted - 2 * ca.floor(shifted / 2)
         return lost * seen + (1 - lost) * pulses
 
-    def acting(self, torque: ca.SX, previous: ca.SX, place: ca.SX, h: ca.SX) -> ca.SX:
+    def acting(self, torque: SX, previous: SX, place: SX, h: SX) -> SX:
         """Mean torque in sub-step `place` (from 0) after a step of the law; h is its length [s]."""
         # The new torque acts from `delay` on; in this sub-step, which ends (place + 1) h after the
         # sample, for the share that is left of it.
@@ -283,7 +284,7 @@ class Rig(Part):
         """Joint position [rad] in the middle of the quantisation cell of these counts."""
         return self.drive.joint_angle(self.encoder.cell_centre(counts))
 
-    def outside_cell(self, distance: ca.SX, counts: ca.SX, share: ca.SX) -> ca.SX:
+    def outside_cell(self, distance: SX, counts: SX, share: SX) -> SX:
         """Part of a distance (n, 1) [rad] that exceeds a share of the half cell.
 
         The distance is that from the middle of the cell of these counts.

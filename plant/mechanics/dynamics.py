@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 from numpy.typing import ArrayLike
 
 from plant.mechanics.arm import Arm
@@ -153,16 +154,16 @@ class Dynamics(Part):
 
     # -- everything below is read off one torque --------------------------------------------------
     @cached_property
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        q, qd, qdd = (ca.SX.sym(name, self.n) for name in ("q", "qd", "qdd"))
-        return q, qd, qdd, ca.SX.sym("f", self.p)
+    def _symbols(self) -> tuple[SX, SX, SX, SX]:
+        q, qd, qdd = (SX.sym(name, self.n) for name in ("q", "qd", "qdd"))
+        return q, qd, qdd, SX.sym("f", self.p)
 
     @cached_property
-    def _equations(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _equations(self) -> tuple[SX, SX, SX]:
         """D, Coriolis torque and gravity torque; with few joints collected as sums over f."""
         q, qd, qdd, f = self._symbols
         strength = float(np.linalg.norm(self.chain.gravity))
-        rest = ca.SX.zeros(self.n)
+        rest = SX.zeros(self.n)
         # tau = D qdd + C qd + g. D is the slope of the inertial torque in qdd, and the Coriolis
         # torque is what remains of it at qdd = 0; gravity comes from its own recursion at rest.
         moving, at_rest = lumped_torque(self.chain, self.lumping, q, qd, qdd, f)
@@ -180,7 +181,7 @@ class Dynamics(Part):
         # One triangle, mirrored: D is then symmetric to the last bit.
         return ca.tril2symm(ca.tril(D)), coriolis, at_rest
 
-    def _function(self, name: str, inputs: Sequence[str], result: ca.SX) -> CheckedFunction:
+    def _function(self, name: str, inputs: Sequence[str], result: SX) -> CheckedFunction:
         symbols = dict(zip(("q", "qd", "qdd", "f"), self._symbols, strict=True))
         arguments = [symbols[symbol] for symbol in inputs]
         return CheckedFunction(ca.Function(name, arguments, [result], inputs, [name]))
@@ -216,11 +217,11 @@ class Dynamics(Part):
         D = self._equations[0]
         dD = [ca.jacobian(D[:, k], q) for k in range(self.n)]  # dD[k][i, j] = dD_ik / dq_j
         rate = ca.reshape(ca.jacobian(ca.vec(D), q) @ qd, self.n, self.n)
-        skewed = ca.SX(self.n, self.n)
+        skewed = SX(self.n, self.n)
         for i in range(self.n):
             for j in range(self.n):
                 skewed[i, j] = sum(
-                    ((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), ca.SX(0)
+                    ((dD[k][i, j] - dD[k][j, i]) * qd[k] for k in range(self.n)), SX(0)
                 )
         return self._function("C", ("q", "qd", "f"), (rate + skewed) / 2)
 
@@ -235,8 +236,8 @@ class Dynamics(Part):
     @cached_property
     def _passive_regressor(self) -> CheckedFunction:
         q, qd, _, f = self._symbols
-        qd_r = ca.SX.sym("qd_r", self.n)
-        qdd_r = ca.SX.sym("qdd_r", self.n)
+        qd_r = SX.sym("qd_r", self.n)
+        qdd_r = SX.sym("qdd_r", self.n)
         # The arguments of passivity-based laws: the Coriolis matrix multiplies a reference speed.
         D, _, gravity = self._equations
         Y = ca.jacobian(D @ qdd_r + self.C(q, qd, f) @ qd_r + gravity, f)
@@ -265,7 +266,7 @@ class Dynamics(Part):
         # Columns of the rotor inertias J, one per link.
         rotors = slice(STANDARD.index("J"), None, len(STANDARD))
         q, qd, qdd, f = self._symbols
-        pi = ca.SX.sym("pi", len(STANDARD) * self.n)
+        pi = SX.sym("pi", len(STANDARD) * self.n)
         tau = torque(self.chain, q, qd, qdd, pi, self.chain.gravity)
         chain_torque = ca.Function("tau", [q, qd, qdd, pi], [tau])
         # Both torques are linear in the parameters and smooth in the state: three random states

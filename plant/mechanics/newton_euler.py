@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 from numpy.typing import ArrayLike
 
 from plant.mechanics.chain import Chain
@@ -17,9 +18,7 @@ from plant.parts.checked_function import CheckedFunction
 from plant.parts.fields import Floats
 
 
-def torque(
-    chain: Chain, q: ca.SX, qd: ca.SX, qdd: ca.SX, pi: ca.SX, gravity: Iterable[float]
-) -> ca.SX:
+def torque(chain: Chain, q: SX, qd: SX, qdd: SX, pi: SX, gravity: Iterable[float]) -> SX:
     """Joint torques tau (n, 1) [N m], joint side, without friction, of parameters pi (11 n, 1).
 
     q, qd, qdd are casadi (n, 1), joint side; pi is in the order of
@@ -29,10 +28,10 @@ def torque(
     Source: paper eq. (1), left side.
     """
     axis = ca.vertcat(0, 0, 1)
-    w = ca.SX(3, 1)
-    wd = ca.SX(3, 1)
+    w = SX(3, 1)
+    wd = SX(3, 1)
     # A base that accelerates upwards feels the same forces as one at rest under gravity.
-    acceleration = ca.SX(-ca.DM(list(gravity)))
+    acceleration = SX(-ca.DM(list(gravity)))
     frames = []
     forces = []
     moments = []
@@ -61,10 +60,10 @@ def torque(
         # centre of mass they are not.
         forces.append(m * acceleration + ca.cross(wd, mc) + ca.cross(w, ca.cross(w, mc)))
         moments.append(inertia @ wd + ca.cross(w, inertia @ w) + ca.cross(mc, acceleration))
-    tau = ca.SX(chain.n, 1)
-    rotors = ca.SX(chain.n, 1)
-    force = ca.SX(3, 1)
-    moment = ca.SX(3, 1)
+    tau = SX(chain.n, 1)
+    rotors = SX(chain.n, 1)
+    force = SX(3, 1)
+    moment = SX(3, 1)
     # 2. Inwards: the torque of a joint is the z component of all that the links behind it need.
     for i in reversed(range(chain.n)):
         force = force + forces[i]
@@ -80,21 +79,19 @@ def torque(
     return tau + chain.coupling.joint_torque(rotors * chain.coupling.shaft(qdd))
 
 
-def lumped_torque(
-    chain: Chain, lumping: Lumping, q: ca.SX, qd: ca.SX, qdd: ca.SX, f: ca.SX
-) -> tuple[ca.SX, ca.SX]:
+def lumped_torque(chain: Chain, lumping: Lumping, q: SX, qd: SX, qdd: SX, f: SX) -> tuple[SX, SX]:
     """Inertial torque and gravity torque, each (n, 1) [N m], of f (p, 1)."""
-    rest = ca.SX.zeros(chain.n)
+    rest = SX.zeros(chain.n)
     strength = float(np.linalg.norm(chain.gravity))
     # Without gravity the recursion gives the inertial torque, at rest the gravity torque. Each of
     # the two takes the fewest parameters that produce it.
-    moving = torque(chain, q, qd, qdd, ca.SX(lumping.inertial_section()) @ f, (0, 0, 0))
+    moving = torque(chain, q, qd, qdd, SX(lumping.inertial_section()) @ f, (0, 0, 0))
     down = np.array(chain.gravity) / strength if strength else np.zeros(3)
-    weights = strength * (ca.SX(lumping.gravity_section()) @ f)
+    weights = strength * (SX(lumping.gravity_section()) @ f)
     return moving, torque(chain, q, rest, rest, weights, down)
 
 
-def _standard(pi: ca.SX, i: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+def _standard(pi: SX, i: int) -> tuple[SX, SX, SX, SX]:
     """Mass, first moment, inertia (3, 3) about the origin and reflected rotor inertia of link i."""
     m, mx, my, mz, ixx, ixy, ixz, iyy, iyz, izz, rotor = ca.vertsplit(
         pi[len(STANDARD) * i : len(STANDARD) * (i + 1)]
@@ -105,7 +102,7 @@ def _standard(pi: ca.SX, i: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     return m, ca.vertcat(mx, my, mz), inertia, rotor
 
 
-def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
+def collected(expression: SX, q: SX, f: SX) -> SX:
     """The same expression as sums over f, in which terms have cancelled.
 
     Constant terms stand apart, and a multiple of another sum is computed from it.
@@ -119,20 +116,20 @@ def collected(expression: ca.SX, q: ca.SX, f: ca.SX) -> ca.SX:
     poses = np.random.default_rng(0).uniform(-1, 1, (4, q.shape[0]))
     at = np.array([ca.Function("slopes", [q], [slopes])(pose).full() for pose in poses])
     moves = np.abs(at - at[0]).max(axis=0) > 1e-12 * np.abs(at).max(initial=1e-300)
-    rows: list[ca.SX] = [ca.SX()] * len(moves)
-    sums: list[tuple[Floats, ca.SX]] = []
+    rows: list[SX] = [SX()] * len(moves)
+    sums: list[tuple[Floats, SX]] = []
     # The smallest sum first: larger ones become small whole multiples of it.
     for i in sorted(range(len(moves)), key=lambda i: np.linalg.norm(at[:, i, moves[i]])):
         pattern = np.where(moves[i], at[:, i], 0.0)
         total = _multiple(pattern, sums)
         if total is None:
-            total = ca.dot(ca.SX(moves[i].astype(float)) * slopes[i, :].T, f)
+            total = ca.dot(SX(moves[i].astype(float)) * slopes[i, :].T, f)
             sums.append((pattern, total))
-        rows[i] = total + ca.dot(ca.SX((~moves[i]).astype(float)) * slopes[i, :].T, f)
+        rows[i] = total + ca.dot(SX((~moves[i]).astype(float)) * slopes[i, :].T, f)
     return ca.vertcat(*rows)
 
 
-def _multiple(pattern: Floats, sums: list[tuple[Floats, ca.SX]]) -> ca.SX | None:
+def _multiple(pattern: Floats, sums: list[tuple[Floats, SX]]) -> SX | None:
     """An existing sum times a number, if that has this pattern; None otherwise."""
     for reference, total in sums:
         # The ratio is read where the reference pattern is largest, the safest place to divide.
@@ -145,7 +142,7 @@ def _multiple(pattern: Floats, sums: list[tuple[Floats, ca.SX]]) -> ca.SX | None
     return None
 
 
-def by_speeds(coriolis: ca.SX, q: ca.SX, qd: ca.SX, f: ca.SX) -> ca.SX:
+def by_speeds(coriolis: SX, q: SX, qd: SX, f: SX) -> SX:
     """The Coriolis torque as a sum over j <= k of c_jk(q, f) qd_j qd_k."""
     # The torque is a quadratic form in the speeds: its second derivatives are the coefficients, on
     # the diagonal twice them.
@@ -154,7 +151,7 @@ def by_speeds(coriolis: ca.SX, q: ca.SX, qd: ca.SX, f: ca.SX) -> ca.SX:
         ca.jacobian(ca.jacobian(coriolis, qd[j]), qd[k]) / (2 if j == k else 1) for j, k in pairs
     ]
     c = ca.reshape(collected(ca.horzcat(*slopes), q, f), -1, len(pairs))
-    return sum((c[:, i] * (qd[j] * qd[k]) for i, (j, k) in enumerate(pairs)), ca.SX(0))
+    return sum((c[:, i] * (qd[j] * qd[k]) for i, (j, k) in enumerate(pairs)), SX(0))
 
 
 def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFunction:
@@ -163,9 +160,9 @@ def joint_positions(chain: Chain, tip: ArrayLike = (0.0, 0.0, 0.0)) -> CheckedFu
     All in the base frame; the tip (3,) is a point in the frame of the last link [m].
     """
     tip = array("tip", tip, (3,), advice="Give x, y and z in the frame of the last link [m].")
-    q = ca.SX.sym("q", chain.n)
-    orientation = ca.SX.eye(3)
-    position = ca.SX(3, 1)
+    q = SX.sym("q", chain.n)
+    orientation = SX.eye(3)
+    position = SX(3, 1)
     positions = [position]
     # Outwards: each origin is a fixed offset in the frame of the previous link.
     for i, link in enumerate(chain.links):

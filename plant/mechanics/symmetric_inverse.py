@@ -8,6 +8,7 @@ which are those of D (602).
 from typing import NamedTuple
 
 import casadi as ca
+from casadi import SX
 
 
 class Inverse(NamedTuple):
@@ -19,26 +20,26 @@ class Inverse(NamedTuple):
     positive definite.
     """
 
-    diagonal: ca.SX
-    alone: ca.SX
-    share: ca.SX
-    minors: list[ca.SX]
+    diagonal: SX
+    alone: SX
+    share: SX
+    minors: list[SX]
 
-    def own(self, x: ca.SX) -> ca.SX:
+    def own(self, x: SX) -> SX:
         """Impulses x - share x that change each joint's speed alone as x (n, 1) does."""
         return x - self.share @ x
 
-    def solve(self, x: ca.SX) -> ca.SX:
+    def solve(self, x: SX) -> SX:
         """A^-1 x."""
         # An impulse on each joint alone, times the mobility of that joint.
         return self.diagonal * self.own(x)
 
     def matrix(self):
         """A^-1 (n, n)."""
-        return ca.diag(self.diagonal) @ (ca.SX.eye(self.diagonal.shape[0]) - self.share)
+        return ca.diag(self.diagonal) @ (SX.eye(self.diagonal.shape[0]) - self.share)
 
 
-def inverse(matrix: ca.SX) -> Inverse:
+def inverse(matrix: SX) -> Inverse:
     """Symbolic inverse of a symmetric matrix (n, n), by blocks of two rows."""
     # Two joints, written out: [[c, -b], [-b, a]] / (a c - b^2), without a recursion's temporaries.
     if matrix.shape[0] == 2:
@@ -61,12 +62,12 @@ def row_by_row(inverted, minors=()):
     return Inverse(diagonal, 1 / diagonal, ca.diag(ca.diag(scaled)) - scaled, list(minors))
 
 
-def _by_blocks(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+def _by_blocks(matrix: SX) -> tuple[SX, list[SX]]:
     """The inverse by the Schur complement of its first two rows."""
     # The recursion ends with no row or one row: an odd number of joints leaves one.
     n = matrix.shape[0]
     if n == 0:
-        return ca.SX(0, 0), []
+        return SX(0, 0), []
     if n == 1:
         return 1 / matrix, [matrix]
     a = matrix[0, 0]
@@ -85,7 +86,7 @@ def _by_blocks(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
     return ca.vertcat(upper, ca.horzcat(corner.T, trailing)), [a, determinant, *minors]
 
 
-def eliminated(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+def eliminated(matrix: SX) -> tuple[SX, list[SX]]:
     """L, unit lower triangular, and pivots (n,) of a symmetric matrix L diag(pivots) L^T (n, n).
 
     Entries after a zero pivot are meaningless.
@@ -97,6 +98,6 @@ def eliminated(matrix: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
     while matrix.shape[0]:
         pivots.append(matrix[0, 0])
         # Rows above the diagonal are zero.
-        columns.append(ca.vertcat(ca.SX.zeros(n - matrix.shape[0]), matrix[:, 0] / matrix[0, 0]))
+        columns.append(ca.vertcat(SX.zeros(n - matrix.shape[0]), matrix[:, 0] / matrix[0, 0]))
         matrix = matrix[1:, 1:] - matrix[1:, 0] @ matrix[0, 1:] / matrix[0, 0]
     return ca.horzcat(*columns), pivots
