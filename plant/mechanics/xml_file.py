@@ -182,7 +182,8 @@ def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
     return b"".join([*pieces, data[at:]])
 
 
-ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+# Attributes that state an orientation, and how many numbers each of them has.
+ORIENTATIONS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
 
 
 def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -> Floats:
@@ -200,8 +201,7 @@ def rotation_of(element: Element, where: str, *, degrees: bool, sequence: str) -
         # Without any orientation the frames are parallel.
         return np.eye(3)
     name = stated[0]
-    count = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}[name]
-    values = numbers_of(element, name, count, None, where)
+    values = numbers_of(element, name, ORIENTATIONS[name], None, where)
     unit = np.pi / 180 if degrees else 1.0
     # Lower case: axes that turn along, multiplied from the right; upper case: fixed axes, from the
     # left.
