@@ -1,6 +1,7 @@
-"""Computed torque: from an identified arm to a controller, and its tracking error in encoder pulses.
+"""Computed torque: from an identified arm to a controller, and its error in encoder pulses.
 
-Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it imports:
+Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above all that it
+imports:
 
 =============== ====================================================================================
 `commandline`   ``onepulse check | identify | certify | campaign | report | robots | demo``
@@ -22,8 +23,11 @@ Arm + Rig -> Law, which the plant, or a real arm, can run. The rooms, each above
 from importlib.util import find_spec
 from pathlib import Path
 
+# The three packages come from one distribution and have no versions of their own: another copy of
+# `plant` or `identification` on the path would be mixed with this one in silence.
 _home = Path(__file__).resolve().parent.parent
 for _name in ("plant", "identification"):
+    # Without importing it: a wrong copy must not run before it is refused.
     _found = find_spec(_name)
     if (
         _found is None
@@ -36,6 +40,8 @@ for _name in ("plant", "identification"):
             f" {_home} first."
         )
 
+# After that check, since all of them import both packages. From the rooms' own modules, so that the
+# public names have one place each.
 from ctc.campaigns.campaign import campaign
 from ctc.campaigns.fleet import Fleet
 from ctc.certification.certificate import Certificate
@@ -59,6 +65,7 @@ from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import compare, evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
+# The public names, in the order of the alphabet; they change only with a new version.
 __all__ = [
     "Adaptive",
     "Certificate",

@@ -156,6 +156,7 @@ def _between_weeks(values: Values, y: Floats) -> tuple[float, int]:
     std = np.ones(shape)
     share = np.zeros(shape)
     value[rank, values.robot] = y
+    # A deviation of one below the last log: its weight is zero in any case.
     std[rank, values.robot] = values.std
     share[rank, values.robot] = 1.0
 

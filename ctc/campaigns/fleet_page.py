@@ -74,6 +74,7 @@ def plot_fleet(
     for name, axis in zip(names, axes[:, 0], strict=True):
         _panel(axis, by_name[name], robots)
     axes[-1, 0].set_xlabel("time [date, UTC]")
+    # All panels have the same curves: one legend.
     legend_above(axes[0, 0], columns=PAGE.curves + 1)
     return axes
 
@@ -202,6 +203,7 @@ def _row(effect: Effect) -> tuple[str, ...]:
         f"{scale * std:.2g}{unit}" if np.isfinite(std) else ""
         for std in (effect.robots, effect.weeks)
     ]
+    # Mean and unit as identified, whatever the scale of the scatter.
     return (effect.of.label, f"{effect.mean:.4g}", effect.of.unit, *spread, low, high)
 
 

@@ -169,6 +169,7 @@ class Change(NamedTuple):
     since: float | None = None
 
     def __str__(self) -> str:
+        # A drift has a beginning, a step has none.
         since = "" if self.since is None else f" since {day_of(self.since)}"
         # A percentage of a value that noise hides would be arbitrary.
         if abs(self.before) > JUDGEMENT.relative * self.std:
@@ -231,6 +232,7 @@ class Judgement(Shown):
         return f"{self.robot}: {self.verdict}"
 
     def _shown(self) -> Iterator[Piece]:
+        # Neither good nor bad where nothing could be compared.
         good = None if self.unknown else not self.changes
         yield Verdict(f"{self.robot}, {self.day}: {self.verdict}", good)
         rows = [
@@ -321,6 +323,7 @@ def _tests(log: Logged, effect: Effect, past: NDArray[np.bool_]) -> Iterator[Cha
         return
 
     # 2. Along a line through all logs: sees a drift that no single step shows.
+    # The new log is the last point of the line.
     time = np.append(of.time[past], log.time)
     y = np.append(y, value)
     weight = np.append(weight, weight_now)

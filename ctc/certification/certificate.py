@@ -91,6 +91,7 @@ class Certificate(Certified):
         """
         if self.plants.rig.drive.elasticity is not None:
             return None
+        # The lowest stated damping ratio: light damping is the harder case.
         ratio, _ = self.plants.uncertainty.damping_ratio or (0.0, 0.0)
         # On elastic gears the start does not count, whatever `after` was on these rigid ones.
         begins = max(SETTLED, self.settings["after"])
@@ -117,6 +118,7 @@ class Certificate(Certified):
             # Warnings about rig and path were given with the samples.
             warnings.simplefilter("ignore")
             try:
+                # The controller's own model as the plant: no parameter error remains.
                 evaluation = evaluate(
                     getattr(law, "arm", arm),
                     rig,
@@ -138,9 +140,11 @@ class Certificate(Certified):
 
         None where all sampled friction was identified, or there is no log.
         """
+        # An arm without a log has no deviations of friction.
         deviations = {} if self.seen is None else self.seen.friction
         plants = self.plants.first(None)
         columns = [i for i, name in enumerate(plants.names) if name in deviations]
+        # Nothing to narrow: friction was identified, or is not sampled.
         if not columns:
             return None
         rig = plants.rig
@@ -158,6 +162,7 @@ class Certificate(Certified):
 
     def run(self, plants: Plants, law: Law | None = None) -> Runs:
         """Runs of other samples, or under another controller, with the settings of this one."""
+        # `settings` also has entries that are no options of a population.
         options = {name: self.settings[name] for name in ("steps_per_sample", "duration", "after")}
         law = self.law if law is None else law
         return plants.under(law, self.reference, within=self.within, **options).run(self.threads)
@@ -167,6 +172,7 @@ class Certificate(Certified):
         """Arguments of the nominal loop: arm, rig, law, reference, limit, duration in whole
         periods, and steps per sample, as an `Evaluation` has them.
         """
+        # Without the offsets that are sampled about zero: they belong to the samples.
         rig = self.plants.nominal
         samples = math.ceil(self.settings["duration"] / rig.period - 1e-9)
         return (
@@ -184,6 +190,7 @@ class Certificate(Certified):
         """Whether neither a sample nor the nominal arm from rest exceeds the limit, and failures
         are as `rare` as required.
         """
+        # The count of failures first: it is known, the run from rest is a simulation.
         return (
             self.failures == 0 and self.from_rest is None and (self.rare is None or self.rare.met)
         )

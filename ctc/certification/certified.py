@@ -96,6 +96,7 @@ class Cell(Frozen):
         """One-sided upper bound of the failure probability at a confidence; 1 without plants."""
         if not self.count:
             return 1.0
+        # One-sided at this confidence, from a two-sided interval.
         return clopper_pearson(self.failures, self.count, 2 * confidence - 1)[1]
 
     def __repr__(self) -> str:
@@ -103,6 +104,7 @@ class Cell(Frozen):
 
     def __str__(self) -> str:
         low, high = self.hz
+        # A single damping ratio has no range.
         lightest, heaviest = self.damping_ratio
         damping = f"{lightest:.3g}"
         if lightest != heaviest:
@@ -124,6 +126,7 @@ def cells(
     """
     result = []
     pairs = ranges.resonance or ()
+    # Rigid gears have neither a resonance nor a damping ratio, and no cell.
     lightest, heaviest = ranges.damping_ratio or (0.0, 0.0)
     for i, (low, high) in enumerate(pairs):
         name = "resonance" if len(pairs) == 1 else f"resonance[{i}]"
@@ -135,6 +138,7 @@ def cells(
         of_hz = _interval(names, values, name, edges)
         of_damping = _interval(names, values, "damping_ratio", damping_edges)
         for j, hz in enumerate(itertools.pairwise(edges)):
+            # Every pair of intervals is a cell: the worst may be a corner of both ranges.
             for k, damping_ratio in enumerate(itertools.pairwise(damping_edges)):
                 inside = outside[(of_hz == j) & (of_damping == k)]
                 cell = Cell(
@@ -198,6 +202,7 @@ def influences(
     # Ranks make a loop that diverged one among many, and need no assumption on the distribution.
     ranks = rankdata(peaks)
     count = len(peaks)
+    # Too few loops, or peaks that are all alike, show no dependence.
     groups = min(SETTINGS.groups, count // SETTINGS.loops_per_group)
     if groups < 2 or np.ptp(ranks) == 0:
         return [Influence(name, 0.0, 0.0) for name in names]
@@ -215,6 +220,7 @@ def influences(
         share = 1 - (1 - between) * (count - 1) / (count - groups)
         direction = np.corrcoef(column_ranks, ranks)[0, 1]
         result.append(Influence(name, max(0.0, float(share)), float(direction)))
+    # Correlated numbers share their part, so the shares need not sum to one.
     return sorted(result, key=lambda influence: -influence.share)
 
 

@@ -63,6 +63,7 @@ class Task:
         settings: tuple[Any, ...] = (),
         inputs: Mapping[str, Any] = {},
     ) -> None:
+        # An executor runs the loops elsewhere, a checkpoint stores those that ended here.
         if executor is not None and checkpoint is not None:
             raise ValueError(
                 "checkpoint must be left out with an executor; got both. Or use campaign(folder=)."
@@ -71,16 +72,19 @@ class Task:
         order = f"The order is found, rig, {'law, ' if laws else ''}reference, uncertainty."
         instance("rig", rig, Rig, order)
         for law in laws:
+            # A law that repeats a log reads no count, so no sample could change it.
             if instance("law", law, Law, order).replays:
                 raise ValueError(
                     f"the law must be a controller; {type(law).__name__} repeats a log. Use"
                     " another."
                 )
+        # An identification stands for its arm.
         motions = motions_of(getattr(found, "arm", found), rig, reference, order)
 
         # 2. Numbers, and the duration of each motion.
         whole("samples", samples, "Leave it out.")
         self.seed = whole("seed", seed, "Leave it out.", least=0)
+        # The number of threads changes no bit, so all cores may be used.
         self.threads = cores() if threads is None else whole("threads", threads, "Leave it out.")
         self.within = real("within", within, "Give pulses, such as 1.")
         self.motions = dict[str, tuple[Reference, float]]()
@@ -101,6 +105,7 @@ class Task:
         self.found = found
         self.rig = rig
         self.progress = progress
+        # A mapping of one motion still gives a set.
         self.several = isinstance(reference, Mapping)
         self.reference = next(iter(motions.values()))
 
@@ -140,6 +145,7 @@ def _seconds(motion: Reference, duration: float | None, after: float | None) -> 
     """Checked duration [s] of a motion, which must exceed `after`."""
     seconds = motion.duration if duration is None else duration
     advice = "Leave it out for one period of the reference."
+    # A user's own reference may have a wrong duration, too.
     seconds = real("duration", seconds, advice, positive=True)
     if after is not None and not 0 <= real("after", after, "Give seconds, or 0.") < seconds:
         raise ValueError(
@@ -306,6 +312,7 @@ def certify(
     >>> certificate.failures
     0
     """
+    # 1. Check everything before the first fit.
     started = time.perf_counter()
     task = Task(
         "certify",
@@ -339,6 +346,7 @@ def certify(
         raise ValueError(
             f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6."
         )
+    # 2. Simulate the same samples along each motion.
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
     probability = None
@@ -350,6 +358,7 @@ def certify(
             settings: dict[str, Any] = {
                 "steps_per_sample": steps_per_sample,
                 "duration": seconds,
+                # Half of a short motion counts in any case.
                 "after": min(settling, seconds / 2) if after is None else float(after),
             }
             driven[name] = path, settings
@@ -363,6 +372,7 @@ def certify(
             )
             # An arm without an identification has no log to be compared with.
             of_log = seen(found, path, seconds) if isinstance(found, Identification) else None
+            # `Certificate.plant` loses the same counts again: it needs the steps of the controller.
             settings_of_runs = settings | {"law_steps": population.law_steps}
             motions[name] = path, runs, settings_of_runs, of_log
         # Subset simulation draws samples of its own, and drives them along the same motions.
@@ -370,6 +380,7 @@ def certify(
             probability = stages.stage(
                 "rare", lambda: rare_failure(task, law, driven, float(rare), float(confidence))
             )
+    # 3. A set in any case; a single motion is its only member.
     certificates = Certificates(
         rare=probability,
         law=law,

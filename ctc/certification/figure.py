@@ -53,6 +53,7 @@ class FigureSettings:
 
 SETTINGS = FigureSettings()
 
+# Kinds of numbers -> words of the axis of sensitivities.
 _WORDS = {row.number: row.words for row in IMPERFECTIONS.values()} | {
     "drive.viscous": "viscous friction",
     "drive.coulomb": "dry friction",
@@ -67,6 +68,7 @@ _WORDS = {row.number: row.words for row in IMPERFECTIONS.values()} | {
 def plot_certificate(certificate: Any, ax: Any = None) -> NDArray[Any]:
     """Draw the peak errors of all loops, the error of the worst one, and the sensitivities."""
     labels = certificate.plants.arm.dynamics.chain.joint_labels
+    # A number without a direction explains nearly nothing.
     influences = [influence for influence in certificate.sensitivities if influence.sense]
     # Horizontal bars are drawn from below: the largest is the last.
     drawn = influences[: SETTINGS.influences][::-1]
@@ -101,6 +103,7 @@ def _new_axes(certificate: Any, labels: list[str], influences: list[Any]) -> lis
         if short.get(name, name) != name:
             meaning = f"{short[name]} = {name}"
             lines += textwrap.wrap(meaning, SETTINGS.line_letters, subsequent_indent="    ")
+    # The resonances have a strip of the full width.
     figure, axes = plt.subplot_mosaic(
         rows,
         figsize=(SETTINGS.width, sum(heights) + SETTINGS.line_height * len(lines)),
@@ -126,6 +129,7 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
     peak = certificate.runs.peak
     # The last bar holds all larger errors, and loops that diverged.
     limit = within + SETTINGS.bars
+    # A peak that is infinite has no bar of its own; it counts in the last one.
     largest = np.max(peak, where=np.isfinite(peak), initial=0)
     highest = limit if np.isinf(peak).any() else int(min(max(largest, within + 1), limit))
     counts = np.arange(highest + 1)
@@ -136,6 +140,7 @@ def _peaks(axis: Any, certificate: Any, labels: list[str]) -> None:
         # The bars of the joints stand side by side, centred about the count.
         centre = counts + (joint - (peak.shape[1] - 1) / 2) * width
         axis.bar(centre, percent, width, color=colour_of(joint), label=labels[joint])
+        # Numbers above the bars of more joints would overlap.
         for x, y in zip(centre, percent, strict=True):
             if y and len(labels) <= SETTINGS.numbered_joints:
                 axis.annotate(
@@ -167,6 +172,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
     settings = certificate.settings
     within = certificate.within
     options = {name: settings[name] for name in ("steps_per_sample", "duration")}
+    # Before the run: a diverged one has axes without a curve.
     axis.set(xlabel="time [s]", ylabel="error [pulses]")
     # Runs of a population have no time series; the worst one is simulated again.
     try:
@@ -179,6 +185,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
         return
     t = run.record.t
     # Instants are multiples of the period to rounding: 1e-9 of it keeps the one at `after`.
+    # Instants before `after` do not count, as in the certificate.
     counts = run.record.t >= settings["after"] - 1e-9 * run.record.rig.period
     for joint, error in enumerate(run.record.error_pulses.T):
         colour = colour_of(joint)
@@ -194,6 +201,7 @@ def _worst(axis: Any, certificate: Any, labels: list[str]) -> None:
         )
     draw_band(axis, int(within) if within == int(within) else within)
     low, high = axis.get_ylim()
+    # Room for the legend above the curves.
     axis.set_ylim(low, low + (high - low) / (1 - _headroom(labels)))
     axis.legend(frameon=False, fontsize=8, loc="upper left")
     dressed(axis, f"the worst of them (plant {worst.index}); shaded: ±{within:g} pulse", 10)
@@ -209,6 +217,7 @@ def _sensitivities(axis: Any, certificate: Any, labels: list[str], influences: l
         return
     dressed(axis, "sensitivity to", 10)
     shares = [100 * influence.share for influence in influences]
+    # Short names fit beside the bars; their meanings stand below the figure.
     short = _short(certificate)
     names = [_label(short.get(influence.name, influence.name), labels) for influence in influences]
     axis.barh(names, shares, height=0.6, color=colour_of(0))
@@ -232,6 +241,7 @@ def _resonances(axis: Any, certificate: Any, labels: list[str]) -> None:
     worst = certificate.worst_cell
     for i, name in enumerate(dict.fromkeys(cell.name for cell in certificate.cells)):
         of_joint = [cell for cell in certificate.cells if cell.name == name]
+        # The index in the name of a cell is that of its joint.
         joint = "" if name == "resonance" else f"{labels[int(name.partition('[')[2][:-1])]}: "
         colour = colour_of(i)
         for low, high in sorted({cell.hz for cell in of_joint}):

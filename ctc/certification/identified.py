@@ -126,11 +126,13 @@ def _fitted(
     checkpoint: Checkpoint,
 ) -> Refits | None:
     """New fits over the ranges (m, 2) of resonances [Hz]."""
+    # 1. Resonances of the fits, in equal ratios from the lowest to the highest.
     low, high = np.log(ranges).T
     steps = np.ceil((high - low).max() / np.log(SETTINGS.ratio))
     fewest = 1 if (high == low).all() else 2
     count = int(np.clip(steps + 1, fewest, SETTINGS.fits))
     arm = identification.arm
+    # 2. From low to high; each fit begins with the inertia of the one before.
     fits = dict[float, Fit]()
     rounds = SETTINGS.first_rounds
     with progress_bar(count + rounds - 1, "fits on gears", "fit", progress) as bar:
@@ -145,6 +147,7 @@ def _fitted(
                     fits.pop(fraction, None)
                     break
                 arm, fits[fraction] = fitted
+    # 3. Resonances that the log contradicts have no fit; the nearest stands for them.
     if not fits:
         return None
     places = np.array([*fits])
@@ -167,6 +170,7 @@ def _on_gears(
             dataclasses.replace(record, rig=with_gears(record.rig, gears))
             for record in identification.records
         ]
+        # As the identification was prepared, on gears in place of rigid drives.
         problem = prepare(
             identification.arm.dynamics,
             records,
@@ -203,9 +207,11 @@ class Identified:
 
     def draw(self, random: Any, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Numbers (P, k) of plants whose resonances are at these places (P, m) of their ranges."""
+        # The same normal numbers for any fit: only their root depends on the resonance.
         deviations = random.standard_normal((len(places), self.roots.shape[2]))
         if self.refits is None:
             return np.asarray(self.values + product(deviations, self.roots[0].T))
+        # Covariances are not interpolated: that of the nearest fit is a covariance for certain.
         roots = self.roots[self.refits.nearest(places.mean(axis=1))]
         return self.centres(places) + (roots * deviations[:, None]).sum(axis=2)
 
@@ -228,6 +234,7 @@ def identified(
     With a stated range of resonances the records of an identification on rigid gears are fitted
     again on such gears.
     """
+    # Names, values and covariance come from the log, or from the arm alone.
     if isinstance(found, Identification):
         arm = found.arm
         names = found.fit.unknown
@@ -240,6 +247,7 @@ def identified(
         values = arm.f
         covariance = None
     # 1. The distribution: stated arms, a stated covariance, fits on gears, or that of the log.
+    # Given arms replace the distribution: no number is drawn.
     if uncertainty.plants is not None:
         return Identified(arm=arm, names=(), values=np.empty(0), roots=np.empty((1, 0, 0)))
     fits = None
@@ -280,6 +288,7 @@ def identified(
                 f"{names[i]} cannot be sampled: controllers read their counts by it. Identify with"
                 " it fixed."
             )
+    # The law's numbers are marginalised: their rows and columns go.
     names = tuple(names[i] for i in plant)
     values = np.asarray(values)[plant]
     if fits is not None:

@@ -62,6 +62,7 @@ class Imperfection:
                 f"{self.words} needs elastic joints; got a rigid rig. State their resonance= too"
                 " [Hz]."
             )
+        # One value for all joints; a part of the whole rig takes it as it is.
         part = self.build(np.full(rig.n, value) if self.per_joint else value)
         return _replaced(rig, self.place.split("."), part)
 
@@ -83,6 +84,7 @@ def _phases(number: str) -> Callable[[Any, int, int], tuple[list[str], NDArray[n
     )
 
 
+# A new row needs a field of `Uncertainty`; the shell and all texts read it from here.
 IMPERFECTIONS: dict[str, Imperfection] = {
     "backlash": Imperfection(
         words="backlash",
@@ -176,6 +178,7 @@ def drawn_of(ranges: Mapping[str, tuple[float, float]], random: Any, count: int,
         numbers = [f"{row.number}[{i}]" for i in range(n)] if row.per_joint else [row.number]
         names += numbers
         values.append(random.uniform(*ends, (count, len(numbers))))
+        # Phases and streams follow their amplitude, in the order of the draws.
         if row.follows:
             follower_names, followers = row.follows(random, count, n)
             derived_names += follower_names
@@ -190,10 +193,12 @@ def drawn_of(ranges: Mapping[str, tuple[float, float]], random: Any, count: int,
 
 def between(name: str, value: Any, unit: str, signed: bool = False) -> tuple[float, float]:
     """Ends (low, high) of a range that is given as one number or as two."""
+    # One number stands for a range without width.
     if np.ndim(value) == 0:
         value = (real(name, value, f"Give {unit}, or the two ends of a range."),) * 2
     advice = f"Give one number [{unit}], or the two ends of a range."
     low, high = array(name, value, (2,), advice=advice).tolist()
+    # Most imperfections have no sign: a negative amplitude would be a mistake.
     if not (low <= high and (signed or low >= 0)):
         rule = "two numbers" if signed else "from 0 upwards"
         raise ValueError(

@@ -96,11 +96,13 @@ class Plants(Frozen):
 
     def first(self, count: int | None) -> Self:
         """The first `count` plants, by default 400 or all; a larger number is refused."""
+        # As many as the analysis needs, not as the certificate had.
         count = min(_REPEATED, len(self)) if count is None else count
         if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(self):
             raise ValueError(
                 f"samples must be a whole number from 1 to {len(self)}; got {count!r}. Sample more."
             )
+        # The first rows of a certificate's samples: the analysis is of the same arms.
         arrays = "f", "values", "derived", "expected"
         return dataclasses.replace(self, **{name: getattr(self, name)[:count] for name in arrays})
 
@@ -118,6 +120,7 @@ class Plants(Frozen):
 
         `numbers`: names and values (P', L') of other loops, which lose counts as often.
         """
+        # Without losses none are drawn.
         lost = functools.partial(_lost, self.seed, self.dropped) if self.dropped else None
         return Population(
             self.arm, self.rig, law, reference, *(numbers or self.numbers()), lost=lost, **options

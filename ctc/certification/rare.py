@@ -128,6 +128,7 @@ def subset_simulation(
     """
     from scipy.special import ndtri
 
+    # A stream of its own: plain samples of this seed use others.
     random = np.random.default_rng((seed, 4))
     population = SETTINGS.population
     quantile = ndtri(confidence)
@@ -139,6 +140,7 @@ def subset_simulation(
     evaluations = population
     steps = 1
     u = u[g > -np.inf]
+    # Chains cannot begin at a state that is no arm.
     g = g[g > -np.inf]
     if len(g) < population / 2:
         raise ValueError(
@@ -183,6 +185,7 @@ def subset_simulation(
         evaluations = evaluations + responses
         stuck = not len(g)
         if stuck:
+            # Without states the last level is all that is known, and the loop ends.
             g = np.full(1, -np.inf)
 
 
@@ -202,6 +205,7 @@ def _population(
     responses = list[Floats]()
     count = 0
     moved = 0.0
+    # Until the chains have as many states as the population needs.
     while len(states) < steps:
         # The proposal keeps the standard normal distribution, so only the level rejects.
         proposed = np.sqrt(1 - width**2) * u + width * random.standard_normal(u.shape)
@@ -216,6 +220,7 @@ def _population(
         odds = width / (1 - width) * np.exp(2 * surplus / np.sqrt(count))
         width = float(np.clip(odds / (1 + odds), SETTINGS.narrowest, SETTINGS.widest))
         trials = SETTINGS.trial_steps
+        # Chains that do not move would repeat their first states as if they were new samples.
         if count == trials and moved < SETTINGS.stuck_rate * trials:
             return u[:0], g[:0], width, count * len(g)
         # A state is kept only after enough accepted steps: neighbours of a chain are correlated.
@@ -229,6 +234,7 @@ def _square(beyond: Any, steps: int) -> float:
     """Squared coefficient of variation of a share, with the correlation along chains of so many
     steps (eq. (29)).
     """
+    # Rows are steps of the chains, columns the chains.
     chains = beyond.reshape(steps, -1).astype(float)
     share = beyond.mean()
     covariances = sum(
@@ -288,6 +294,7 @@ def rare_failure(
     """Probability that the error before rounding exceeds the limit in any motion, over the
     samples of a task.
     """
+    # A response must be a function of u alone, else a chain could not return to a state.
     for name in _NOT_NUMBERS:
         value = getattr(task.uncertainty, name)
         if value is not None and np.any(np.asarray(value) != 0):
@@ -304,6 +311,7 @@ def rare_failure(
         for path, settings in motions.values():
             runs = plants.under(law, path, within=task.within, **settings).run(task.threads)
             worst = np.maximum(worst, runs.unrounded.max(axis=1))
+        # A row that is no arm must never be a state of a chain.
         return np.where(normals.sound, worst, -np.inf)
 
     # A trial draw of two samples counts the numbers that one sample needs.

@@ -96,6 +96,7 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
     """See `Certificate.reserves`."""
     law = certificate.law
     plants = certificate.plants.first(samples)
+    # Failures, too, are reported: they show how far the next step is off.
     tried = list[tuple[str, float, int]]()
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.") < 1:
         raise ValueError(f"allowed must be from 0 to below 1; got {allowed}. Give a share.")
@@ -120,6 +121,7 @@ def reserves(certificate: Any, samples: int | None, allowed: float = 0.0) -> Res
             break
         bandwidth = lower
     for factor in SETTINGS.periods if as_designed and period else ():
+        # Plant and controller are called at the same, longer period.
         slow = dataclasses.replace(plants, rig=dataclasses.replace(rig, period=rig.period * factor))
         if not holds("period", slow.rig.period, _slower(law, factor), slow):
             break
@@ -165,12 +167,14 @@ def held(certificate: Any, samples: int | None) -> Any:
         raise ValueError(
             f"the controller must learn a disturbance torque; {name} does not. Use ComputedTorque."
         )
+    # A path that begins in motion cannot begin with a hold.
     motion = path(np.zeros(1))
     still = np.zeros(arm.n)
     if np.abs(plants.rig.position_in_pulses(motion.qd[0])).max() > SETTINGS.rest:
         raise ValueError(
             f"the path must begin at rest; this one begins with {motion.qd[0]} rad/s. Take another."
         )
+    # A stream of its own, so that the samples stay those of the certificate.
     shares = np.random.default_rng((plants.seed, 3)).uniform(-1, 1, (len(plants), arm.n))
     # At rest the regressor is that of gravity alone.
     weight = np.asarray(arm.dynamics.Y(motion.q[0], still, still))

@@ -69,8 +69,10 @@ def draw(
     (`ctc.certification.rare.Normals`).
     """
     instance("rig", rig, Rig, "The order is found, rig, law, reference.")
+    # Joints at zero where nobody stated a pose.
     pose = np.zeros(rig.n) if pose is None else pose
     _require_possible(uncertainty, rig)
+    # 1. The distribution, with the rig's identified numbers in place of the given ones.
     distribution = identified(uncertainty, found, pose, progress, checkpoint)
     arm = distribution.arm
     random = normals or np.random.default_rng(seed)
@@ -81,16 +83,18 @@ def draw(
     identified_values = dict(zip(distribution.names, distribution.values, strict=True))
     of_rig = {n: v for n, v in identified_values.items() if n not in arm.dynamics.names}
     rig = _with_identified(rig, of_rig)
-    # The order of the draws is part of the result: it decides all bits of a seed.
+    # 2. Draw. The order of the draws is part of the result: it decides all bits of a seed.
     arms = _arms(uncertainty, distribution, rig, random, places)
     nominal, of_hardware, hardware = _hardware(uncertainty, random, rig, samples)
     rig = placed_in(_with_middle(uncertainty, arm, nominal, pose), uncertainty.imperfections)
     gears = _gears(uncertainty, random, arm, rig, arms.f, pose, places)
+    # 3. Collect the columns of all numbers.
     names = (*arms.names, *of_hardware, *gears.names)
     values = np.hstack([arms.values, hardware, gears.values])
     # Sensitivities are asked of numbers that differ alone.
     varying = np.flatnonzero(np.ptp(values, axis=0) > 0)
     expected = np.zeros_like(values)
+    # A sensitivity counts a refitted number by its deviation from the fit at that resonance.
     if distribution.refits is not None:
         columns = [names.index(name) for name in distribution.names]
         expected[:, columns] = distribution.centres(places[:, :-1])
@@ -121,6 +125,7 @@ def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
             raise ValueError(
                 f"resonance must be one pair, or {rig.n}; got {pairs}. Give (low, high)."
             )
+        # Gears of unit stiffness stand for any: only their presence is checked.
         rig = with_gears(rig, Elasticity(stiffness=np.ones(rig.n), damping=np.zeros(rig.n)))
     # The parts themselves refuse values out of their ranges: both ends are tried.
     ranges = uncertainty.imperfections
@@ -154,8 +159,10 @@ def _arms(uncertainty, distribution, rig, random, places):
         values = dict(
             zip(distribution.names, distribution.draw(random, places[rows, :-1]).T, strict=True)
         )
+        # Stated arms are taken in turn, so that each has as many samples.
         if stated is not None:
             values = dict(zip(dynamics.names, stated[rows % len(stated)].T, strict=True))
+        # Relative to its own level, since levels differ by orders of magnitude between joints.
         for name, level in friction.items():
             values[name] = level * (1 + uncertainty.friction * random.standard_normal(count))
         return values | {"load": random.uniform(*uncertainty.load, count)}
@@ -183,6 +190,7 @@ def _arms(uncertainty, distribution, rig, random, places):
         rows = np.where(sound, np.arange(len(f)), sound.argmax())
         return _Arms(tuple(values), np.column_stack([*values.values()])[rows], f[rows], 0, 0)
     # 2. Others in place of those that are no arms, until all are.
+    # Friction that was not identified is nominal at the end of that way.
     middle = dict(zip(distribution.names, distribution.values, strict=True)) | friction
     redrawn = 0
     projected = 0
@@ -197,6 +205,7 @@ def _arms(uncertainty, distribution, rig, random, places):
         for name, column in replacements.items():
             values[name][rejected] = column
         f[rejected], sound[rejected] = arms(replacements)
+        # Not even the identified arm is one: nothing is left to move towards.
         if projected and not sound.all():
             reason = (
                 f"{redrawn} were not (D(q) indefinite, or negative friction), nor is the one"
@@ -213,6 +222,7 @@ def _projected(values, middle, arms):
     """Draws, name -> (count,), moved on straight lines towards the identified arm until they are
     arms.
     """
+    # All numbers move together, so that a projected sample keeps their correlation.
     share = 1.0
     values = dict(values)
     sound = arms(values)[1]
@@ -220,6 +230,7 @@ def _projected(values, middle, arms):
         share *= SETTINGS.shrink
         for name in middle.keys() & values.keys():
             closer = middle[name] + SETTINGS.shrink * (values[name] - middle[name])
+            # A sample that is an arm stays where it is.
             values[name] = np.where(sound, values[name], closer)
         sound = arms(values)[1]
     return values
@@ -232,12 +243,14 @@ def _hardware(uncertainty, random, rig, samples):
     changes = {}
     if uncertainty.phase:
         names += [f"encoder.phase.shift[{i}]" for i in range(rig.n)]
+        # The counter's zero lies anywhere within its pulse.
         values.append(random.uniform(-0.5, 0.5, (samples, rig.n)))
         changes["encoder"] = dataclasses.replace(rig.encoder, phase=Phase(shift=(0.0,) * rig.n))
     # Lost counts, too, are a property of the transport.
     if uncertainty.delay[1] or uncertainty.dropped:
         names.append("transport.delay")
         values.append(random.uniform(*uncertainty.delay, (samples, 1)))
+        # The rig has the longest delay; each sample has its own number.
         changes["transport"] = Transport(delay=uncertainty.delay[1])
     return dataclasses.replace(rig, **changes), names, np.hstack(values)
 
@@ -247,6 +260,7 @@ def _with_middle(uncertainty, arm, rig, pose):
     if uncertainty.resonance is None:
         return rig
     middle = np.sqrt(np.prod(uncertainty.resonance, axis=1))
+    # The damping is stated on a linear scale, so its middle is the mean.
     damping = np.mean(uncertainty.damping_ratio)
     return with_gears(rig, Elasticity.from_resonance(arm, middle, damping, drive=rig.drive, q=pose))
 
@@ -257,6 +271,7 @@ def _gears(uncertainty, random, arm, rig, f, pose, places):
     """
     count = len(f)
     n = rig.n
+    # Drawn in any case, and first: they do not depend on a stated resonance.
     imperfections = drawn_of(uncertainty.imperfections, random, count, n)
     if uncertainty.resonance is None:
         return imperfections
@@ -283,6 +298,7 @@ def _friction(uncertainty, rig, unknown):
     """Name -> value of the friction that was not identified."""
     if not uncertainty.friction > 0:
         return {}
+    # A level of zero has no share to vary by.
     return {
         name: value
         for name, value in zip(rig.number_names(), rig.number_values(), strict=True)
@@ -331,6 +347,7 @@ def statement(
     """Effects that are sampled from an `Uncertainty` with these identified numbers, and those that
     are not.
     """
+    # 1. What stands for the arm.
     u = uncertainty
     sampled = []
     friction_names = [name for name in distribution.names if name.startswith(_FRICTION)]
@@ -339,6 +356,7 @@ def statement(
         f"friction{' that was not identified' * bool(friction_names)} ±{100 * u.friction:.3g} %"
         " (standard deviation)"
     )
+    # Nothing remains for the stated share.
     if complete:
         friction = "friction as identified (friction= is of what was not)"
     if u.plants is not None:
@@ -348,10 +366,12 @@ def statement(
         sampled.append(f"what the log says on gears of {resonances} resonances of the range")
     elif distribution.names:
         sampled.append("what was identified")
+    # 2. The other effects: each is in one of the two lists.
     pairs = u.resonance or ()
     hz = ", ".join(f"{low:g} to {high:g}" for low, high in pairs)
     alike = "all joints alike" if len(pairs) == 1 else "of each joint"
     gears = f"resonance {hz} Hz ({alike}), damping ratio {spread(u.damping_ratio or (0.0, 0.0))}"
+    # Elastic gears of the rig itself are in all samples, with no spread.
     stiff = "elasticity" if rig.drive.elasticity is None else "resonance (as the rig has it)"
     # Rows: whether it is sampled, its words if so, and its words if not.
     rows = [
@@ -364,6 +384,7 @@ def statement(
     ]
     for name, row in IMPERFECTIONS.items():
         ends = getattr(u, name)
+        # An imperfection of the rig itself is in all samples, too.
         of_rig = "" if row.own(rig) is None else " (as the rig has it)"
         rows.append((any(ends), f"{row.words} {spread(ends)} {row.unit}", f"{row.words}{of_rig}"))
     sampled += [words for varies, words, _ in rows if varies]

@@ -41,6 +41,7 @@ class AdviceSettings:
 
 SETTINGS = AdviceSettings()
 
+# The start of a certificate from a hold, in its verdict.
 _FROM_HOLD = " from a hold, static friction anywhere inside its cone"
 
 # Advice that `tune` leaves out: it has just searched.
@@ -61,6 +62,7 @@ def _exceeding(certificate: Any, failing: str, holding: str) -> str:
     confidence = f"with {100 * certificate.confidence:g} % confidence"
     bound = percent(certificate.upper, up=True)
     cell = certificate.worst_cell
+    # Where resonances are stated the bound is that of their worst cell.
     population = "of all would" if cell is None else f"would at the worst resonance ({cell})"
     # 2. What was counted, and the bound of the whole distribution.
     if certificate.failures:
@@ -89,6 +91,7 @@ def verdict_of_set(certificates: Any) -> str:
     sentence = _exceeding(
         certificates, f"in some of {count} motions{held}", f" in any of {count} motions{held}"
     )
+    # Failures of the set do not tell whether one motion or all cause them.
     failing = sum(certificate.failures > 0 for certificate in certificates.values())
     if failing:
         share = percent(certificates[worst].probability)
@@ -98,6 +101,7 @@ def verdict_of_set(certificates: Any) -> str:
 
 def verdict(certificate: Any) -> str:
     """Verdict of a `Certificate`, with the gears on which it holds."""
+    # 1. The samples; then the nominal arm, if it fails from rest.
     held = _FROM_HOLD * certificate.settings.get("held", False)
     sentence = _exceeding(certificate, f"at some sampling instant{held}", held)
     if certificate.from_rest is not None:
@@ -106,6 +110,7 @@ def verdict(certificate: Any) -> str:
     # `_against_the_log` names the joints.
     if certificate.seen is not None and certificate.seen.beyond:
         sentence = f"{sentence} The path exceeds angles or speeds of the log."
+    # 2. The gears, which no sample had where they are rigid.
     gears = certificate.on_gears
     if gears is None:
         return sentence
@@ -114,6 +119,7 @@ def verdict(certificate: Any) -> str:
         return f"{sentence} Rigid gears assumed."
     # The nominal arm was simulated with the stated imperfections at their worse ends.
     stated = certificate.plants.uncertainty.imperfections
+    # Of a range about zero, the end with the larger magnitude.
     ends = {name: max(stated.get(name, (0.0,)), key=abs) for name in IMPERFECTIONS}
     rows = [(IMPERFECTIONS[name], value) for name, value in ends.items() if value]
     imperfections = [f"{row.words} {value:g} {row.unit}" for row, value in rows]
@@ -130,8 +136,10 @@ def _unseen(certificate: Any, hz: float) -> str:
     # A loop that holds at every resonance tested has no such gears; of NaN nothing is known.
     if shown is None or not hz > LOWEST:
         return ""
+    # The log excludes all gears on which the limit is exceeded.
     if hz <= shown:
         return f" Gears that resonate below {shown:.3g} Hz would have shown in the log."
+    # An infinite resonance leaves no finite range to state.
     unseen = f"above {shown:.3g} Hz"
     stated = "resonance= as it was measured"
     if np.isfinite(hz):
@@ -145,6 +153,7 @@ def _unseen(certificate: Any, hz: float) -> str:
 
 def shown(certificate: Any) -> Iterator[Piece]:
     """A `Certificate` as it is printed, the verdict first."""
+    # 1. Rows of single numbers.
     worst = certificate.worst
     runs = certificate.runs
     rows = [("share of sampling instants beyond the limit", percent(certificate.share_outside))]
@@ -160,6 +169,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
         rows.append(("time of the first violation, median [s]", f"{np.nanmedian(runs.first):.3f}"))
     peak = f"peak {worst.peak:.0f} pulses" if np.isfinite(worst.peak) else "diverges"
     rows.append(("worst sample", f"number {worst.index}, {peak}"))
+    # 2. Rows with a number for each joint.
     # "higher" names an error that a sample has, also where the neighbour is infinite.
     high_quantile = np.quantile(runs.unrounded, 0.99, axis=0, method="higher")
     quantities = [
@@ -188,6 +198,7 @@ def shown(certificate: Any) -> Iterator[Piece]:
 
 def shown_set(certificates: Any) -> Iterator[Piece]:
     """`Certificates` as they are printed: one row per motion."""
+    # Columns about the start only where a start was left out.
     start = certificates.settings["after"]
     from_start = f" after {start:g} s" if start else ""
     head = [
@@ -228,10 +239,12 @@ def shown_set(certificates: Any) -> Iterator[Piece]:
     for name, certificate in certificates.items():
         if certificate.from_rest is not None:
             yield f"{name}: {certificate.from_rest}"
+    # Of a controller that fails on most samples the nominal arm says little.
     if certificates.probability > SETTINGS.nominal_failures:
         return
     on_gears = [certificate for certificate in certificates.values() if certificate.on_gears]
     if on_gears:
+        # All motions must hold: the one with the highest lowest resonance decides.
         hardest = max(on_gears, key=lambda certificate: certificate.on_gears.hz)
         unseen = _unseen(hardest, hardest.on_gears.hz)
         yield f"rigid gears assumed; the nominal arm, in all motions, {hardest.on_gears}.{unseen}"
@@ -255,6 +268,7 @@ def _explained(certificate: Any) -> Iterator[Piece]:
         yield from _advice(certificate)
     if plants.redrawn:
         yield f"{plants.redrawn} samples were no arm, and were replaced"
+    # Both are exceptions from the stated distribution, so they are reported.
     share = plants.projected / len(plants)
     if share:
         yield (
@@ -321,6 +335,7 @@ def _friction(certificate: Any) -> float | None:
     # Where most samples exceed the limit, the order of the sensitivities says little.
     if not decides and certificate.probability <= SETTINGS.nominal_failures:
         return None
+    # It runs 400 samples again, so only where friction may decide.
     remaining: float | None = certificate.friction_known
     if remaining is None:
         return None

@@ -114,6 +114,7 @@ class Uncertainty(Shown, Part):
     __repr__ = Shown.__repr__
 
     def __post_init__(self) -> None:
+        # 1. Numbers and ranges.
         # Values as they are stored: pairs of numbers in place of one, arrays in place of lists.
         values: dict[str, Any] = {
             name: between(name, getattr(self, name), unit, signed)
@@ -127,14 +128,17 @@ class Uncertainty(Shown, Part):
             raise ValueError(
                 f"dropped must be from 0 to below 1; got {self.dropped}. Give a probability."
             )
+        # A mass without a place has no inertia about any joint.
         if values["load"][1] > 0 and self.load_position is None:
             raise ValueError(f"load_position must be given with a load; got None. {_PLACE}")
+        # Given arms already are a distribution.
         if self.covariance is not None and self.plants is not None:
             raise ValueError("one of covariance and plants must be given; got both. Leave one out.")
         # Shapes as far as they are known here: the names of the unknowns come with `found`.
         for name, shape, advice in _ARRAYS:
             if getattr(self, name) is not None:
                 values[name] = array(name, getattr(self, name), shape, advice=advice)
+        # 2. Gears.
         values["resonance"] = None if self.resonance is None else _pairs(self.resonance)
         damping = self.damping_ratio
         # Stated resonances need a damping; gears of the rig have theirs.
@@ -168,6 +172,7 @@ class Uncertainty(Shown, Part):
             yield "phase", "-0.5 to 0.5", "pulses"
         if self.dropped:
             yield "dropped", f"{self.dropped:g}", "of the samples"
+        # Of one range for all joints no index is printed.
         for i, pair in enumerate(self.resonance or ()):
             yield "resonance" if len(self.resonance) == 1 else f"resonance[{i}]", spread(pair), "Hz"
         if self.resonance is not None:
@@ -213,6 +218,7 @@ def _pairs(resonance: Any) -> tuple[tuple[float, float], ...]:
             f"resonance must be (lowest, highest), above 0 Hz; got ({low:g}, {high:g}). Swap or"
             " correct."
         )
+    # A unit of kHz is the usual mistake.
     if pairs[:, 0].min() < _SOFTEST:
         soft = f"got {pairs.min():g}. No gear is so soft: is it in kHz?"
         raise ValueError(f"resonance must be {_SOFTEST:g} Hz or more; {soft}")

@@ -250,13 +250,13 @@ def _fleet(
 def _arguments(command: str, plan: dict[str, Any], robot: str, log: str, place: Path) -> list[str]:
     """One command as it would be typed."""
     # Fixed names in a folder for each log: later steps find the files of earlier ones.
-    found = str(place / "found.json")
+    identification = str(place / "found.json")
     certificate = str(place / "certificate.json")
     arguments = {
         "check": [log, "--robot", robot],
-        "identify": [log, "--robot", robot, "-o", found, "--force"],
-        "certify": [found, "-o", certificate, "--force"],
-        "report": [found, "-o", str(place / "page.html"), "--force"],
+        "identify": [log, "--robot", robot, "-o", identification, "--force"],
+        "certify": [identification, "-o", certificate, "--force"],
+        "report": [identification, "-o", str(place / "page.html"), "--force"],
     }[command]
     if command == "report" and "certify" in plan["do"]:
         arguments += ["--certificate", certificate]

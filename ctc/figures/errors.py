@@ -153,6 +153,7 @@ def plot_phase(evaluation: Any, ax: Any = None) -> NDArray[Any]:
         dressed(axis, evaluation.joint_labels[joint], 10)
         axis.axvspan(-1, 1, color=BAND, zorder=0)
         axis.plot(error[:, joint], rate[:, joint], color=colour_of(joint), linewidth=0.5, alpha=0.8)
+        # A trajectory in the plane has no time: the dot says where it begins.
         axis.plot(error[0, joint], rate[0, joint], "o", color="0.2", markersize=4, label="start")
         # Both sides alike, and never less than two pulses: the band keeps its meaning.
         reach = 1.1 * max(np.abs(error[:, joint]).max(), 2.0)

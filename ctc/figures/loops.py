@@ -86,6 +86,7 @@ def plot_sweep(sweep: Any, ax: Any = None) -> NDArray[Any]:
         bars.barh(np.full(len(start), -row), width, 0.62, left=start, color=colour, linewidth=0)
     share.set(ylabel=f"samples within ±{sweep.within:g} pulse [%]", ylim=(-2, 104))
     legend_above(share, at_left=True)
+    # From top to bottom in the order of the legend.
     bars.set_yticks([-row for row in range(len(names))], names)
     bars.set_ylim(-len(names) + 0.4, 0.6)
     dressed(bars, "every sample within")
@@ -107,6 +108,7 @@ def _along_resonances(axis: Any, low: float, high: float) -> None:
     ticks = (5, 10, 15, 25, 40, 60, 100, 150, 250, 500, 1000)
 
     axis.set(xscale="log", xlim=(low, high))
+    # A logarithmic axis would set ticks at powers of ten alone, two in this range.
     axis.xaxis.set_major_locator(FixedLocator([hz for hz in ticks if low <= hz <= high]))
     axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())

@@ -93,6 +93,7 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.floa
     instance("rig", rig, Rig, "Pass the rig of the arm.")
     of_joints = array("inertia", inertia, (rig.n,), advice="Give the diagonal of arm.D(q).")
     pulse = rig.to_angle(np.ones(rig.n))
+    # With coupled motors a gain of one joint acts on several motors.
     if rig.drive.coupling.matrix:
         raise ValueError(
             "motor_gain is for motors that turn one joint each; got a coupling. Use arm.D(q) in"
@@ -145,6 +146,7 @@ def observer_gains(
     instance("rig", rig, Rig, "Pass the rig of the arm.")
     if (poles is None) == (disturbance is None):
         got = "both" if poles is not None else "none"
+        # Both fix all three gains, so only one of them can be met.
         raise ValueError(f"one of poles and disturbance must be given; got {got}. Leave one out.")
     step, output = _model()
     if poles is not None:
@@ -160,7 +162,9 @@ def observer_gains(
         # its output is that of the predicted state.
         gains = control.acker(step.T, (output @ step).T, np.exp(s * rig.period))
         gains = np.tile(np.asarray(gains).ravel(), (rig.n, 1))
+        # Time counted in samples becomes seconds: rate per period, disturbance per period squared.
         return gains / rig.period ** np.arange(3)
+    # The variance of a random walk grows with time, so its deviation with the root of the period.
     walk = np.broadcast_to(np.asarray(disturbance, float), (rig.n,)) * np.sqrt(rig.period)
     if not (np.isfinite(walk) & (walk > 0)).all():
         raise ValueError(

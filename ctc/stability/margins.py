@@ -85,6 +85,7 @@ def error_loop(
     """
     import control
 
+    # All loops closed at once; opened one by one below.
     loops = SampledLoops(controlled(arm, law), rig, law, pose)
     if not isinstance(joint, (int, np.integer)) or not 0 <= joint < rig.n:
         raise ValueError(
@@ -172,6 +173,7 @@ class Margins(Shown):
             self.stable,
         )
         rows = []
+        # Print the delay in samples, too: a controller is late by whole ones.
         for i, label in enumerate(self.joint_labels):
             delay = f"{1e3 * self.delay[i]:.2f} ms ({self.delay[i] / self.period:.1f} samples)"
             numbers = (
@@ -186,6 +188,7 @@ class Margins(Shown):
         yield Table(
             ("", "crossover", "gain down", "gain up", "phase", "delay", "sensitivity peak"), rows
         )
+        # Elastic gears of the rig are in the model; of an unstable loop no gears help.
         if self.lowest_resonance is not None and self.stable:
             gears = LowestResonance(
                 hz=self.lowest_resonance, damping_ratio=self.damping_ratio, within=None
@@ -270,6 +273,7 @@ def margins(
             }
         )
     return Margins(
+        # Margins come from open loops; only the poles of the closed one tell stability.
         stable=loops.unstable_pole() is None,
         period=period,
         frequency=omega / (2 * np.pi),
@@ -293,6 +297,7 @@ def _lowest_resonance(
     if rig.drive.elasticity is not None:
         return None
     try:
+        # Numbers of stiffness replace these gears; they only give the loop its form.
         gears: Any = Elasticity.from_resonance(controlled(arm, law), HIGHEST, ratio, q=pose)
         elastic = with_gears(rig, gears)
     except ValueError:  # motors that weigh more than the arm

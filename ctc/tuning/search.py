@@ -171,6 +171,7 @@ class Tunings:
         of_law = np.repeat(np.column_stack(list(law_numbers.values())), shape[1], axis=0)
         lanes = np.hstack([of_law, np.tile(plants, (shape[0], 1))])
         numbers = ((*law_numbers, *self.plants.numbers()[0]), lanes)
+        # More steps where a verdict is to come out of them.
         options = self.options | {"steps_per_sample": steps}
         # A sample makes all motions, one after the other; their runs are joined into one.
         runs = []
@@ -216,8 +217,10 @@ class Tunings:
         the search.
         """
         settings = self.settings
+        # One row for each initial tuning of the family.
         population = np.array([list(tuning.values()) for tuning in self.family.initial])
         trials = list[Trial]()
+        # Stages of the checkpoint are found again by name, in the order of the search.
         initial = functools.partial(self._hardest, population, plants)
         hard = self.checkpoint.stage("hardest", initial)
 
@@ -235,6 +238,8 @@ class Tunings:
 
         def search(generations: int, aim: float, radius: float = np.inf) -> Trial:
             nonlocal population
+            # Only motions that were hard so far: an easy one costs as much time and decides
+            # nothing.
             on_hard = dataclasses.replace(self, motions=tuple(self.motions[i] for i in hard))
             # Trials grow with each search, so each has another seed and another part of the file.
             population = on_hard._searched(
@@ -251,6 +256,8 @@ class Tunings:
         # 1. Search for a tuning that holds, with ever more to spare before rounding.
         for generations, aim in settings.rounds:
             best = search(generations, aim)
+            # A family under which most samples fail is given up, and one that fails and is louder
+            # too.
             hopeless = best.left > settings.hopeless_share * len(self.plants)
             if best.holds or hopeless or best.noise > beat:
                 break
@@ -262,6 +269,7 @@ class Tunings:
             search(generations, settings.quieter_aim, settings.quieter_radius)
             for values in self._between(trials):
                 checked(values)
+            # The last search must have paid for another one.
             if min(trials, key=_RANK).noise > settings.quieter_gain * reached.noise:
                 break
         return min(trials, key=_RANK)
@@ -283,6 +291,7 @@ class Tunings:
         for motion in self.motions:
             alone = dataclasses.replace(self, motions=(motion,))
             runs, _ = alone.runs(values, plants, settings.search_steps)
+            # Capped, so that one loop that diverges does not rank its motion.
             peak = np.minimum(runs.unrounded, settings.cap)
             hardness.append(((runs.outside > 0).mean(), peak.mean()))
         order.sort(key=hardness.__getitem__, reverse=True)
@@ -347,9 +356,11 @@ class Tunings:
 
         Each line begins at its quiet end: a check stops at the first tuning that holds.
         """
+        # Between both lies often a tuning that still holds and is quieter.
         best = min(trials, key=_RANK)
         quieter = sorted((trial for trial in trials if trial.noise < best.noise), key=_RANK)
         start = np.log([*best.numbers.values()])
+        # Without the ends: both have been checked.
         shares = np.linspace(1, 0, self.settings.between_points + 2)[1:-1]
         for trial in quieter[: self.settings.between_trials]:
             end = np.log([*trial.numbers.values()])
@@ -363,6 +374,7 @@ class Tunings:
         screening = self.settings.screening_samples
         trials = list[Trial]()
         joining = list[Floats]()
+        # A motion joins the search when any sample fails in it.
         failing = set[int]()
         for row in values:
             # Few samples first: most tunings fail on them already.
@@ -375,9 +387,12 @@ class Tunings:
                 ]
                 runs = Runs.joined(by_motion)
                 failed = runs.outside > 0
+                # Twice the allowed share: by chance alone few samples may show more than the share
+                # itself.
                 if failed.mean() > 2 * self.allowed or len(plants) <= screening:
                     break
             trials.append(self._trial(row, runs))
+            # Samples that hold come last.
             errors = np.where(failed, runs.unrounded.max(axis=1), -1.0)
             worst = np.argsort(-errors, kind="stable")
             count = 0 if self.allowed else min(self.settings.joining_samples, failed.sum())
@@ -391,6 +406,7 @@ class Tunings:
     def _trial(self, values: Floats, runs: Runs) -> Trial:
         """The trial of a tuning (k,) by its runs."""
         failed = runs.outside > 0
+        # Joint by joint, mean of the samples.
         chatter = runs.chatter.mean(axis=0)
         return Trial(
             family=self.family.name,

@@ -258,6 +258,7 @@ class Tuning(Shown, Frozen):
         return Table(("", "exceed", "chatter [N m]", "tuned"), rows, words=(3,))
 
     def _short(self) -> str:
+        # The same tuning as the law of the result.
         best = min(self.trials, key=lambda trial: trial.rank)
         return (
             f"{best.family}, {'holds' if self.holds else 'does not hold'}; {len(self.trials)}"

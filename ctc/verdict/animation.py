@@ -67,6 +67,7 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
             projection=scene.projection
         )
 
+    # Axes of the caller must have the projection that the scene needs.
     advice = f"Make it by plt.figure().add_subplot(projection={scene.projection!r})"
     axis = axes_of(ax, (), new_axis, advice).item()
     if (axis.name == "3d") != (scene.projection == "3d"):
@@ -74,6 +75,7 @@ def plot_arm(arm: Arm, q: ArrayLike, *, tip: ArrayLike | None = None, ax: Any = 
         if scene.projection:
             kind = "three-dimensional for this arm"
         raise ValueError(f"ax must be {kind}; got a {axis.name} one. {advice}, or leave ax out.")
+    # One pose is the whole motion: it sets the ranges of the axes.
     scene.prepare(axis, pose[None])
     scene.draw(pose)
     return axis
@@ -132,16 +134,19 @@ def animate(
     instance("arm", arm, Arm, "Pass the arm that was evaluated.")
     # 1. The samples that are shown.
     record = evaluation.record
+    # Positions of the arm, unrounded; the errors below are counts.
     q = np.asarray(record.true_q)
     if arm.n != record.n:
         raise ValueError(
             f"arm must have {record.n} joints like the run; got {arm.n}. Pass the arm that was"
             " evaluated."
         )
+    # GIF files count hundredths of a second; most viewers show two of them at least.
     if real("fps", fps, "15 is smooth enough.", positive=True) > 50:
         raise ValueError(
             f"fps must be 50 at most; got {fps}. Viewers show a GIF no faster; lower speed instead."
         )
+    # Samples of the run between two pictures.
     step = real("speed", speed, "1 is as fast as the arm.", positive=True) / fps / record.rig.period
     # At most a picture for each sample, and always the last sample.
     last_sample = len(record) - 1
@@ -161,7 +166,7 @@ def animate(
     scene.draw(q[0])
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # a layout for every picture would take most of the time
-    # 3. A picture for each of them.
+    # 3. A picture for each of them: only links, lines and title change.
     writer = PillowWriter(fps=fps)
     with writer.saving(figure, str(path), dpi=80):
         for k in samples:
@@ -186,6 +191,7 @@ def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDA
     draw_band(axis)
     head = "encoder error [pulses]; shaded: ±1\n" if joint == 0 else ""
     axis.set_title(f"{head}{evaluation.joint_labels[joint]}", fontsize=8, loc="left", pad=2)
+    # Joints share one axis of time, the lowest.
     if joint < record.n - 1:
         axis.tick_params(labelbottom=False)
     else:
@@ -207,6 +213,7 @@ class _Scene:
             com = np.array(chain.bodies[-1].com)
             tip = 2 * (np.array(frame.position) + np.array(frame.rotation) @ com)
         self.positions = joint_positions(chain, tip)
+        # Seeded: the same arm always has the same view.
         poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, chain.n))
         self.view = _plane(self.all(poses), -np.array(chain.gravity))
         self.projection = "3d" if len(self.view) == 3 else None
@@ -217,10 +224,12 @@ class _Scene:
 
     def prepare(self, axis: Any, motion: NDArray[np.float64]) -> None:
         """Axes that hold a motion (N, n), and the path of the tip."""
+        # A long motion has many more points than its curve needs.
         points = self.all(motion[:: max(1, len(motion) // _POSES)]) @ self.view.T
         self.links = axis.plot(
             *np.zeros((len(self.view), 1)), "-o", color="#444444", linewidth=4, markersize=6
         )[0]
+        # The base, then the path of the tip.
         axis.plot(*points[:1, 0].T, "s", color="#444444", markersize=10)
         axis.plot(*points[:, -1].T, color=colour_of(1), linewidth=1, alpha=0.6)
         low = points.min(axis=(0, 1))
@@ -239,6 +248,7 @@ class _Scene:
 
     def draw(self, q: NDArray[np.float64]) -> None:
         """Move the links to a pose (n,)."""
+        # The view projects the points onto the plane, or keeps all three coordinates.
         points = self.view @ self.positions(q).full()
         if len(points) == 3:
             self.links.set_data_3d(*points)
@@ -252,6 +262,7 @@ def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.f
 
     The second axis is upwards where the plane is not level, the first one towards positive x, or y.
     """
+    # Singular values are the extents of the points; in a plane through the base the third is zero.
     _, spread, axes = np.linalg.svd(points.reshape(-1, 3), full_matrices=False)
     # Only rounding may lead out of a plane.
     if spread[2] > 1e-9 * spread[0]:
@@ -260,6 +271,7 @@ def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.f
     # A level plane, or an arm without gravity, has no upward axis: y takes its place, or z.
     if np.linalg.norm(np.cross(normal, up)) <= 1e-6 * np.linalg.norm(up):
         up = np.eye(3)[1 if abs(normal[1]) < 0.9 else 2]
+    # Upwards within the plane: without the part along its normal.
     up = up - normal * (normal @ up)
     up = up / np.linalg.norm(up)
     across = np.cross(up, normal)

@@ -70,6 +70,7 @@ class Evaluation(Shown):
 
     @property
     def max_error_pulses(self) -> NDArray[np.float64]:
+        # Whole pulses, as the counter of a machine shows them.
         return np.abs(self.record.error_pulses).max(axis=0)
 
     @property
@@ -93,6 +94,7 @@ class Evaluation(Shown):
         None for a rig whose gears are elastic, and for a run with an injected torque.
         """
         record: Any = self.record
+        # A torque that was injected at samples of this run has no meaning on another one.
         if record.rig.drive.elasticity is not None or record.injected is not None:
             return None
         # A run that exceeds the limit on rigid gears needs no simulation on softer ones.
@@ -116,6 +118,7 @@ class Evaluation(Shown):
     def _loop(self) -> Any:
         """Arguments of the loop: arm, rig, law, reference, limit, duration, steps per sample."""
         record = self.record
+        # The true error has a row for each sub-step.
         steps = len(self.true_error_pulses) // len(record)
         duration = len(record) * record.rig.period
         return self.arm, record.rig, record.law, record.reference, 1, duration, steps
@@ -124,6 +127,7 @@ class Evaluation(Shown):
     def refused(self) -> str | None:
         """Why `start` would refuse this controller at the first sample; None where it would not."""
         record: Any = self.record
+        # Only laws with a model have a test of their own stability.
         if isinstance(record.law, ModelLaw):
             try:
                 record.law.require_stable(record.rig, record.counts[0])
@@ -134,6 +138,7 @@ class Evaluation(Shown):
     @property
     def holds(self) -> bool:
         """Whether the run stays within ±1 pulse, and a machine would begin as it did."""
+        # A verdict on a run that no machine would begin is not positive.
         return self.within(1) and not self.reasons
 
     @property
@@ -169,6 +174,7 @@ class Evaluation(Shown):
 
     @property
     def chatter(self) -> NDArray[np.float64]:
+        # From one sample to the next: what wears gears and heats motors.
         return np.abs(np.diff(self._torque, axis=0)).mean(axis=0)
 
     @property
@@ -183,6 +189,7 @@ class Evaluation(Shown):
             raise ValueError(
                 f"k must be a number of pulses, 0 or more; got {k!r}. The promise is 1."
             )
+        # All joints at once: a sample counts only where every joint is inside.
         return float((np.abs(self.record.error_pulses) <= k).all(axis=1).mean())
 
     def share_within(self, k: float) -> str:
@@ -206,6 +213,7 @@ class Evaluation(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         elastic = self.record.rig.drive.elasticity is not None
+        # On elastic gears encoder and controller know the motor alone.
         part = "motor" if elastic else "joint"
         quantities = [
             ("encoder error, peak [pulses]", self.max_error_pulses, ".0f"),
@@ -227,6 +235,7 @@ class Evaluation(Shown):
             (title, *(format(value, form) for value in values))
             for title, values, form in quantities
         ]
+        # The verdict first, then the numbers, then the assumptions.
         yield Verdict(self._short(), self.holds)
         yield by_joint(self.joint_labels, rows)
         yield from self.conditions

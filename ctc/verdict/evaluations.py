@@ -42,6 +42,7 @@ def overview(
     title: str, evaluations: Mapping[str, Evaluation], notes: Mapping[str, str]
 ) -> Iterator[Piece]:
     """One row for each `Evaluation`, notes by name, and the meaning of a cell."""
+    # Columns come from one table, so heads and cells cannot differ.
     rows = [
         [name, *(cell(evaluation) for _, cell in _COLUMNS)]
         for name, evaluation in evaluations.items()
@@ -55,6 +56,7 @@ def overview(
     if len(labels) > 1:
         cell = "a / b" if len(labels) <= _JOINTS else "largest of the joints, and which"
         yield f"{cell}: {', '.join(labels)}"
+    # On elastic gears of the rig itself nothing is assumed.
     if any(evaluation.record.rig.drive.elasticity is None for evaluation in evaluations.values()):
         yield (
             "rigid gears assumed; above .evaluations[name].lowest_resonance [Hz] a controller holds"
@@ -208,6 +210,7 @@ def evaluate(
     if not isinstance(reference, Mapping):
         return along(reference)
     evaluations = dict[str, Evaluation]()
+    # Motions beyond limits or torque are refused before the first run.
     motions = motions_of(arm, rig, reference, "The order is arm, rig, law, reference.")
     for name, motion in motions.items():
         with naming(name):  # errors name the motion
@@ -217,6 +220,7 @@ def evaluate(
 
 def require_laws(laws: Any) -> None:
     """Refuse laws that are no dict of name -> Law."""
+    # Names are heads of rows.
     if not isinstance(laws, dict) or not laws or not all(isinstance(name, str) for name in laws):
         raise ValueError(
             f"laws must be a dict of name -> Law; got {laws!r:.60}. Pass {{'P': p_law, ...}}."
@@ -260,6 +264,7 @@ class Comparison(Shown):
 
     def _shown(self) -> Iterator[Piece]:
         inside = {name: e for name, e in self.evaluations.items() if e.within(1)}
+        # A start from rest matters only for those that hold in motion.
         from_rest = {
             name: str(e.from_rest) for name, e in inside.items() if e.from_rest is not None
         }
@@ -315,6 +320,7 @@ def compare(
     >>> list(compare(arm, rig, laws, puma560.reference(), duration=0.3).evaluations)
     ['P', 'computed torque']
     """
+    # A wrong law is refused before the first run.
     require_laws(laws)
     evaluations = {}
     diverged = {}

@@ -42,6 +42,7 @@ _FOLLOWED_PHASE = 0.6
 def require_followed(name: str, hz: ArrayLike, step: float) -> None:
     """Refuse resonances [Hz] that sub-steps of this length [s] cannot follow."""
     highest = float(np.max(hz))
+    # The phase 2 pi f h of one sub-step h.
     limit = _FOLLOWED_PHASE / (2 * np.pi * step)
     if highest > limit:
         raise ValueError(
@@ -88,6 +89,7 @@ def gear_numbers(gears: Any, drive: Drive, hz: ArrayLike) -> tuple[list[str], ND
     ]
     rows = []
     for value in np.asarray(hz, float):
+        # The same damping ratio at every resonance.
         elasticity = dataclasses.replace(gears, hz=np.full(drive.n, value)).of(drive)
         rows.append(np.append(elasticity.stiffness, elasticity.damping))
     return names, np.array(rows)
@@ -201,6 +203,7 @@ def lowest_resonance(
     may stay again; bands above the number that are narrower than 5 % can be missed. The result is
     stored, since verdict, table and figure ask for it.
     """
+    # By name, as a population takes them.
     options = {
         "within": within,
         "steps_per_sample": steps_per_sample,
@@ -211,6 +214,7 @@ def lowest_resonance(
     start = None if initial is None else np.array(initial)
     try:
         runs = on_gears(arm, rig, law, reference, ratio, threads, initial=start, **options)
+    # Motors that weigh more than the arm have no such gears: unknown, and no error of the user.
     except ValueError as error:
         if rig.drive.elasticity is not None:
             raise
@@ -219,6 +223,7 @@ def lowest_resonance(
     def fails(hz: Any) -> Any:
         return runs(hz).outside > 0
 
+    # A loop that fails on rigid gears fails for another reason than elasticity.
     if fails([RIGID])[0]:
         return LowestResonance.none(ratio, within)
     # A kernel runs LANES loops at once: other numbers of resonances would leave lanes idle.
@@ -230,11 +235,13 @@ def above(fails: Callable[[Any], Any], count: int) -> float:
 
     10 where nothing fails, infinite where it fails at 500 Hz.
     """
+    # Equal ratios: a loop reacts to relative changes of a resonance.
     tested = np.geomspace(LOWEST, HIGHEST, count)
     failed = np.flatnonzero(fails(tested))
     if not len(failed):
         return LOWEST
     highest = failed[-1]
+    # No resonance is known to hold.
     if highest == count - 1:
         return np.inf
     # The gap above the highest failure, whose upper end is known to hold.
@@ -295,6 +302,7 @@ def from_rest(
     chain = arm.dynamics.chain
     unit = "m" if chain.links[i].prismatic else "rad"
     begins = f"{chain.joint_labels[i]} at {speed[i]:.2g} {unit}/s"
+    # The first position of the path, without its speed.
     start = np.array([reference(np.zeros(1)).q[0], np.zeros(rig.n)])
     settings: dict[str, Any] = {
         "steps_per_sample": steps_per_sample,
@@ -305,13 +313,16 @@ def from_rest(
         # Warnings about rig and path were given with the run itself.
         warnings.simplefilter("ignore")
         try:
+            # `_RECOVERY` is all the time that a verdict needs.
             record = run(arm, rig, law, reference, min(duration, _RECOVERY), **settings).record
         except DivergenceError:
             return FromRest(begins=begins, peak=np.inf, back=np.nan, within=within)
     # The arm lags behind its reference first; it is back when it stays within the limit.
     error = np.abs(record.error_pulses).max(axis=1)
+    # A machine that begins at rest holds as well: nothing to report.
     if error.max() <= within:
         return None
     outside = np.flatnonzero(error > within)
+    # An error at the last sample leaves no time from which on it is back.
     back = np.nan if outside[-1] == len(error) - 1 else float(record.t[outside[-1] + 1])
     return FromRest(begins=begins, peak=float(error.max()), back=back, within=within)

@@ -142,10 +142,12 @@ def sweep_resonance(
     resonances = np.geomspace(LOWEST, HIGHEST, 79)
     if hz is not None:
         resonances = array("hz", hz, ("H",), advice="Give [Hz].")
+    # Neighbours of the same resonance would have no interval between them.
     if not len(resonances) or resonances[0] <= 0 or (np.diff(resonances) <= 0).any():
         raise ValueError(
             f"hz must be positive and rising; got {resonances!r:.60}. Give resonances [Hz]."
         )
+    # The integrator must follow the fastest gear, else its error would look like the loop's.
     require_followed("hz", resonances, rig.period / steps_per_sample)
     options: dict[str, Any] = {
         "within": within,
@@ -159,6 +161,7 @@ def sweep_resonance(
         # One kernel for each law, all its resonances side by side.
         loop = on_gears(controlled, rig, law, reference, ratio, threads or cores(), **options)
         runs = loop([*resonances, RIGID])
+        # A loop that diverged has all of its samples outside.
         shares[name] = 1 - runs.outside / runs.samples
     # The last lane of each is the rigid one.
     return ResonanceSweep(
