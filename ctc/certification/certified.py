@@ -24,6 +24,7 @@ from ctc.certification.rare import Rare
 from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from plant import Law
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.saved import Saved, versions
 from plant.parts.shown import Shown
@@ -115,7 +116,7 @@ class Cell(Frozen):
 def cells(
     ranges: Uncertainty,
     names: tuple[str, ...],
-    values: NDArray[np.float64],
+    values: Floats,
     outside: NDArray[np.bool_],
 ) -> list[Cell]:
     """The ranges of resonance and damping in cells of at most 10 %, for each joint where several
@@ -152,9 +153,7 @@ def cells(
     return result
 
 
-def _interval(
-    names: tuple[str, ...], values: NDArray[np.float64], name: str, edges: Any
-) -> NDArray[np.intp]:
+def _interval(names: tuple[str, ...], values: Floats, name: str, edges: Any) -> NDArray[np.intp]:
     """Index (P,) of the interval between the edges in which the number of each plant lies."""
     # A number that does not vary is no column of the values: it has a single interval.
     if name not in names:
@@ -190,9 +189,7 @@ class Influence(NamedTuple):
         return "either way"
 
 
-def influences(
-    names: Sequence[str], values: NDArray[np.float64], peaks: NDArray[np.float64]
-) -> list[Influence]:
+def influences(names: Sequence[str], values: Floats, peaks: Floats) -> list[Influence]:
     """Influence of each number on the peaks (P,), the largest share first.
 
     Values (P, K) are finite; peaks may be infinite.
@@ -304,14 +301,14 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
         return float(self.runs.outside.mean() / self.runs.samples)
 
     @property
-    def saturation(self) -> NDArray[np.float64]:
+    def saturation(self) -> Floats:
         """Share of the loops that reach the amplifier's limit, (n,)."""
         limit = self.plants.rig.drive.current_limit
         # Rounding may leave a limited current just below the limit.
         return (np.isfinite(limit) & (self.runs.current >= limit * (1 - 1e-12))).mean(axis=0)
 
     @property
-    def current_share(self) -> NDArray[np.float64]:
+    def current_share(self) -> Floats:
         """Peak motor current as a share of the amplifier's limit, median of the loops, (n,)."""
         limit = self.plants.rig.drive.current_limit
         median = np.median(self.runs.current, axis=0)

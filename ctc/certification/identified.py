@@ -23,6 +23,7 @@ from identification.search.outcome import Fit
 from plant import Arm, Elasticity
 from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.messages import progress_bar
@@ -66,15 +67,15 @@ class Refits(Frozen):
     `values` (K, k), `covariances` (K, k, k): of each fit.
     """
 
-    places: NDArray[np.float64]
-    values: NDArray[np.float64]
-    covariances: NDArray[np.float64]
+    places: Floats
+    values: Floats
+    covariances: Floats
 
-    def centres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def centres(self, places: Floats) -> Floats:
         """Values (P, k) at places (P,) of the range, between the fits on straight lines."""
         return np.column_stack([np.interp(places, self.places, column) for column in self.values.T])
 
-    def nearest(self, places: NDArray[np.float64]) -> NDArray[np.intp]:
+    def nearest(self, places: Floats) -> NDArray[np.intp]:
         """Index (P,) of the fit that is nearest to each place (P,)."""
         return np.abs(places[:, None] - self.places).argmin(axis=1)
 
@@ -119,9 +120,9 @@ def refits(
 
 def _fitted(
     identification: Identification,
-    ranges: NDArray[np.float64],
+    ranges: Floats,
     ratio: float,
-    pose: NDArray[np.float64],
+    pose: Floats,
     progress: bool,
     checkpoint: Checkpoint,
 ) -> Refits | None:
@@ -201,11 +202,11 @@ class Identified:
 
     arm: Arm
     names: tuple[str, ...]
-    values: NDArray[np.float64]
-    roots: NDArray[np.float64]
+    values: Floats
+    roots: Floats
     refits: Refits | None = None
 
-    def draw(self, random: Any, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def draw(self, random: Any, places: Floats) -> Floats:
         """Numbers (P, k) of plants whose resonances are at these places (P, m) of their ranges."""
         # The same normal numbers for any fit: only their root depends on the resonance.
         deviations = random.standard_normal((len(places), self.roots.shape[2]))
@@ -215,7 +216,7 @@ class Identified:
         roots = self.roots[self.refits.nearest(places.mean(axis=1))]
         return self.centres(places) + (roots * deviations[:, None]).sum(axis=2)
 
-    def centres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def centres(self, places: Floats) -> Floats:
         """Expected numbers (P, k) of plants whose resonances are at these places (P, m)."""
         if self.refits is None:
             return np.tile(self.values, (len(places), 1))
@@ -302,7 +303,7 @@ def identified(
     return Identified(arm=arm, names=names, values=values, refits=fits, roots=roots)
 
 
-def _root(covariance: NDArray[np.float64], plant: list[int]) -> NDArray[np.float64]:
+def _root(covariance: Floats, plant: list[int]) -> Floats:
     """A root (k, k) of the covariance of these of the unknowns."""
     # Rounding leaves asymmetry and negative eigenvalues of 1e-15; 1e-6 is a mistake of the user.
     tolerance = 1e-6

@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant import FrictionDrift, Jitter, Presliding, QuadratureError, Rig, TorqueRipple
 from plant.parts.arguments import array, real
+from plant.parts.fields import Floats
 
 # Time constant of drifting friction [s], chosen by hand: a run of seconds shows most of the drift.
 _DRIFT_TIME = 1.0
@@ -24,9 +24,9 @@ class Drawn:
     """
 
     names: tuple[str, ...]
-    values: NDArray[np.float64]
+    values: Floats
     derived_names: tuple[str, ...]
-    derived: NDArray[np.float64]
+    derived: Floats
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +46,7 @@ class Imperfection:
     build: Callable[[Any], Any] = lambda value: value
     per_joint: bool = True
     signed: bool = False
-    follows: Callable[[Any, int, int], tuple[list[str], NDArray[np.float64]]] | None = None
+    follows: Callable[[Any, int, int], tuple[list[str], Floats]] | None = None
 
     def own(self, rig: Rig) -> Any:
         """The part of a rig at its place, or None."""
@@ -76,7 +76,7 @@ def _replaced(part: Any, path: list[str], value: Any) -> Any:
     return dataclasses.replace(part, **{name: value})
 
 
-def _phases(number: str) -> Callable[[Any, int, int], tuple[list[str], NDArray[np.float64]]]:
+def _phases(number: str) -> Callable[[Any, int, int], tuple[list[str], Floats]]:
     """Phases of a periodic error, uniform over the period, for each joint."""
     return lambda random, count, n: (
         [f"{number}[{i}]" for i in range(n)],

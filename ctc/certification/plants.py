@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ctc.certification.uncertainty import Uncertainty
 from plant import Arm, Law, Reference, Rig
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
@@ -65,18 +66,18 @@ class Plants(Frozen):
 
     arm: Arm
     rig: Rig
-    f: NDArray[np.float64]
+    f: Floats
     names: tuple[str, ...]
-    values: NDArray[np.float64]
+    values: Floats
     dropped: float
     redrawn: int
     seed: int
     own: Rig
     uncertainty: Uncertainty
     derived_names: tuple[str, ...]
-    derived: NDArray[np.float64]
+    derived: Floats
     said: tuple[tuple[str, ...], tuple[str, ...]]
-    expected: NDArray[np.float64]
+    expected: Floats
     projected: int = 0
 
     def __repr__(self) -> str:
@@ -106,7 +107,7 @@ class Plants(Frozen):
         arrays = "f", "values", "derived", "expected"
         return dataclasses.replace(self, **{name: getattr(self, name)[:count] for name in arrays})
 
-    def numbers(self) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+    def numbers(self) -> tuple[tuple[str, ...], Floats]:
         """Names of the numbers of a closed loop that differ, with all of f, and values (P, L)."""
         # f replaces its parameters without the load; load and resonance are in f and `derived`.
         of_rig = [i for i, name in enumerate(self.names) if name in self.rig.number_names()]

@@ -142,15 +142,20 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _option(*names: str, **settings: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+def _option(names: str, about: str, **settings: Any) -> tuple[list[str], dict[str, Any]]:
     """One argument of a command, as `add_argument` takes it."""
-    return names, settings
+    return names.split(), {"help": about, **settings}
+
+
+def _flag(name: str, about: str) -> tuple[list[str], dict[str, Any]]:
+    """An option without a value."""
+    return _option(name, about, action="store_true")
 
 
 def _output(about: str, *, required: bool = True) -> Any:
     # Whatever writes a file has the same two options.
-    force = _option("--force", action="store_true", help="overwrite output files")
-    return _option("-o", "--output", metavar="FILE", required=required, help=about), force
+    force = _flag("--force", "overwrite output files")
+    return _option("-o --output", about, metavar="FILE", required=required), force
 
 
 # argparse has no type that takes one number or two.
@@ -176,27 +181,23 @@ def _seed(text: str) -> int:
 
 # Options of every command.
 _EVERY = (
-    _option("--json", action="store_true", help="answer in JSON, for programs"),
-    _option(
-        "--quiet", action="store_true", help="no progress bars (they are drawn on terminals alone)"
-    ),
+    _flag("--json", "answer in JSON, for programs"),
+    _flag("--quiet", "no progress bars (they are drawn on terminals alone)"),
 )
 # Arguments that several commands share.
 _LOGS = (
-    _option("logs", nargs="+", metavar="LOG", help="CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2"),
-    _option("--cut", nargs=2, type=float, metavar=("BEGIN", "END"), help="this part alone [s]"),
+    _option("logs", "CSV, NPZ, MAT, HDF5, Parquet, MCAP, rosbag2", nargs="+", metavar="LOG"),
+    _option("--cut", "this part alone [s]", nargs=2, type=float, metavar=("BEGIN", "END")),
 )
 # Where it is drawn at random at all, a result must be repeatable by default.
-_SEED = _option("--seed", type=_seed, default=0, help="same seed, same result")
-_FOUND = _option("found", help="file of identify -o")
-_PATH = _option(
-    "--path", metavar="FILE", help="to follow: t [s], q_1, ... [rad] (default: the log's)"
-)
+_SEED = _option("--seed", "same seed, same result", type=_seed, default=0)
+_FOUND = _option("found", "file of identify -o")
+_PATH = _option("--path", "to follow: t [s], q_1, ... [rad] (default: the log's)", metavar="FILE")
 _BANDWIDTH = _option(
-    "--bandwidth", type=float, help="of computed torque [rad/s] (default: the controller's own)"
+    "--bandwidth", "of computed torque [rad/s] (default: the controller's own)", type=float
 )
 _CHECKPOINT = _option(
-    "--checkpoint", metavar="FILE", help="keep finished work there: called again, it goes on"
+    "--checkpoint", "keep finished work there: called again, it goes on", metavar="FILE"
 )
 # Settings of options that several commands word differently.
 _ROBOT: Any = {"metavar": "TOML"}
@@ -206,35 +207,26 @@ _PLACE: Any = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
 _UNCERTAIN = (
     _SEED,
     _FOUND,
-    _option(
-        "--robot", **_ROBOT, help="robot file with a table [uncertainty]; options go before it"
-    ),
-    _option("--friction", type=float, metavar="SHARE", help="by which it may differ (default 0.1)"),
-    _option("--resonance", nargs=2, type=float, metavar=("LOW", "HIGH"), help="of the gears [Hz]"),
-    _option(
-        "--damping-ratio", **_ENDS, help="of that resonance, as all below one number or two ends"
-    ),
-    _option("--load", **_ENDS, help="in the gripper [kg]"),
-    _option("--load-position", **_PLACE, help="its centre in the last link's frame [m]"),
-    _option("--delay", **_ENDS, help="of the torque [s]"),
+    _option("--robot", "robot file with a table [uncertainty]; options go before it", **_ROBOT),
+    _option("--friction", "by which it may differ (default 0.1)", type=float, metavar="SHARE"),
+    _option("--resonance", "of the gears [Hz]", nargs=2, type=float, metavar=("LOW", "HIGH")),
+    _option("--damping-ratio", "of that resonance, as all below one number or two ends", **_ENDS),
+    _option("--load", "in the gripper [kg]", **_ENDS),
+    _option("--load-position", "its centre in the last link's frame [m]", **_PLACE),
+    _option("--delay", "of the torque [s]", **_ENDS),
     # A new row of the table of imperfections is an option of its own at once.
     *(
-        _option(f"--{name.replace('_', '-')}", **_ENDS, help=f"{row.words} [{row.unit}]")
+        _option(f"--{name.replace('_', '-')}", f"{row.words} [{row.unit}]", **_ENDS)
         for name, row in IMPERFECTIONS.items()
     ),
     # How the samples are simulated and judged.
-    _option("--dropped", type=float, metavar="SHARE", help="of the samples whose counts are lost"),
-    _option("--within", type=float, default=1.0, help="limit [pulses] (default 1)"),
+    _option("--dropped", "of the samples whose counts are lost", type=float, metavar="SHARE"),
+    _option("--within", "limit [pulses] (default 1)", type=float, default=1.0),
     _option(
-        "--after",
-        type=float,
-        metavar="SECONDS",
-        help="instants before it are left out, and reported",
+        "--after", "instants before it are left out, and reported", type=float, metavar="SECONDS"
     ),
-    _option(
-        "--everyday", action="store_true", help="everyday motions, with --path one more; a row each"
-    ),
-    _option("--samples", type=int, default=10_000, help="Monte Carlo samples (default 10000)"),
+    _flag("--everyday", "everyday motions, with --path one more; a row each"),
+    _option("--samples", "Monte Carlo samples (default 10000)", type=int, default=10_000),
     # Output and checkpoint come last, as in every command.
     *_output("file for report", required=False),
     _CHECKPOINT,
@@ -246,8 +238,8 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         "the paper from end to end: measure, identify, control",
         (
             # The demo has another default than the commands for a user's own logs.
-            _option("--seed", **_SEED[1] | {"default": 1}),
-            _option("--figures", type=Path, default=Path("figures"), help="folder for the figures"),
+            _option("--seed", "same seed, same result", type=_seed, default=1),
+            _option("--figures", "folder for the figures", type=Path, default=Path("figures")),
         ),
     ),
     "robots": (
@@ -255,16 +247,14 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         (
             _option(
                 "name",
+                "one of them, or new: of a URDF file, to complete; without a name, a list",
                 nargs="?",
-                help="one of them, or new: of a URDF file, to complete; without a name, a list",
             ),
-            _option("model", nargs="?", metavar="URDF", help="of new"),
+            _option("model", "of new", nargs="?", metavar="URDF"),
             _option(
-                "--base",
-                metavar="LINK",
-                help="of new: where the arm begins (default: the file's root)",
+                "--base", "of new: where the arm begins (default: the file's root)", metavar="LINK"
             ),
-            _option("--tip", metavar="LINK", help="of new: where it ends"),
+            _option("--tip", "of new: where it ends", metavar="LINK"),
             *_output("write it there (default: print it)", required=False),
         ),
     ),
@@ -273,7 +263,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         (
             *_LOGS,
             # Without a robot file the log must be one that the library wrote.
-            _option("--robot", **_ROBOT, help="robot file, or the name of one of the package"),
+            _option("--robot", "robot file, or the name of one of the package", **_ROBOT),
         ),
     ),
     "identify": (
@@ -282,32 +272,24 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
             _SEED,
             *_LOGS,
             # A model is needed here; its columns read the logs, too.
-            _option("--robot", **_ROBOT, required=True, help="robot file, or the name of one"),
-            _option(
-                "--method", default="seeded", help="seeded (default), paper, prediction_error, ..."
-            ),
+            _option("--robot", "robot file, or the name of one", **_ROBOT, required=True),
+            _option("--method", "seeded (default), paper, prediction_error, ...", default="seeded"),
             # Further unknowns make the intervals wider: none is added without being asked for.
             _option(
                 "--unknown",
+                "beside f (default: f alone): friction, gains, or such as drive.viscous[0]",
                 nargs="+",
                 metavar="NAME",
-                help="beside f (default: f alone): friction, gains, or such as drive.viscous[0]",
             ),
             _option(
                 "--prior",
+                "standard deviation of the model's own bodies, as 0.3, for what the log does"
+                " not excite",
                 type=float,
                 metavar="SHARE",
-                help=(
-                    "standard deviation of the model's own bodies, as 0.3, for what the log does"
-                    " not excite"
-                ),
             ),
-            _option(
-                "--elasticity", action="store_true", help="stiffness and damping of the gears, too"
-            ),
-            _option(
-                "--held-out", nargs="+", metavar="LOG", help="logs for validation, only simulated"
-            ),
+            _flag("--elasticity", "stiffness and damping of the gears, too"),
+            _option("--held-out", "logs for validation, only simulated", nargs="+", metavar="LOG"),
             *_output("file for certify and report"),
             _CHECKPOINT,
         ),
@@ -320,11 +302,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
             # bandwidth.
             _BANDWIDTH,
             _PATH,
-            _option(
-                "--hold",
-                action="store_true",
-                help="from a hold, static friction anywhere inside its cone",
-            ),
+            _flag("--hold", "from a hold, static friction anywhere inside its cone"),
         ),
     ),
     "tune": (
@@ -335,18 +313,12 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         "the commands above over the logs of many robots, as a plan says",
         (
             _option(
-                "plan",
-                metavar="PLAN.toml",
-                help="robots, logs, what to do, and where results are kept",
+                "plan", "robots, logs, what to do, and where results are kept", metavar="PLAN.toml"
             ),
             # How it runs is no matter of the plan alone: one plan runs on several machines.
-            _option(
-                "--executor", metavar="WHERE", help="threads (default), processes, or dask:ADDRESS"
-            ),
-            _option(
-                "--resume", action="store_true", help="go on with what the folder of the plan holds"
-            ),
-            _option("--status", action="store_true", help="how far it is; runs nothing"),
+            _option("--executor", "threads (default), processes, or dask:ADDRESS", metavar="WHERE"),
+            _flag("--resume", "go on with what the folder of the plan holds"),
+            _flag("--status", "how far it is; runs nothing"),
         ),
     ),
     "report": (
@@ -354,7 +326,7 @@ _COMMANDS: dict[str, tuple[str, Any]] = {
         (
             _FOUND,
             # A certificate has its own controller; --bandwidth is for a page without one.
-            _option("--certificate", metavar="FILE", help="file of certify -o or tune -o"),
+            _option("--certificate", "file of certify -o or tune -o", metavar="FILE"),
             _BANDWIDTH,
             _PATH,
             *_output("the page, such as page.html"),

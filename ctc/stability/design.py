@@ -8,11 +8,12 @@ joint.
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ctc.laws.observer import predict
 from plant import Rig
 from plant.parts.arguments import array, instance, real
+from plant.parts.fields import Floats
 
 
 def pid_gains(
@@ -62,7 +63,7 @@ def pid_gains(
     return w**2 + 2 * zeta * w * p, w**2 * p, 2 * zeta * w + p
 
 
-def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.float64]:
+def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> Floats:
     """Motor torque per pulse [N m], the unit of `P`, for an acceleration per error.
 
     It converts gains on the rate and on the integral of the error alike.
@@ -105,7 +106,7 @@ def motor_gain(rig: Rig, inertia: ArrayLike, gain: ArrayLike) -> NDArray[np.floa
 
 def observer_gains(
     rig: Rig, *, poles: ArrayLike | None = None, disturbance: ArrayLike | None = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Observer gains of each joint for error, rate and disturbance: by poles, or a Kalman filter.
 
     The measurement noise of the stationary Kalman filter is that of the counts, uniform over one
@@ -181,7 +182,7 @@ def observer_gains(
     return np.array(rows) / rig.period ** np.arange(3)
 
 
-def _model() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _model() -> tuple[Floats, Floats]:
     """Matrices of one step of error, rate and disturbance, and of the measurement, the error.
 
     Time is counted in samples, which keeps all three of one size; gains are converted to seconds

@@ -27,13 +27,12 @@ from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import instance, known_options
+from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 if TYPE_CHECKING:
     from control import StateSpace
-
-Matrix = NDArray[np.float64]
 
 
 @known_options
@@ -105,7 +104,7 @@ def controlled(arm: Arm | Identification | None, law: Law) -> Arm:
     return arm_of(getattr(law, "arm", None) if arm is None else arm, ", or None for the law's own")
 
 
-def opened(A: Matrix, B: Matrix, C: Matrix, joint: int) -> tuple[Matrix, Matrix, Matrix]:
+def opened(A: Floats, B: Floats, C: Floats, joint: int) -> tuple[Floats, Floats, Floats]:
     """Matrices of one open loop, the others closed: A (m, m), b (m, 1), c (1, m)."""
     # Closing a loop feeds its output to its input: x' = A x + b c x.
     closed = [i for i in range(len(C)) if i != joint]
@@ -148,14 +147,14 @@ class Margins(Shown):
     """
 
     stable: bool
-    gain_down: NDArray[np.float64]
-    gain_up: NDArray[np.float64]
-    phase: NDArray[np.float64]
-    delay: NDArray[np.float64]
-    crossover: NDArray[np.float64]
-    sensitivity: NDArray[np.float64]
+    gain_down: Floats
+    gain_up: Floats
+    phase: Floats
+    delay: Floats
+    crossover: Floats
+    sensitivity: Floats
     period: float
-    frequency: NDArray[np.float64]
+    frequency: Floats
     response: NDArray[np.complex128]
     joint_labels: list[str]
     lowest_resonance: float | None

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ctc.certification.certificate import Certificate
 from ctc.certification.certificates import Certificates
@@ -21,12 +20,13 @@ from ctc.laws.feed_forward import FeedForward
 from ctc.stability.design import motor_gain
 from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
-Numbers = Mapping[str, NDArray[np.float64]]
+Numbers = Mapping[str, Floats]
 
 # Fields of the default computed torque that every tuning of it keeps.
 _OF_DEFAULT = "dead_zone", "start_boost", "start_time"
@@ -51,7 +51,7 @@ class Family:
     initial: list[dict[str, float]]
     numbers: Callable[[Numbers], Numbers] = _named
 
-    def tuned(self, values: NDArray[np.float64]) -> Law:
+    def tuned(self, values: Floats) -> Law:
         """The law with these values (k,) of its variables."""
         columns = dict(zip(self.variables, values[:, None], strict=True))
         numbers = {name: float(column[0]) for name, column in self.numbers(columns).items()}
@@ -178,7 +178,7 @@ class Trial(Shown, Frozen):
     of: int
     allowed: int
     peak: float
-    chatter: NDArray[np.float64]
+    chatter: Floats
     noise: float
 
     @property

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ctc.figures.errors import draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
 from plant.mechanics.newton_euler import joint_positions
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import Floats
 from plant.parts.figures import axes_of, colour_of, dressed
 
 # Poses that determine the plane of a planar arm, and the space of a motion. Chosen by hand: three
@@ -181,7 +182,7 @@ def animate(
     return len(samples)
 
 
-def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, NDArray[np.float64]]:
+def _error_axis(axis: Any, evaluation: Evaluation, joint: int) -> tuple[Any, Floats]:
     """Draw a joint's error of the whole run in grey; the line of the run so far, and its values."""
     record = evaluation.record
     values = record.error_pulses[:, joint]
@@ -218,11 +219,11 @@ class _Scene:
         self.view = _plane(self.all(poses), -np.array(chain.gravity))
         self.projection = "3d" if len(self.view) == 3 else None
 
-    def all(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def all(self, poses: Floats) -> Floats:
         """Points (N, n + 2, 3) of poses (N, n) [m]."""
         return np.array([self.positions(q).full().T for q in poses])
 
-    def prepare(self, axis: Any, motion: NDArray[np.float64]) -> None:
+    def prepare(self, axis: Any, motion: Floats) -> None:
         """Axes that hold a motion (N, n), and the path of the tip."""
         # A long motion has many more points than its curve needs.
         points = self.all(motion[:: max(1, len(motion) // _POSES)]) @ self.view.T
@@ -246,7 +247,7 @@ class _Scene:
             axis.locator_params(nbins=5)
         dressed(axis)
 
-    def draw(self, q: NDArray[np.float64]) -> None:
+    def draw(self, q: Floats) -> None:
         """Move the links to a pose (n,)."""
         # The view projects the points onto the plane, or keeps all three coordinates.
         points = self.view @ self.positions(q).full()
@@ -256,7 +257,7 @@ class _Scene:
             self.links.set_data(*points)
 
 
-def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+def _plane(points: Floats, up: Floats) -> Floats:
     """Rows of a view: both axes of the plane through the base that holds all points, or the
     identity.
 
@@ -280,7 +281,7 @@ def _plane(points: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.f
     return np.array([across, up])
 
 
-def _label(direction: NDArray[np.float64]) -> str:
+def _label(direction: Floats) -> str:
     """Name of a direction: an axis of the base, or words for one between them."""
     i = int(np.argmax(np.abs(direction)))
     if np.abs(direction[i]) < 1 - 1e-9:

@@ -16,6 +16,7 @@ from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, 
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
+from plant.parts.fields import Floats
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
 
@@ -61,7 +62,7 @@ class Evaluation(Shown):
 
     arm: Arm
     record: Record
-    true_error_pulses: NDArray[np.float64]
+    true_error_pulses: Floats
 
     @property
     def joint_labels(self) -> list[str]:
@@ -69,22 +70,22 @@ class Evaluation(Shown):
         return self.arm.dynamics.chain.joint_labels
 
     @property
-    def max_error_pulses(self) -> NDArray[np.float64]:
+    def max_error_pulses(self) -> Floats:
         # Whole pulses, as the counter of a machine shows them.
         return np.abs(self.record.error_pulses).max(axis=0)
 
     @property
-    def max_true_error_pulses(self) -> NDArray[np.float64]:
+    def max_true_error_pulses(self) -> Floats:
         return np.abs(self.true_error_pulses).max(axis=0)
 
     @property
-    def link_error(self) -> NDArray[np.float64]:
+    def link_error(self) -> Floats:
         # On elastic gears the reference of the motors differs from the motion of the links.
         record: Any = self.record
         return record.reference.links(record.t).q - record.true_q
 
     @property
-    def rms_error_pulses(self) -> NDArray[np.float64]:
+    def rms_error_pulses(self) -> Floats:
         return np.sqrt(np.mean(self.record.error_pulses**2, axis=0))
 
     @functools.cached_property
@@ -161,24 +162,24 @@ class Evaluation(Shown):
         return None if self.on_gears is None else self.on_gears.hz
 
     @property
-    def _torque(self) -> NDArray[np.float64]:
+    def _torque(self) -> Floats:
         return np.asarray(self.record.torque)
 
     @property
-    def peak_torque(self) -> NDArray[np.float64]:
+    def peak_torque(self) -> Floats:
         return np.abs(self._torque).max(axis=0)
 
     @property
-    def rms_torque(self) -> NDArray[np.float64]:
+    def rms_torque(self) -> Floats:
         return np.sqrt(np.mean(self._torque**2, axis=0))
 
     @property
-    def chatter(self) -> NDArray[np.float64]:
+    def chatter(self) -> Floats:
         # From one sample to the next: what wears gears and heats motors.
         return np.abs(np.diff(self._torque, axis=0)).mean(axis=0)
 
     @property
-    def saturation(self) -> NDArray[np.float64]:
+    def saturation(self) -> Floats:
         limit = self.record.rig.drive.current_limit
         # Rounding may leave a limited current just below the limit.
         return (np.abs(np.asarray(self.record.current)) >= limit * (1 - 1e-12)).mean(axis=0)

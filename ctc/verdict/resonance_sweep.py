@@ -24,6 +24,7 @@ from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array, known_options
+from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -47,10 +48,10 @@ class ResonanceSweep(Shown, Frozen):
         The same on rigid gears.
     """
 
-    hz: NDArray[np.float64]
+    hz: Floats
     damping_ratio: float
     within: float
-    shares: dict[str, NDArray[np.float64]]
+    shares: dict[str, Floats]
     rigid: dict[str, float]
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
