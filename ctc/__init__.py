@@ -65,7 +65,7 @@ from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import compare, evaluate
 from ctc.verdict.resonance_sweep import sweep_resonance
 
-# The public names, in the order of the alphabet; they change only with a new version.
+# The public names, sorted; docs/reference/api.md lists the same.
 __all__ = [
     "Adaptive",
     "Certificate",

@@ -267,6 +267,7 @@ def judged(log: Logged, effects: Sequence[Effect], level: float) -> Judgement:
     """Judge a log against the earlier ones of the same robot."""
     tests = list[Change]()
     unknown = "it has no log before this one of the same parameters"
+    # Parameters of another model, or of another method, have no past here.
     for effect in effects:
         of = effect.of
         _, std = log.values.get(of.name, (0.0, 0.0))

@@ -65,13 +65,15 @@ def _save_figures(
     # The demo draws into files, also where there is no screen.
     matplotlib.use("Agg")
     folder.mkdir(parents=True, exist_ok=True)
-    rig, path, p, (measured,) = puma560.rig(), puma560.reference(), default.law, default.records
+    rig = puma560.rig()
+    path = puma560.reference()
+    measured = default.records[0]
     dynamics = default.arm.dynamics
-    joints = [link.name or "" for link in default.arm.dynamics.chain.links]
+    joints = [link.name or "" for link in dynamics.chain.links]
     # The four best of the first generation beside the best of the last one: Figs. 6 to 9.
     leading = paper.initial_population[paper.search.initial_costs.argsort()[:4]]
-    models = [simulate(dynamics.arm(f), rig, p, path) for f in leading]
-    best = simulate(default.arm, rig, p, path)
+    models = [simulate(dynamics.arm(f), rig, default.law, path) for f in leading]
+    best = simulate(default.arm, rig, default.law, path)
     figures = {
         "1_experiment": plot_record(measured, joints),
         "2_identification": plot_record(measured, joints, models=(models, best)),

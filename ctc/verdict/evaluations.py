@@ -322,6 +322,7 @@ def compare(
     """
     # A wrong law is refused before the first run.
     require_laws(laws)
+    # In the order given, which is that of the rows and the colours.
     evaluations = {}
     diverged = {}
     for name, law in laws.items():
