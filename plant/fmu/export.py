@@ -38,6 +38,7 @@ class _Model(NamedTuple):
     The token of an FMU is a hash of its `repr`, names of fields included.
     """
 
+    # Name and sentence for the description of the model.
     name: str
     said: str
     variables: list[Variable]
@@ -99,7 +100,10 @@ def to_fmu(
     target = _checked_path(path)
     parts = _arm(model, rig) if isinstance(model, Arm) else _law(model, rig)
     sources = _sources(parts, f"fmi{version}.c")
+    # The sources come first: the token is computed from them.
     name = target.stem
+    # The same content gives the same token, by which an importer recognises that binary and
+    # description belong together.
     token = str(uuid.UUID(bytes=hashlib.sha256(repr((sources, parts)).encode()).digest()[:16]))
     values = parts.values | {
         "token": token,
@@ -110,13 +114,17 @@ def to_fmu(
         f"sources/{file}": Template(text).substitute(values)
         for file, text in (sources | parts.files).items()
     }
+    # `common.c` is no unit of its own: the interface of each version includes it.
     files = [file for file in sources | parts.files if file.endswith(".c") and file != "common.c"]
+    # The description lists the variables, so it comes after the token, which already covers them.
     values |= described(version, parts.variables, files)
     values |= {"said": parts.said, "tool": f"onepulse {__version__}", "step": repr(parts.step)}
     described_in = {"modelDescription.xml": f"fmi{version}.xml"}
     if version == 3:
+        # FMI 3 describes the build of the sources in a file of its own.
         described_in["sources/buildDescription.xml"] = "build.xml"
     texts |= {file: Template(_template(of)).substitute(values) for file, of in described_in.items()}
+    # Both standards prescribe the folder of a platform's binary.
     folder = "linux64" if version == 2 else "x86_64-linux"
     binary = {f"binaries/{folder}/{name}.so": _compiled(texts, files)}
     _write(target, {file: text.encode() for file, text in texts.items()} | binary)
@@ -130,6 +138,7 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
     if not isinstance(model, Running):
         instance("model", model, Law, "Give a law, what law.start(...) gave, or an arm.")
         rig = rig_of(model, rig, "to_fmu(law, path, rig)")
+        # The start is a placeholder: the first counts that the FMU receives take its place.
         model = model.start(rig, np.zeros(rig.n))
     elif rig is not None:
         raise ValueError(
@@ -146,6 +155,7 @@ def _law(model: Law | Running, rig: Rig | None) -> _Model:
 def _controller(running: Running) -> dict[str, str]:
     """The C of the controller."""
     with tempfile.TemporaryDirectory() as folder:
+        # `to_c` writes files, so they are read back from a temporary folder.
         running.to_c(folder)
         return {
             file: (Path(folder) / file).read_text("ascii")
@@ -187,6 +197,7 @@ def _sources(parts: _Model, interface: str) -> dict[str, str]:
 
 def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
     """The shared library."""
+    # The binary is for one platform; others have to compile the sources.
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None or not sys.platform.startswith("linux") or platform.machine() != "x86_64":
         raise ValueError(
@@ -199,6 +210,7 @@ def _compiled(texts: dict[str, str], files: list[str]) -> bytes:
         command = [compiler, *_FLAGS, "-o", "fmu.so", *files, "-lm"]
         # The command is the compiler that was found above, with names of files made here.
         outcome = subprocess.run(command, cwd=folder, capture_output=True, text=True)  # noqa: S603
+        # One line of the compiler's message usually names the missing tool or header.
         if outcome.returncode:
             raise ValueError(
                 f"the C must compile; {compiler} says {outcome.stderr.strip()[:200]!r}. Try another"
@@ -214,12 +226,14 @@ def _checked_path(location: str | Path) -> Path:
             f"path must be that of a file; got {location!r:.60}. Give a name that ends in .fmu."
         )
     path = Path(location)
+    # FMI makes the model identifier from the name, and that is part of names in C.
     if path.suffix != ".fmu" or not (path.stem.isidentifier() and path.stem.isascii()):
         raise ValueError(
             f"path must end in .fmu, its name in letters, digits and _; got {path.name!r:.60}."
             " Rename it."
         )
     if path.exists():
+        # Overwrite only an FMU whose description names this library as its generator.
         try:
             with zipfile.ZipFile(path) as earlier:
                 ours = b'generationTool="onepulse' in earlier.read("modelDescription.xml")
@@ -235,11 +249,13 @@ def _checked_path(location: str | Path) -> Path:
 
 def _write(path: Path, content: dict[str, bytes]) -> None:
     """The archive, with the same bytes for the same content."""
+    # Build the archive in memory: an error must not leave half a file.
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for file, data in content.items():
             info = zipfile.ZipInfo(file, _STAMP)
             info.compress_type = zipfile.ZIP_DEFLATED
+            # Readable by all; by default only the owner could read an entry made of a ZipInfo.
             info.external_attr = 0o644 << 16
             archive.writestr(info, data)
     path.parent.mkdir(parents=True, exist_ok=True)

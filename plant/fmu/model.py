@@ -23,6 +23,7 @@ from plant.simulation.closed_loop import ClosedLoop, bounded
 class Variable:
     """One number: an input, output or parameter, real or whole; outputs have no start."""
 
+    # The token of an FMU depends on these names by `repr`; see `plant.fmu.export`.
     name: str
     causality: str
     said: str
@@ -52,10 +53,12 @@ def of_joints(
 
 def named_joints(labels: Iterable[str]) -> list[str]:
     """Names of joints as FMI has them in ``torque.elbow``, from their labels."""
+    # Remove the index of the label, ``(q[0])``, then all that FMI's structured names cannot hold.
     names = [
         re.sub(r"[^A-Za-z0-9]+", "_", re.sub(r"(?<=\S) \(q\[\d+\]\)$", "", label)).strip("_")
         for label in labels
     ]
+    # Two labels may become the same name once other characters are replaced.
     if len(set(names)) < len(names) or not all(re.match("[A-Za-z]", name) for name in names):
         rule = "differ in letters and digits, and begin with a letter"
         raise ValueError(
@@ -112,6 +115,7 @@ def described(version: int, variables: Sequence[Variable], files: Sequence[str])
             _declared(variable, place, version) for place, variable in enumerate(variables)
         ]
     }
+    # FMI 2 refers to variables by index from 1, FMI 3 by value reference.
     if version == 2:
         lists["outputs"] = [f'<Unknown index="{place + 1}"/>' for place in places]
         lists["files"] = [f'<File name="{file}"/>' for file in files]
@@ -133,10 +137,12 @@ def _declared(variable: Variable, place: int, version: int) -> str:
         "description": variable.said,
         "causality": variable.causality,
     }
+    # Reals are continuous by default; parameters and integers need their variability.
     if variable.causality == "parameter":
         about["variability"] = "fixed"
     elif variable.whole:
         about["variability"] = "discrete"
+    # FMI requires a start of inputs and parameters, and none of calculated outputs.
     value = {} if variable.unit is None else {"unit": variable.unit}
     if variable.settable:
         value["start"] = str(int(variable.start)) if variable.whole else repr(float(variable.start))
@@ -159,7 +165,9 @@ def _attributes(texts: dict[str, str]) -> str:
 def arm_values(arm: Arm, loop: ClosedLoop) -> dict[str, str]:
     """What the templates arm.c and arm.h need of it."""
     p = arm.dynamics.p
+    # Torques, start positions and velocities, f, and outputs, in the order of `arm_variables`.
     start = np.concatenate([np.zeros(3 * arm.n), arm.f, np.zeros(2 * arm.n)])
+    # f belongs to the instance, since it is a parameter; the other numbers are constants.
     numbers = loop.number_values(arm.f)[p:]
     bodies = {"settled": _settled(loop), "moved": _moved(loop), "observed": _observed(loop)}
     return {
@@ -180,8 +188,10 @@ def _settled(loop: ClosedLoop) -> str:
     qd = ca.SX.sym("qd", loop.n)
     numbers = ca.SX.sym("f", _count(loop))
     start = {"q": q, "qd": qd}
+    # With elastic gears the links start where the springs carry their weight.
     if loop.elastic:
         start |= {"link": loop.hanging.expand()(q, numbers), "link_speed": qd}
+    # Velocities of the links equal those of the motors: no deflection changes.
     function = ca.Function("settled", [q, qd, numbers], [loop.state_with(**start)])
     rows = [[(f"{name}[{i}]", STATE) for i in range(loop.n)] for name in ("q", "qd")]
     return _body(function, [*rows, _numbers(loop)], {"state": range(len(loop.state_names))})
@@ -193,6 +203,7 @@ def _moved(loop: ClosedLoop) -> str:
     times = [("0.0", UNIFORM)] * len(loop.time_names)
     for i, place in enumerate(places["logged"]):
         times[place] = (f"torque[{i}]", TIME)
+    # The torque is held along the sub-step, whose length is fixed at export.
     times[places["h"].start] = (repr(loop.h), UNIFORM)
     state = ca.SX.sym("x", loop.substep.size1_in(0))
     time = ca.SX.sym("t", loop.substep.size1_in(1))
@@ -211,6 +222,7 @@ def _observed(loop: ClosedLoop) -> str:
     q, qd = loop.joint_motion(state)
     counts = loop.rig.true_counts(loop.encoded(state))
     sound = ca.logic_and(state.ok > 0, bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))))
+    # A state that has diverged must end the simulation with an error instead of counts.
     function = ca.Function("observed", [symbols], [ca.cse(ca.vertcat(q, qd, counts, sound))])
     text = _body(
         function,
@@ -225,11 +237,14 @@ def _body(
 ) -> str:
     """Statements that write the results into arrays, after all inputs have been read."""
     lines, values, _ = statements(function, inputs)
+    # Statements that depend on fewer inputs come first, since the others use their results.
     listed = "".join(f"    {value},\n" for value in values)
     body = [*lines[UNIFORM], *lines[TIME], *lines[STATE]]
+    # The arrays may alias the inputs: store all results before copying the first one.
     body.append(f"const double results[{len(values)}] = {{\n{listed}}};")
     begin = 0
     for name, places in targets.items():
+        # A target without places is one flag, declared where it is written.
         count = 1 if places is None else len(places)
         if places is None:
             body.append(f"{name} = results[{begin}] != 0.0;")

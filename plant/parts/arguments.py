@@ -36,6 +36,8 @@ def array(
     A string or None in the shape stands for any length; `advice` is the last part of the message,
     what to do instead. `shared`: an array that cannot be written to is not copied.
     """
+    # A view of writable memory could change behind our back, so only an array that owns its data
+    # and cannot be written to is shared.
     frozen = (
         shared
         and isinstance(value, np.ndarray)
@@ -49,6 +51,7 @@ def array(
         + ")"
     )
     try:
+        # Otherwise a copy: the caller may go on to change his array.
         result = np.asarray(value, dtype=float) if frozen else np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(
@@ -57,11 +60,13 @@ def array(
     matches = result.ndim == len(shape) and all(
         not isinstance(s, int) or s == got for s, got in zip(shape, result.shape, strict=True)
     )
+    # Samples and joints exchanged is the most common mistake; a square array cannot show it.
     if not matches and result.ndim == len(shape) == 2 and result.T.shape == shape != result.shape:
         advice = f"It lies on its side: give its transpose (.T). {advice}"
     if not matches:
         raise ValueError(f"{name} must have shape {expected}; got shape {result.shape}. {advice}")
     if finite and not np.isfinite(result).all():
+        # One index is enough: the message must stay one line for a log of any length.
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
         where = index[0] if len(index) == 1 else index
         raise ValueError(f"{name} must be finite; got {result[index]} at index {where}. {advice}")
@@ -80,6 +85,7 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
     """Return `value` if it is one of `allowed`, or refuse it and offer the nearest."""
     if value in allowed:
         return value
+    # The right text but the wrong type, such as "2" for 2, needs another hint than a misspelling.
     texts = {str(option): option for option in allowed}
     same = texts.get(str(value))
     hint = (
@@ -122,6 +128,7 @@ def instance(name: str, value: T, kind: type[Any], advice: str) -> T:
 
 def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float:
     """Return `value` as a float if it is one finite number, positive if `positive`."""
+    # True is a Real number in Python, but never meant as a quantity.
     sound = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
     if sound and (value > 0 or not positive):
         return float(value)
@@ -133,6 +140,7 @@ def real(name: str, value: Any, advice: str, *, positive: bool = False) -> float
 
 def whole(name: str, value: Any, advice: str, *, least: int = 1) -> int:
     """Return `value` if it is a whole number of at least `least`, or refuse it."""
+    # True is an int in Python, but never meant as a count.
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value >= least:
         return int(value)
     raise ValueError(
@@ -159,6 +167,7 @@ def signs(
         (positive, np.greater, "be positive"),
         (not_negative, np.greater_equal, "not be negative"),
     ):
+        # argmin of the comparison is the first entry that fails it.
         for name in names:
             value: Any = getattr(owner, name)
             if value is not None and not (right := sound(value, 0)).all():
@@ -168,6 +177,7 @@ def signs(
 
 def decimal(text: str) -> float:
     """A number in a file: ASCII digits without underscores; ``nan`` and ``inf`` are numbers too."""
+    # `float` itself accepts 1_000 and digits of other scripts, which in a file are damage.
     if "_" in text or not text.isascii():
         raise ValueError(
             f"a number must have digits 0 to 9 alone; got {text!r:.40}. Write it like 17.4 or 1e-3."
@@ -185,6 +195,7 @@ def optional_period(law: Any) -> None:
 def known_options(callable_: C) -> C:
     """Decorate a function or class: wrong options are a ValueError that offers the nearest name."""
     signature = inspect.signature(callable_)
+    # With **kwargs any misspelled option would bind, so there would be nothing to check.
     if any(p.kind is p.VAR_KEYWORD for p in signature.parameters.values()):
         raise ValueError(
             f"{callable_} takes any keyword; known_options needs named ones. Name them."
@@ -195,6 +206,8 @@ def known_options(callable_: C) -> C:
         if p.kind is not p.POSITIONAL_ONLY and k not in ("self", "cls")
     ]
 
+    # Options whose annotation is a union with a dataclass, such as settings or None: a field of the
+    # dataclass may be passed to the function itself by mistake.
     kinds = [
         (k, kind) for k, p in signature.parameters.items() for kind in typing.get_args(p.annotation)
     ]
@@ -202,6 +215,8 @@ def known_options(callable_: C) -> C:
 
     def verify(args, kwargs):
         for key in kwargs:
+            # An unknown option gets a better message than Python's: the settings class that has it,
+            # or the most similar name.
             if key not in signature.parameters:
                 if not keywords:
                     raise ValueError(
@@ -215,6 +230,7 @@ def known_options(callable_: C) -> C:
                             f" {give}"
                         )
                 choice(f"an option of {callable_.__name__}", key, keywords)
+        # Missing, doubled and surplus positional arguments are left to Python's own rules.
         try:
             signature.bind(*args, **kwargs)
         except TypeError as error:
@@ -224,6 +240,7 @@ def known_options(callable_: C) -> C:
             ) from None
 
     is_class = inspect.isclass(callable_)
+    # A class stays a class, for isinstance and inheritance: only its __init__ is wrapped.
     wrapped = callable_.__init__ if is_class else callable_
 
     @functools.wraps(wrapped)
@@ -232,6 +249,7 @@ def known_options(callable_: C) -> C:
         try:
             return wrapped(*args, **kwargs)
         except np.linalg.LinAlgError as error:
+            # A nested call has been explained already by the innermost function.
             if _UNSOLVED in str(error):
                 raise
             cause = f"{callable_.__name__} {_UNSOLVED}; they have none or many ({error})"

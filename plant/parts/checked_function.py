@@ -28,6 +28,8 @@ class CheckedFunction:
         checked: list[Any] = []
         for i, (name, value) in enumerate(zip(names, arguments, strict=True)):
             shape = self.function.size_in(i)
+            # Symbols must match exactly: casadi would repeat a scalar and transpose a row without a
+            # word.
             if isinstance(value, (ca.SX, ca.MX, ca.DM)):
                 if value.shape != shape:
                     raise ValueError(
@@ -35,6 +37,7 @@ class CheckedFunction:
                     )
                 checked.append(value)
             else:
+                # An inertial vector is a result or is computed; nobody types it in.
                 advice = (
                     "Pass found.arm.f, or Dynamics.f(bodies)."
                     if name == "f"
@@ -55,11 +58,13 @@ def evaluated(function: ca.Function, *inputs: Any) -> list[Floats]:
 
     The buffers are shared, not converted: for long arrays some ten times as fast as a call.
     """
+    # casadi stores matrices by columns, hence (columns, rows) in numpy's order by rows.
     buffer, evaluate = function.buffer()
     arguments = [np.ascontiguousarray(values, dtype=np.float64).reshape(-1) for values in inputs]
     outputs = [
         np.empty((function.size2_out(i), function.size1_out(i))) for i in range(function.n_out())
     ]
+    # The buffer keeps addresses only; the two lists keep the arrays alive until `evaluate`.
     for i, values in enumerate(arguments):
         buffer.set_arg(i, values.data)
     for i, values in enumerate(outputs):

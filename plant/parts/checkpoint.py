@@ -63,6 +63,7 @@ class Checkpoint:
         self._work = work
         # A part of larger work must leave the file open for the stages that follow it.
         self._owner = not isinstance(path, Checkpoint)
+        # A checkpoint inside another one shares its file, below the prefix of its stages.
         if isinstance(path, Checkpoint):
             self._prefix = path._prefix
             self._file = path._file
@@ -85,6 +86,7 @@ class Checkpoint:
 
     def part(self, name: str) -> "Checkpoint":
         """The same file for a part of the work, whose stages have names of their own."""
+        # The prefix keeps equal names of stages in different parts apart.
         part = Checkpoint(self, "")
         part._prefix = f"{self._prefix}{name}, "
         return part
@@ -96,6 +98,8 @@ class Checkpoint:
         """
         if self._file is not None:
             fingerprints = {name: fingerprint(value) for name, value in inputs().items()}
+            # A new file stores these fingerprints as its first stage; a resumed one returns the
+            # stored ones.
             stored = self.stage("inputs", lambda: fingerprints)
             different = [name for name in fingerprints if stored.get(name) != fingerprints[name]]
             if different:
@@ -110,6 +114,7 @@ class Checkpoint:
 
         The log reports the time that it took.
         """
+        # The clock must not jump when the system time is set.
         began = time.monotonic()
         result = make() if self._file is None else self._file.stage(f"{self._prefix}{name}", make)
         logging.getLogger(f"onepulse.{self._work}").info(
@@ -123,6 +128,7 @@ class Checkpoint:
         """A function of one array, each of whose values is a stage."""
 
         def remembering(x: Floats) -> ArrayLike:
+            # The shape counts too: arrays of different shape can have the same bytes.
             digest = hashlib.sha256(
                 repr(x.shape).encode() + np.ascontiguousarray(x).tobytes()
             ).hexdigest()
@@ -151,6 +157,7 @@ class _File:
         self._failed = False
         self._next = 0.0
         self.closed = False
+        # Write the file now, so that a path that cannot be written is refused before hours of work.
         if path.exists():
             self._read()
             self._pending = False
@@ -168,6 +175,7 @@ class _File:
             if name in self._stages:
                 result: T = self._restored(name)
                 return result
+        # Compute without the lock: stages in other threads need not wait for this one.
         result = make()
         plain = to_plain(result)
         with self._lock:
@@ -198,6 +206,8 @@ class _File:
                 self._pending = False
                 self._failed = False
             except OSError as error:
+                # A full disk must not end the work, nor warn at every stage; the next write tries
+                # again.
                 if not self._failed:
                     self._failed = True
                     warn(
@@ -205,16 +215,19 @@ class _File:
                         " goes on. Make room."
                     )
             ended = time.monotonic()
+            # The pause follows the duration of this write, since the file grows with each stage.
             self._next = ended + max(INTERVAL.seconds, INTERVAL.durations * (ended - began))
 
     def _text(self) -> Any:
         """The file's text; that of each stage is made once."""
+        # The head without its closing brace, the stages, and the sum last, as the writer iterates.
         yield "".join(written(self._head)).removesuffix("\n}") + ',\n "stages": {'
         yield ",".join(self._stage_texts())
         yield f'\n}},\n "sha256": "{self._sum()}"}}\n'
 
     def _stage_texts(self) -> list[str]:
         for name, plain in self._stages.items():
+            # The text of a stage never changes; only new stages are converted.
             if name not in self._texts:
                 self._texts[name] = (
                     "".join(written({name: plain})).removesuffix("\n}").removeprefix("{")
@@ -230,6 +243,8 @@ class _File:
             sound = isinstance(data, dict) and data.get("kind") == "checkpoint"
             if not sound or not isinstance(data.get("stages"), dict):
                 raise ValueError("must be a checkpoint; it is another file. Give another name.")
+            # Another version or processor may round otherwise, so that the resumed result would not
+            # have the bits of an uninterrupted run.
             for key, expected in self._head.items():
                 if data.get(key) != expected:
                     received = _in_short(data.get(key))
@@ -238,6 +253,8 @@ class _File:
                         " Give another file."
                     )
             self._stages = data["stages"]
+            # The sum covers the stages as they would be written again, so it notices an edited
+            # number.
             if data.get("sha256") != self._sum():
                 raise ValueError(
                     "must be as it was written; it has been changed. Delete it, and begin anew."

@@ -59,21 +59,27 @@ def read_rows(
     values = packed.array("d")
     rows = 0
     least = 0
+    # Check the size before the first line: 8 bytes of text per number, as many as in memory.
     require_bounded(path, 8 * LIMITS.numbers)
     deadline = time.monotonic() + LIMITS.seconds
     with open(path, encoding="utf-8-sig") as file:
         for count, line in enumerate(_lines(file), 1):
             ended = line.endswith("\n")
+            # In a foreign log a leading tab is an empty first cell, so tabs stay.
             line = line.strip() if not table else line.strip(" \r\n")
             if not line:
                 continue
+            # Comments of our files carry settings of the log, which `comment` reads.
             if line.startswith("#"):
                 if comment is not None:
                     comment(count, line)
                 continue
             if table and width is None:
+                # The first line of a foreign log decides: the separator that occurs most often in
+                # it.
                 separator = max(",;\t", key=line.count)
             cells = (
+                # A plain split is enough, unless a quoted cell may hold the separator.
                 next(csv.reader([line], delimiter=separator))
                 if '"' in line
                 else line.split(separator)
@@ -84,6 +90,7 @@ def read_rows(
                 if names is not None:
                     continue
             if len(cells) != width:
+                # Surplus cells usually come from decimal commas, missing ones from a line cut off.
                 advice = (
                     "Complete it."
                     if len(cells) < width
@@ -97,11 +104,14 @@ def read_rows(
                 # which looks at every cell
                 number = float if line.isascii() and "_" not in line else decimal
                 values.extend(
+                    # An empty cell of a foreign log is a missing sample, NaN.
                     [number(cells[i]) if not table or cells[i].strip() else np.nan for i in picked]
                 )
             except ValueError:
                 problem = _no_number(cells, picked, names, table, heading_row=not rows)
                 raise ValueError(f"line {count} must be numbers; {problem}") from None
+            # A file whose writing was interrupted ends within a number: no line end, and fewer
+            # decimals than every line before. The cut number would still be a valid one.
             decimals = len(cells[-1].partition(".")[2])
             if not ended and rows and decimals < least and width - 1 in picked:
                 got = f"got {cells[-1]!r} without a line end, and more decimals in all lines before"
@@ -110,6 +120,7 @@ def read_rows(
                 )
             least = min(least, decimals) if rows else decimals
             rows += 1
+            # The clock is read rarely, since reading it for each row would take time itself.
             if not rows % 10_000 and time.monotonic() > deadline:
                 raise ValueError(
                     f"must be read within {LIMITS.seconds} s; row {rows} was not. Save it as NPZ,"
@@ -120,6 +131,7 @@ def read_rows(
                     f"must hold at most {LIMITS.numbers} numbers; got more. Cut the log into"
                     " several files."
                 )
+    # A heading alone, or comments alone, is no log.
     if not rows:
         raise ValueError(
             "must hold samples; got no row of numbers. Check that it was written to the end."
@@ -150,6 +162,7 @@ def _heading(cells, chosen):
     A name is no number; in a file of ours, of which nothing is chosen, it begins with a letter.
     """
     words = [cell.strip() for cell in cells]
+    # One word that is no number makes the first line a heading; nan and inf are numbers.
     named = any(
         word and not _is_number(word) and (chosen is not None or word[0].isalpha())
         for word in words
@@ -171,6 +184,7 @@ def _is_number(cell):
 def _no_number(cells, picked, names, table, heading_row):
     """The first cell of a row that is no number, its column, and what to do."""
     bad = next(i for i in picked if not _is_number(cells[i]) and (cells[i].strip() or not table))
+    # From the most specific cause to the most general one.
     if "," in cells[bad] and _is_number(cells[bad].replace(",", ".")):
         advice = "Write decimals with a point."
     elif names and heading_row and not any(_is_number(cells[i]) for i in picked):

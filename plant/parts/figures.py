@@ -30,6 +30,7 @@ LOGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("simulated", {"color": COLOURS[1], "linewidth": 0.8}),
 )
 
+# LogFormatter and ScalarFormatter write numbers at ticks.
 _NUMBERS = ("Log", "Scalar")  # how the names of the formatters begin that write numbers at ticks
 
 
@@ -47,8 +48,10 @@ def axes_of(
     """
     axes = np.array(new() if ax is None else ax, dtype=object)
     count = int(np.prod(shape))
+    # Duck typing: matplotlib need not be imported for the check.
     if axes.size == count and all(hasattr(axis, "get_xlim") for axis in axes.flat):
         return axes.reshape(shape)
+    # The message shows the call that makes suitable Axes.
     recipe = advice or f"Make them by plt.subplots({', '.join(map(str, shape))})"
     wanted = f"{count} matplotlib Axes" if shape else "a matplotlib Axes"
     got = (
@@ -68,6 +71,7 @@ def row_by_row(
     """
 
     def new() -> Any:
+        # Imported here, since the import is slow and many users never draw.
         import matplotlib.pyplot as plt
 
         size = (width, height * rows)
@@ -78,6 +82,7 @@ def row_by_row(
     axes = axes_of(ax, (rows, columns), new)
     for axis in axes.flat:
         dressed(axis)
+    # Rows share the time axis, so only the lowest one is labelled.
     for axis in axes[-1] if time else ():
         axis.set_xlabel("time [s]")
     return axes
@@ -85,9 +90,11 @@ def row_by_row(
 
 def dressed(axis: Any, title: str = "", size: float = 9) -> Any:
     """An axis with a grid, without a frame, its title to the left."""
+    # Axes in space have no spines.
     if axis.name != "3d":
         axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.25, linewidth=0.5)
+    # The grid lies behind bars and curves.
     axis.set_axisbelow(True)
     if title:
         axis.set_title(title, fontsize=size, loc="left")

@@ -42,12 +42,15 @@ def require_bounded(path: str | Path, most: int) -> None:
 def read_bounded(path: str | Path, most: int) -> bytes:
     """All bytes of a file, at most `most`; a file that grows meanwhile is refused too."""
     require_bounded(path, most)
+    # Without O_NONBLOCK the opening of a pipe would wait for its writer.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(path, "rb", opener=lambda name, _: os.open(name, flags)) as file:
+        # The path may have been replaced since the first check; the open file cannot be.
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise ValueError(
                 "must be a file; got a pipe or a device. Give the path of the file itself."
             )
+        # One byte more than allowed shows that the file has grown.
         data = file.read(most + 1)
     if len(data) > most:
         raise ValueError(
@@ -63,6 +66,7 @@ def require_new(target: str | Path, overwrite: bool) -> Path:
         raise ValueError(
             f"target must be a new file; {path} is there. Name another one, or pass overwrite=True."
         )
+    # A folder with a misspelled name should not be made silently.
     if not path.parent.is_dir():
         raise ValueError(
             f"target must be in a folder that is there; {path.parent} is not. Make it first."
@@ -77,24 +81,30 @@ def write_whole(path: str | Path, content: Iterable[str | bytes]) -> None:
     folder, a pipe or a device at the path is refused; after an OSError the previous file is
     unchanged.
     """
+    # Follow links: replacing the link itself would leave the file it points to unchanged.
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
         raise ValueError(
             f"{path} must be a file or not be there; it is a folder, a pipe or a device. Choose"
             " another."
         )
+    # In the same folder: `os.replace` is atomic only within one file system.
     temporary = target.with_name(f"{_beside(target)}{secrets.token_hex(8)}")
     try:
         with open(temporary, "xb") as file:
             for piece in content:
                 file.write(piece.encode() if isinstance(piece, str) else piece)
+            # The content must be on the disk before the name points to it, or a power failure could
+            # leave an empty file.
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, target)
+    # Also after KeyboardInterrupt no temporary file should stay.
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(temporary)
         raise
+    # The new name is an entry of the folder, which has to reach the disk as well.
     if os.name == "posix":
         with contextlib.suppress(OSError):  # a folder that cannot be synchronised
             folder = os.open(target.parent, os.O_RDONLY)
@@ -109,6 +119,7 @@ def remove_remains(path: str | Path) -> None:
     target = Path(os.path.realpath(path))
     for remnant in target.parent.glob(f"{glob.escape(_beside(target))}{'[0-9a-f]' * 16}"):
         with contextlib.suppress(OSError):
+            # A younger file may belong to a process that is writing it now.
             if remnant.stat().st_mtime < time.time() - _OLD:
                 remnant.unlink()
 

@@ -16,6 +16,7 @@ class Frozen:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():
+            # Pickle does not store that an array cannot be written to.
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
         self.__dict__.update(state)
@@ -29,6 +30,7 @@ class Frozen:
         )
 
     def __hash__(self) -> int:
+        # Arrays are left out: equal objects still have equal hashes, and hashing stays cheap.
         plain = (getattr(self, field.name) for field in dataclasses.fields(self) if field.compare)
         return hash(
             (type(self), *(value for value in plain if isinstance(value, (bool, int, float, str))))
@@ -38,10 +40,13 @@ class Frozen:
 def _same(a: Any, b: Any) -> bool:
     if type(a) is not type(b):
         return False
+    # Bytes, not ==: NaN must equal NaN, and 0.0 must differ from -0.0.
     if isinstance(a, np.ndarray):
         return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    # Containers compare their items in the same way, since these may be arrays.
     if isinstance(a, (tuple, list)):
         return len(a) == len(b) and all(map(_same, a, b))
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    # Numbers and texts; each type was compared above, so 1 differs from True.
     return bool(a == b) or (a != a and b != b)  # NaN is the same NaN

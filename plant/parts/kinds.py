@@ -38,6 +38,7 @@ def field_names(cls: type, *, compared: bool = False) -> list[str] | None:
 
     With `compared` only those that count in a comparison.
     """
+    # A class of the same name that is not the registered one must not pass.
     if cls not in (PARTS.get(kind_of(cls)), _RESULTS.get(kind_of(cls))):
         return None
     if not dataclasses.is_dataclass(cls):
@@ -50,8 +51,10 @@ def class_of(kind: Any) -> type:
     classes = {**PARTS, **_RESULTS}
     if isinstance(kind, str) and kind in classes:
         return classes[kind]
+    # A kind of an existing package is unknown only because that package is not imported yet.
     package = str(kind).split(".")[0]
     hint = f"import {package} first" if package in PACKAGES else "check the file"
+    # cutoff=0: show the three most similar kinds, however different they are.
     near = difflib.get_close_matches(str(kind), classes, n=3, cutoff=0.0)
     raise ValueError(
         f"kind must be a known one, such as {', '.join(near)}; got {kind!r:.60}. Please {hint}."
@@ -83,12 +86,14 @@ def meanings(cls: type) -> dict[str, str]:
     """Field -> its description, in one line; that of a class itself before those of its bases."""
     descriptions: dict[str, str] = {}
     names: list[str] = []
+    # Bases come first, so that the text of the class itself replaces theirs.
     for line in "\n".join(base.__doc__ or "" for base in reversed(cls.__mro__)).splitlines():
         if head := _HEAD.match(line):
             names = head[1].split(", ")
             descriptions |= dict.fromkeys(names, "")
         elif line.startswith("        ") and names:
             descriptions |= {name: f"{descriptions[name]} {line.strip()}".strip() for name in names}
+        # Any other line ends the description of these fields.
         elif line.strip():
             names = []
     return descriptions

@@ -64,6 +64,7 @@ class McapFile:
 
     def __init__(self, path: str | Path, joints: Sequence[str], n: int, topics: Topics) -> None:
         self._file = _opened(path)
+        # The end of the last chunk, and the summary and footer that stand behind it at present.
         self._end = 0
         self._tail = b""
         self._count = 0
@@ -82,6 +83,7 @@ class McapFile:
                 if fields
                 else "string data"
             )
+            # Schema (3) and channel (4) of each topic; the summary repeats them.
             self._described += _record(3, _pack("H", k), _text(kind), _text("ros2msg"), _text(text))
             self._described += _record(4, _pack("HH", k, k), _text(topic), _text("cdr"), _text(""))
         self._begin = self._last = 0
@@ -100,9 +102,11 @@ class McapFile:
         if isinstance(values, str):
             message = bytearray(_ENCAPSULATION + _text(f"{values}\0"))
         else:
+            # The time stamp of the header; the remaining header never changes.
             struct.pack_into("<II", message, len(_ENCAPSULATION), *divmod(time, 10**9))
             for place, values_of_field in zip(places, values, strict=True):
                 message[place] = np.asarray(values_of_field, "<f8").tobytes()
+        # Statistics need the times of the first and the last message of the file.
         self._begin = self._begin if self._count else time
         self._last = time
         self._times.append(time)
@@ -112,6 +116,7 @@ class McapFile:
         )
         self._size += len(self._records[-1])
         self._count += 1
+        # Write when the chunk is at least as long as the index, which is rewritten with it.
         if self._size >= max(_CHUNK, len(self._index)):
             self._flush()
 
@@ -133,9 +138,12 @@ class McapFile:
         times = _pack("QQ", self._times[0], self._times[-1])
         plain = _text("")
         size = _pack("Q", len(records))
+        # Chunk (6): times, size, checksum, no compression, the messages (5).
         chunk = _record(6, times, size, _pack("I", zlib.crc32(records)), plain, size, records)
         indexes = b""
         offsets = b""
+        # Message index (7) of each channel, behind its chunk; the chunk index (8) holds their
+        # offsets.
         for channel, entries in self._entries.items():
             self._totals[channel] += len(entries)
             offsets += _pack("HQ", channel, self._end + len(chunk) + len(indexes))
@@ -153,19 +161,25 @@ class McapFile:
         if self._file.closed:
             return
         channels = len(self._totals)
+        # Statistics (11): counts of messages, schemas, channels and chunks; no attachments or
+        # metadata.
         totals = b"".join(_pack("HQ", *total) for total in self._totals.items())
         counts = _pack(
             "QHIIIIQQ", self._count, channels, channels, 0, 0, self._chunks, self._begin, self._last
         )
+        # Footer (2): where the summary begins; no offsets and no checksum of it.
         footer = _record(2, _pack("QQI", self._end + len(data) + len(_DATA_END), 0, 0)) + _MAGIC
         tail = b"".join(
             [_DATA_END, self._described, _record(11, counts, _text(totals)), self._index, footer]
         )
         try:
+            # One call, so that a process killed between chunk and summary is improbable.
             self._put(data + tail)
             self._end += len(data)
             self._tail = tail
         except OSError as error:
+            # The previous end stood at this place before, so it fits on a full disk as well. The
+            # ``with`` closes the file: later messages are dropped.
             with contextlib.suppress(OSError), self._file:
                 self._put(self._tail)
                 self._file.truncate()
@@ -177,6 +191,7 @@ class McapFile:
     def _put(self, data: bytes) -> None:
         self._file.seek(self._end)
         remaining = memoryview(data)
+        # An unbuffered write may take only part of the data.
         while remaining:
             remaining = remaining[self._file.write(remaining) :]
 
@@ -215,8 +230,10 @@ def _message(names: Sequence[str], fields: Mapping[str, int]) -> tuple[bytearray
     places = []
 
     def align(size: int) -> None:
+        # CDR counts alignment from behind the encapsulation header.
         data.extend(bytes(-(len(data) - begin) % size))
 
+    # Names and lengths are constant, so a message is packed once and later only its numbers change.
     align(4)
     data += _pack("I", len(names))
     for name in names:
@@ -225,6 +242,7 @@ def _message(names: Sequence[str], fields: Mapping[str, int]) -> tuple[bytearray
     for length in fields.values():
         align(4)
         data += _pack("I", length)
+        # CDR aligns doubles to 8 bytes, but an empty sequence has no doubles to align.
         if length:
             align(8)
         places.append(slice(len(data), len(data) + 8 * length))

@@ -14,6 +14,7 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line that called these packages, through however many of their functions."""
     frame = sys._getframe()
     level = 1
+    # Step up to the first frame outside these packages; `stacklevel` counts from this function.
     while (
         frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _OURS
     ):
@@ -27,6 +28,7 @@ def progress_bar(total: int | None, label: str, unit: str, shown: bool) -> Any:
 
     Where standard error is a file or a pipe there is none, shown or not.
     """
+    # `disable=None` lets tqdm find out whether standard error is a terminal.
     return tqdm(total=total, desc=label, unit=unit, disable=None if shown else True, leave=False)
 
 
@@ -34,6 +36,7 @@ def joint_label(names: Sequence[str], joint: int) -> str:
     """Label of a joint by its index: ``joint 2 (q[0])``, ``elbow_joint (q[2])``, ``joint q[0]``."""
     if not names:
         return f"joint q[{joint}]"
+    # "joint elbow_joint" would say the word twice.
     return f"{'' if 'joint' in names[joint].lower() else 'joint '}{names[joint]} (q[{joint}])"
 
 

@@ -128,6 +128,7 @@ class Part(Saved):
         )
 
     def __post_init__(self) -> None:
+        # An optional number that was left out is no number of the part.
         present = [field for field in dataclasses.fields(self) if "number" in field.metadata]
         present = [
             field
@@ -139,8 +140,11 @@ class Part(Saved):
         for field in sorted(present, key=lambda field: np.ndim(getattr(self, field.name)) == 0):
             shape = field.metadata["number"]
             value = getattr(self, field.name)
+            # The first field with a named length fixes that length for all others.
             expected = tuple(lengths.get(s, s) for s in shape)
             if shape == ("n",) and isinstance(value, numbers.Real) and not isinstance(value, bool):
+                # A number for all joints alike waits for a surrounding part that knows their
+                # number.
                 if field.metadata["alike"]:
                     expected = ()
                 elif "n" in lengths:
@@ -148,11 +152,13 @@ class Part(Saved):
             name = f"{field.name} of {type(self).__name__}"
             advice = f"Give {_amount(shape)}."
             value = array(name, value, expected, finite=field.metadata["finite"], advice=advice)
+            # Infinity may be allowed (no limit), NaN never.
             if np.isnan(value).any():
                 raise ValueError(f"{name} must be numbers; got NaN. Give its value.")
             lengths.update(
                 {s: got for s, got in zip(shape, value.shape, strict=False) if isinstance(s, str)}
             )
+            # A frozen part whose array could be written to would change its equations and its hash.
             value.setflags(write=False)
             object.__setattr__(self, field.name, value if shape else float(value))
 
@@ -160,6 +166,7 @@ class Part(Saved):
     def _leaves(
         self, prefix: str = ""
     ) -> "Iterator[tuple[str, Part, dataclasses.Field[Any], Any]]":
+        # The order of the fields is the order of the numbers; `_filled` walks in the same order.
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if "number" in field.metadata and value is not None:
@@ -193,11 +200,13 @@ class Part(Saved):
 
     def with_numbers(self, vector: ArrayOrSymbols) -> Self:
         """Copy with its numbers from `vector` (k,): floats, or casadi symbols for equations."""
+        # The position is a list of one number: parts within parts advance the same counter.
         symbolic = not isinstance(vector, np.ndarray)
         return self._filled(vector, [0], symbolic)
 
     def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:
         """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
+        # Names of other numbers in the mapping are ignored: it may serve several parts.
         names = self.number_names(prefix)
         numbers = [
             values.get(name, current)
@@ -220,6 +229,7 @@ class Part(Saved):
                 changes[field.name] = tuple(
                     item._filled(vector, position, symbolic) for item in value
                 )
+        # Floats pass all checks again. Symbols cannot, so the copy is made without its constructor.
         if not symbolic:
             return dataclasses.replace(self, **changes)
         copy = object.__new__(type(self))
@@ -238,6 +248,7 @@ class Part(Saved):
         """The fields alone: a copy builds its symbols and compiled functions anew."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
+    # Arrays become read-only again after unpickling.
     __setstate__ = Frozen.__setstate__
 
     def __eq__(self, other: object) -> bool:
@@ -248,6 +259,7 @@ class Part(Saved):
 
     @functools.cached_property
     def _hash(self) -> int:
+        # Equality compares descriptions, so equal parts have equal hashes.
         return hash(json.dumps(self.describe()))
 
 
@@ -295,6 +307,7 @@ def part(cls: type[T]) -> type[T]:
     >>> Weight(mass=2.0)
     Weight(mass=2.0)
     """
+    # Check the types of structure before the class's own __post_init__ relies on them.
     complete = cls.__post_init__
 
     @functools.wraps(complete)
@@ -306,6 +319,7 @@ def part(cls: type[T]) -> type[T]:
                 object.__setattr__(
                     self, field.name, real(name, getattr(self, field.name), "Give it in SI units.")
                 )
+            # None passes where it is the default, which means left out.
             elif kind is not None and not (
                 field.default is None and getattr(self, field.name) is None
             ):
@@ -314,6 +328,7 @@ def part(cls: type[T]) -> type[T]:
 
     cls.__post_init__ = __post_init__  # type: ignore[method-assign]  # wrapped
     cls = dataclasses.dataclass(frozen=True, kw_only=True, eq=False)(cls)
+    # A declared attribute may be given as a dataclass field, which abc does not see.
     lacking = sorted(
         set(getattr(cls, "__abstractmethods__", ()))
         - {field.name for field in dataclasses.fields(cls)}
@@ -325,5 +340,6 @@ def part(cls: type[T]) -> type[T]:
             f"{cls.__name__} must give all that {base} declares; it lacks {absent}. Define it."
         )
     cls.__abstractmethods__ = frozenset()  # type: ignore[attr-defined]  # a declared attribute may be a field
+    # From now on files may name this class.
     PARTS[kind_of(cls)] = cls
     return known_options(cls)

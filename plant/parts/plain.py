@@ -36,26 +36,32 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
     cls = type(value)
     if value is None or cls in (bool, int, float, str):
         return value
+    # Only types whose numbers JSON stores without loss.
     if isinstance(value, np.ndarray):
         choice("dtype of an array in a file", value.dtype.name, _TYPES)
         return {"array": value.tolist(), "dtype": value.dtype.name, "shape": list(value.shape)}
     if isinstance(value, np.generic):
         choice("type of a number in a file", value.dtype.name, _TYPES)
         return {"scalar": value.item(), "dtype": value.dtype.name}
+    # Only registered classes have names of fields here; any other object is refused below.
     names = field_names(cls, compared=compared)
     if names is not None:
         described: dict[str, Any] = {"kind": kind_of(cls)}
+        # A file must be readable without the user's code; a fingerprint instead depends on that
+        # code.
         if not compared:
             require_public(cls)
         elif described["kind"].split(".")[0] not in PACKAGES:
             described["source"] = source_of(cls)
         is_part = PARTS.get(described["kind"]) is cls
         return described | {name: _field(getattr(value, name), is_part, compared) for name in names}
+    # A bare list stands for a tuple; a list has a tag, so that both are restored as they were.
     if cls is tuple:
         return [to_plain(item, compared=compared) for item in value]
     if cls is list:
         return {"list": [to_plain(item, compared=compared) for item in value]}
     if isinstance(value, dict):
+        # Pairs, since the keys of a JSON object can only be text.
         pairs = [
             [to_plain(key, compared=compared), to_plain(item, compared=compared)]
             for key, item in value.items()
@@ -66,6 +72,7 @@ def to_plain(value: Any, *, compared: bool = False) -> Any:
 
 
 def _field(value: Any, is_part: bool, compared: bool) -> Any:
+    # The constructor of a part makes arrays of lists, so files stay short and readable.
     if is_part and isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     return to_plain(value, compared=compared)
@@ -77,9 +84,11 @@ def from_plain(data: Any) -> Any:
         return tuple(from_plain(item) for item in data)
     if not isinstance(data, dict):
         return data
+    # An object without any tag is taken for a kind, so that the error asks for the kind.
     if "kind" in data or not any(tag in data for tag in _TAGS):
         fields = {name: from_plain(item) for name, item in data.items() if name != "kind"}
         return _built(class_of(data.get("kind")), fields)
+    # The exact set of keys is required: a surplus key means a damaged file.
     if set(data) == {"list"} and isinstance(data["list"], list):
         return [from_plain(item) for item in data["list"]]
     if set(data) == {"dict"} and isinstance(data["dict"], list):
@@ -101,10 +110,12 @@ def from_plain(data: Any) -> Any:
 
 def _built(cls: type, values: dict[str, Any]) -> Any:
     if PARTS.get(kind_of(cls)) is cls:
+        # Results have no checks of their own: verify their names of fields here.
         return cls(**values)  # a part checks its own options
     names = field_names(cls) or []
     for name in values:
         choice(f"a field of {cls.__name__}", name, names)
+    # Files of earlier versions lack newer fields; those have defaults.
     missing = [name for name in names if name not in values and not _has_default(cls, name)]
     if missing:
         raise ValueError(
@@ -121,6 +132,8 @@ def _has_default(cls: type, name: str) -> bool:
 
 def _array(rows: Any, dtype: Any, shape: Any) -> Any:
     choice("dtype of an array", dtype, _TYPES)
+    # Read the numbers flat and apply the stored shape: empty arrays have a shape that nested lists
+    # cannot show.
     flat = list(_leaves(rows))
     if (
         not isinstance(shape, list)
@@ -131,6 +144,7 @@ def _array(rows: Any, dtype: Any, shape: Any) -> Any:
             f"an array must have as many numbers as its shape says; got {len(flat)} of"
             f" {shape!r:.40}."
         )
+    # numpy would convert texts and booleans to numbers silently.
     wrong = [x for x in flat if type(x) not in ((bool,) if dtype == "bool" else (int, float))]
     if wrong:
         raise ValueError(
@@ -142,9 +156,11 @@ def _array(rows: Any, dtype: Any, shape: Any) -> Any:
         raise ValueError(
             f"an array of {dtype} must hold numbers within its range; it does not. Correct it."
         ) from None
+    # numpy truncates 1.5 to an integer silently.
     if dtype not in ("float32", "float64") and values.tolist() != flat:
         raise ValueError(f"an array of {dtype} must hold whole numbers; it does not. Correct it.")
     values = values.reshape(shape)
+    # Arrays of results are frozen, also when they come from a file.
     values.setflags(write=False)
     return values
 

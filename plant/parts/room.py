@@ -20,6 +20,7 @@ def free_memory() -> float:
                 limits.append(1024.0 * int(line.split()[1]))
     except (OSError, ValueError, IndexError):
         pass
+    # A container may be limited to less than the machine has free (control groups, version 2).
     group = Path("/sys/fs/cgroup")
     try:
         group_limit = (group / "memory.max").read_text(encoding="ascii").strip()
@@ -29,6 +30,7 @@ def free_memory() -> float:
             )
     except (OSError, ValueError):
         pass
+    # Systems without /proc may still report free pages.
     if (
         min(limits) == float("inf")
         and hasattr(os, "sysconf")

@@ -59,6 +59,7 @@ class Saved:
             content = to_plain(self)
         except ValueError as error:
             raise ValueError(f"{type(self).__name__} cannot be saved: {error}") from None
+        # The head comes first in the file, so that a person reads it without the content.
         provenance = {"versions": versions()} | self.provenance()
         head = {
             "onepulse": __version__,
@@ -66,6 +67,7 @@ class Saved:
             "kind": kind_of(type(self)),
             "provenance": provenance,
         }
+        # The whole text is made before the file is opened, so errors leave the previous file.
         write_whole(path, (*written(head | {"content": content}), "\n"))
 
     @classmethod
@@ -103,7 +105,9 @@ def _read(cls: Any, path: str | Path) -> Any:
         raise ValueError(
             "must be a file of this library; it has no key 'onepulse'. Give what save() wrote."
         )
+    # True == 1 in Python, so a boolean has to be refused separately.
     if data.get("format") != FORMAT or isinstance(data["format"], bool):
+        # A newer file needs a newer version; an older one has to be made again.
         newer = isinstance(data.get("format"), int) and data["format"] > FORMAT
         advice = (
             f"Use version {data['onepulse']!r:.20} or later"
@@ -113,10 +117,12 @@ def _read(cls: Any, path: str | Path) -> Any:
         raise ValueError(f"must be of format {FORMAT}; got {data.get('format')!r:.40}. {advice}.")
     for key in data:
         choice("a key", key, _KEYS)
+    # All keys are required; the first missing one is enough for a message.
     missing = [key for key in _KEYS if key not in data]
     if missing:
         raise ValueError(f"must have the key {missing[0]!r}; it has not. Save it again.")
     cls_of_file = class_of(data["kind"])
+    # A class may also read files of another one that it replaces.
     if not issubclass(cls_of_file, cls) and cls not in getattr(cls_of_file, "_read_by", ()):
         raise ValueError(
             f"must hold a {cls.__name__}; it holds a {data['kind']!r:.60}. Use"
@@ -129,6 +135,7 @@ def _read(cls: Any, path: str | Path) -> Any:
         )
     result = from_plain(content)
     provenance = data["provenance"]
+    # Compare the provenance of the content with the stored one: it differs after an edit by hand.
     expected = result.provenance()
     differs = [
         key
@@ -153,6 +160,8 @@ def written(data: Any, indent: str = "") -> Iterator[str]:
             yield f"{',' if i else '{'}\n{deeper}{json.dumps(key)}: "
             yield from written(value, deeper)
         yield f"\n{indent}}}"
+    # Lists of numbers stay on one line; nested ones are indented, so that a file can be compared
+    # line by line.
     elif isinstance(data, list) and any(isinstance(item, (list, dict)) for item in data):
         for i, value in enumerate(data):
             yield f"{',' if i else '['}\n{deeper}"
@@ -160,6 +169,7 @@ def written(data: Any, indent: str = "") -> Iterator[str]:
         yield f"\n{indent}]"
     elif isinstance(data, list):
         try:
+            # The fast way first; only a list with NaN or infinity is written number by number.
             yield json.dumps(data, allow_nan=False)
         except ValueError:
             yield f"[{', '.join(map(_scalar, data))}]"
@@ -169,6 +179,8 @@ def written(data: Any, indent: str = "") -> Iterator[str]:
 
 def _scalar(value: Any) -> str:
     if isinstance(value, float) and not math.isfinite(value):
+        # JSON has no infinity and no NaN; they become an object with their text. The sign of NaN is
+        # one of the bits.
         sign = "-" if math.copysign(1.0, value) < 0 else ""
         return json.dumps({"float": f"{sign}{'nan' if math.isnan(value) else 'inf'}"})
     return json.dumps(value)
@@ -182,6 +194,7 @@ def parsed(data: bytes) -> Any:
         raise ValueError("must be JSON; it is nested too deep. Save it again.") from None
     except json.JSONDecodeError as error:
         begins = error.doc[:20]
+        # An error at the very end of the text means that writing was interrupted.
         cut = error.pos >= len(error.doc.rstrip())
         if error.doc.strip() and not begins.startswith("{"):
             why = (
@@ -200,6 +213,7 @@ def parsed(data: bytes) -> Any:
 def _object(pairs: list[tuple[str, Any]]) -> Any:
     entries = dict(pairs)
     if len(entries) < len(pairs):
+        # Python would silently take the last of two values.
         twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
         raise ValueError(f"must have each key once; {twice!r:.40} comes twice. Save it again.")
     if set(entries) == {"float"}:

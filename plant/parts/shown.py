@@ -125,6 +125,7 @@ def _html(part: Piece) -> str:
     if isinstance(part, Table):
         return table(part.head, part.rows, (0, *part.words)) if part.rows else ""
     if isinstance(part, Verdict):
+        # The mark repeats the colour for those who cannot see it.
         kind = {None: "", True: " good", False: " bad"}[part.good]
         mark = {None: "", True: "✓ ", False: "✗ "}[part.good]
         return f'<p class="verdict{kind}"><b>{mark}{text(part.sentence)}</b></p>'
@@ -156,6 +157,7 @@ def table(
     """
 
     def row(tag: str, cells: Sequence[object]) -> str:
+        # A unit must not break over two lines.
         kinds = ("" if i in words else _NUMBER for i in range(len(cells)))
         texts = (text(cell).replace("N m", "N&nbsp;m") for cell in cells)
         return (
@@ -164,6 +166,7 @@ def table(
             + "</tr>"
         )
 
+    # A table without titles needs no empty head.
     above = f"<thead>{row('th', head)}</thead>\n" if any(head) else ""
     below = "\n".join(row("td", cells) for cells in rows)
     return f'<div class="wide"><table>\n{above}<tbody>\n{below}\n</tbody></table></div>'

@@ -37,6 +37,7 @@ def products(rows: Floats) -> Floats:
     sums = np.empty((rows.shape[1],) * 2)
     for i in range(0, len(sums), _AT_ONCE):
         sums[i : i + _AT_ONCE, i:] = np.einsum("mi,mj->ij", rows[:, i : i + _AT_ONCE], rows[:, i:])
+        # The matrix is symmetric: copy the block below the diagonal.
         sums[i:, i : i + _AT_ONCE] = sums[i : i + _AT_ONCE, i:].T
     return sums
 
@@ -49,10 +50,12 @@ def triangle(rows: Floats) -> Floats:
     """
     k = rows.shape[1]
     reduced = np.vstack([rows, np.zeros((max(0, k - len(rows)), k))]).astype(float)
+    # Reflect each column onto its first entry; zero columns stay as they are.
     for i in range(k):
         mirror = reduced[i:, i].copy()
         length = norm(mirror)
         if length:
+            # The sign of the first entry avoids cancellation.
             mirror[0] += np.copysign(length, mirror[0])
             mirror /= norm(mirror)
             reduced[i:, i:] -= 2 * mirror[:, None] * (mirror[:, None] * reduced[i:, i:]).sum(axis=0)
@@ -65,6 +68,9 @@ def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:
     `rcond` as in `numpy.linalg.lstsq`.
     """
     k = rows.shape[1]
+    # QR of [rows, target] leaves k + 1 short rows, for which one thread is enough; the condition is
+    # that of the rows, not its square as with normal equations.
     both = triangle(np.column_stack([rows, target]))
+    # The default of numpy, for the size of the long system.
     rcond = np.finfo(float).eps * max(rows.shape) if rcond is None else rcond
     return np.asarray(np.linalg.lstsq(both[:k, :k], both[:k, k], rcond=rcond)[0])

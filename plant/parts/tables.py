@@ -68,6 +68,7 @@ class Table:
         widths = self._widths(columns, width)
         if widths is not None:
             return self._set(columns, range(len(columns)), widths)
+        # Too wide: divide the columns into panels below each other, each with the first column.
         further = range(1, len(columns))
         for panels in itertools.count(2):  # as few as will do, as alike as can be
             size = max(-(-len(further) // panels), 1)
@@ -91,7 +92,9 @@ class Table:
     ) -> list[int] | None:
         """Width of each column: natural, else with wrapped titles, else with wrapped words."""
         places = range(len(columns)) if places is None else places
+        # The gaps between the columns take width, too.
         room = width - len(_GAP) * (len(columns) - 1)
+        # The lowest titles that fit.
         for height in range(1, LAYOUT.title + 1):
             widths = self._least(columns, places, height)
             if sum(widths) <= room:
@@ -116,7 +119,9 @@ class Table:
                 else min(max(map(len, cells), default=0), LAYOUT.label)
             )
             for name in title:
+                # A word of a title is never broken.
                 width = max(width, *map(len, _joined(name).split(" ")))
+                # Words alone do not decide: a title may need more width to fit into its lines.
                 width += next(
                     extra
                     for extra in itertools.count()
@@ -135,6 +140,7 @@ class Table:
             cells = [wrapped(cell, width) for cell, width in zip(row, widths, strict=True)]
             tall = max(map(len, cells))
             title = k == 0 and bool(self.head)
+            # Titles stand at the bottom of their row, cells at the top.
             cells = [
                 [""] * (tall - len(cell)) + cell if title else cell + [""] * (tall - len(cell))
                 for cell in cells
@@ -153,6 +159,7 @@ def by_joint(labels: Sequence[str], quantities: Sequence[Sequence[str]]) -> Tabl
 
     They do where one column per joint would be wider than the page.
     """
+    # Quantities as rows first; they become columns where the labels take too much width.
     rows = [("", *labels), *quantities]
     wide = sum(max(map(len, column)) for column in zip(*rows, strict=True)) + len(_GAP) * len(
         labels

@@ -186,6 +186,7 @@ class Fields:
 
     def initial(self, n: int) -> Floats:
         """The vector (length,) at the start."""
+        # So that a vector without fields is an empty array, too.
         starts = [np.empty(0)]
         for name, field in self.fields.items():
             try:
@@ -212,6 +213,7 @@ class Fields:
         that number, every other field as a vector.
         """
         length = vector.shape[0]
+        # A vector of other fields would be read silently under wrong names.
         if length != self.length(n):
             raise ValueError(
                 f"a vector with the fields {', '.join(self.fields)} must have {self.length(n)}"
@@ -223,6 +225,7 @@ class Fields:
             part = _part(vector, place)
             if isinstance(field, Fields):
                 part = field.read(part, n)
+            # A number, not a vector of one, so that equations need no index.
             elif field.size == 1:
                 part = vector[place.start]
             values[name] = part
@@ -246,18 +249,22 @@ class Fields:
         for name, field in self.fields.items():
             value = values[name]
             if isinstance(field, Fields):
+                # The record that `read` gave can be written back as it is.
                 group = value._asdict() if hasattr(value, "_asdict") else value
                 value = field.write(n, **group)
             elif not isinstance(value, ca.SX | ca.MX | ca.DM):
                 value = np.atleast_1d(np.asarray(value, float))
+            # A casadi column has two dimensions, a numpy vector one; both hold one column.
             if value.shape[0] != field.length(n) or value.shape[1:] not in ((), (1,)):
                 raise ValueError(
                     f"the field '{name}' must have {field.length(n)} numbers; got shape"
                     f" {tuple(value.shape)}. Give one column of that length."
                 )
             parts.append(value)
+        # One symbol makes the whole vector symbolic.
         if any(isinstance(part, ca.SX | ca.MX | ca.DM) for part in parts):
             return ca.vertcat(*parts)
+        # The empty array allows a vector without fields.
         return np.concatenate([np.empty(0), *parts])
 
     def at(self, n: int) -> dict[str, range]:
@@ -275,12 +282,14 @@ class Fields:
         for name, place in self.at(n).items():
             begin = place.start
             inner = self.fields[name].places(n, role)
+            # A group counts from its own start; shift its places to those of this vector.
             places += [range(begin + x.start, begin + x.stop) for x in inner]
         return tuple(places)
 
     def changed(self, vector: Any, n: int, role: str, change: Callable[[Any], Any]) -> Any:
         """The casadi vector with `change` applied to every field of a role, groups included."""
         for place in self.places(n, role):
+            # casadi vectors cannot be assigned to, so a new one is joined of three pieces.
             head = _part(vector, range(place.start))
             tail = _part(vector, range(place.stop, vector.shape[0]))
             vector = ca.vertcat(head, change(_part(vector, place)), tail)

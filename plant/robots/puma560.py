@@ -119,6 +119,7 @@ def literature_arm(
     # Masses and centres of the three wrist links, in frame 3.
     for wrist in ((0.82, -0.0203, -0.414), (0.34, -0.0203, -0.4331), (0.09, -0.0203, -0.465)):
         link3 = link3.joined(body(*wrist))
+    # Without a tool the bodies stay exactly those of the sources.
     if tool_mass:
         link3 = link3.joined(body(tool_mass, *tool_position))
     model = dynamics()

@@ -114,14 +114,17 @@ def to_ros2_control(
         )
     rig = limited(rig, torque_limit)
     require_exportable(rig, name)
+    # ROS forbids both in the names of packages.
     if "__" in name or name.endswith("_"):
         raise ValueError(
             f"name must have single underscores, and none at its end, in ROS; got {name!r}."
             " Rename it."
         )
     hertz = 1 / (law.period or rig.period)
+    # The update rate of the controller manager is an integer [Hz].
     if abs(round(hertz) / hertz - 1) > _RATE:
         low = int(hertz)
+        # Offer the whole rates on both sides of the present one.
         high = int(hertz) + 1
         took = f"got {1 / hertz:g} s, {hertz:.6g} Hz. Make the law for 1 / {low} or 1 / {high} s"
         raise ValueError(
@@ -129,6 +132,7 @@ def to_ros2_control(
         )
     names = _joint_names(law, rig, joints)
     values = values_of(law, rig, guards, name, Output(None, 0), without)
+    # Text of the user goes into comments of C and into XML, so it is wrapped and escaped there.
     summary = (
         f"{kind} for {', '.join(names)}, with the guards and the stop of the running controller"
     )
@@ -142,6 +146,7 @@ def to_ros2_control(
         "joints_said": ", ".join(names),
         "rate": round(hertz),
     }
+    # The C is that of `to_c`; the remaining files make it a package of ROS.
     package = {file.format(name): _TEMPLATES / template for file, template in _FILES.items()}
     code = {f"{name}{suffix}": template for suffix, template in CONTROLLER.items()}
     write_templates(folder, name, code | package, values)
@@ -151,8 +156,10 @@ def _joint_names(law: Law, rig: Rig, joints: Sequence[str] | None) -> list[str]:
     """Names of the joints in ROS."""
     arm = getattr(law, "arm", None)
     labels = rig.drive.joints if arm is None else [link.name for link in arm.dynamics.chain.links]
+    # ROS needs a name for every joint.
     labels = labels or [str(i + 1) for i in range(rig.n)]
     names = [f"joint{label}" if label.isdigit() else label.replace(" ", "_") for label in labels]
+    # A str is a sequence of letters, and would pass as one name per letter.
     if isinstance(joints, str):
         raise ValueError(
             f"joints must be a sequence of names; got {joints!r:.60}. Write ({joints!r:.60},)."
@@ -165,6 +172,7 @@ def _joint_names(law: Law, rig: Rig, joints: Sequence[str] | None) -> list[str]:
                 f"joints must {rule}, in ROS; got {label!r:.60}. Give joints=(...), as the URDF has"
                 " them."
             )
+    # Two joints of one name would read the same encoder.
     if len(names) != rig.n or len(set(names)) != rig.n:
         raise ValueError(
             f"joints must be {rig.n} different names; got {', '.join(names)}. Give one per joint."
@@ -178,7 +186,11 @@ def _functions(rig: Rig) -> Iterator[str]:
     q = ca.SX.sym("positions", n)
     counts = ca.SX.sym("counts", n)
     yield _function(
-        "counts_of", [("positions", q)], "counts", ca.floor(rig.position_in_pulses(q) + 0.5)
+        # Halves round up on both sides of zero, unlike those of C's `round`.
+        "counts_of",
+        [("positions", q)],
+        "counts",
+        ca.floor(rig.position_in_pulses(q) + 0.5),
     )
     yield _function("angles_of", [("counts", counts)], "angles", rig.cell_centre(counts))
     begun = ca.SX.sym("begun", 3)
@@ -191,12 +203,17 @@ def _functions(rig: Rig) -> Iterator[str]:
 
 def _between(begun: ca.SX, ended: ca.SX, span: ca.SX, at: ca.SX) -> ca.SX:
     """Position, velocity and acceleration (3, 1) on the quintic between two points."""
+    # Position, velocity and acceleration of the beginning fix three coefficients; the three higher
+    # ones follow from those at the end, in units of the span so that the matrix is constant.
     higher = ca.SX.sym("higher", 3)
+    # The powers of the share of the span keep the higher coefficients in rad.
     share = at / span
     position = begun[0] + begun[1] * at + begun[2] / 2 * at**2
     position += ca.dot(higher, ca.vertcat(share**3, share**4, share**5))
     velocity = ca.jacobian(position, at)
     motion = ca.vertcat(position, velocity, ca.jacobian(velocity, at))
+    # The end conditions are linear in the higher coefficients: solve them by the inverse of their
+    # matrix, which depends on nothing once the span is 1.
     missing = ca.substitute(ended - motion, at, span) * ca.vertcat(1, span, span**2)
     matrix = ca.evalf(ca.substitute(-ca.jacobian(missing, higher), span, 1))
     return ca.substitute(
@@ -206,6 +223,7 @@ def _between(begun: ca.SX, ended: ca.SX, span: ca.SX, at: ca.SX) -> ca.SX:
 
 def _function(name: str, inputs: list[tuple[str, ca.SX]], output: str, value: ca.SX) -> str:
     """A C function that writes the components of a vector."""
+    # Only these two are passed by value; a vector of one joint stays a pointer.
     scalar = {
         argument
         for argument, symbol in inputs
@@ -220,6 +238,7 @@ def _function(name: str, inputs: list[tuple[str, ca.SX]], output: str, value: ca
         for argument, symbol in inputs
     ]
     function = ca.Function(name, [symbol for _, symbol in inputs], [ca.densify(ca.cse(value))])
+    # Every number may change from call to call, so all inputs count as state.
     lines, values, _ = statements(function, sources)
     taken = ", ".join(
         f"double {argument}" if argument in scalar else f"const double * {argument}"
