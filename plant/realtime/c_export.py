@@ -232,7 +232,7 @@ def each(count: int, statement: str) -> str:
 
 
 def identifier(name: str) -> str:
-    """C identifier of a number: ``springs[1].at`` is ``springs_1_at`` there."""
+    """C identifier of a number: ``springs[1].at`` is ``springs_1_at``."""
     return re.sub(r"\[(\d+)\]\.", r"_\1_", name).replace(".", "_")
 
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.compiler.c_statements import braced, comment, helpers, literal, paragraph, statements
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.python_to_c import CFunction, CNames
 from plant.machine.rig import Rig
+from plant.parts.fields import Floats
 from plant.realtime import safety, stopping, watching
 from plant.realtime.c_text import (
     HOST,
@@ -147,7 +147,7 @@ def _fields(fields: Mapping[str, str]) -> Iterable[str]:
         yield f"double {name}{size}; {comment(meaning)}"
 
 
-def initial_struct(vector: NDArray[np.float64], layout: Layout) -> str:
+def initial_struct(vector: Floats, layout: Layout) -> str:
     """Initialiser of the memory; all other fields are zero."""
     memory = view(vector, layout.n, 0)
     numbers = vector[[position for position, _ in layout.components("numbers")]]

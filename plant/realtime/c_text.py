@@ -12,11 +12,11 @@ from typing import Any, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.compiler.c_statements import constant
 from plant.machine.rig import Rig
 from plant.parts.arguments import array, choice, instance, real
+from plant.parts.fields import Floats
 from plant.version import __version__
 
 # Functions of C's library that c/elementary.c replaces on a microcontroller.
@@ -242,7 +242,7 @@ class Output(NamedTuple):
     `scale` (n,) [1/A] and the `largest` count belong to the converter.
     """
 
-    scale: NDArray[np.float64] | None
+    scale: Floats | None
     largest: float
 
     @classmethod

@@ -13,13 +13,13 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.intrinsics import MODULES, head, switch
 from plant.compiler.kernel_cache import Kernel
 from plant.compiler.translate import Names, translate
 from plant.machine.rig import Rig
+from plant.parts.fields import Floats
 from plant.realtime import calls, memory, safety, stopping, watching
 from plant.realtime.guards import Guards
 from plant.realtime.memory import JOINT_SIZE, MOTION_SIZE, RUN_SIZE, Layout, view
@@ -36,11 +36,11 @@ class Core(NamedTuple):
     """
 
     step: Callable[..., int]
-    memory: NDArray[np.float64]
+    memory: Floats
 
-    def law_state(self, n: int) -> NDArray[np.float64]:
+    def law_state(self, n: int) -> Floats:
         """State (s,) of the law, as a view of the memory: an assignment acts on the next step."""
-        state: NDArray[np.float64] = view(self.memory, n, 0).state
+        state: Floats = view(self.memory, n, 0).state
         return state
 
 
@@ -56,7 +56,7 @@ def compiled(
     return Core(kernel.function("step", *trial, np.nan, vector.copy(), np.zeros(rig.n)), vector)
 
 
-def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> NDArray[np.float64]:
+def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Floats:
     """The memory at the start, but for the counts."""
     n = rig.n
     vector = Layout.of(block, n).vector(block)

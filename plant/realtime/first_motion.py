@@ -3,11 +3,12 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance, known_options, real
+from plant.parts.fields import Floats
 from plant.realtime.guards import Guards
 
 _SHOWS = 4  # counts that are a motion, and no flicker at the edge of a cell
@@ -129,7 +130,7 @@ class FirstMotion:
         # The generator runs to its first torque, so that the first call of `step` sends it counts.
         next(self._plan)
 
-    def step(self, pulses: ArrayLike) -> NDArray[np.float64]:
+    def step(self, pulses: ArrayLike) -> Floats:
         """Torque (n,) [N m], joint side, until the next call, one period of the rig later.
 
         Parameters
@@ -165,12 +166,12 @@ class FirstMotion:
             f" {latest:.60})"
         )
 
-    def _counts(self, pulses: ArrayLike) -> NDArray[np.float64]:
+    def _counts(self, pulses: ArrayLike) -> Floats:
         return np.array(
             array("pulses", pulses, (self.rig.n,), advice="Give the encoder counts."), dtype=float
         )
 
-    def _motors(self) -> Iterator[NDArray[np.float64]]:
+    def _motors(self) -> Iterator[Floats]:
         """The torques, one after another; between two of them the counts are new."""
         yield self._weight
         for motor in range(self.n):
@@ -199,7 +200,7 @@ class FirstMotion:
                 f"motor of {self._labels[motor]}: {self._finding(motor, moved, push)}"
             )
 
-    def _push(self, motor: int) -> NDArray[np.float64]:
+    def _push(self, motor: int) -> Floats:
         """The largest torque (n,) on the joints that turns one motor so that its counts rise."""
         # Column of the motor in the pulses per joint angle: power is conserved, so the torques that
         # turn this motor alone are in this proportion. The joint that reaches its largest torque
@@ -209,7 +210,7 @@ class FirstMotion:
         ]
         return per_joint / np.abs(per_joint / self._largest).max()
 
-    def _rest(self) -> Iterator[NDArray[np.float64]]:
+    def _rest(self) -> Iterator[Floats]:
         """The weight's torque until no count has changed for a while."""
         still = 0.0
         counts = self._latest
@@ -231,7 +232,7 @@ class FirstMotion:
             self._torque = np.zeros(self.n)
         return bool(far.any())
 
-    def _finding(self, motor: int, moved: NDArray[np.float64], push: NDArray[np.float64]) -> str:
+    def _finding(self, motor: int, moved: Floats, push: Floats) -> str:
         """Finding from the counts (n,) that moved when one motor was pushed to raise its own."""
         mover = int(np.abs(moved).argmax())
         if abs(moved[mover]) < _SHOWS:

@@ -3,11 +3,12 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.machine.rig import Rig
 from plant.mechanics.link import Limits
 from plant.parts.arguments import array, choice, instance, known_options, real
+from plant.parts.fields import Floats
 from plant.parts.messages import warn
 
 # Length of the window in which time at the limit is counted [s].
@@ -222,7 +223,7 @@ class Guards:
                     " second?"
                 )
 
-    def limits(self, rig: Rig) -> NDArray[np.float64]:
+    def limits(self, rig: Rig) -> Floats:
         """Limits of jump, stuck and error [pulses], and band of static friction [N m]: (4, n)."""
         drive = rig.drive
         turn = rig.encoder.resolution
@@ -245,7 +246,7 @@ class Guards:
         # Three times static friction: the band has twice its level, and the rest is a margin.
         return np.array([*limits, 3 * np.abs(friction)])
 
-    def rest_band(self, rig: Rig) -> NDArray[np.float64]:
+    def rest_band(self, rig: Rig) -> Floats:
         """Change of torque (n,) [N m] that leaves a joint at rest."""
         limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
         # An infinite limit has no share.
@@ -258,7 +259,7 @@ class Guards:
             "rest", np.where(np.isfinite(floor) | (band == 0), np.fmax(band, floor), band)
         )
 
-    def motion_limits(self, rig: Rig) -> NDArray[np.float64]:
+    def motion_limits(self, rig: Rig) -> Floats:
         """Lowest, highest position [rad], largest speed [rad/s], torque rate [N m/s]: (4, n)."""
         # An arm without limits of its own moves freely.
         free = np.full(rig.n, np.inf)
@@ -282,11 +283,11 @@ class Guards:
             (-np.inf, np.inf) if self.rhythm == np.inf else (1 - self.rhythm, 1 / (1 - self.rhythm))
         )
 
-    def slack(self, rig: Rig) -> NDArray[np.float64]:
+    def slack(self, rig: Rig) -> Floats:
         """Speed (n,) [pulses/s] that is no rise in a hold: some turns of the motor, two pulses."""
         return _TURNS * rig.encoder.resolution + 2 / rig.period
 
-    def torque_limits(self, rig: Rig) -> NDArray[np.float64]:
+    def torque_limits(self, rig: Rig) -> Floats:
         """Limits of the time at the torque limit [s] and of the shaft's swing [N m]: (2, n)."""
         share, swing = (
             self._per_joint(name, np.full(rig.n, np.inf)) for name in ("saturation", "chatter")
@@ -294,7 +295,7 @@ class Guards:
         # Both limits apply on the shafts, where the amplifiers end.
         return np.array([share * WINDOW, swing * rig.drive.torque_limit()])
 
-    def _per_joint(self, name: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _per_joint(self, name: str, default: Floats) -> Floats:
         value = getattr(self, name)
         if value is None:
             return default

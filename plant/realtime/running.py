@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.machine.rig import Rig
 from plant.parts.arguments import choice, instance
+from plant.parts.fields import Floats
 from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards, limited
@@ -155,7 +156,7 @@ class Running:
         *,
         now: float | None = None,
         **unknown: Any,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Torque to be applied until the next call; to be called once per period.
 
         Parameters
@@ -217,27 +218,27 @@ class Running:
 
     # -- attributes -------------------------------------------------------------------------------
     @property
-    def pulses(self) -> NDArray[np.float64]:
+    def pulses(self) -> Floats:
         return self._row("counts")
 
     @property
-    def torque(self) -> NDArray[np.float64]:
+    def torque(self) -> Floats:
         return self._row("torque")
 
     @property
-    def reference(self) -> NDArray[np.float64]:
+    def reference(self) -> Floats:
         return self._row("q")
 
     @property
-    def state(self) -> NDArray[np.float64]:
+    def state(self) -> Floats:
         return self.core.law_state(self.n).copy()
 
     @property
-    def friction(self) -> NDArray[np.float64]:
-        learnt: NDArray[np.float64] = self.law.friction_in(self.state)
+    def friction(self) -> Floats:
+        learnt: Floats = self.law.friction_in(self.state)
         return learnt
 
-    def begin(self, state: NDArray[np.float64]) -> None:
+    def begin(self, state: Floats) -> None:
         """Begin with a state (s,) of the law, to which `reset` returns, too."""
         self.core.law_state(self.n)[:] = state
         counts = self.pulses
@@ -257,13 +258,13 @@ class Running:
     def status(self) -> Status:
         return Status.of(self._run, self.law.joint_labels(self.rig), self._weighs)
 
-    def _row(self, name: str) -> NDArray[np.float64]:
+    def _row(self, name: str) -> Floats:
         """Copy (n,) of a field of the joints."""
-        values: NDArray[np.float64] = self._joints[name].copy()
+        values: Floats = self._joints[name].copy()
         return values
 
     # -- arguments of any kind --------------------------------------------------------------------
-    def _set(self, counts: NDArray[np.float64]) -> None:
+    def _set(self, counts: Floats) -> None:
         self._memory[:] = self._initial
         self._joints["counts"] = counts
 

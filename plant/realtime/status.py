@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any, NoReturn, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plant.machine.rig import Rig
 from plant.parts.arguments import array
+from plant.parts.fields import Floats
 from plant.parts.files import require_new
 from plant.parts.mcap_file import STATUS, McapFile, joint_topics
 from plant.realtime import memory as layout
@@ -23,7 +24,7 @@ ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 FIRST_CALLS = 2
 
 
-def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.float64]:
+def numbers(name: str, value: ArrayLike, n: int, advice: str) -> Floats:
     """Numbers of one argument, finite or not; all but plain arrays of numbers are refused."""
     try:
         plain = np.asarray(value)
@@ -40,7 +41,7 @@ def numbers(name: str, value: ArrayLike, n: int, advice: str) -> NDArray[np.floa
     return plain if plain.shape == (n,) else array(name, value, (n,), advice=advice, finite=False)
 
 
-def whole_counts(pulses: ArrayLike, rig: Rig) -> NDArray[np.float64]:
+def whole_counts(pulses: ArrayLike, rig: Rig) -> Floats:
     """Encoder counts (n,), checked."""
     counts = array("pulses", pulses, (rig.n,), advice="Give the encoder count of each joint.")
     if not rig.encoder.smooth and (counts != np.trunc(counts)).any():
@@ -51,7 +52,7 @@ def whole_counts(pulses: ArrayLike, rig: Rig) -> NDArray[np.float64]:
 
 
 def refuse(
-    refusal: int, arguments: Sequence[NDArray[np.float64]], rig: Rig, previous: float, now: float
+    refusal: int, arguments: Sequence[Floats], rig: Rig, previous: float, now: float
 ) -> NoReturn:
     """Raise the error of a refused call at `now` [s], after a call at `previous` [s]."""
     counts, *motion = arguments
