@@ -37,7 +37,7 @@ _SINGLE = 2.0**-24
 # Largest rounding error of a position [pulses]: below half a pulse the count stays the same.
 _LOST = 0.5
 
-
+# Flags of gcc for a processor, and the board of QEMU that has it.
 _PROCESSORS = {
     "cortex-m7": {
         "cpu": "-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard",
@@ -88,17 +88,17 @@ class Target(NamedTuple):
     @property
     def values(self) -> dict[str, str]:
         """Values of the templates that depend on the target."""
-        words = "single precision" if self.single else "double precision"
+        target = "" if self.name is None else f", for {self.name}"
+        words = "single" if self.single else "double"
+        values = {
+            "precision": f"Numbers: {words} precision{target}.",
+            **_PROCESSORS.get(self.name or "", {}),
+        }
         # A clock in single precision resolves no microseconds after half a minute, so there is
         # none.
-        clock = (
-            {}
-            if self.single
-            else {"clock": ", double now", "at": "now", "passed": ", now", "never": "NAN, "}
-        )
-        about = f"Numbers: {words}{'' if self.name is None else f', for {self.name}'}."
-        values = {"clock": "", "at": "NAN", "passed": "", "never": "", "precision": about} | clock
-        return values if self.name is None else values | _PROCESSORS[self.name]
+        if self.single:
+            return values | {"clock": "", "at": "NAN", "passed": "", "never": ""}
+        return values | {"clock": ", double now", "at": "now", "passed": ", now", "never": "NAN, "}
 
     @property
     def elementary(self) -> str:
@@ -106,9 +106,7 @@ class Target(NamedTuple):
         # Single precision has the library's functions: only double precision promises the host's
         # bits.
         has_own = self.name is not None and not self.single
-        return (
-            (Path(__file__).with_name("c") / "elementary.c").read_text("ascii") if has_own else ""
-        )
+        return fragment("elementary.c", {}) if has_own else ""
 
     def translated(self, text: str) -> str:
         """C of the templates as it is for this target; comments, strings and file names stay."""
@@ -141,6 +139,8 @@ _TEMPLATES = Path(__file__).with_name("c")
 
 # The same for a law alone and for a running controller, which fill it differently.
 CONTROLLER = {".h": _TEMPLATES / "controller.h", ".c": _TEMPLATES / "controller.c"}
+
+# Without contraction of a product and a sum, which would round otherwise than the host.
 _FLAGS = "-std=c99 -O2 -Wall -Wextra -pedantic -ffp-contract=off"
 
 

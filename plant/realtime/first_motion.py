@@ -1,5 +1,6 @@
 """First motion of an arm: a small torque on each motor in turn shows wires turned or swapped."""
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,17 +12,34 @@ from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
 from plant.realtime.guards import Guards
 
-_SHOWS = 4  # counts that are a motion, and no flicker at the edge of a cell
 
-# Time from no torque to the largest, longest time to come to rest, and time without a count at rest
-# [s].
-_RAMP = 0.8
-_SETTLE = 0.5
-_STILL = 0.05
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FirstMotionSettings:
+    """Numbers of the first motion; all are chosen by hand.
 
-# Of the change of torque that leaves a joint at rest, which goes from one direction of friction to
-# the other.
-_SHARE = 0.8
+    Parameters
+    ----------
+    counts : int
+        Counts that are a motion, and no flicker at the edge of a cell.
+    ramp : float
+        Time from no torque to the largest [s].
+    settle : float
+        Longest time to come to rest [s].
+    still : float
+        Time without a count at rest [s].
+    share : float
+        Largest torque, relative to the change that leaves a joint at rest: that goes from one
+        direction of friction to the other.
+    """
+
+    counts: int = 4
+    ramp: float = 0.8
+    settle: float = 0.5
+    still: float = 0.05
+    share: float = 0.8
+
+
+SETTINGS = FirstMotionSettings()
 
 
 @known_options
@@ -98,16 +116,17 @@ class FirstMotion:
         # The default stays within the band of static friction of `Guards`, so that it can hardly
         # move a joint that friction holds at rest.
         largest = (
-            _SHARE * Guards().rest_band(rig)
+            SETTINGS.share * Guards().rest_band(rig)
             if torque is None
             else array("torque", torque, (n,), advice=advice)
         )
         if not (np.isfinite(largest) & (largest > 0)).all():
             raise ValueError(f"torque must be above 0 and finite; got {largest}. {advice}")
         self.travel = real("travel", travel, "Give pulses, such as 12.", positive=True)
-        if travel < _SHOWS:
+        if travel < SETTINGS.counts:
             raise ValueError(
-                f"travel must be at least {_SHOWS} pulses; got {travel:g}. Fewer are a cell's edge."
+                f"travel must be at least {SETTINGS.counts} pulses; got {travel:g}."
+                " Fewer are a cell's edge."
             )
         self.rig = rig
         self.n = n
@@ -185,7 +204,11 @@ class FirstMotion:
             # 2. Raise the torque until some encoder has counted, not only the motor's own: it may
             # be dead, or swapped.
             start = self._latest
-            for share in np.arange(1, round(_RAMP / self.rig.period) + 1) * self.rig.period / _RAMP:
+            for share in (
+                np.arange(1, round(SETTINGS.ramp / self.rig.period) + 1)
+                * self.rig.period
+                / SETTINGS.ramp
+            ):
                 yield self._weight + share * push
                 if np.abs(self._latest - start).max() >= self.travel:
                     break
@@ -214,13 +237,15 @@ class FirstMotion:
         """The weight's torque until no count has changed for a while."""
         still = 0.0
         counts = self._latest
-        for _ in range(round(_SETTLE / self.rig.period)):
-            if still >= _STILL:
+        for _ in range(round(SETTINGS.settle / self.rig.period)):
+            if still >= SETTINGS.still:
                 return
             yield self._weight
             # A flicker by one count at the edge of a cell is no motion.
             still = (
-                still + self.rig.period if np.abs(self._latest - counts).max() < _SHOWS / 2 else 0.0
+                still + self.rig.period
+                if np.abs(self._latest - counts).max() < SETTINGS.counts / 2
+                else 0.0
             )
             counts = counts if still else self._latest
 
@@ -235,14 +260,14 @@ class FirstMotion:
     def _finding(self, motor: int, moved: Floats, push: Floats) -> str:
         """Finding from the counts (n,) that moved when one motor was pushed to raise its own."""
         mover = int(np.abs(moved).argmax())
-        if abs(moved[mover]) < _SHOWS:
+        if abs(moved[mover]) < SETTINGS.counts:
             largest = np.abs(push).max()
             return (
                 f"no count moved up to {largest:.3g} N m: a brake, an encoder or an amplifier"
                 " without power?"
             )
         if mover != motor:
-            dead = "" if abs(moved[motor]) >= _SHOWS else ", or its own encoder is dead"
+            dead = "" if abs(moved[motor]) >= SETTINGS.counts else ", or its own encoder is dead"
             return (
                 f"the counts of {self._labels[mover]} moved by {moved[mover]:+.0f}, its own by"
                 f" {moved[motor]:+.0f}: encoders or amplifiers are swapped{dead}"

@@ -14,21 +14,36 @@ from plant.parts.messages import warn
 # Length of the window in which time at the limit is counted [s].
 WINDOW = 0.1
 
-# Change of the torque, relative to static friction, that leaves a joint at rest: from one edge of
-# its band to the other, and a tenth more than the rig states.
-_BAND = 2.2
 
-# share of the limit by which the torque of a joint at rest may change, whatever its friction
-_FLOOR = 0.1
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GuardDefaults:
+    """Numbers of limits that `Guards` derives from the rig; all are chosen by hand.
 
-# Turns, from end to end or per second, that no joint of an arm makes: more are degrees.
-_ARM = 5.0
+    Parameters
+    ----------
+    rest_band : float
+        Change of the torque, relative to static friction, that leaves a joint at rest: from one
+        edge of its band to the other, and a tenth more than the rig states.
+    rest_share : float
+        Share of the torque limit by which the torque of a joint at rest may change, whatever its
+        friction.
+    hold_speed : float
+        Speed that is no rise in a hold [turns of the motor per second].
+    arm_turns : float
+        Turns, from end to end or per second, that no joint of an arm makes: more are degrees.
+    """
 
-# Speed [turns of the motor per second] that is no rise in a hold.
-_TURNS = 5.0
+    rest_band: float = 2.2
+    rest_share: float = 0.1
+    hold_speed: float = 5.0
+    arm_turns: float = 5.0
+
+
+DEFAULTS = GuardDefaults()
 
 STOPS = ("hold", "gravity", "zero")
 
+# Options that must be positive, with the advice of their errors.
 _POSITIVE = dict.fromkeys(
     ("jump", "stuck", "error", "late"), "Give pulses; np.inf switches it off."
 )
@@ -209,7 +224,7 @@ class Guards:
         """Warn of limits that stop no arm: angles in degrees."""
         low, high, speed, _ = self.motion_limits(rig)
         # No joint of an arm turns so far, from end to end, nor so far in a second.
-        limit = 2 * np.pi * _ARM
+        limit = 2 * np.pi * DEFAULTS.arm_turns
         for i, label in enumerate(rig.joint_labels):
             # Infinite limits are no limits, and no mistake.
             if np.isfinite(high[i] - low[i]) and high[i] - low[i] > limit:
@@ -250,9 +265,9 @@ class Guards:
         """Change of torque (n,) [N m] that leaves a joint at rest."""
         limit = rig.drive.coupling.joint_torque(rig.drive.torque_limit())
         # An infinite limit has no share.
-        floor = np.where(np.isfinite(limit), _FLOOR * np.abs(limit), np.inf)
+        floor = np.where(np.isfinite(limit), DEFAULTS.rest_share * np.abs(limit), np.inf)
         # `limits` has three times the friction.
-        band = _BAND / 3 * self.limits(rig)[3]
+        band = DEFAULTS.rest_band / 3 * self.limits(rig)[3]
         # Without a limit of the torque only friction bounds the band; without friction, too, the
         # band is infinite and the guard off.
         return self._per_joint(
@@ -285,7 +300,7 @@ class Guards:
 
     def slack(self, rig: Rig) -> Floats:
         """Speed (n,) [pulses/s] that is no rise in a hold: some turns of the motor, two pulses."""
-        return _TURNS * rig.encoder.resolution + 2 / rig.period
+        return DEFAULTS.hold_speed * rig.encoder.resolution + 2 / rig.period
 
     def torque_limits(self, rig: Rig) -> Floats:
         """Limits of the time at the torque limit [s] and of the shaft's swing [N m]: (2, n)."""

@@ -163,6 +163,7 @@ def _needed(law, rig, motion):
     q, qd, qdd = motion
     if not knows_arm(law):
         return ca.SX.zeros(rig.n)
+    # D qdd + h, from which the springs take their part; friction is left out.
     model = law.arm.dynamics
     f = law.arm.f
     return model.D(q, f) @ qdd + model.h(q, qd, f) - rig.spring_torque(q)
@@ -216,6 +217,7 @@ def _ramp(law, rig, memory):
     angle = memory["angle"]
     duration = memory["duration"]
     begin = memory["begin_torque"]
+    # The weight less the part that springs bear; a law without a model knows neither.
     gravity = 0
     if knows_arm(law):
         gravity = law.arm.dynamics.gravity(angle, law.arm.f) - rig.spring_torque(angle)
@@ -228,8 +230,10 @@ def _ramp(law, rig, memory):
 
 def _direction(torque, rig):
     """Direction (n, 1), 1 or -1, in which a joint torque at its limit pushes the counts; else 0."""
+    # A motor turns its counts down where gear or encoder have a negative sign.
     shaft = rig.drive.coupling.shaft_torque(torque)
     direction = ca.sign(shaft) * ca.sign(rig.encoder.position_in_pulses(rig.drive.gear))
+    # Conversions round, so a limited torque may come out just below the limit.
     return (ca.fabs(shaft) >= (1 - _ROUNDING) * rig.drive.torque_limit()) * direction
 
 

@@ -18,6 +18,7 @@ from plant.realtime.memory import RUNNING, view
 from plant.realtime.status import ARGUMENTS, RunLog, Status, clock, numbers, refuse, whole_counts
 
 _FLOAT = np.dtype(float)
+# Whole counts come as int64 or, from arithmetic, as float.
 _COUNTS = (np.dtype(np.int64), np.dtype(float))
 
 

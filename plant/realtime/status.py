@@ -17,6 +17,7 @@ from plant.realtime import memory as layout
 from plant.realtime.pieces import RAMP
 from plant.realtime.watching import FAR
 
+# Arguments of a step, in the order of the core; the errors of `Running.step` name them.
 ARGUMENTS = ("pulses", "q_r", "qd_r", "qdd_r")
 
 # Number of calls in which a joint is far from its reference because of the units, or the start, of
@@ -31,12 +32,9 @@ def numbers(name: str, value: ArrayLike, n: int, advice: str) -> Floats:
     except ValueError:
         return array(name, value, (n,), advice=advice, finite=False)
     # Masked arrays convert without their mask, strings and booleans to numbers: refuse them.
-    if isinstance(value, np.ma.MaskedArray) or plain.dtype.kind not in "iuf":
-        kind = (
-            "a masked array"
-            if isinstance(value, np.ma.MaskedArray)
-            else f"{plain.dtype} {value!r:.60}"
-        )
+    masked = isinstance(value, np.ma.MaskedArray)
+    if masked or plain.dtype.kind not in "iuf":
+        kind = "a masked array" if masked else f"{plain.dtype} {value!r:.60}"
         raise ValueError(f"{name} must be plain numbers of shape ({n},); got {kind}. {advice}")
     return plain if plain.shape == (n,) else array(name, value, (n,), advice=advice, finite=False)
 
@@ -191,9 +189,11 @@ class RunLog(McapFile):
         columns = dict.fromkeys(("reference_pulses", "error_pulses", "torque"), n)
         topics = {**joint_topics(n, columns), **STATUS}
         super().__init__(require_new(path, False), controller.rig.drive.joints, n, topics)
+        # Views of the controller's memory, which hold the values of the last call.
         memory = layout.view(controller.core.memory, n, 0)
         self._run = memory.run
         self._joints = memory.joints
+        # Unknown until the first call with a clock.
         self._offset: float | None = None
         self._state: tuple[float, ...] = ()
 
