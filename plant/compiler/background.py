@@ -1,7 +1,7 @@
 """Work on a thread beside the main thread, so that Ctrl-C comes through at once.
 
-Machine code and LLVM do not look for signals. What is interrupted goes on by itself to its end, and
-what it gives is dropped; a compilation is there for the next call.
+Machine code and LLVM do not look for signals. Interrupted work goes on to its end, and its
+result is dropped; a compilation is ready for the next call.
 """
 
 import contextvars

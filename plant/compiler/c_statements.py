@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from plant.compiler.instructions import STATE, TIME, UNIFORM, needed, rewritten
 from plant.compiler.translate import single_assignment
 
-# how strongly an expression holds together; 0 is a choice
+# Strength of an expression: the stronger one needs no parentheses within the weaker; 0 is a choice.
 _SUM = 1
 _PRODUCT = 2
 _SIGNED = 3
 _WHOLE = 4
 
-# How C writes an operation, how strongly that holds together, and how strongly what it needs has
-# to.  The others are functions of its library, of the same name, and `_HELPERS`.
+# The spelling of an operation in C, its strength, and the strength that its arguments need. The
+# others are functions of its library, of the same name, and `_HELPERS`.
 _SPELLING = {
     "ASSIGN": ("{}", 0, (0,)),
     "ADD": ("{} + {}", _SUM, (_SUM, _PRODUCT)),

@@ -14,7 +14,7 @@ CACHE_VARIABLE = "ONEPULSE_CACHE"
 # bytes of all kernels in the folder; beyond, those that were not used for the longest time go
 MOST = 2 << 30
 
-_REFUSED: set[Path] = set()  # folders of which the user has been told
+_REFUSED: set[Path] = set()  # folders that a warning has named
 _KERNEL = re.compile(r"kernel_([0-9a-f]{24})[._]")
 
 

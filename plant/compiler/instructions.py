@@ -5,18 +5,18 @@ once), *lane* (a number that differs between them: once per individual), *time* 
 changes with time, as the reference: once per step), or *state* (the rest: once per step and
 individual). An instruction belongs to the latest kind that it needs.
 
-What is rewritten, in one pass:
+Rewritten in one pass:
 
 * copysign(floor(fabs(x)), x) is trunc(x); fmin(fmax(x, -b), b) is limit(x, b) if b is an absolute
   value.
 * The sine and the cosine of one angle share their work.
 * Divisions by one number that changes all the time share its reciprocal. (Others stay as they are:
-  a rounding in what the encoder reads is amplified by an observer's gains.)
+  a rounding in the encoder's reading is amplified by an observer's gains.)
 
 and, where other roundings than casadi's are allowed (`relaxed`):
 
-* x + a + b is x + (a + b) if a and b are known earlier than x; products alike.
-* A division by what is known earlier is a product with its reciprocal.
+* x + a + b is x + (a + b) if a and b are earlier than x; products alike.
+* A division by an earlier value is a product with its reciprocal.
 * x - (a b + c d) is x - a b - c d, with two fused operations.
 * A product that only a sum needs is fused with it.
 """
@@ -74,7 +74,9 @@ def rewritten(
     # A reciprocal that is computed once pays from the second division on.
     divisors = Counter(node.of[1] for node in nodes if node.op == "DIV")
     angles = [{node.of[0] for node in nodes if node.op == op} for op in ("SIN", "COS")]
-    shared: dict[tuple[Any, ...], int] = {}  # what several nodes need, by what it is
+    shared: dict[
+        tuple[Any, ...], int
+    ] = {}  # nodes that several others need, by operation and arguments
 
     def add(op: str, *of: int) -> int:
         new.append(Node(op, of, kind_of(new[index].kind for index in of)))
@@ -112,7 +114,7 @@ def rewritten(
             return add("FMA" if sign > 0 else "FMS", *factors, y)
         return add("ADD" if sign > 0 else "SUB", x, y)
 
-    often: set[int] = set()  # what is needed more than once
+    often: set[int] = set()  # nodes that are needed more than once
     # Factor of TWICE where it is fused as a product.
     two = len(new)
     new.append(Node("CONST", 2.0, 0))

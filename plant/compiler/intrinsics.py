@@ -26,7 +26,7 @@ from plant.compiler.instructions import STATE, UNIFORM
 from plant.compiler.kernel_cache import Kernel
 from plant.compiler.translate import Names, translate
 
-# Decorators of functions that only kernels call, without what calls from Python need. A function
+# Decorators of functions that only kernels call, without wrappers for calls from Python. A function
 # that is called once is inlined before numba infers types: that compiles sooner, and runs faster.
 _njit: Any = numba.njit
 in_kernel = _njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -181,7 +181,7 @@ def map_source(function: ca.Function, outer: int) -> tuple[str, int]:
     return head() + text + _MAP, len(program.results)
 
 
-# What the text of intrinsics and of the loops around them needs of numba.
+# Imports of the intrinsics' text and of the loops around them.
 MODULES = """
 import numba
 import numpy as np

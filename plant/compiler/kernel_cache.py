@@ -3,7 +3,7 @@
 One file per kernel, named by the hash of its content; the hash stands in the module's name and in
 every function's name, because numba's cache would silently hand out another kernel with the same
 names. The text that runs is always the one just generated: the file is there for numba's cache
-only, and what numba cached is used only if its checksum is the one noted when it was made. The
+only, and numba's cached code is used only if its checksum is the one of its making. The
 folder belongs to the user alone (mode 0700); any other folder is not trusted, nor is a file in it
 of another user (`plant.compiler.cache_folder`).
 """
@@ -95,8 +95,8 @@ class Kernel:
                 result = self._function(name)(*arguments)
             except Exception as error:
                 # numba names no exception for a cache entry that it cannot load. Where there was
-                # one, a new compilation decides: an error of the kernel itself comes again. What
-                # the disk refuses is compiled without it.
+                # one, a new compilation decides: an error of the kernel itself comes again. If
+                # the disk refuses the cache, the kernel is compiled without it.
                 if not cached and not _is_of_disk(error):
                     raise
                 result = self._anew(name, *arguments)
@@ -186,7 +186,7 @@ class Kernel:
                     os.utime(file.fileno())  # when it was used last
             yield
 
-    # -- what numba cached, and whether it is still what it was -----------------------------------
+    # -- files that numba has cached, and their checksums -----------------------------------------
     def _cached(self) -> list[Path]:
         return list((self.path.parent / "__pycache__").glob(f"kernel_{self.hash}.*.nb*"))
 

@@ -76,10 +76,10 @@ def translate(
     """Translate an SX Function; refuse other functions, and operations without a translation.
 
     `inputs`: for each input, for each component, the expression that reads it, and its kind; `rows`
-    gives a fresh row of the work array for what crosses from LANE to STATE; only what the first
-    `wanted` output components need is translated. `relaxed` allows other roundings than casadi's
-    (`instructions`), above all fused multiply-adds. Which ones is decided here, not by LLVM, so
-    that every kernel of one function gives the same bits.
+    gives a fresh row of the work array for a value that crosses from LANE to STATE; only the
+    first `wanted` output components are translated. `relaxed` allows other roundings than casadi's
+    (`instructions`), above all fused multiply-adds. They are decided here, not by LLVM, so that
+    every kernel of one function gives the same bits.
     """
     if function.class_name() != "SXFunction":
         raise ValueError(
@@ -87,7 +87,7 @@ def translate(
             " expand()."
         )
     nodes, outputs = rewritten(*single_assignment(function, inputs), relaxed=relaxed)
-    # Before `needed`, so that what only the other outputs need is left out.
+    # Before `needed`, so that instructions of the other outputs alone are left out.
     outputs = outputs[:wanted]
     lines: dict[int, list[Line]] = {UNIFORM: [], LANE: [], TIME: [], STATE: []}
     crossing: dict[str, int] = {}
@@ -219,8 +219,8 @@ def cut(
         needed = dict.fromkeys(
             [*(name for line in lines[a:b] for name in line.needs), *ending.values()]
         )
-        # What is read has another name in every piece: variables that are assigned once compile
-        # much faster.
+        # A value that is read has another name in every piece: variables that are assigned once
+        # compile much faster.
         read = {name: f"{name}_{k}" for name in needed if name in rows and name not in assigned}
         text = [f"{new} = {{{rows[name]}}}" for name, new in read.items()]
         text += [f"{', '.join(line.names)} = {line.text(read)}" for line in lines[a:b]]

@@ -29,10 +29,10 @@ from plant.realtime.pieces import HELD, SLOT, knows_arm, pieces_of
 class Core(NamedTuple):
     """A running controller for a loop that is itself compiled by numba.
 
-    `step` does what `Running.step` does, (pulses, q_r, qd_r, qdd_r, now, memory, torque) -> 0, or
-    the reason (above 0) for which nothing was done. All but `now` are (n,) arrays, contiguous;
-    `now` is a float [s], NaN without a clock; torque is written [N m]. `memory` (m,) is the
-    controller's whole state; shared with the `Running` that it belongs to.
+    `step` maps (pulses, q_r, qd_r, qdd_r, now, memory, torque) to 0, or to the reason (above 0) of
+    a refusal, after which nothing has changed; it is `Running.step` without checks. All but `now`
+    are (n,) arrays, contiguous; `now` is a float [s], NaN without a clock; torque is written [N m].
+    `memory` (m,) is the controller's whole state, shared with the `Running` that it belongs to.
     """
 
     step: Callable[..., int]
@@ -64,7 +64,7 @@ def initial_memory(law: Any, rig: Rig, block: Any, guards: Guards | None) -> Flo
     run = parts.run
     joints = parts.joints
 
-    # 1. What law and rig say.
+    # 1. Settings that follow from law and rig.
     run.period = block.period or rig.period
     run.states = len(block.initial)
     run.weight = compensates_gravity(law, guards)

@@ -74,7 +74,7 @@ class FirstMotion:
     fine : bool
         Whether each motor moved its own counts upwards.
     status : str
-        What was found, motor by motor.
+        The findings, motor by motor.
 
     Raises
     ------

@@ -97,10 +97,10 @@ class Guards:
         Of the braking [s].
     rest : float or (n,) array_like, optional
         Change of the joint torque [N m] that leaves a joint at rest. A larger one, for 20 ms
-        without a count, stops: the encoder is dead, or the joint blocked. Less what the law's model
-        needs for the motion of the other joints, and half of that; without a model only while no
-        reference moves. By default 2.2 times the rig's friction, assuming that static friction is
-        at most a tenth above it, and a tenth of the limit at least.
+        without a count, stops: the encoder is dead, or the joint blocked. Less the torque that the
+        law's model needs for the motion of the other joints, and half of that; without a model only
+        while no reference moves. By default 2.2 times the rig's friction, assuming that static
+        friction is at most a tenth above it, and a tenth of the limit at least.
     rhythm : float
         Share by which the reference may be slower or faster than its speed ``qd_r`` says, averaged
         over ten samples in which it moves by a pulse and more. Calls lost or doubled without `now`

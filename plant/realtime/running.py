@@ -32,7 +32,7 @@ class Running:
     pulses : (n,) numpy.ndarray
         Counts that the law was given in the last call.
     torque : (n,) numpy.ndarray
-        Joint torque of the last call [N m], with what the firmware adds.
+        Joint torque of the last call [N m], with the part that the firmware adds.
     state : numpy.ndarray
         State of the law.
     reference : (n,) numpy.ndarray
@@ -42,8 +42,8 @@ class Running:
     bridged : int
         Number of calls with a bridged sample.
     status : Status
-        A str: "running", with what was bridged last, or "safe stop" and why; ``status.brake`` asks
-        for the brakes.
+        A str: "running", with the last bridged sample, or "safe stop" and why; ``status.brake``
+        asks for the brakes.
     friction : (2, n) numpy.ndarray
         Coulomb [N m] and viscous [N m s/rad] friction, motor side, as a law that learns it has it
         now; to be saved, and given to its next start. Of other laws a ValueError.
@@ -128,7 +128,7 @@ class Running:
     def log_to(self, path: str | Path) -> RunLog:
         """Append every sample from now on to a new MCAP file, readable at any time.
 
-        Returns what is closed in the end, as a context manager is. A kill loses what came last: up
+        Returns the log, a context manager, which is closed in the end. A kill loses the end: up
         to 64 kB, of long logs up to the size of their index. Loops that call the `core` themselves
         are not logged.
 
@@ -174,7 +174,7 @@ class Running:
         Returns
         -------
         (n,) numpy.ndarray
-            Joint torque after the amplifier's limit, less what the firmware adds [N m]; to be
+            Joint torque after the amplifier's limit, less the firmware's part [N m]; to be
             commanded as ``rig.drive.current(torque)``.
 
         Raises
