@@ -122,7 +122,7 @@ def _read(cls: Any, path: str | Path) -> Any:
     if missing:
         raise ValueError(f"must have the key {missing[0]!r}; it has not. Save it again.")
     cls_of_file = class_of(data["kind"])
-    # A class may also read files of another one that it replaces.
+    # A class may list in `_read_by` unrelated classes whose `load` reads its files, too.
     if not issubclass(cls_of_file, cls) and cls not in getattr(cls_of_file, "_read_by", ()):
         raise ValueError(
             f"must hold a {cls.__name__}; it holds a {data['kind']!r:.60}. Use"

@@ -185,8 +185,8 @@ def _functions(rig: Rig) -> Iterator[str]:
     n = rig.n
     q = ca.SX.sym("positions", n)
     counts = ca.SX.sym("counts", n)
+    # Halves round up on both sides of zero, unlike those of C's `round`.
     yield _function(
-        # Halves round up on both sides of zero, unlike those of C's `round`.
         "counts_of",
         [("positions", q)],
         "counts",
