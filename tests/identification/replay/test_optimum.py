@@ -100,7 +100,7 @@ def test_directions_are_made_once_per_round(model, monkeypatch):
 def test_a_model_that_does_not_follow_is_refused(model):
     values, step, bounds = parts(model)
     values[0] = -100.0
-    with pytest.raises(ValueError, match="does not follow the log"):
+    with pytest.raises(ValueError, match="must follow the log"):
         fitted(model, values, step, bounds)
 
 
