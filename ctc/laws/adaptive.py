@@ -72,6 +72,7 @@ class Adaptive(ModelLaw):
         super().__post_init__()
         signs(self, positive=("bandwidth", "filter"), not_negative=("gain", "adaptation"))
         names = self.arm.dynamics.names
+        # A wrong number of gains would be broadcast by casadi without a word.
         if len(self.adaptation) != len(names):
             raise ValueError(
                 f"adaptation must have {len(names)} numbers, one for each of"
@@ -85,6 +86,7 @@ class Adaptive(ModelLaw):
                 (len(names), 2),
                 advice="Give a low and a high end for each f.",
             )
+            # The projection keeps f-hat in the box only if it starts there.
             outside = np.flatnonzero((self.arm.f < ranges[:, 0]) | (self.arm.f > ranges[:, 1]))
             if len(outside):
                 i = outside[0]
@@ -93,6 +95,7 @@ class Adaptive(ModelLaw):
                     f" {names[i]} = {self.arm.f[i]:g} is not in [{ranges[i, 0]:g},"
                     f" {ranges[i, 1]:g}]. Widen them."
                 )
+            # Plain tuples, so that the law can be compared and saved.
             object.__setattr__(self, "ranges", tuple(tuple(row) for row in ranges.tolist()))
 
     @functools.cached_property

@@ -30,6 +30,7 @@ class Aided(ModelLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        # Two models in one loop would feed gravity forward twice.
         if isinstance(self.feedback, ModelLaw) or self.feedback.replays:
             kind = type(self.feedback).__name__
             raise ValueError(
@@ -104,6 +105,7 @@ class PDGravity(Aided):
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque of gravity, less that of springs (n,) [N m]."""
+        # Gravity acts where the arm is; the middle of the cell is its best known place.
         q = rig.cell_centre(pulses)
         return self.model_parts(q, q, q)["gravity"] - self.rig.spring_torque(q)
 
@@ -134,5 +136,6 @@ class FeedForward(Aided):
 
     def aid(self, rig: Rig, setpoint: Setpoint, pulses: ca.SX) -> ca.SX:
         """Torque that the reference needs (n,) [N m]."""
+        # The reference alone: measured speeds would feed the rounding of counts into the torque.
         parts = self.model_parts(*setpoint[:3])
         return parts["inertia"] + self.h(setpoint.q, setpoint.qd) + parts["friction"]

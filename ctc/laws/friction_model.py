@@ -39,6 +39,7 @@ class ShaftFriction(NamedTuple):
 
     def impulse(self, previous: ca.SX, time: ca.SX, mobility: Inverse, free: ca.SX) -> ca.SX:
         """Impulse of dry friction (n, 1) [N m s] within `time`, for a rate without it of `free`."""
+        # The impulse that would stop the shaft at the reference's speed less the deviation's rate.
         stopping = -mobility.alone * (self.speed - free)
         held = friction_impulse(mobility, stopping, previous, time * self.level, self.sweeps)
         # Without friction not even the slope at rest may stay: linear analysis differentiates this.
@@ -64,6 +65,7 @@ class NoFriction:
 
     def at(self, memory: Any, speed: ca.SX) -> ShaftFriction:
         """Friction in this sample, at the reference's speed of the shafts (n, 1) [rad/s]."""
+        # Zeros, not a scalar: the state of a law without friction has the same length.
         zero = ca.SX.zeros(self.law.arm.n)
         return ShaftFriction(speed, zero, zero, 0, self.law.settings.friction_sweeps)
 
@@ -94,6 +96,8 @@ class StatedFriction(NoFriction):
 
     def _shafts(self, speed: ca.SX, viscous: ca.SX, level: ca.SX) -> ShaftFriction:
         drive = self.law.rig.drive
+        # Viscous friction and the constant offset of the drive are fed forward; Coulomb friction
+        # depends on the desired direction and is added by the law.
         needed = drive.coupling.joint_torque(viscous * speed + drive.joint_offset())
         return ShaftFriction(speed, viscous, level, needed, self.law.settings.friction_sweeps)
 
@@ -117,6 +121,7 @@ class LearntFriction(StatedFriction):
     def at(self, memory: Any, speed: ca.SX) -> ShaftFriction:
         """As of `NoFriction`."""
         viscous, level = self.stated(speed)
+        # A learnt share scales the rig's friction, so that zero is the rig's own.
         return self._shafts(speed, viscous * (1 + memory.viscous), level * (1 + memory.coulomb))
 
     def learn(
@@ -150,6 +155,7 @@ class LearntFriction(StatedFriction):
             * (shaft - memory.disturbance)
             / (changes[0] ** 2 + changes[1] ** 2 + _TINY)
         )
+        # Shares stay within `learnable`: a collision must not be learnt as friction.
         coulomb_share, viscous_share = (
             ca.fmin(ca.fmax(share + step * change, -law.learnable), law.learnable)
             for share, change in zip((memory.coulomb, memory.viscous), changes, strict=True)
@@ -181,6 +187,7 @@ class LearntFriction(StatedFriction):
 
 def speed_share(rig: Rig, speed: ca.SX, full: float) -> ca.SX:
     """Speed of the shafts (n, 1) [rad/s] over a full one [pulses/s], within -1 and 1."""
+    # The encoder counts turns of the motor, whatever the sign of the gear.
     pulses = rig.encoder.position_in_pulses(ca.fabs(rig.drive.gear) * speed) / full
     return ca.fmin(ca.fmax(pulses, -1), 1)
 
@@ -216,8 +223,10 @@ def unexplained(
     held = array("torque", torque, (rig.n,), advice=advice)
     coupling = rig.drive.coupling
     limit = rig.drive.torque_limit()
+    # A wrong unit, such as N mm, would begin the observer with an absurd disturbance.
     if (np.abs(coupling.shaft_torque(held)) > limit).any():
         raise ValueError(f"torque must be within the amplifier's {limit} N m; got {held}. {advice}")
+    # Gravity of the arm and springs of the rig hold the arm without any motor.
     weight = law.arm.h(q, np.zeros(rig.n)) - np.ravel(law.rig.spring_torque(q))
     lacking = coupling.shaft_torque(held - weight)
     level = law.rig.drive.joint_coulomb() if law.friction else 0.0

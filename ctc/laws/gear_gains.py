@@ -42,15 +42,21 @@ def gear_gains(
     elasticity = _followed(rig)
     if elasticity is None:
         return None
+    # Gains must serve every pose, so the range of each joint's inertia is sampled.
     D = _inertias(arm, rig)
+    # Where D does not exceed the rotors there are no links to predict; few such poses are rounding,
+    # many are no elastic arm.
     D = D[np.linalg.eigvalsh(D - np.diag(rotors)).min(axis=1) > 0]
     if len(D) < _POSES / 2:
         return None
     # of motors against their links
     mobility = np.linalg.inv(D - np.diag(rotors)) + np.diag(1 / rotors)
+    # Squared angular frequencies of all gears at a pose: the eigenvalues of stiffness times
+    # mobility.
     swings = np.linalg.eigvals(elasticity.stiffness[:, None] * mobility).real
     if np.median(swings.max(axis=1)) * dt**2 > _FOLLOWED:
         return None
+    # The inertia that a joint feels, as a share: rotor inertia over 1 / (D^-1)_jj.
     shares = rotors * np.diagonal(np.linalg.inv(D), axis1=1, axis2=2)
     low = shares.min(axis=0)
     high = shares.max(axis=0)

@@ -40,6 +40,7 @@ class Deviation(NamedTuple):
 
     def with_angles(self, change: Callable[[ca.SX], ca.SX]) -> "Deviation":
         """The same rates, and angles after a change."""
+        # Rigid gears have no links apart from their motors.
         link_angle = self.link_angle
         if link_angle is not None:
             link_angle = change(link_angle)
@@ -58,6 +59,7 @@ class _Model(NamedTuple):
 def _model_at(law: Any, q: ca.SX, qd: ca.SX, dt: ca.SX) -> _Model:
     D = law.arm.dynamics.D(q, law.arm.f)
     drive = law.rig.drive
+    # A law that knows no friction predicts none: `friction` is 0 or 1 here.
     drag = dt * drive.joint_viscous() * law.friction
     return _Model(D, law.h(q, qd), drive.coupling.shaft_inertia(D), drag)
 
@@ -73,8 +75,11 @@ class RigidGears:
     needed: ca.SX
 
     def __init__(self, D: ca.SX, drag: ca.SX, observer: ca.SX, dt: ca.SX, limit: ca.SX) -> None:
+        # Implicit viscous friction: M rate' = M rate + dt (push - drag rate') adds dt times the
+        # friction to the inertia.
         inertia = D + ca.diag(drag)
         self.mobility = inverse(inertia)
+        # L of D = L P L^T, by which a joint's torque is carried to the joints after it.
         self._carried, _ = eliminated(inertia)
         self._observer = observer
         self._dt = dt
@@ -88,12 +93,15 @@ class RigidGears:
         """
         q = setpoint.q
         qd = setpoint.qd
+        # Measured: the arm's own place and speed, the reference less the deviation.
         if law.measured:
             q = q - state.error
             qd = qd - state.rate
         model = _model_at(law, q, qd, dt)
+        # The observer's poles are a multiple of the regulator's, both in rad/s.
         observer = law.observer_ratio * law.bandwidth
         gears = cls(model.inertia, model.drag, observer, dt, law.rig.drive.torque_limit())
+        # The torque of the reference's motion: D qdd_r + h. Friction is added by its own block.
         gears.needed = model.D @ setpoint.qdd + model.h
         return gears
 
@@ -109,9 +117,12 @@ class RigidGears:
         self, deviation: Deviation, push: ca.SX, friction: Friction, time: ca.SX
     ) -> tuple[Deviation, ca.SX]:
         """Deviation after `time` under a push (n, 1) [N m], and friction's impulse [N m s]."""
+        # A push drives the deviation down: deviation is reference minus arm.
         free = deviation.rate - time * self.mobility.solve(push)
         impulse = friction(self.mobility, free)
         rate = free - self.mobility.solve(impulse)
+        # The angle changes with the mean of the rates before and after: exact for a constant
+        # torque.
         return Deviation(deviation.angle + time * (deviation.rate + rate) / 2, rate), impulse
 
     def corrected(
@@ -122,6 +133,8 @@ class RigidGears:
         The square root of the regulator's boost is the filter's: it sees the rounding of counts.
         """
         gains = filter_gains(self._observer * ca.sqrt(boost), self._dt)
+        # Disturbance acceleration starts at zero: what the filter adds to it becomes torque by the
+        # inertia of the joint alone.
         angle, rate, acceleration = correct(
             deviation.angle, deviation.rate, ca.SX(0), innovation, gains, self._dt
         )
@@ -137,10 +150,13 @@ class RigidGears:
         """
         stiffness, damping = regulator_gains(bandwidth, self._dt)
         alone = self.mobility.alone * (stiffness * deviation.angle + damping * deviation.rate)
+        # Joint by joint from the base: the torque that acts on the joints before decides what the
+        # next must add.
         acts = ca.SX(0, 1)
         carried = ca.SX(0, 1)
         for i in range(alone.numel()):
             carried = ca.vertcat(carried, self._carried[i, :i] @ acts)
+            # The room of the amplifier beside the planned and the carried torque.
             low, high = (sign * self._limit[i] - planned[i] - carried[i] for sign in (-1, 1))
             acts = ca.vertcat(acts, ca.fmin(ca.fmax(alone[i], low), high))
         return carried + alone
@@ -180,12 +196,18 @@ class ElasticGears:
         table: Any = None,
         softness: float = SETTINGS.predicted_stiffness,
     ) -> None:
+        # The mobility of the motors with their links on them; the springs are part of the step, not
+        # of D.
         self.mobility = inverse(D)
         self._stated = Springs(elasticity.stiffness, elasticity.damping)
+        # A model that is too stiff loses stability first, so the prediction uses a share of the
+        # stated stiffness.
         self._springs = Springs(softness * elasticity.stiffness, elasticity.damping)
         self._rotors = rotors
+        # Inertia of the links alone: D holds the rotors on its diagonal.
         self._links = D - ca.diag(rotors)
         self._dragged = rotors + drag
+        # Inertia that a link feels while the other links are free.
         self._felt = inverse(self._links).alone
         if table is not None:
             self._filter, self._regulator = self._gains(table, D.shape[0])
@@ -212,8 +234,11 @@ class ElasticGears:
         model = _model_at(law, q, qd, dt)
         softness = law.settings.predicted_stiffness
         gears = cls(model.inertia, model.drag, rotors, drive.elasticity, law.gear_gains, softness)
+        # Gravity and velocity torques of the links go through the gears, so they belong on the
+        # shafts.
         weight = coupling.shaft_torque(model.h)
         angle, speed, carried = gears.followed((angle, speed), reference, weight, begun, dt)
+        # The motion of the links is state: it becomes the memory of the next sample.
         gears._link = angle, speed
         gears.needed = coupling.joint_torque(carried + rotors * reference[2])
         return gears
@@ -240,6 +265,8 @@ class ElasticGears:
         middle = rows[0]
         half = rows[1]
         coefficients = rows[2:]
+        # The joint's inertia share, scaled to -1..1 over the range of all poses, is where the
+        # polynomials are evaluated.
         inertia_share = self._rotors * self.mobility.diagonal
         x = ca.fmin(ca.fmax((inertia_share - middle) / half, -1), 1)
         gains = []
@@ -269,13 +296,16 @@ class ElasticGears:
         # The motors at the start and in the middle of the sample that is over.
         speed_before = speed - dt * acceleration
         middle = angle - dt / 2 * speed + dt * dt / 8 * acceleration
+        # The spring's winding at the middle of the sample, where its torque is taken.
         wound = middle - q - dt / 2 * qd
         held = spring(self._stated, wound, speed_before - qd, dt, self._rotors, self._felt)
         pushed = dt * (held.torque - weight) + held.added * dt * acceleration
         gained = inverse(self._links + ca.diag(held.added)).solve(pushed)
+        # At the first sample the links hang at rest in their gears, motors on the reference.
         hanging = angle - weight / self._stated.stiffness
         q = ca.if_else(begun, q + dt * (qd + gained / 2), hanging)
         qd = ca.if_else(begun, qd + gained, speed)
+        # Spring and damper torque now, which the motors must supply beside their own inertia.
         torque = self._stated.stiffness * (angle - q) + self._stated.damping * (speed - qd)
         return q, qd, torque
 

@@ -66,10 +66,12 @@ class ModelLaw(Law):
             Rig,
             "Pass the arm's rig, or an identification in place of the arm.",
         )
+        # The fields are checked after arm and rig: checks of numbers need the joints.
         super().__post_init__()
         if self.arm.n != self.rig.n:
             both = f"{self.arm.n} and {self.rig.n}. Pass found.arm and found.rig."
             raise ValueError(f"arm and rig must have equal joints; got {both}")
+        # Friction that the rig leaves open must be identified before a law can feed it forward.
         self.rig.drive.require_friction()
         require_inertia(self.arm, self.rig)
 
@@ -98,7 +100,9 @@ class ModelLaw(Law):
 
     def require_stable(self, rig: Rig, pulses: ArrayLike) -> None:
         """Refuse what `start` refuses: an unstable loop."""
+        # Elastic gears of the machine come first, then those that the model states.
         stated = rig if getattr(rig.drive, "elasticity", None) is not None else self.rig
+        # Rigid loops with a moderate bandwidth are stable by design, and cost no linearisation.
         fast = getattr(self, "bandwidth", 0.0) * self.rig.period > _FAST
         if self.period is None or not (fast or stated.drive.elasticity is not None):
             return

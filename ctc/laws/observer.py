@@ -25,6 +25,7 @@ def predict(
     error: ca.SX, rate: ca.SX, disturbance: ca.SX, v: ca.SX | float, dt: ca.SX | float
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Error, rate and disturbance one sample later, under a constant feedback acceleration v."""
+    # The feedback reduces the error, the disturbance drives it.
     acceleration = disturbance - v
     return error + dt * rate + dt * dt / 2 * acceleration, rate + dt * acceleration, disturbance
 
@@ -38,6 +39,7 @@ def correct(
     dt: ca.SX,
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """The prediction corrected by the innovation, measured minus predicted error [rad]."""
+    # Gains are without unit; powers of dt give them the units of rate and acceleration.
     error = error + gains[0] * innovation
     rate = rate + gains[1] / dt * innovation
     return error, rate, disturbance + gains[2] / (dt * dt) * innovation
@@ -51,19 +53,24 @@ def triple_pole(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 def filter_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Gains of the Kalman filter for a random torque of bandwidth omega [rad/s], and a drift."""
+    # The real pole by Tustin's rule, like the pair below: its sign is right for any period.
     real = 2 * _REAL * omega * dt / (2 + _REAL * omega * dt)  # 1 - z
+    # Characteristic polynomial of three poles, written in 1 - z so that slow poles lose no digits.
     at_one, less = _sampled(_SUM, _PRODUCT, omega * dt)
     return real + less - real * less, at_one + real * (less - at_one / 2), real * at_one
 
 
 def regulator_gains(omega: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Accelerations per error and rate: poles at omega [rad/s], damping 1/sqrt(2), torque held."""
+    # The continuous regulator of a double integrator has two poles at 45 degrees: damping
+    # 1/sqrt(2).
     at_one, less = _sampled(np.sqrt(2), 1.0, omega * dt)
     return at_one / (dt * dt), (less + at_one / 2) / dt
 
 
 def _sampled(damping: float, stiffness: float, step: ca.SX) -> tuple[ca.SX, ca.SX]:
     """(1 - z1) (1 - z2) and 1 - z1 z2 of s^2 + damping s + stiffness, by Tustin's rule."""
+    # Values of the polynomial at z = 1 and of its last coefficient determine both poles.
     square = stiffness * step**2
     common = 4 + 2 * damping * step + square
     return 4 * square / common, 4 * damping * step / common

@@ -75,8 +75,10 @@ class SlidingMode(ModelLaw):
         s = rate + self.bandwidth * e
         # Proportional within the layer, so that the torque does not chatter at the surface.
         towards = self.reach * ca.fmax(ca.fmin(s / self.layer, 1), -1)
+        # On the surface s = 0 the error decays with the bandwidth.
         acceleration = setpoint.qdd + self.bandwidth * rate + towards
         inertia = self.arm.dynamics.D(q, self.arm.f) @ acceleration
+        # Friction along the reference: the measured speed changes its sign with each count.
         friction = self.rig.drive.friction(setpoint.qd)
         torque = inertia + self.h(q, setpoint.qd - rate) + friction
         return torque, self.fields.write(n, error=memory)

@@ -141,6 +141,8 @@ class Law(Part, abc.ABC):
 
     def joint_labels(self, rig: Rig) -> list[str]:
         """Names of the joints in messages: those of the law's arm, otherwise of the drive."""
+        # Messages name joints as the user's model does; a law without a model knows the drive's
+        # names only.
         arm = getattr(self, "arm", None)
         return rig.joint_labels if arm is None else arm.dynamics.chain.joint_labels
 
@@ -150,6 +152,7 @@ class Law(Part, abc.ABC):
 
     def replayed(self, record: Any) -> NDArray[np.float64] | None:
         """The column (N, n) of a `Record` that this law repeats, or None for a controller."""
+        # A controller has no column to repeat.
         if self.replays is None:
             return None
         logged = getattr(record, self.replays)
@@ -162,11 +165,11 @@ class Law(Part, abc.ABC):
 
     @known_options
     def start(
-        # frozen
         self,
         rig: Rig,
         pulses: ArrayLike,
         *,
+        # Guards are frozen, so one default for all calls is safe.
         guards: Guards | None = Guards(),  # noqa: B008
         torque_limit: ArrayLike | None = None,
         without: Sequence[str] = (),
@@ -202,6 +205,7 @@ class Law(Part, abc.ABC):
         ValueError
             A law that only repeats a log; a part that the law does not have.
         """
+        # A log that is repeated on a machine would drive it without any feedback.
         if self.replays:
             raise ValueError(
                 f"a law at work must be a controller; {type(self).__name__} repeats a log. Use"
@@ -267,6 +271,8 @@ class Law(Part, abc.ABC):
             No rig; names that are none in C; a converter whose range ends below the amplifier's
             limit; files that are no export of this library.
         """
+        # The text of the export belongs to the running controller, so that C and Python cannot
+        # differ.
         write_c(
             self,
             folder,
@@ -283,6 +289,7 @@ class Law(Part, abc.ABC):
         """This law as a symbolic step for a rig."""
         n = rig.n
         kind = type(self).__name__
+        # A wrong number of gains would be broadcast by casadi without a word.
         self.require_joints(n, f"{kind}.")
         initial = np.asarray(self.initial_state(n), float)
         law_names = self.number_names("law.")
@@ -299,12 +306,15 @@ class Law(Part, abc.ABC):
         dt = ca.SX.sym("dt")
         joint_inputs = "q", "qd", "qdd", "reference_pulses", "pulses", "torque"
         q, qd, qdd, reference_pulses, pulses, torque = (ca.SX.sym(name, n) for name in joint_inputs)
+        # A law that repeats a log reads its column as one more input.
         logged = [ca.SX.sym("logged", n)] if self.replays else []
         setpoint = Setpoint(q, qd, qdd, reference_pulses, *logged)
 
         # 2. The step, and what a law of a user's own may have wrong in it.
         arguments = (symbolic_rig, state, setpoint, pulses, torque, dt)
         commanded, following = _checked_step(law, arguments)
+        # casadi broadcasts a scalar torque or state to all joints: the shapes are checked here,
+        # once.
         if commanded.shape != (n, 1) or following.shape != (len(initial), 1):
             rule = f"must give torque ({n}, 1) and state ({len(initial)}, 1)"
             raise ValueError(
@@ -316,7 +326,12 @@ class Law(Part, abc.ABC):
         names = ["state", *joint_inputs, "dt", "numbers", "logged"]
         inputs = [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged]
         step = ca.Function(
-            "law", inputs, [commanded, following], names[: len(inputs)], ["asked", "following"]
+            # Names of the inputs are part of the kernels' text and of exported C.
+            "law",
+            inputs,
+            [commanded, following],
+            names[: len(inputs)],
+            ["asked", "following"],
         )
         values = np.append(self.number_values(), rig.number_values())
         return Block(step, initial, law_names + rig_names, values, self.period)
@@ -326,6 +341,8 @@ def _checked_step(law: Law, arguments: tuple[Any, ...]) -> Step:
     """Torque and state of a law's equations; arguments or results of another form are refused."""
     kind = type(law).__name__
     try:
+        # Arguments are bound before the call, so that a TypeError inside the equations stays
+        # visible.
         inspect.signature(law.equations).bind(*arguments)
     except TypeError:
         signature = inspect.signature(type(law).equations)

@@ -49,6 +49,8 @@ class P(StatelessLaw):
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k P (reference pulses - pulses)."""
+        # The error is reference minus count, so a joint that lags behind is pushed forward. Only
+        # the drive knows gear and sign.
         return rig.drive.joint_torque(self.gain, setpoint.pulses - pulses), state
 
 
@@ -97,12 +99,16 @@ class PD(Law):
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k (P e + D edot)."""
+        # Only the filter of the derivative remembers: a difference of raw counts would jump by a
+        # pulse per sample.
         memory = self.fields.read(state, rig.n).error
         motor, memory = self.motor_torque(setpoint.pulses - pulses, memory, dt)
         return rig.drive.joint_torque(motor), self.fields.write(rig.n, error=memory)
 
     def motor_torque(self, error: ca.SX, memory: Any, dt: ca.SX) -> tuple[ca.SX, Any]:
         """Motor torque (n,) [N m] for an error (n,) [pulses], and the filter's memory."""
+        # The derivative acts on the error, not on the counts alone: a reference that speeds up is
+        # followed without delay.
         rate, memory = filtered_difference(error, memory, self.filter, dt)
         return self.gain * error + self.derivative * rate, memory
 
@@ -146,8 +152,14 @@ class PID(PD):
         """Tau = k (P e + I (integral of e) + D edot)."""
         before = self.fields.read(state, rig.n)
         error = setpoint.pulses - pulses
+        # The amplifier cut this off in the last step: the torque that acted, on the motor, less the
+        # command. It is zero below the limit.
         missing = rig.drive.motor_torque(torque) - before.commanded
+        # Back-calculation unwinds the integral by that difference, with the time constant gain over
+        # integral.
         tracking = self.integral / self.gain  # type: ignore[operator]  # mypy takes inherited fields for what goes in
+        # The integral holds torque [N m], not pulse seconds, so that a change of its gain causes no
+        # jump.
         integral = integrated(before.integral, self.integral * error, missing, tracking, dt)
 
         motor, memory = self.motor_torque(error, before.error, dt)
@@ -212,12 +224,15 @@ class Cascade(Law):
             raise ValueError(
                 f"difference must be a number of samples; got {self.difference!r}. Give 1 or more."
             )
+        # An industrial drive takes its speed from a filter, or from a difference over some samples:
+        # one of the two, never both.
         if (self.filter is None) == (not self.difference):
             raise ValueError(
                 f"one of filter and difference must be given; got {self.filter} and"
                 f" {self.difference}. Give the pole [rad/s], or the samples that the drive takes"
                 " its speed from."
             )
+        # A difference over samples has no meaning for hardware without samples.
         if self.difference and self.period is None:
             raise ValueError(
                 "difference needs a sampled cascade; got period=None. Give the period [s], or a"
@@ -237,15 +252,20 @@ class Cascade(Law):
     ) -> Step:
         """Tau = k (K_v (K_p e - pulses') + K_i (integral of the same))."""
         before = self.fields.read(state, rig.n)
+        # As in `PID`: the saturation of the last step, on the motor.
         missing = rig.drive.motor_torque(torque) - before.commanded
         if self.difference:
             rate, memory = difference(pulses, before.pulses, self.difference, dt)
         else:
             rate, memory = filtered_difference(pulses, before.pulses, self.filter, dt)
+        # The speed error in pulses per second: commanded speed of the position loop less the
+        # measured one.
         too_slow = self.position * (setpoint.pulses - pulses) - rate
         integral = integrated(
             before.integral, self.integral * too_slow, missing, self.integral / self.speed, dt
         )
+        # The amplifier's limit is the rig's; the command is stored before it, for the anti-windup
+        # of the next step.
         motor = self.speed * too_slow + integral
         following = self.fields.write(rig.n, pulses=memory, integral=integral, commanded=motor)
         return rig.drive.joint_torque(motor), following

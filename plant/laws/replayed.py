@@ -37,6 +37,8 @@ class LoggedTorque(StatelessLaw):
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = the logged one."""
+        # The column is the torque before friction and gear: it stands in the plant where a
+        # controller's torque would.
         return setpoint.logged, state
 
 
@@ -64,6 +66,7 @@ class LoggedCurrent(StatelessLaw):
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
     ) -> Step:
         """Tau = k K_i i."""
+        # The current acts on the motor; gain and gear of the rig make a joint torque of it.
         return rig.drive.joint_torque(rig.drive.motor_gain, setpoint.logged), state
 
 
@@ -78,12 +81,17 @@ def commanded_torque(record: Any) -> NDArray[np.float64] | None:
     """
     law = record.law
     rig = record.rig
+    # A law that repeats the log commands nothing of its own, and a state in the middle of a log is
+    # unknown.
     if law is None or law.replays or law.has_memory(record.n):
         return None
     block = law.block(rig)
     counts = record.counts
+    # A law without memory reads counts and reference pulses only: speeds and the last torque are
+    # zeros here.
     torque = np.empty((len(record), record.n))
     zero = np.zeros(record.n)
+    # One sample is one column: casadi maps the step over the columns of a matrix.
     for start in range(0, len(record), _SAMPLES_PER_CALL):
         rows = slice(start, start + _SAMPLES_PER_CALL)
         inputs = zero, zero, zero, record.reference_pulses[rows].T, counts[rows].T, zero

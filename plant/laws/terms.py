@@ -27,7 +27,9 @@ def filtered_difference(signal: ca.SX, memory: Any, pole: ca.SX, dt: ca.SX) -> t
     `memory` is a record of `SMOOTHED`; at its start the rate is zero, whatever the signal is.
     `pole` is that of the low-pass [rad/s], `dt` the time since the last reading [s].
     """
+    # The first reading starts the low-pass at the signal itself, so that it gives no rate.
     smoothed = ca.if_else(memory.begun > 0, memory.signal, signal)
+    # Exact response of the low-pass over dt, which is stable for any pole.
     change = (1 - ca.exp(-pole * dt)) * (signal - smoothed)
     return change / dt, memory._replace(signal=smoothed + change, begun=1)
 
