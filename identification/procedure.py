@@ -1,10 +1,10 @@
 """`identify`: from records to an arm by the identification procedure of the paper."""
 
 import contextlib
-import dataclasses
 import itertools
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -179,7 +179,7 @@ def identify(
     )
     # The stored stages are bound to the inputs: a change of any refuses the file.
     with Checkpoint(checkpoint, "identify").bind(lambda: problem.inputs) as stored:
-        problem = dataclasses.replace(problem, checkpoint=stored)
+        problem = replace(problem, checkpoint=stored)
         result = _identified(problem, progress, started)
     # Once, at the end: `_identified` calls itself for the fallback.
     warn_of_doubts(result, "identify")
@@ -223,7 +223,7 @@ def _beside_model(problem: Problem, progress: bool, started: float) -> Identific
     # Its stages are kept apart from those without the prior.
     part = problem.checkpoint.part("prior")
     with contextlib.suppress(ValueError):
-        problem = dataclasses.replace(problem, prior=prior, checkpoint=part)
+        problem = replace(problem, prior=prior, checkpoint=part)
         result = _identified(problem, progress, started)
         # A result with doubts would hide the reason why the log alone gives none.
         if not doubts(result):
@@ -242,14 +242,14 @@ def search(problem: Problem, progress: bool) -> Outcome:
             bar.set_postfix_str(f"best {best:.0f} pulses^2")
             bar.update()
 
-        return METHODS[problem.method](dataclasses.replace(problem, show=show))
+        return METHODS[problem.method](replace(problem, show=show))
 
 
 def _assess(problem: Problem, outcome: Outcome, started: float) -> Identification:
     """The result: the arm, and how well it repeats the records."""
     # 1. Objective (4) of the values.
     # Methods do not store the prior; the result reports which combinations come from it.
-    fit = dataclasses.replace(outcome.fit, prior=problem.prior)
+    fit = replace(outcome.fit, prior=problem.prior)
     objective = repeating(problem, placed(problem, fit), fit.resumptions)
     # Infinite if a simulation diverges.
     cost = float(objective(fit.values[None])[0])
@@ -269,7 +269,7 @@ def _assess(problem: Problem, outcome: Outcome, started: float) -> Identificatio
     # Backlash gives like a soft gear: the stiffness is reported as a bound then.
     if fit.resonance is not None and diagnostics.detection.played:
         resonance = fit.resonance.beside_backlash(diagnostics.detection.played)
-        fit = dataclasses.replace(fit, resonance=resonance)
+        fit = replace(fit, resonance=resonance)
     return Identification(
         arm=arm,
         rig=rig,

@@ -5,9 +5,9 @@ it lies within the samples; rates and accelerations are convolutions with its di
 filter rings at the ends of a window, where a zero-phase low-pass had ten times the error.
 """
 
-import dataclasses
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from plant.parts.arguments import array, instance, real
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Smoothing:
     """Smooth position, rate and acceleration by a Hann kernel and its differences.
 
@@ -76,7 +76,7 @@ class Smoothing:
         return np.column_stack([np.convolve(column, kernel, "valid") for column in x.T])
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class KernelSettings:
     """Limits of the kernel estimator.
 
@@ -101,7 +101,7 @@ class KernelSettings:
 SETTINGS = KernelSettings()
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Window:
     """Counts and torques of a controller over a segment of time.
 

@@ -1,7 +1,7 @@
 """Result of `find_load`: the load, its intervals, and warnings about them."""
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LoadWarningSettings:
     """Limits above which `find_load` warns.
 
@@ -133,7 +133,7 @@ def warnings_of(
         )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Load(Shown, Frozen):
     """Mass and centre of mass of a load on a link, and the arm with it. Print it.
 

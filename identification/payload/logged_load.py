@@ -15,8 +15,8 @@ Source: R. T. Birge, The calculation of errors by the method of least squares, P
 (1932).
 """
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -176,13 +176,13 @@ def _with_offsets(record: Record) -> Record:
         # LoggedTorque holds a torque until the next sample, so that it acts half a sample late.
         torque = measured_torque(record)
         ahead = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
-        record = dataclasses.replace(record, law=LoggedTorque(), torque=ahead)
+        record = replace(record, law=LoggedTorque(), torque=ahead)
     # A curve of friction has an offset already.
     if drive.curve is not None:
         return record
     curve = FrictionCurve(offset=np.zeros(record.n))
-    rig = dataclasses.replace(record.rig, drive=dataclasses.replace(drive, curve=curve))
-    return dataclasses.replace(record, rig=rig)
+    rig = replace(record.rig, drive=replace(drive, curve=curve))
+    return replace(record, rig=rig)
 
 
 def _search(
@@ -292,7 +292,7 @@ def _assessed(
     covariance = np.array(fit.covariance)
     if free.covariance is not None:
         values = fit.values + np.append(free.shares, np.zeros(len(fit.values) - count))
-        fit = dataclasses.replace(fit, values=np.clip(values, *search.bounds(problem).T))
+        fit = replace(fit, values=np.clip(values, *search.bounds(problem).T))
         covariance[:count, :count] = free.covariance
     covariance *= ratio**2
 

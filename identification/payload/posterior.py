@@ -3,9 +3,9 @@
 Read `LoadShape` (the prior), `information` (least squares of a window), `posterior`.
 """
 
-import dataclasses
 import functools
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -21,7 +21,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class PosteriorSettings:
     """Grids of the posterior distribution of a load, and the limits of its use.
 
@@ -54,7 +54,7 @@ class PosteriorSettings:
 POSTERIOR = PosteriorSettings()
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class LoadShape:
     """Prior of a load: a range of masses, and a centre that is known or lies on a line.
 
@@ -204,7 +204,7 @@ def _outwards(arm: Arm) -> Floats:
     return np.asarray(np.sign(moments[longest]) * np.eye(3)[longest])
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PayloadEstimate(Shown, Frozen):
     """Estimate of a load from a window of counts and torques.
 

@@ -3,9 +3,9 @@
 Source: paper 3.6.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +17,7 @@ from plant.parts.arguments import array, known_options, whole
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Interval:
     """Numbers from `low` to `high`; sums, products and powers contain all possible results.
 
@@ -95,7 +95,7 @@ def greatest_inertia(mass: float, radius: float) -> float:
 
 
 @known_options
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LinkSize:
     """Size, mass and motor inertia of one link, each as a pair of bounds.
 

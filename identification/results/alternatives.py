@@ -9,8 +9,8 @@ Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in ec
 of Econometrics II, 1984, ch. 13.
 """
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.followed_path import is_rounded
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ScoreTestSettings:
     """Sizes and thresholds of the score tests.
 
@@ -78,7 +78,7 @@ _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sign(Shown, Frozen):
     """Test of one effect that the rig may leave out, at the optimum of the model without it.
 
@@ -296,9 +296,7 @@ def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
     best = max(trials, key=lambda trial: trial.chi_square)
     if best.chi_square < sign.chi_square:
         return sign
-    return dataclasses.replace(
-        sign, chi_square=best.chi_square, explained=best.explained, values=best.values
-    )
+    return replace(sign, chi_square=best.chi_square, explained=best.explained, values=best.values)
 
 
 def _of_backlash(trials: Sequence[Trial]) -> Sign:
@@ -369,6 +367,6 @@ def sampled(sign: Sign, period: float) -> Sign:
     if sign.name != "compliance":
         return sign
     smallest = (2 * period) ** 2  # compliance of a resonance at the Nyquist frequency [1/Hz^2]
-    return dataclasses.replace(
+    return replace(
         sign, visible={name: max(value, smallest) for name, value in sign.visible.items()}
     )

@@ -4,8 +4,8 @@ Every identification tests whether one of these effects explains the innovations
 those held out as well, at the optimum of the model. `stepwise` selects them one after another.
 """
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class DetectionSettings:
     """Limits of what a text mentions. All values were chosen by hand; no verdict depends on them.
 
@@ -144,7 +144,7 @@ UNFITTED = ("reversals", "disagreement")  # causes that are no number of a model
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Detection(Shown, Frozen):
     """Effects that the rig does not model, as a log shows them; printed, a line.
 
@@ -182,15 +182,15 @@ class Detection(Shown, Frozen):
 
     signs: tuple[Sign, ...] = ()
     named: tuple[Sign, ...] = ()
-    stated: dict[str, float] = dataclasses.field(default_factory=dict)
+    stated: dict[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
     reason: str | None = None
     doubt: Floats | None = None
     grouped: Floats | None = None
     between: BetweenRuns | None = None
     mean: Fit | None = None
-    assumed: dict[str, Floats] = dataclasses.field(default_factory=dict)
-    friction: dict[str, float] = dataclasses.field(default_factory=dict)
+    assumed: dict[str, Floats] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
 
     def widened(self, fit: Fit) -> Fit:
         """A fit, or the mean, whose covariance includes effects that the rig may lack."""
@@ -204,7 +204,7 @@ class Detection(Shown, Frozen):
             or self.grouped is None
         ):
             return fit
-        return dataclasses.replace(
+        return replace(
             fit,
             covariance=at_least(fit.covariance + self.doubt, self.grouped),
             noise_covariance=fit.covariance,

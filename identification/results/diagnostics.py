@@ -10,8 +10,8 @@ all of them. Where a record is held out and the common fit repeats it better, th
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +42,7 @@ _WIDER = 2.0
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Diagnostics(Shown, Frozen):
     """How well the identified values repeat the records.
 
@@ -225,7 +225,7 @@ def _by_prediction(
     """
     try:
         # Without the checkpoint, whose stages belong to the method of the problem.
-        fit = prediction_error(dataclasses.replace(problem, checkpoint=Checkpoint(None, ""))).fit
+        fit = prediction_error(replace(problem, checkpoint=Checkpoint(None, ""))).fit
         costs = [_cost(fit, objective) for objective in objectives]
         runs = _runs(problem, fit, objectives, costs)
     except ValueError:  # no arm follows the log
@@ -289,7 +289,7 @@ def of_each(problem: Problem, detection: Detection) -> Detection:
     required = count if problem.zeros or problem.memories else max(2, count / 2)
     if len(alone) >= required:
         return _mean_of_fits(problem, detection, alone)
-    return dataclasses.replace(detection, between=None)
+    return replace(detection, between=None)
 
 
 def _alone(problem: Problem, k: int) -> _Alone:
@@ -298,8 +298,8 @@ def _alone(problem: Problem, k: int) -> _Alone:
     if prior is not None:
         # Every record has its share of the prior, so that their mean counts it once.
         covariance = len(problem.records) * prior.covariance
-        prior = dataclasses.replace(prior, covariance=covariance)
-    alone = dataclasses.replace(
+        prior = replace(prior, covariance=covariance)
+    alone = replace(
         problem,
         records=(problem.records[k],),
         objective=Objective(
@@ -376,7 +376,7 @@ def _mean_of_fits(problem: Problem, detection: Detection, alone: dict[int, _Alon
     all_values[list(alone)] = values
     all_std[list(alone)] = std
     bias = np.diag(doubt)
-    return dataclasses.replace(
+    return replace(
         detection,
         mean=mean_fit,
         doubt=doubt,

@@ -1,7 +1,7 @@
 """Identified inertials written back into the model file that an arm came from: `write_model`."""
 
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
@@ -42,7 +42,7 @@ _EQUAL = 1e-12
 _WIDTH = len(STANDARD)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Realised:
     """Bodies by link, in the links' frames, rotors (n,) [kg m^2], and their f (p,).
 
@@ -55,7 +55,7 @@ class Realised:
     exact: bool
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _Inertial:
     """One body of the file: its link, the joint that moves it, its pose there, and its prior."""
 
@@ -265,7 +265,7 @@ _MJCF = (".xml", ".mjcf")  # suffixes of a target that is MJCF, whatever its sou
 _SAME = 1e-13
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenModel(Shown, Frozen):
     """A model file that was written, and the arm that it describes.
 

@@ -18,7 +18,7 @@ A prior that is wrong by a factor of more than some hundred in a direction (a bl
 ball) can stop the search short of bodies that exist; give a better one then.
 """
 
-import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from plant.mechanics.body import symmetric_basis
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class NewtonSettings:
     """Limits of Newton's method; chosen by hand.
 
@@ -62,7 +62,7 @@ class NewtonSettings:
 SETTINGS = NewtonSettings()
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Block:
     """One body or rotor: factor L (d, d) of its prior, and columns (p, d (d + 1) / 2) of A."""
 

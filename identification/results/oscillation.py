@@ -8,8 +8,8 @@ sensor) is a disturbance.
 Source: paper Figs. 10-11, 4.2.
 """
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class OscillationSettings:
     """Shape of the band-stop filter, and tolerance of the comparison with the modes of the loop.
 
@@ -57,7 +57,7 @@ class OscillationSettings:
 SETTINGS = OscillationSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Oscillation(Shown, Frozen):
     """The oscillation in the tracking errors of a record.
 
@@ -211,4 +211,4 @@ def oscillation(record: Record, arm: Arm | None = None) -> Oscillation:
     )
     # The amplitude needs the filter, which needs the frequency.
     removed = record.error_pulses - result.removed(record.error_pulses)
-    return dataclasses.replace(result, amplitude=np.sqrt((removed**2).mean(axis=0)))
+    return replace(result, amplitude=np.sqrt((removed**2).mean(axis=0)))

@@ -1,7 +1,7 @@
 """Coverage of the logs: detectable resonances, range of motion, combinations of f from a prior."""
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from plant.parts.tables import Table
 APART = 20  # samples from one position to the next for a speed
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class CoverageSettings:
     """Limits of what a log covers, and of what it leaves to a prior; chosen by hand.
 
@@ -52,7 +52,7 @@ SETTINGS = CoverageSettings()
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Seen(Frozen):
     """Coverage of a path by the logs of an identification.
 
@@ -70,7 +70,7 @@ class Seen(Frozen):
 
     resonance: float | None
     beyond: tuple[str, ...]
-    friction: dict[str, float] = dataclasses.field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
 
 
 def seen(identification: Any, reference: Reference, duration: float) -> Seen:

@@ -5,7 +5,7 @@ torque along a smoothed motion. So each length needs a loop of its own, and leng
 where another effect contradicts the model.
 """
 
-import dataclasses
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class CorrectionSettings:
     """Limits and iterations of the corrections.
 
@@ -110,7 +110,7 @@ def with_length(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[
         # A chain with the present estimate of the length.
         model = at.model.of(longer(at.model.dynamics, share)[name])
         optimum = fitted(model, optimum.values, step, bounds)
-        trials.append((dataclasses.replace(sign, values={name: share}), optimum))
+        trials.append((replace(sign, values={name: share}), optimum))
         still_missing = sum(
             estimate.values[name]
             for estimate in linear(optimum, "length", {name: _effect(optimum, name)})
@@ -143,10 +143,10 @@ def without_delay(
         except ValueError:  # the model diverges beside these counts
             return None
         sign = delay_sign(optimum) or sign
-    return dataclasses.replace(sign, values={"delay": delay}), optimum
+    return replace(sign, values={"delay": delay}), optimum
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class StepwiseSettings:
     """Thresholds of the forward selection.
 
@@ -219,7 +219,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         if search.faint:
             # Begin at the optimum of the coarse steps, which is close.
             options = problem.options | {"steps_per_sample": SETTINGS.fine_steps}
-            search = _Search(dataclasses.replace(problem, options=options), fit, search.at)
+            search = _Search(replace(problem, options=options), fit, search.at)
             detection = search.detection(delay)
         doubt = search.doubt()
         # The rounding of the counts is part of the innovations, and no error of the model.
@@ -227,7 +227,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
         rounding = rows_of_parts(outcome.rounding, search.searched_records, prior_rows)
         added = doubt.added(problem.tolerances, rounding)
         period = max(record.rig.period for record in problem.records)
-        detection = dataclasses.replace(
+        detection = replace(
             detection,
             signs=tuple(sampled(sign, period) for sign in detection.signs),
             assumed=doubt.assumed(),
@@ -242,7 +242,7 @@ def detect(problem: Problem, fit: Fit, outcome: Outcome, delay: float = 0.0) -> 
     grouped, between = doubt.grouped(problem.unknown, fit.covariance, added)
     if between is None and outcome.grouped is not None:
         grouped = outcome.grouped
-    return dataclasses.replace(detection, grouped=grouped, between=between)
+    return replace(detection, grouped=grouped, between=between)
 
 
 class _Refit(NamedTuple):
@@ -343,7 +343,7 @@ class _Search:
         causes = list[Sign]()
         if delay:
             signs = [
-                dataclasses.replace(sign, values={"delay": delay}, chi_square=np.inf)
+                replace(sign, values={"delay": delay}, chi_square=np.inf)
                 if sign.name == "delay"
                 else sign
                 for sign in signs
@@ -428,7 +428,7 @@ class _Search:
     def _adopted(self, best, refits):
         """Make a fit the optimum of the search; its sign, with its rivals."""
         rivals = tuple(refit.sign.name for refit in refits if refit.sign.name != best.sign.name)
-        sign = dataclasses.replace(best.sign, rivals=rivals)
+        sign = replace(best.sign, rivals=rivals)
         # The trial fits used sensitivities of the previous optimum; this one takes its own.
         optimum = fitted(best.at.model, best.at.values, best.step, self.bounds)
         adopted = self._compared(sign, optimum, best.step)
@@ -533,7 +533,7 @@ class _Search:
         if sign.name == "backlash":
             explained = max(explained, sign.explained)
         chi_square = explained / at.unit(at.innovations)
-        sign = dataclasses.replace(sign, explained=explained, chi_square=chi_square)
+        sign = replace(sign, explained=explained, chi_square=chi_square)
         return _Refit(sign, at, step)
 
 
@@ -544,7 +544,7 @@ def _with_values(sign, at):
         name: float(at.values[model.place(name)]) if name in model.extra else value
         for name, value in sign.values.items()
     }
-    return dataclasses.replace(sign, values=values)
+    return replace(sign, values=values)
 
 
 def _may_follow(sign, causes):

@@ -1,7 +1,7 @@
 """Warnings of an identification, one line each, causes before their effects."""
 
-import dataclasses
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -23,7 +23,7 @@ from plant.parts.fields import Floats
 _Lines: TypeAlias = Iterator[str]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class WarningSettings:
     """Limits from which on a result is doubted.
 
@@ -72,7 +72,7 @@ class WarningSettings:
 SETTINGS = WarningSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class _Case:
     """An `Identification` with the facts that several checks read.
 
@@ -415,7 +415,7 @@ def pairs_of(identification: Any) -> list[tuple[str, str]]:
     alike = (np.abs(fit.correlation) > SETTINGS.correlation) & (vague[:, None] | vague)
     # Effects that the rig may lack move many values alike, so noise alone must correlate them too.
     if fit.noise_covariance is not None:
-        of_noise = dataclasses.replace(fit, covariance=fit.noise_covariance)
+        of_noise = replace(fit, covariance=fit.noise_covariance)
         alike &= np.abs(of_noise.correlation) > SETTINGS.correlation
     # Each pair once.
     return [(names[i], names[j]) for i, j in np.argwhere(np.triu(alike, 1))]

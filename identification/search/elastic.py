@@ -7,8 +7,8 @@ best of them, Gauss-Newton minimises the prediction error in coordinates of reso
 also decide whether the log distinguishes a gear from a rigid one.
 """
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ElasticSettings:
     """Grid, starts and confidence levels of the fit of elastic gears.
 
@@ -335,10 +335,8 @@ def _outcome(
     reason = None
     # The margin counts a share of the stated rotors. Behind elastic gears the links need an inertia
     # of their own, so that all of the rotors must fit into D.
-    drive = dataclasses.replace(
-        rig.drive, motor_inertia=rig.drive.motor_inertia / LEAST_MOTOR_INERTIA
-    )
-    rig = dataclasses.replace(rig, drive=drive)
+    drive = replace(rig.drive, motor_inertia=rig.drive.motor_inertia / LEAST_MOTOR_INERTIA)
+    rig = replace(rig, drive=drive)
     if not least_inertia_margin(problem.dynamics, rig, arm.f[None])[0] >= 0:
         reason = (
             "D(q) of the fit less the motors' own inertia, Jm k^2, leaves no sound link behind some"

@@ -5,8 +5,8 @@ unknown beside f, and so are position and speed of the arm at the first sample. 
 explains the log no better than by chance, the law started with the log.
 """
 
-import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
         with about:
             if unstated[k]:
                 records[k], memories[k] = with_state(problem.dynamics, record, problem.unknown)
-    problem_resumed = dataclasses.replace(
+    problem_resumed = replace(
         problem,
         records=tuple(records),
         memories=tuple(memories),
@@ -90,7 +90,7 @@ def as_repeated(
 def run_again(record: Record, arm: Arm, rig: Rig, law: Law) -> Record:
     """A record simulated with another arm, rig and law; the law resumes from the record's state."""
     # The fitted controller replaces the inner law; its state stays.
-    resumed = dataclasses.replace(record.law, law=law) if isinstance(record.law, Resumed) else law
+    resumed = replace(record.law, law=law) if isinstance(record.law, Resumed) else law
     return replay(arm, record, rig=rig, law=resumed)
 
 
@@ -144,10 +144,10 @@ def resumed_at(
             state = resumption.state
             law: Any = record.law
             if isinstance(law, Resumed):
-                law = dataclasses.replace(law, state=state)
+                law = replace(law, state=state)
             # A simulation in closed loop runs the controller itself, not its log.
             if not isinstance(law, AlongLog) or not reading:
                 law = Resumed(law=law.law if isinstance(law, Resumed) else law, state=state)
-            record = dataclasses.replace(record, law=law, initial=resumption.initial)
+            record = replace(record, law=law, initial=resumption.initial)
         resumed.append(record)
     return tuple(resumed)

@@ -5,7 +5,7 @@ stopped early, and subtracts the bias by rounding.
 """
 
 import contextlib
-import dataclasses
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ from plant.parts.fields import Floats
 from plant.parts.sums import dot, products
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class FitSettings:
     """Steps of the prediction-error fit, and the conditions under which it is repeated.
 
@@ -85,7 +85,7 @@ class FitSettings:
     gain_step: float = 0.01
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class RoundingSettings:
     """Simulated logs from which the bias by the rounding of counts is estimated.
 
@@ -216,7 +216,7 @@ def polished(
         gains=None if gains is None else solution.values[gains],
     )
     grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
-    return dataclasses.replace(outcome, rounding=rounding, grouped=grouped)
+    return replace(outcome, rounding=rounding, grouped=grouped)
 
 
 def _searched(
@@ -358,7 +358,7 @@ def _unbiased(prediction, solution, bounds, seed):
     # a mean of `count` fits, whose variance adds.
     share = min(1.0, noises.mean() / noise(prediction, solution.residual / prediction.scales))
     scale = (1 + 1 / count) * (1 + share * (ratio - 1) / 2)
-    unbiased = dataclasses.replace(
+    unbiased = replace(
         solution, values=np.clip(values, *bounds.T), covariance=scale * solution.covariance
     )
     return unbiased, sum(logs) / len(logs) * prediction.scales

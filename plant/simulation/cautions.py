@@ -1,7 +1,7 @@
 """Warnings before a simulation: missing rotors, an unstable current lag, gears too stiff."""
 
-import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,7 +71,7 @@ def warn_of_unstable_lag(arm: Arm, rig: Rig, law: Law, pose: Floats) -> None:
     if rig.drive.current_lag is None or law.has_memory(rig.n):
         return
     growing = _growing(arm, rig, law, pose)
-    prompt = dataclasses.replace(rig, drive=dataclasses.replace(rig.drive, current_lag=None))
+    prompt = replace(rig, drive=replace(rig.drive, current_lag=None))
     # A loop that is unstable without lag, too, has another cause.
     if growing is None or _growing(arm, prompt, law, pose) is not None:
         return

@@ -1,6 +1,6 @@
 """Sampling times of a loop: even, or the time stamps of a log."""
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from plant.parts.fields import Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ClockSettings:
     """Tolerances of time stamps, in periods of the rig, chosen by hand.
 
@@ -31,7 +31,7 @@ class ClockSettings:
 SETTINGS = ClockSettings()
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Clock:
     """Samples of a loop, and the sub-steps between them."""
 

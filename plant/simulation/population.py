@@ -3,11 +3,11 @@
 A run has no log: the kernel updates a few numbers at every sample (`tally`).
 """
 
-import dataclasses
 import functools
 import math
 import secrets
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import casadi as ca
@@ -104,7 +104,7 @@ def tally(rig: Rig) -> ca.Function:
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Runs(Frozen):
     """Results of P runs of n joints, (P, n) or (P,), of which `samples` count.
 
@@ -137,7 +137,7 @@ class Runs(Frozen):
         """Runs of the same plants on several references, as if one reference followed the other."""
         columns = {
             field.name: np.array([getattr(runs, field.name) for runs in several])
-            for field in dataclasses.fields(cls)
+            for field in fields(cls)
         }
         # Peaks are the largest of all; numbers of samples add up; means are weighted by them.
         largest = {name: columns[name].max(axis=0) for name in ("peak", "unrounded", "current")}
@@ -200,13 +200,13 @@ class Population:
             "lost": lost,
         }
         # The score reads the counts of an encoder without phase, and of every sample.
-        encoder = dataclasses.replace(rig.encoder, phase=None)
+        encoder = replace(rig.encoder, phase=None)
         loop = ClosedLoop(
             dynamics=arm.dynamics,
             rig=rig,
             law=law,
             steps_per_sample=steps_per_sample,
-            score=tally(dataclasses.replace(rig, encoder=encoder, transport=None)),
+            score=tally(replace(rig, encoder=encoder, transport=None)),
         )
         clock = Clock.regular(math.ceil(duration / rig.period - 1e-9), rig.period)
         path = Path(reference, rig)

@@ -1,8 +1,8 @@
 """The simulator: an arm with a rig under a law, following a reference, gives a record."""
 
-import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -107,7 +107,7 @@ def simulate(
     ).record
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Trace:
     """A record, and the true error at the middle of every sub-step.
 
@@ -256,7 +256,7 @@ def replay(
     if law is None:
         law = record.law
     law = cast(Law, instance("law", law, Law, "Pass law= here or with the record."))
-    record = dataclasses.replace(record, rig=rig, law=law)
+    record = replace(record, rig=rig, law=law)
     added = injected_beside(record)
     loop = closed_loop(
         dynamics=arm.dynamics,
@@ -273,7 +273,7 @@ def replay(
     log, _ = logged_run(loop, arm, driven, start_of(record, path), backend)
     # The log has more samples than the record, where these bridge a gap.
     samples = loop.log_fields.read(log[clock.rows].T, loop.n)
-    return dataclasses.replace(record, **_columns(rig, samples))
+    return replace(record, **_columns(rig, samples))
 
 
 def _columns(rig: Rig, log: Any) -> dict[str, Any]:
