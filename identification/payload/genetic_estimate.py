@@ -193,7 +193,7 @@ class GeneticEstimator:
 
 
 @functools.lru_cache(maxsize=8)
-def _squares(n: int) -> ca.Function:
+def _squares(n):
     """Score of a sample: its squared innovations, times its weight, as a casadi Function.
 
     The log of a sample begins with the innovations (n); its data are counts (n) and a weight.

@@ -32,7 +32,7 @@ class Smoothing:
     period: float
 
     @functools.cached_property
-    def _kernels(self) -> Floats:
+    def _kernels(self):
         """Kernels of value, rate and acceleration (3, L + 2), for `numpy.convolve`."""
         # Three samples are the least that a second difference needs.
         count = max(3, round(self.length / self.period))
@@ -150,7 +150,7 @@ class TorqueWindow:
         self._of_f = [self.unknown.index(name) for name in arm.dynamics.names]
 
     @functools.cached_property
-    def _load(self) -> Floats:
+    def _load(self):
         return self.arm.dynamics.load_matrix()
 
     def rows(self, window: Window, basis: Floats, loaded: Floats) -> tuple[Floats, Floats, Floats]:
@@ -202,9 +202,9 @@ class TorqueWindow:
         return self.smoothing.of_rounding * np.sqrt(share * self.smoothing.per_independent / 12)
 
     @functools.cached_property
-    def _per_count(self) -> Floats:
+    def _per_count(self):
         """Angle of one count of each joint (n,) [rad]."""
-        return np.asarray(np.abs(np.diagonal(self.rig.to_angle(np.eye(self.arm.n)))))
+        return np.abs(np.diagonal(self.rig.to_angle(np.eye(self.arm.n))))
 
 
 KERNEL = 0.04  # length of the smooth kernel on rigid gears [s]

@@ -77,7 +77,7 @@ class WithLoad(WithPrior):
         """Differences of the friction from its priors, in their standard deviations."""
         friction = values[self._loads :][self._priors]
         deviation = self.search.deviation[self._priors]
-        return np.asarray((friction - self.search.friction[self._priors]) / deviation)
+        return (friction - self.search.friction[self._priors]) / deviation
 
     def followed(self, start: Floats, steps: Floats, bounds: Floats, by_stage: bool) -> Solution:
         """Least sum of squares from a start of the unknowns, with or without the nuisances."""
@@ -220,7 +220,7 @@ class UnknownLoad:
         unit = Body(mass=1.0, com=self.com(values)).standard_parameters
         # The stated inertia does not scale with the mass, but a load of no mass is no load.
         inertia = np.concatenate([np.zeros(4), self.inertia]) if values[0] else np.zeros(10)
-        return np.asarray(self.matrix @ (values[0] * unit + inertia))
+        return self.matrix @ (values[0] * unit + inertia)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -201,7 +201,7 @@ def _outwards(arm: Arm) -> Floats:
         )
     # A whole axis: f determines the direction of the moment only roughly.
     longest = int(np.argmax(np.abs(moments)))
-    return np.asarray(np.sign(moments[longest]) * np.eye(3)[longest])
+    return np.sign(moments[longest]) * np.eye(3)[longest]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

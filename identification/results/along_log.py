@@ -126,7 +126,7 @@ def effects_along(at: Optimum, torques: Mapping[str, Sequence[Floats]]) -> dict[
     def effect(of_records):
         step = _SMALL * size / np.sqrt(np.mean(np.concatenate(of_records) ** 2))
         moved = at.model.pushed([step * torque for torque in of_records]).innovations(at.values)
-        return np.asarray((moved - at.innovations) / step)
+        return (moved - at.innovations) / step
 
     effects = shared_out(effect, list(torques.values()), at.model.threads)
     return dict(zip(torques, effects, strict=True))
@@ -158,4 +158,4 @@ def _torque(arm, motion):
         arm.dynamics.chain, arm.dynamics.lumping, q, qd, qdd, ca.SX(arm.f)
     )
     torque = ca.Function("torque", [q, qd, qdd], [ca.densify(moving + at_rest)])
-    return np.asarray(torque.map(len(motion.q))(*(signal.T for signal in motion)).full().T)
+    return torque.map(len(motion.q))(*(signal.T for signal in motion)).full().T

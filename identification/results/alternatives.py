@@ -170,7 +170,7 @@ def effects_of(at: Optimum, efforts: Floats) -> dict[str, Floats]:
 def _effect_of_delay(at: Optimum) -> Floats:
     """Effect (M,) of a delay of the counts [samples], by counts that are read later."""
     later = at.model.late(SETTINGS.delay).innovations(at.values)
-    return np.asarray((at.innovations - later) / SETTINGS.delay)
+    return (at.innovations - later) / SETTINGS.delay
 
 
 def delay_sign(at: Optimum) -> Sign | None:

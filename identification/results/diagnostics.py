@@ -388,7 +388,7 @@ def _mean_of_fits(problem: Problem, detection: Detection, alone: dict[int, _Alon
 
 def _weighted(weight: Floats, covariance: Sequence[Floats]) -> Floats:
     """Covariance (k, k) of a sum with weights (R, k) of terms with covariances (R, k, k)."""
-    return np.asarray(np.einsum("ri,rij,rj->ij", weight, covariance, weight))
+    return np.einsum("ri,rij,rj->ij", weight, covariance, weight)
 
 
 def _factor(covariance: Floats) -> Floats:
@@ -397,4 +397,4 @@ def _factor(covariance: Floats) -> Floats:
     std = np.where(std > 0, std, 1.0)
     sizes, axes = np.linalg.eigh(covariance / np.outer(std, std))
     # Rounding can make the smallest eigenvalues negative.
-    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))
+    return axes * np.sqrt(np.maximum(sizes, 0.0))

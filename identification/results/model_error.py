@@ -72,12 +72,12 @@ class Doubt:
         }
 
     @property
-    def _unit(self) -> float:
+    def _unit(self):
         """Variance of the innovations; less where each stands for many."""
         return self.at.unit(self.at.innovations) * self.share
 
     @property
-    def _residual(self) -> Floats:
+    def _residual(self):
         """Innovations of the records that were searched."""
         return self.at.innovations[: self.searched]
 

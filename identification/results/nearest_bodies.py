@@ -128,7 +128,7 @@ def _independent(A, f):
 class _Problem:
     """The divergence of several blocks, as a function of all their x (in an orthonormal basis)."""
 
-    def __init__(self, sizes: list[int]) -> None:
+    def __init__(self, sizes):
         self.bases = [symmetric_basis(d) for d in sizes]
         # Places of the blocks in the vector x, one after another.
         ends = np.cumsum([len(basis) for basis in self.bases])
@@ -137,14 +137,14 @@ class _Problem:
         ]
         self.prior = np.concatenate([np.einsum("kii->k", basis) for basis in self.bases])  # X = 1
 
-    def matrices(self, x: Floats) -> list[Floats]:
+    def matrices(self, x):
         """X of each block."""
         return [
             np.einsum("k,kij->ij", x[rows], basis)
             for basis, rows in zip(self.bases, self.places, strict=True)
         ]
 
-    def gradient(self, x: Floats) -> Floats | None:
+    def gradient(self, x):
         """Gradient, 1 - X^-1, of the divergence; None outside of its domain."""
         result = np.empty(len(x))
         for X, basis, rows in zip(self.matrices(x), self.bases, self.places, strict=True):
@@ -153,7 +153,7 @@ class _Problem:
             result[rows] = np.einsum("kij,ij->k", basis, np.eye(len(X)) - np.linalg.inv(X))
         return result
 
-    def inverse_hessian(self, x: Floats, columns: Floats) -> Floats:
+    def inverse_hessian(self, x, columns):
         """The inverse of the divergence's Hessian, X . X, times columns (k, m)."""
         result = np.empty_like(columns)
         for X, basis, rows in zip(self.matrices(x), self.bases, self.places, strict=True):
@@ -161,13 +161,13 @@ class _Problem:
             result[rows] = np.einsum("kij,hij->kh", basis, turned) @ columns[rows]
         return result
 
-    def value(self, x: Floats) -> float:
+    def value(self, x):
         """The divergence, infinite outside of its domain; up to a constant."""
         # Trace and log-det from the eigenvalues, which are positive for bodies.
         values = [np.linalg.eigvalsh(X) for X in self.matrices(x)]
         return sum(float(v.sum() - np.log(v).sum()) if v[0] > 0 else np.inf for v in values)
 
-    def longest(self, x: Floats, dx: Floats) -> float:
+    def longest(self, x, dx):
         """The longest step, at most 1, in which no X loses more than a share in any direction."""
         length = 1.0
         for X, step in zip(self.matrices(x), self.matrices(dx), strict=True):
@@ -180,7 +180,7 @@ class _Problem:
                 length = min(length, SETTINGS.loss / -lowest)
         return length
 
-    def exact(self, A: Floats, f: Floats, x: Floats) -> Floats | None:
+    def exact(self, A, f, x):
         """The x of least divergence with A x = f; None if the steps end at the border of bodies."""
         y = np.zeros(len(f))  # multipliers of the equations
 
@@ -209,7 +209,7 @@ class _Problem:
                 return x
         return None
 
-    def nearest(self, A: Floats, f: Floats) -> Floats:
+    def nearest(self, A, f):
         """The x with the least |A x - f|, as the limit of softness to zero."""
         x = self.prior
         # At the first softness, the misfit of the prior costs one half at most.
@@ -241,14 +241,12 @@ class _Problem:
             softness *= SETTINGS.harder
         return x
 
-    def step(
-        self, A: Floats, softness: float, x: Floats, residual: Floats
-    ) -> tuple[Floats, Floats]:
+    def step(self, A, softness, x, residual):
         """Newton's step of x and multipliers, by the Schur complement of the Hessian."""
         solved = self.inverse_hessian(x, np.column_stack([A.T, residual[: len(x)]]))
         of_rows = solved[:, :-1]
         of_gradient = solved[:, -1]
         # The Hessian is block diagonal, so only this small system is solved.
         schur = A @ of_rows + softness * np.eye(len(A))
-        dy = np.asarray(np.linalg.solve(schur, residual[len(x) :] - A @ of_gradient), dtype=float)
-        return np.asarray(-of_gradient - of_rows @ dy, dtype=float), dy
+        dy = np.linalg.solve(schur, residual[len(x) :] - A @ of_gradient)
+        return -of_gradient - of_rows @ dy, dy

@@ -176,4 +176,4 @@ def whitening(identification: Identification) -> Floats:
     _ = identification.fit.std  # raises, with the reason
     covariance = identification.fit.covariance_of(identification.arm.dynamics.names)
     ridge = _RIDGE * np.diag(covariance).max() * np.eye(len(covariance))
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance + ridge)))
+    return np.linalg.inv(np.linalg.cholesky(covariance + ridge))

@@ -92,7 +92,7 @@ def _effect(at, name):
     """Effect (M,) on the innovations of a length, relative."""
     # By a difference, as the model has no length as a number.
     longer_model = at.model.of(longer(at.model.dynamics)[name])
-    return np.asarray((longer_model.innovations(at.values) - at.innovations) / SHARE)
+    return (longer_model.innovations(at.values) - at.innovations) / SHARE
 
 
 def with_length(at: Optimum, sign: Sign, step: Floats, bounds: Floats) -> tuple[Sign, Optimum]:
@@ -264,7 +264,7 @@ class _Search:
 
     faint = False
 
-    def __init__(self, problem: Problem, fit: Fit, start: Optimum | None = None) -> None:
+    def __init__(self, problem, fit, start=None):
         # 1. The model, on parts of long records, and its unknowns with their steps and bounds.
         records, keep = as_tested(problem, fit)
         if fit.covariance is not None:
@@ -332,7 +332,7 @@ class _Search:
             name: row for name, row in self.effects.items() if not name.endswith(self._idle)
         }
 
-    def detection(self, delay: float, *, coarse: bool = False) -> Detection:
+    def detection(self, delay, *, coarse=False):
         """Select the causes one after another.
 
         `coarse`: end where the first cause is `faint`: coarse steps might explain as little.
@@ -445,7 +445,7 @@ class _Search:
             abs(value) < SETTINGS.minor * usual.get(name, 0.0) for name, value in values.items()
         )
 
-    def doubt(self) -> Doubt:
+    def doubt(self):
         """The optimum and its effects, from which the bias of the unknowns follows."""
         return Doubt(
             at=self.at,

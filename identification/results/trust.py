@@ -89,7 +89,7 @@ class _Case:
     late: dict[int, Floats]
 
     @classmethod
-    def of(cls, identification: Any, always: bool) -> "_Case":
+    def of(cls, identification, always):
         records = identification.records
         return cls(
             identification=identification,
@@ -100,10 +100,10 @@ class _Case:
         )
 
     @property
-    def joints(self) -> tuple[str, ...]:
+    def joints(self):
         return tuple(self.identification.arm.dynamics.chain.joint_labels)
 
-    def log(self, i: int) -> str:
+    def log(self, i):
         """Name of the log of a record."""
         several = len(self.identification.records) > 1
         return f"the log of records[{i}]" if several else "the log"

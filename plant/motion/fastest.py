@@ -215,7 +215,7 @@ def _solved(problem: dict[str, ca.SX], motion: Motion, intervals: int) -> Floats
             f"path must have a time law; with {intervals} intervals none was found, {status}. Try"
             " fewer, or a smoother path."
         )
-    return np.asarray(solution["x"].full().ravel())
+    return solution["x"].full().ravel()
 
 
 def _limited(

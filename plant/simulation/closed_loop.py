@@ -229,7 +229,7 @@ class ClosedLoop(Layout):
         return (state[ok] > 0) & bounded(state[motion])
 
     @cached_property
-    def _watched(self) -> tuple[int, list[int]]:
+    def _watched(self):
         """Places of ``ok``, and of ``q`` and ``qd``, that say whether a loop has diverged."""
         places = self.state_fields.at(self.n)
         return places["ok"].start, [*places["q"], *places["qd"]]

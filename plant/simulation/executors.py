@@ -37,7 +37,7 @@ class _Work:
     number: tuple[int, int]
     version: str = __version__
 
-    def __call__(self) -> Any:
+    def __call__(self):
         if self.version != __version__:
             # Another version may give other bits, which no result would show.
             raise OtherVersionError(
@@ -78,7 +78,7 @@ class Executor:
         self._held = False
         self.close()
 
-    def _renew(self) -> None:
+    def _renew(self):
         executor = self._given() if self._has_factory else self._given
         if not hasattr(executor, "submit"):
             raise ValueError(
@@ -258,24 +258,24 @@ def reason(error: BaseException) -> str:
     return line
 
 
-def _killed(error: BaseException) -> bool:
+def _killed(error):
     return isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"
 
 
-def _line(error: BaseException) -> str:
+def _line(error):
     # Messages of executors may have many lines, and whole tracebacks.
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text:.300}" if text else type(error).__name__
 
 
-def _error_of(future: Future[Any]) -> BaseException | None:
+def _error_of(future):
     try:
         return future.exception()
     except CancelledError as error:
         return error
 
 
-def _require_same_library(error: BaseException | None) -> None:
+def _require_same_library(error):
     """Stop if workers lack the library or have another version: every call would fail there."""
     if isinstance(error, OtherVersionError):
         raise error

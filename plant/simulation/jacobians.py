@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from plant.laws.law import Law
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import array
 from plant.parts.fields import Floats
 from plant.simulation.closed_loop import ClosedLoop
@@ -50,9 +49,7 @@ def jacobians(
 
 
 @functools.lru_cache(maxsize=16)
-def _functions(
-    dynamics: Dynamics, rig: Rig, law: Law, step: float
-) -> tuple[ClosedLoop, list[int], ca.Function, ca.Function]:
+def _functions(dynamics, rig, law, step):
     """The loop, places of its states that move, and two functions.
 
     (time, state, numbers) -> stiffness [N m per pulse]; (state, time, numbers) -> A, B.

@@ -12,7 +12,7 @@ from typing import Any, Self
 import casadi as ca
 import numpy as np
 
-from plant.laws.law import Block, Law
+from plant.laws.law import Law
 from plant.machine.rig import DRY_FRICTION, Rig, punctual_rig, smooth_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import whole
@@ -124,7 +124,7 @@ class Layout:
         return bool(ca.depends_on(ca.vertcat(*step(*symbols)), ca.vertcat(*symbols[1:4])))
 
     @cached_property
-    def _block(self) -> Block:
+    def _block(self):
         return self.law.block(self.rig)
 
     # -- the vectors -------------------------------------------------------------------------------
@@ -251,29 +251,29 @@ class Layout:
 
     # -- records of symbols ------------------------------------------------------------------------
     @cached_property
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _symbols(self):
         """The vectors of state, time and numbers, the inputs of every function of the loop."""
         state = ca.SX.sym("state", self.state_fields.length(self.n))
         time = ca.SX.sym("time", self.time_fields.length(self.n))
         return state, time, ca.SX.sym("numbers", self.number_fields.length(self.n))
 
     @cached_property
-    def _state(self) -> Any:
+    def _state(self):
         """Record of the symbols of `state_fields`."""
         return self.state_fields.read(self._symbols[0], self.n)
 
     @cached_property
-    def _time(self) -> Any:
+    def _time(self):
         """Record of the symbols of `time_fields`."""
         return self.time_fields.read(self._symbols[1], self.n)
 
     @cached_property
-    def _numbers(self) -> Any:
+    def _numbers(self):
         """Record of the symbols of `number_fields`."""
         return self.number_fields.read(self._symbols[2], self.n)
 
     @cached_property
-    def _symbolic_rig(self) -> Rig:
+    def _symbolic_rig(self):
         """The rig with symbols in place of its numbers."""
         return self.rig.with_numbers(self._numbers.rig)
 

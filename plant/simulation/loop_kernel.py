@@ -1,16 +1,14 @@
 """The compiled closed loop, for one individual or for many."""
 
 import functools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 import numpy as np
 
 from plant.compiler.kernel_cache import Kernel
 from plant.parts.fields import Floats
-from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop
-from plant.simulation.followed_path import Logged, Path
 from plant.simulation.loop_source import loop_source
 from plant.simulation.time_tables import in_blocks, samples_of_law, time_tables
 
@@ -41,12 +39,12 @@ class _Compiled:
 
     def __init__(
         self,
-        loop: ClosedLoop,
-        lanes: Iterable[int],
-        width: int | None = None,
+        loop,
+        lanes,
+        width=None,
         *,
-        uneven: bool = False,
-    ) -> None:
+        uneven=False,
+    ):
         self.loop = loop
         self.lanes = tuple(lanes)
         self._uneven = uneven
@@ -55,7 +53,7 @@ class _Compiled:
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
         self._programs = dict[str, tuple[Kernel, _COLUMNS]]()
 
-    def program(self, name: str) -> tuple[Kernel, _COLUMNS]:
+    def program(self, name):
         """The kernel ``single`` or `program_name`, and the columns that it reads."""
         # Made on demand: most loops run one of the two.
         if name not in self._programs:
@@ -69,7 +67,7 @@ class _Compiled:
     def _columns(self, logged):
         return self.program("single" if logged else self.program_name)[1]
 
-    def prepared(self, tables: Sequence[Floats], *, logged: bool = False) -> tuple[Any, ...]:
+    def prepared(self, tables, *, logged=False):
         """Columns that a run reads of the tables (law, sample, step, data), and the step length h.
 
         `logged` is for a run of one individual with its log.
@@ -78,15 +76,15 @@ class _Compiled:
 
     def along(
         self,
-        loop: ClosedLoop,
-        path: Path | Logged,
-        clock: Clock,
-        data: Floats,
+        loop,
+        path,
+        clock,
+        data,
         *,
-        logged: bool = False,
-        replayed: Floats | None = None,
-        injected: Floats | None = None,
-    ) -> tuple[Any, ...]:
+        logged=False,
+        replayed=None,
+        injected=None,
+    ):
         """Tables of a run of a loop along a path, as from `prepared`, without unread columns.
 
         The loop has this structure, and may have other numbers. Path, clock, replayed and injected
@@ -98,14 +96,14 @@ class _Compiled:
 
     def blocks(
         self,
-        loop: ClosedLoop,
-        path: Path | Logged,
-        clock: Clock,
-        replayed: Floats | None = None,
-        injected: Floats | None = None,
+        loop,
+        path,
+        clock,
+        replayed=None,
+        injected=None,
         *,
-        samples: int,
-    ) -> Iterator[tuple[Any, ...]]:
+        samples,
+    ):
         """Tables as from `along`, without data, in successive blocks of about `samples`."""
         narrow, places = _narrow(self._columns(logged=False))
         for tables in in_blocks(loop, path, clock, replayed, injected, narrow, samples=samples):
@@ -251,7 +249,7 @@ class Structure:
 
 
 @functools.lru_cache(maxsize=128)
-def _cached(kind: type[K], key: Structure, lanes: tuple[int, ...], uneven: bool) -> K:
+def _cached(kind, key, lanes, uneven):
     return kind(key.loop, lanes, uneven=uneven)
 
 

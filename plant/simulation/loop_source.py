@@ -10,7 +10,7 @@ import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
@@ -95,7 +95,7 @@ class _Emitter:
     places: dict[str, int]
     fresh: Callable[[], int]
 
-    def once(self, programs: Collection[Any]) -> tuple[str, list[str]]:
+    def once(self, programs):
         """Functions of values that do not change in time, and names of those that all share.
 
         The first is evaluated once, the second once per individual.
@@ -123,9 +123,7 @@ class _Emitter:
         text = intrinsic(f"{self.name}_uniforms", ["u"], uniform, numbers)
         return text + intrinsic(f"{self.name}_once", ["work", "j", "uniform"], lane), numbers
 
-    def of_step(
-        self, block: str, program: Any, numbers: list[str], columns: dict[str, list[int]]
-    ) -> tuple[str, list[str]]:
+    def of_step(self, block, program, numbers, columns):
         """The function of a step that all individuals share, and the names of its results.
 
         The inputs that it reads are added to the `columns` of the tables.
@@ -147,9 +145,7 @@ class _Emitter:
         function = f"{self.name}_{block}_times"
         return intrinsic(function, ["t", "d", "i", "uniform"], lines, times), times
 
-    def of_individual(
-        self, block: str, program: Any, numbers: list[str], times: list[str]
-    ) -> tuple[str, str]:
+    def of_individual(self, block, program, numbers, times):
         """Functions of a step of each individual, and the lines of the loop that call them."""
         name = f"{self.name}_{block}"
         width = self.width
@@ -160,9 +156,7 @@ class _Emitter:
         results = program.results[: self.states]
         logged = program.results[self.states :]
         # A state that does not change stays in its row.
-        stores: dict[int | str, str] = {
-            i: result for i, result in enumerate(results) if result != f"s{i}"
-        }
+        stores = {i: result for i, result in enumerate(results) if result != f"s{i}"}
         stores |= {f"log[{i}]": result for i, result in enumerate(logged)}
         start = [
             f"work = e.view(kinds[0], work, {width}, j)",
