@@ -240,7 +240,7 @@ def _followed(
         options=dict(options),
     )
     # `with_memory` returns the better outcome alone; remember the problem of each.
-    fits = list[tuple[Outcome, Problem]]()
+    fits = []
 
     def fitted(problem: Problem) -> Outcome:
         outcome = search.fitted(problem)

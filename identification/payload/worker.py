@@ -169,7 +169,7 @@ def serve() -> None:
     os.dup2(2, 1)  # whatever a library prints must not get into the answers
     if hasattr(os, "nice"):
         os.nice(_NICE)
-    estimators: dict[int, Any] = {}
+    estimators = {}
     while True:
         try:
             number, kind, content = incoming.recv()

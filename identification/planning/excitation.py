@@ -188,7 +188,7 @@ def design_motion(
     # 1. Arguments; those of the other kind are refused.
     instance("rig", rig, Rig, "The order is arm, rig, law.")
     design_arm, rig = experiment_of(arm, rig)
-    model: Arm = instance("arm", design_arm, Arm, "The order is arm, rig, law.")
+    model = instance("arm", design_arm, Arm, "The order is arm, rig, law.")
     period = real("period", period, "Give seconds.", positive=True)
     # A law, for instance, has no influence on a multisine: an argument without effect is a mistake.
     search = {
@@ -346,7 +346,7 @@ class _Problem:
             "acceptable_iter": 6,
         }
         opti.solver("ipopt", {"print_time": False, "error_on_fail": False}, options)
-        best: tuple[float, Harmonics] | None = None
+        best = None
         for start in starts:
             for amplitude, value in zip(self.amplitudes, start, strict=True):
                 opti.set_initial(amplitude, value)

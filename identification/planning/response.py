@@ -31,6 +31,19 @@ from plant.parts.frozen import Frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
 
+if TYPE_CHECKING:
+    import control
+
+Complex = NDArray[np.complex128]
+
+# A line of the reference is excited if it is this many times the line that rounding causes: the
+# standard deviation of the response is then below a tenth. Chosen by hand.
+_ABOVE = 10.0
+
+# A line of an injected torque, which is not rounded, is excited if it exceeds this share of the
+# strongest line. Chosen by hand.
+_FAINT = 1e-3
+
 # Share of the sampling rate up to which a held torque equals its mean, delayed by half a sample, to
 # 1 %.
 _HELD = 0.2
@@ -153,20 +166,6 @@ def _fitted(columns: Floats, values: Floats, variance: Floats) -> _Coefficients:
     residual = values * weight - rows @ solved
     freedom = max(len(values) - columns.shape[1], 1)
     return _Coefficients(solved, inverse @ inverse.T * max(1.0, residual @ residual / freedom))
-
-
-if TYPE_CHECKING:
-    import control
-
-Complex = NDArray[np.complex128]
-
-# A line of the reference is excited if it is this many times the line that rounding causes: the
-# standard deviation of the response is then below a tenth. Chosen by hand.
-_ABOVE = 10.0
-
-# A line of an injected torque, which is not rounded, is excited if it exceeds this share of the
-# strongest line. Chosen by hand.
-_FAINT = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -43,7 +43,7 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
     for record in records:
         commanded = commanded_torque(record)
         rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
-    torques = dict[str, list[Floats]]()
+    torques = {}
     for i, joint in enumerate(np.eye(n)):
         angles = [record.rig.encoder.to_angle(record.counts)[:, i] for record in records]
         units = [record.rig.drive.joint_torque(joint) for record in records]

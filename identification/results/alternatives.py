@@ -351,7 +351,7 @@ def _disagreement(at: Optimum) -> Iterator[Sign]:
     if len(records) < 2:
         return
     # Values of their own for every record but one, beside the common values, span them all.
-    rows: list[Floats] = []
+    rows = []
     for record in records[1:]:
         alone = np.zeros((at.unknown, len(at.innovations)))
         alone[:, record] = at.rates[: at.unknown, record]

@@ -279,7 +279,7 @@ def of_each(problem: Problem, detection: Detection) -> Detection:
     count = len(problem.records)
     if "disagreement" not in detection.names or detection.grouped is None or count < 2:
         return detection
-    alone = dict[int, _Alone]()
+    alone = {}
     # Deviations of rough methods do not cover their own errors: they could not weigh records.
     if problem.method not in ROUGH:
         for k in range(count):

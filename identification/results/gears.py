@@ -269,7 +269,7 @@ def _seen(
         raise ValueError("records must hold one at least; got none. Pass those with link_counts.")
     if band is not None:
         real("band", band, "Give Hz.", positive=True)
-    seen = list[Deflections]()
+    seen = []
     for k, (record, about) in enumerate(each_named(records)):
         with about:
             instance("a record", record, Record, "Pass those with link_counts.").rig.require_fit(

@@ -104,7 +104,7 @@ class Doubt:
 
         # 1. A reported cause is an effect without a prior, no longer one of the unknowns.
         effects = dict(self.effects)
-        unlimited = dict[str, float]()
+        unlimited = {}
         fitted = []
         for i, value in enumerate(varied):
             name = at.model.unknown[value]

@@ -128,9 +128,7 @@ def draw_intervals(axis: Any, identification: Any) -> None:
     dot = {"color": colour_of(0), "s": 16}
     ring = {"edgecolor": colour_of(1), "facecolor": "none", "s": 60}
     # The ring around a dot shows how much of an interval is noise.
-    kinds: list[tuple[Any, str, dict[str, Any]]] = [
-        (identification.covariance, "all that is counted", dot)
-    ]
+    kinds = [(identification.covariance, "all that is counted", dot)]
     if identification.fit.noise_covariance is not None:
         kinds.append((identification.fit.noise_covariance, "noise alone", ring))
     for covariance, label, style in kinds:

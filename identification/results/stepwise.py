@@ -340,7 +340,7 @@ class _Search:
         initial = tested(self.at, self._testable)
         signs = initial
         stated = self.at.model.stated()
-        causes = list[Sign]()
+        causes = []
         if delay:
             signs = [
                 replace(sign, values={"delay": delay}, chi_square=np.inf)
@@ -408,7 +408,7 @@ class _Search:
 
     def _refits(self, signs, largest, factor):
         """Fits of the causes with a promising first estimate, about as good as the best of them."""
-        refits = list[_Refit]()
+        refits = []
         for sign in signs:
             # A delay that another test suggests has an infinite chi-square: it is always tried.
             if not (sign.explained > SETTINGS.fitted * largest or np.isinf(sign.chi_square)):

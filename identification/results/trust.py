@@ -129,7 +129,7 @@ def of_statements(rig: Rig, records: Iterable[Record], chain: Chain) -> _Lines:
     """Statements of a rig that no arm has, along the counts of records, each once."""
     # Speeds and ranges of slides are in metres.
     prismatic = [link.prismatic for link in chain.links]
-    lines = list[str]()
+    lines = []
     for record in records:
         if len(record) > APART:  # speeds need so many samples
             q, qd = motion_of(record)

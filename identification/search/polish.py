@@ -371,7 +371,7 @@ def _rounded(prediction, values, shifts, residual):
     whose logs have the mean square of the log. Other noise only adds to a log, so a log below the
     mean square of simulated ones comes from a faster loop, and the next rate is tried.
     """
-    nearest = list[Floats]()
+    nearest = []
     distance = np.inf
     square = dot(residual, residual)
     for steps in RATES:
@@ -400,7 +400,7 @@ def by_stages(
     """
     if gains is None:
         return gauss_newton(prediction, values, steps, bounds)
-    solutions = list[Solution]()
+    solutions = []
     # Gains of position of all joints come before those of speed.
     joints = (gains.stop - gains.start) // 2
     fixed = steps.copy()

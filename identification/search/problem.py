@@ -291,7 +291,7 @@ def parts_of(record: Record) -> list[slice]:
     # Running sum of the joints that changed their count up to each sample, so that a difference of
     # two entries gives the readings of a part.
     changes = np.concatenate([[0, 0], np.cumsum(moved)])
-    parts = list[slice]()
+    parts = []
     ends = np.linspace(0, count, PARTS + 1).astype(int)
     evenly = np.linspace(0, count - size, PARTS).astype(int)
     for low, high, even in zip(ends[:-1], ends[1:], evenly, strict=True):

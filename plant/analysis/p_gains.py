@@ -280,7 +280,7 @@ def _met(
 
     A refusal ends with the ``advice`` for its gains.
     """
-    trials: list[_Trial] = []
+    trials = []
     for _ in range(SETTINGS.simulations):
         law = law_of(gain)
         with warnings.catch_warnings():

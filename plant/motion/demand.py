@@ -54,7 +54,7 @@ class Demand:
 
     def share(self, v: float) -> Floats:
         """Peak torque over the limits (n,) at a constant speed along the path."""
-        peak: Floats = np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0)
+        peak = np.abs(self.torque(0.0, v, self.friction(v))).max(axis=0)
         return peak / self.rig.drive.torque_limit()
 
 
@@ -142,5 +142,5 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
             low = middle
         else:
             high = middle
-    shortest: float = reference.duration / low
+    shortest = reference.duration / low
     return shortest

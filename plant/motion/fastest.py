@@ -196,7 +196,7 @@ def _solved(problem: dict[str, ca.SX], motion: Motion, intervals: int) -> Floats
 
     The new motion rests there.
     """
-    ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
+    ipopt = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-7}
     # Ipopt gets exact first and second derivatives from casadi.
     solver = ca.nlpsol("fastest", "ipopt", problem, {"print_time": False, "ipopt": ipopt})
     count = problem["x"].shape[0]

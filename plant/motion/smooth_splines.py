@@ -44,7 +44,7 @@ def _fewest_knots(t, columns, finer):
     """Splines with as few even intervals as the rounding of the columns allows."""
     count = len(t)
     intervals = 1
-    splines = dict[int, Any]()
+    splines = {}
     # The mean square of rounding, and about two standard deviations of its estimate above it.
     enough = (1 + 2 / np.sqrt(count)) / 12
     remaining = list(range(columns.shape[1]))

@@ -96,7 +96,7 @@ def visibility(
     ('mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz')
     """
     regressor = _along(dynamics, reference, start, duration)
-    names: Sequence[str] = dynamics.names
+    names = dynamics.names
     if load is not None:
         regressor = regressor @ dynamics.load_matrix(load)
         names = LOAD

@@ -122,11 +122,8 @@ class Logged:
         # Before the log and after it the splines are not defined; the motion stands still there.
         within = np.clip(t, 0, sampled[-1])
         splines = self._splines[finer]
-
-        def derivative(order: int) -> Floats:
-            return self.rig.to_angle(np.column_stack([spline(within, order) for spline in splines]))
-
-        return Motion(derivative(0), derivative(1), derivative(2))
+        pulses = (np.column_stack([spline(within, k) for spline in splines]) for k in range(3))
+        return Motion(*map(self.rig.to_angle, pulses))
 
     def setpoint(self, t: Floats) -> Motion:
         """The motion that a law follows, at times t (N,)."""

@@ -51,7 +51,7 @@ def run_law(record: Record, finer: float = 1.0) -> LawRun:
 
     A reference that is rebuilt from commanded counts has `finer` times as many knots.
     """
-    law: Any = record.law
+    law = record.law
     return next(run_from(record, [getattr(law, "state", None)], finer))
 
 

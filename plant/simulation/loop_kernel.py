@@ -51,7 +51,7 @@ class _Compiled:
         self.width = self.default_width if width is None else width
         # All other numbers are the same for all individuals.
         self.uniform = tuple(i for i in range(len(loop.number_names)) if i not in set(self.lanes))
-        self._programs = dict[str, tuple[Kernel, _COLUMNS]]()
+        self._programs = {}
 
     def program(self, name):
         """The kernel ``single`` or `program_name`, and the columns that it reads."""

@@ -11,7 +11,6 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from plant.compiler.instructions import LANE, STATE, TIME, UNIFORM
 from plant.compiler.intrinsics import head, intrinsic
@@ -68,7 +67,7 @@ def loop_source(
         of_step, times = emitter.of_step(block, program, numbers, columns)
         of_individual, blocks[block] = emitter.of_individual(block, program, numbers, times)
         text += of_step + of_individual
-    settings: dict[str, Any] = {
+    settings = {
         "states": states,
         "lanes": len(lanes),
         "per_law": loop.steps_per_law or 1,
