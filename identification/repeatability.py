@@ -1,6 +1,5 @@
 """Spread of the result over a series of identifications. Source: paper 4.2 (alteration)."""
 
-import dataclasses
 import functools
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from plant import Dynamics, Record
 from plant.parts.arguments import array
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Aside, Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.executors import mapped
@@ -27,7 +26,7 @@ def alteration(f: ArrayLike) -> Floats:
     return (f.max(axis=0) - f.min(axis=0)) / (2 * np.abs(f.mean(axis=0)))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Spread(Shown, Frozen):
     """A series of identifications of the same records.
 

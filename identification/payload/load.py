@@ -11,7 +11,7 @@ from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Arm, Rig
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
 
@@ -133,7 +133,7 @@ def warnings_of(
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Load(Shown, Frozen):
     """Mass and centre of mass of a load on a link, and the arm with it. Print it.
 

@@ -16,7 +16,7 @@ from plant import Arm, Body
 from plant.mechanics.lumping import LOAD, STANDARD
 from plant.parts.arguments import array, real
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
@@ -204,7 +204,7 @@ def _outwards(arm: Arm) -> Floats:
     return np.sign(moments[longest]) * np.eye(3)[longest]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class PayloadEstimate(Shown, Frozen):
     """Estimate of a load from a window of counts and torques.
 

@@ -6,7 +6,6 @@ readings err by rounding alone, uniformly within a quantisation cell, it gives t
 on the standard deviation by any method.
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -18,7 +17,7 @@ from identification.replay.prediction import Prediction
 from plant import Arm, Dynamics, Law, Reference, Rig, simulate
 from plant.parts.arguments import known_options
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Aside, Piece, Shown
 from plant.parts.tables import Table
 
@@ -27,7 +26,7 @@ from plant.parts.tables import Table
 _STEP = 1e-4
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Budget(Shown, Frozen):
     """Sensitivity of the tracking error to each parameter, and its Cramer-Rao bound.
 

@@ -4,7 +4,6 @@ Source: paper 4.2 (P from the current at a tracking error), reference [14] of th
 from the current of a motor that turns at constant speed).
 """
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ from identification.equation_error.least_squares import least_squares
 from plant import Record
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import dot
 from plant.parts.tables import Table
@@ -25,7 +24,7 @@ from plant.parts.tables import Table
 _BELOW_LIMIT = 0.98
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class MotorFit(Shown, Frozen):
     """Fitted numbers of motors with their standard deviations, motor side.
 

@@ -15,7 +15,6 @@ Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain App
 (2012), ch. 2 and 7.
 """
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,7 +26,7 @@ from plant import Drive, Record
 from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
 from plant.parts.figures import colour_of, legend_above, literal, row_by_row
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.tables import Table
 
@@ -168,7 +167,7 @@ def _fitted(columns: Floats, values: Floats, variance: Floats) -> _Coefficients:
     return _Coefficients(solved, inverse @ inverse.T * max(1.0, residual @ residual / freedom))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class FrequencyResponse(Shown, Frozen):
     """Measured frequency responses of plant and loop, with standard deviations.
 

@@ -19,7 +19,7 @@ from identification.replay.extended import Extended
 from identification.replay.optimum import Optimum, Trial, backlash, compliance
 from identification.results.along_log import CYCLES, at_reversals
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.followed_path import is_rounded
@@ -78,7 +78,7 @@ _SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Sign(Shown, Frozen):
     """Test of one effect that the rig may leave out, at the optimum of the model without it.
 

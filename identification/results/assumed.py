@@ -18,7 +18,7 @@ from plant import Arm, Dynamics, Record
 from plant.motion.reference import Motion
 from plant.parts.arguments import real
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import products
 from plant.parts.tables import Table
@@ -108,7 +108,7 @@ def longer(dynamics: Dynamics, share: float = SHARE) -> dict[str, Dynamics]:
 _LITTLE = 0.05
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Assumed(Shown, Frozen):
     """Sensitivity of identified values to assumed numbers; printed, a line per assumed number.
 

@@ -15,7 +15,7 @@ from identification.equation_error.least_squares import at_least
 from identification.results.alternatives import Sign
 from identification.search.outcome import Fit
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 
@@ -144,7 +144,7 @@ UNFITTED = ("reversals", "disagreement")  # causes that are no number of a model
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Detection(Shown, Frozen):
     """Effects that the rig does not model, as a log shows them; printed, a line.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ from identification.search.predictive import ROUGH, Predicted, doubtful, predict
 from identification.search.problem import Problem
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown
 
@@ -42,7 +42,7 @@ _WIDER = 2.0
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Diagnostics(Shown, Frozen):
     """How well the identified values repeat the records.
 

@@ -17,7 +17,7 @@ from plant import Arm, Dynamics, Elasticity, Record
 from plant.checkup.lost_rows import bridged
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.messages import warn
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -29,7 +29,7 @@ _POOR = 0.2
 _ORDER = "Pass an arm, an identification or dynamics first, then records."
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Gears(Shown, Frozen):
     """Gears between two encoders, with 95 % intervals; NaN of joints that lack one.
 

@@ -18,14 +18,14 @@ from identification.results.trust import warnings_of
 from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved, fingerprint
 from plant.parts.shown import Piece, Shown, as_text
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Identification(Shown, Saved, Frozen):
     """Result of `identify`.
 

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from identification.results.identification import Identification
 from identification.results.nearest_bodies import Block, nearest_realisation
 from identification.results.physical import Physical, table_of, whitening
-from plant import Arm, Body, Drive
+from plant import Arm, Body, Drive, Link, Placement
 from plant.mechanics.body import from_pseudo_inertia, prior_changes, prior_factor
-from plant.mechanics.link import Link
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import ModelFile, ModelJoint, fixed_to, links_of_chain
-from plant.mechanics.placement import Placement
 from plant.mechanics.urdf_file import is_xacro, read_urdf
 from plant.mechanics.xml_file import Element, parsed, spliced
 from plant.models.edits import (
@@ -31,7 +29,7 @@ from plant.models.edits import (
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.fields import Floats
 from plant.parts.files import require_new, write_whole
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.messages import warn
 from plant.parts.shown import Piece, Shown, Verdict
 
@@ -265,7 +263,7 @@ _MJCF = (".xml", ".mjcf")  # suffixes of a target that is MJCF, whatever its sou
 _SAME = 1e-13
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class WrittenModel(Shown, Frozen):
     """A model file that was written, and the arm that it describes.
 

@@ -20,7 +20,7 @@ from identification.results.plots import plot_oscillation
 from plant import Arm, Law, Record
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
@@ -57,7 +57,7 @@ class OscillationSettings:
 SETTINGS = OscillationSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Oscillation(Shown, Frozen):
     """The oscillation in the tracking errors of a record.
 

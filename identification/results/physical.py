@@ -26,7 +26,7 @@ from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
 from plant.mechanics.lumping import STANDARD, standard_parameters
 from plant.parts.arguments import array, instance, known_options, whole
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
@@ -35,7 +35,7 @@ from plant.parts.tables import Table
 _RIDGE = 1e-9
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Physical(Shown, Frozen):
     """The nearest physically consistent arm.
 

@@ -14,14 +14,14 @@ from identification.equation_error.prior import Prior
 from identification.search.genetic import GeneticResult, GeneticSettings
 from identification.search.problem import Problem, Tolerances
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class GearResonance(Shown, Frozen):
     """Locked-rotor resonances, sqrt(k / (D_ii - Jm_i k_i^2)) / 2 pi, where the reference begins.
 
@@ -108,7 +108,7 @@ for _class in (GeneticSettings, GeneticResult, Resumption):
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Fit(Shown, Frozen):
     """Values of the unknowns, and their covariance.
 
@@ -239,7 +239,7 @@ class Outcome(Frozen):
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Search(Shown, Frozen):
     """Method, settings and course of the search of an identification.
 

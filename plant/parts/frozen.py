@@ -1,9 +1,11 @@
 """Frozen dataclasses of arrays that can be compared, copied and sent to another process."""
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar, dataclass_transform
 
 import numpy as np
+
+T = TypeVar("T")
 
 
 class Frozen:
@@ -35,6 +37,18 @@ class Frozen:
         return hash(
             (type(self), *(value for value in plain if isinstance(value, (bool, int, float, str))))
         )
+
+
+@dataclass_transform(
+    eq_default=False,
+    kw_only_default=True,
+    frozen_default=True,
+    field_specifiers=(dataclasses.field,),
+)
+def frozen(cls: type[T]) -> type[T]:
+    """Make a result a frozen dataclass, which `Frozen` compares and `Shown` prints."""
+    # A comparison or a text of the dataclass would take the place of those of its bases.
+    return dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
 
 
 def _same(a: Any, b: Any) -> bool:
