@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     import control
 
 
+# Columns that become outputs, where a record has them.
 _LOGGED = "error_pulses", "torque", "current", "injected", "true_q", "true_qd"
 
 
@@ -104,6 +105,7 @@ def to_control(
     """
     if isinstance(system, Arm):
         return _arm_system(system, rig, sampled, steps_per_sample)
+    # The period of a law is part of it, and a rig has no time at all.
     if sampled:
         raise ValueError(
             f"sampled is for arms; got a {type(system).__name__}, whose time is its own. Leave it"
@@ -167,8 +169,10 @@ def _arm_system(
     if not sampled:
         following = ca.jacobian(following, h)
     following = ca.substitute(following, h, loop.h if sampled else 0)
+    # Outputs are those of the present state; only `following` is one step ahead.
     outputs = {"q": state.q, "qd": state.qd, "tau": tau}
     if loop.elastic:
+        # The encoders decide which side of the gears the law sees.
         outputs |= {"q": loop.encoded(state), "link": state.link, "link_speed": state.link_speed}
     # python-control has 0 for continuous time, and None for a system of any time.
     period = rig.period if sampled else 0
@@ -179,6 +183,7 @@ def _rig_system(rig: Rig) -> control.NonlinearIOSystem:
     """The encoders, without state; the drives are in the system of the arm."""
     q = ca.SX.sym("q", rig.n)
     none = ca.SX(0, 1)
+    # python-control takes a system without state; its derivative is empty as well.
     return _system("rig", none, {"q": q}, none, {"pulses": rig.true_counts(q)}, None, ())
 
 
@@ -258,6 +263,7 @@ def _system(
     """
     import control
 
+    # Each signal has one component per joint, so any input tells their number.
     n = next(iter(inputs.values())).shape[0]
     u = ca.vertcat(*inputs.values())
     # Common subexpressions once: the inertia matrix is in all accelerations.

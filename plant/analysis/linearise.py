@@ -57,6 +57,7 @@ def linearise(arm: Arm, rig: Rig, law: Law, pose: ArrayLike) -> "control.StateSp
 
     # The direct term is one: an error is the reference, less the counted position.
     n = arm.n
+    # The encoder does not round and friction is viscous alone: only so the loop has derivatives.
     A, B, C, states = jacobians(arm, rig, law, pose)
     return control.StateSpace(
         A,

@@ -181,11 +181,14 @@ def cascade_gains(
     """
     peaks, motion, _ = _demand(arm, rig, reference, peak)
     n = arm.n
+    # Torque of a unit gain on the joint per radian of error; the sign of a gear does not matter
+    # here.
     per_gain = np.abs(rig.drive.joint_torque(np.ones(n), rig.position_in_pulses(np.ones(n))))
     inertia = _inertia(arm, motion, poses)
 
     def cascade(position: Floats) -> Cascade:
         bandwidth = SETTINGS.speed_ratio * position
+        # The speed loop is the fastest one: it must be slow against the sampling.
         excess = float((bandwidth * rig.period).max()) / SETTINGS.fastest
         if excess > 1:
             joint = int(bandwidth.argmax())
@@ -234,6 +237,7 @@ def _demand(
     warn_of_missing_rotors(arm, rig, motion.q[0])
     # Rigid-body torque, less springs, and friction at the speeds of the motion.
     torque = np.array([arm.inverse(*state) for state in zip(*motion, strict=True)])
+    # Springs carry a part of the weight, and friction adds to the torque that the motors must give.
     torque = torque - rig.spring_torque(motion.q) + rig.drive.friction(motion.qd)
     torque = np.abs(rig.drive.motor_torque(torque)).max(axis=0)
     limit = rig.drive.motor_gain * rig.drive.current_limit
@@ -253,6 +257,7 @@ def _inertia(arm: Arm, motion: Motion, poses: int) -> Floats:
 
 
 def _along(motion: Motion, poses: int) -> Floats:
+    # Poses at even intervals of time.
     return motion.q[:: max(1, len(motion.q) // poses)]
 
 
@@ -308,6 +313,7 @@ def _require_stable(arm: Arm, rig: Rig, law: Law, motion: Motion, poses: int) ->
     """Refuse a sampled law whose loops grow at the pose of largest or of smallest inertia."""
     along = _along(motion, poses)
     # The extremes of inertia along the motion stand for all its poses.
+    # The trace stands for the size of the inertia matrix.
     traces = [np.trace(arm.D(q)) for q in along]
     for k in {int(np.argmax(traces)), int(np.argmin(traces))}:
         pole = SampledLoops(arm, rig, law, along[k]).unstable_pole()

@@ -67,6 +67,8 @@ class SampledLoops:
         moving = loop.moving_states()
         self._moving = moving
         rows = [*moving, *loop.state_fields.at(n)["torque"]]
+        # The torque applied last moves the arm: its rows and columns are kept beside those of the
+        # motion.
         jacobian = ca.jacobian(following, state)[rows, rows]
         self._slope = ca.Function("slope", [state, numbers], [jacobian])
 

@@ -104,6 +104,7 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
     """Shortest duration [s] of a uniformly scaled motion under a share of the torque limits."""
     share = real("share", share, "Give the part of the limit to use, like 0.9.", positive=True)
     t, motion, needed = sampled_demand(arm, rig, reference)
+    # Both stay as the motion slows down; all other torques vanish.
     torque = np.abs(needed.holding + needed.dry_friction())
     limit = share * rig.drive.torque_limit()
     # However slow, a motion needs the torque that holds the arm and overcomes dry friction.
@@ -124,6 +125,8 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
     low = 1.0
     while not within(low):
         low /= 2
+    # A bracket of a factor of two: the speed at the lower end is possible, that at the upper end is
+    # not.
     high = 2 * low
     while within(high):
         low = high
@@ -142,5 +145,4 @@ def shortest_duration(arm: Arm, rig: Rig, reference: Any, share: float = 0.9) ->
             low = middle
         else:
             high = middle
-    shortest = reference.duration / low
-    return shortest
+    return reference.duration / low

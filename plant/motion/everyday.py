@@ -161,6 +161,8 @@ def everyday_motions(arm: Arm, rig: Rig, *, limits: Limits | None = None) -> dic
 
     # Each motion as a function of its part, since a part may be all that the drives can hold.
     alone = zip(chain.joint_labels, 0.5 * np.diag(unit), strict=True)
+    # Distances are multiples of the unit of each joint, so that slides and turning joints move
+    # alike.
     planned = {f"{label} alone": move(by, 3.0) for label, by in alone} | {
         "all slowly": move(0.3 * unit * turns, 4.5),
         "creep": move(2 * degree * unit * turns, 2.0),
@@ -199,6 +201,7 @@ def _tried_poses(
     arm: Arm, rig: Rig, middle: Any, spread: Any, limits: Limits
 ) -> tuple[Any, Any, Any]:
     """Poses (P, n) around the middle, overloaded joints (P,), and distance (P,) from half load."""
+    # A fixed seed: the motions of an arm are the same in every call.
     draws = np.random.default_rng(0).uniform(-1, 1, (SETTINGS.poses, rig.n)).round(2)
     poses = middle + draws * spread
     # Those near zero come first: of equally good ones `argmin` takes the first.
@@ -230,6 +233,7 @@ def _possible(
         with naming(name):
             factor = slowing(arm, rig, motion, limits, SETTINGS.share)
     except ValueError:
+        # A shorter motion stays nearer to the pose, which the drives can hold.
         if part > SETTINGS.shortest:
             return _possible(name, arm, rig, limits, plan, part / 2)
         raise
@@ -245,6 +249,8 @@ def slowing(
     """
     _, sampled, needed = sampled_demand(arm, rig, motion)
     factor = 1.0
+    # Torque scales with no power of the speed, since friction and gravity remain: that factor is
+    # searched. The one of speeds below is a ratio.
     if not (needed.share(1.0) <= share).all():
         factor = shortest_duration(arm, rig, motion, share) / motion.duration
     if limits is not None:

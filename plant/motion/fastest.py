@@ -178,6 +178,7 @@ def fastest(
     allowed = share * rig.drive.torque_limit()
     limited = _limited(needed, spline.places, a, v, allowed, steepest, fastest_motor, speed_limit)
     problem = {"x": x, "f": ca.dot(spline.weights, 1 / v) / shortest, "g": limited}
+    # The solver works with b of about one; `unit` restores that of the given motion.
     law = spline.law(reference, unit * _solved(problem, motion, intervals))
 
     # 3. Between the points the result may exceed a limit a little: slow it down until it does not.
@@ -291,6 +292,7 @@ class _Spline:
         knots = np.concatenate([[0.0] * 3, self.edges, [end] * 3])
         self._of: Any = lambda coefficients: BSpline(knots, coefficients, 3)
         ends = [SETTINGS.points_at_ends]
+        # More points where b is steep.
         orders = ends + [SETTINGS.points] * (intervals - 2) + ends
         rules = {order: np.polynomial.legendre.leggauss(order) for order in set(orders)}
         # Gauss-Legendre quadrature on each interval.

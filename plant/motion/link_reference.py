@@ -96,6 +96,7 @@ class LinkReference(Derived):
 
     def _require_smooth(self) -> None:
         """Refuse a motion for which winding the gears takes more than the amplifiers give."""
+        # At the samples, at which a law reads this motion.
         t = np.arange(0.0, self.duration, self.rig.period)
         drive = self.rig.drive
         # The motors accelerate beyond their links, to wind the gears: that takes their inertia.
@@ -123,6 +124,8 @@ class LinkReference(Derived):
         names = "q", "qd", "qdd", "jerk", "snap"
         q, qd, qdd, jerk, snap = (ca.SX.sym(name, self.n) for name in names)
         arm = self.arm
+        # The static deflection of the gears under the torque of the links; their damping is
+        # neglected.
         torque = gear_torque(arm.dynamics, self.rig, q, qd, qdd, arm.f)
         theta = q + wound(self.rig.drive, torque)
         # Time derivatives by the chain rule: the state of the motion, and its rate.

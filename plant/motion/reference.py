@@ -135,6 +135,7 @@ class Timed(Reference):
     def _keep_times(self, *, from_zero: bool = False) -> int:
         """Check the times, and count them."""
         times = self._keep("times", ("N",), "Give the time of each point [s].")
+        # Equal times would be a jump, of infinite speed.
         stuck = np.flatnonzero(np.diff(times) <= 0)
         if len(stuck):
             i = int(stuck[0]) + 1
@@ -225,6 +226,7 @@ class Scaled(Timed):
     def motion(self, t: Floats) -> tuple[Floats, Floats, Floats]:
         place, derivatives = self._places(t)
         speed, acceleration = derivatives[:2]
+        # The chain rule: derivatives of q by s, times those of s by time.
         q, along, bend = self.path.motion(place)
         return q, along * speed, bend * speed**2 + along * acceleration
 
@@ -241,6 +243,7 @@ class Scaled(Timed):
     def _places(self, t: Floats) -> tuple[Floats, list[Floats]]:
         """The path's own time at times (N,), and its four derivatives, each (N, 1)."""
         inside = np.clip(t, 0.0, self.duration)
+        # The polynomials hold between the first and the last time alone.
         values = [derivative(inside) for derivative in self._law]
         # Outside its times the law has no acceleration; it stops, or goes on at the speed there.
         beyond = t - inside

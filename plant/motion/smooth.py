@@ -68,6 +68,7 @@ class Harmonics(_Smooth):
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give it in seconds.", positive=True)
+        # The offset gives the number of joints, to which the amplitudes must fit.
         n = len(self._keep("offset", ("n",), "One angle per joint."))
         shape = self._keep("cosine", (n, "H"), "One row per joint, one column per harmonic.").shape
         self._keep("sine", shape, "The same shape as cosine.")
@@ -194,6 +195,7 @@ class Spline(Timed, _Smooth):
         # Speed and acceleration are zero at rest.
         rest = [(1, np.zeros(self.n)), (2, np.zeros(self.n))]
         ends = (rest, rest) if self.at_rest else None
+        # Without conditions at the ends scipy leaves out knots there (not-a-knot).
         spline = make_interp_spline(self.times, self.points, k=5, bc_type=ends)
         inside = ((t >= 0) & (t <= self.duration))[:, None]
         s = np.clip(t, 0, self.duration)

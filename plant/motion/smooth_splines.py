@@ -75,6 +75,8 @@ def _least_squares_splines(t, columns, knots):
     # 1. At each time the values of the B-splines that are not zero, and their places.
     order = _DEGREE + 1
     size = len(knots) - order
+    # The knots are even, but padded at both ends: each time lies in one interval, whose six
+    # B-splines alone are not zero.
     design = BSpline.design_matrix(t, knots, _DEGREE)
     # Each row of the sparse matrix has as many entries as the order.
     value = design.data.reshape(-1, order)
@@ -84,6 +86,7 @@ def _least_squares_splines(t, columns, knots):
     products = np.zeros((order, size))
     for i in range(order):
         for j in range(i + 1):
+            # `bincount` adds up the samples of each place, always in the same order.
             products[i - j] += np.bincount(place[:, j], value[:, i] * value[:, j], size)
     target = [
         sum(np.bincount(place[:, i], value[:, i] * column, size) for i in range(order))
@@ -96,6 +99,7 @@ def _least_squares_splines(t, columns, knots):
     squares = []
     for coefficients, column in zip(solution.T, columns.T, strict=True):
         splines.append(BSpline(knots, coefficients, _DEGREE))
+        # The values of the B-splines are at hand, so no spline is evaluated again.
         residual = (value * coefficients[place]).sum(axis=1) - column
         squares.append(np.mean(residual**2))
     return splines, np.array(squares)

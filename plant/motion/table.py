@@ -79,6 +79,7 @@ class Table(Timed):
             _require_order(names or [], joints)
             if table.shape[1] < 2:
                 raise ValueError(f"must have t and angles; got {table.shape[1]} cells. Fill it.")
+        # Messages of the reader begin with the rule; the path of the file goes before it.
         except ValueError as error:
             raise ValueError(f"{path} {error}") from None
         return cls(times=table[:, 0], points=table[:, 1:])
@@ -88,6 +89,7 @@ class Table(Timed):
         points = np.asarray(self.points)
         # The segment that begins at or before each time.
         row = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+        # Straight lines: the speed is constant between two points, and jumps at them.
         slope = np.diff(points, axis=0)[row] / np.diff(times)[row][:, None]
         # Outside the table the arm rests at its ends.
         inside = ((t >= times[0]) & (t < times[-1]))[:, None]

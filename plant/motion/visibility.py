@@ -95,6 +95,8 @@ def visibility(
     >>> visibility(puma560.dynamics(), puma560.reference(), load=-1, duration=1.0).invisible
     ('mz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz')
     """
+    # The torque is linear in the parameters: their columns along the motion decide which of them,
+    # or which sums, it determines.
     regressor = _along(dynamics, reference, start, duration)
     names = dynamics.names
     if load is not None:
@@ -136,6 +138,8 @@ def _along(
 def _identifiable(regressor: Floats, parameters: Sequence[str], tolerance: float) -> Visibility:
     """Combinations of parameters that a regressor with a column for each identifies."""
     lengths = np.linalg.norm(regressor, axis=0)
+    # Of dependent columns the leading one stands for the sum; the matrix has the factors of the
+    # others.
     independent, matrix = independent_columns(regressor, range(len(parameters)), tolerance)
     # Within a sum, a parameter that is a sum itself stands in brackets.
     summands = [f"({name})" if " " in name else name for name in parameters]

@@ -174,6 +174,7 @@ class ClosedLoop(Layout):
             ok=_if(step.positive > 0, state.ok),
             **step.states,
         )
+        # The true error, with fractions of a pulse: no encoder rounds it.
         error = rig.position_in_pulses(self._time.q_r) - rig.position_in_pulses(middle)
         return self._function("substep", following, error)
 

@@ -233,6 +233,7 @@ def mapped(function: Callable[[Any], T], items: Sequence[Any], executor: Any) ->
     calls: Any = ((i, (function, (item,), {})) for i, item in enumerate(items))
     if not isinstance(executor, Executor):
         executor = Executor(executor)
+    # Calls end in any order; the number of each puts its result in place.
     for i, result, error in finished(calls, executor):
         # A refusal of the work itself has its own message.
         if isinstance(error, ValueError):

@@ -113,6 +113,7 @@ class Logged:
         With `finer` times as many knots: where the two motions differ, rounding hides the true one.
         """
         sampled = self.clock.t[self.clock.rows]
+        # Fitted once: a law reads this motion at many times.
         if finer not in self._splines:
             encoder = self.rig.encoder
             centres = self.pulses
@@ -149,6 +150,7 @@ def path_of(record: Record, clock: Clock | None = None, *, smooth: bool = False)
     path = Path(record.reference, record.rig)
     counts = counts_along(path, clock.t[clock.rows])
     off = np.abs(counts - record.reference_pulses).max(axis=1)
+    # Samples that bridge a gap were not measured.
     off[record.valid == 0] = 0
     # Rounding explains one pulse; rows of another time, as of lost messages, are found elsewhere.
     wrong = np.flatnonzero(off > 1)

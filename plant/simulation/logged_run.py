@@ -47,6 +47,7 @@ def by_casadi(
         logs.append(log.full().T)
         errors.append(error.full().T)
     true_error = np.vstack(errors)
+    # After a divergence the functions of casadi go on with NaN, where the kernel ends.
     diverged = np.flatnonzero(~np.isfinite(true_error).all(axis=1))
     done = int(diverged[0]) if len(diverged) else steps
     return state.full()[:, -1], done, np.vstack(logs), true_error

@@ -248,6 +248,7 @@ class Structure:
         return hash(self.key)
 
 
+# Compiling is slow: loops of one structure share a kernel.
 @functools.lru_cache(maxsize=128)
 def _cached(kind, key, lanes, uneven):
     return kind(key.loop, lanes, uneven=uneven)

@@ -278,6 +278,7 @@ class Population:
         if "encoder.phase.shift[0]" in self._names:
             columns = [self._names.index(f"encoder.phase.shift[{i}]") for i in range(n)]
             shift = self._values[:, columns].T
+        # A loop that has diverged has an infinite error, and is outside in all samples.
         diverged = ~self.loop.sound(final)
         unrounded = np.maximum(np.abs(memory.highest - shift), np.abs(memory.lowest - shift))
         chatter = memory.change / max(self._changes, 1)

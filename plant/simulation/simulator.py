@@ -137,6 +137,7 @@ def run(
         "law": (law, Law),
         "reference": (reference, Reference),
     }
+    # Arguments in another order are the usual mistake, so the message gives the order.
     for name, (value, kind) in kinds.items():
         instance(name, value, kind, "The order is arm, rig, law, reference.")
     # A drive that is to be identified may lack its friction; a simulation needs it.
@@ -171,6 +172,7 @@ def run(
     )
     clock = Clock.regular(samples, rig.period)
     path = Path(reference, rig)
+    # Without a stated start the arm begins on its reference.
     start: Any = path.start()
     if initial is not None:
         initial = start = array("initial", initial, (2, rig.n), advice="Give q and qd at t = 0.")
@@ -186,6 +188,7 @@ def run(
     added = injected_at(injected, clock.t, rig.n)
     # The loop runs; a divergence raises here.
     log, true_error = logged_run(loop, arm, (path, clock, None, added), start, backend)
+    # The layout of the loop names the rows of its log.
     columns = _columns(rig, loop.log_fields.read(log.T, loop.n))
     record = Record(
         t=clock.t,
