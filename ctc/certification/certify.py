@@ -335,17 +335,7 @@ def certify(
         # Only a setting that was stated changes the checkpoint of a call.
         settings=() if rare is None else (rare,),
     )
-    # A bound below 50 % confidence would lie below the estimate.
-    confidence = real("confidence", confidence, "Give a share, such as 0.95.")
-    if task.within < 0 or not 0.5 < confidence < 1:
-        raise ValueError(
-            f"within must not be negative and confidence between 0.5 and 1; got {within:g} and"
-            f" {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
-        )
-    if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
-        raise ValueError(
-            f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6."
-        )
+    _require_probabilities(task.within, confidence, rare)
     # 2. Simulate the same samples along each motion.
     motions = dict[str, tuple[Reference, Runs, dict[str, Any], Seen | None]]()
     driven = dict[str, tuple[Reference, dict[str, Any]]]()
@@ -395,3 +385,18 @@ def certify(
     if task.several:
         return certificates
     return dataclasses.replace(certificates[""], rare=probability)
+
+
+def _require_probabilities(within: float, confidence: float, rare: float | None) -> None:
+    """Refuse a negative limit, and probabilities that are none."""
+    # A bound below 50 % confidence would lie below the estimate.
+    confidence = real("confidence", confidence, "Give a share, such as 0.95.")
+    if within < 0 or not 0.5 < confidence < 1:
+        raise ValueError(
+            f"within must not be negative and confidence between 0.5 and 1; got {within:g} and"
+            f" {confidence:g}. The promise is 1 pulse, the usual confidence 0.95."
+        )
+    if rare is not None and not 0 < real("rare", rare, "Give a probability, such as 1e-6.") < 1:
+        raise ValueError(
+            f"rare must be between 0 and 1; got {rare:g}. Give a probability, such as 1e-6."
+        )

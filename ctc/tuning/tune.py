@@ -133,10 +133,6 @@ def tune(
     )
     if not task.within > 0:
         raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
-    if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
-        raise ValueError(
-            f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05."
-        )
     # Samples of the search and of the checks have seeds of their own: a tuning is chosen on the
     # former, tested on the latter, and certified on a third set.
     searched = SETTINGS.initial_samples_allowed if allowed else SETTINGS.initial_samples
@@ -144,6 +140,7 @@ def tune(
     searching = task.sampled(searched, 0)
     fresh = task.sampled(validated, 1)
     # 2. The best tuning of each family.
+    common = _common_options(task, fresh, after, allowed)
     laws = families(found, fresh.arm, fresh.own, task.reference)
     trials = list[Trial]()
     context = contextlib.nullcontext() if executor is None else Executor(executor)
@@ -157,14 +154,9 @@ def tune(
             bar.set_postfix_str(family.name)
             tunings = Tunings(
                 family=family,
-                plants=fresh,
-                motions=tuple(task.motions.values()),
-                options={"within": task.within, "after": after},
-                scale=_scale(fresh.arm, fresh.rig, task.motions),
-                run_options={"threads": task.threads, "executor": shared},
-                allowed=float(allowed),
                 checkpoint=stages.part(family.name),
-                settings=SETTINGS,
+                run_options={"threads": task.threads, "executor": shared},
+                **common,
             )
             # A family that cannot be quieter than what holds already is given up early.
             beat = min((trial.noise for trial in trials if trial.holds), default=np.inf)
@@ -193,6 +185,22 @@ def tune(
             checkpoint=None if executor is not None else stages.part("certificate"),
         )
     return Tuning(law=best.law, trials=tuple(trials), certificate=certificate, fresh=validated)
+
+
+def _common_options(task: Task, fresh: Any, after: float, allowed: float) -> dict[str, Any]:
+    """Options that the searches of all families share."""
+    if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
+        raise ValueError(
+            f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05."
+        )
+    return {
+        "plants": fresh,
+        "motions": tuple(task.motions.values()),
+        "options": {"within": task.within, "after": after},
+        "scale": _scale(fresh.arm, fresh.rig, task.motions),
+        "allowed": float(allowed),
+        "settings": SETTINGS,
+    }
 
 
 def _scale(arm: Arm, rig: Rig, motions: dict[str, tuple[Reference, float]]) -> NDArray[np.float64]:
