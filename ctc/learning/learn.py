@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -133,57 +133,93 @@ def learn(
     rms = np.sqrt((mean**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
 
     # 3. The next torque: corrected, or with half of the last correction, if that did not help.
-    missing = previous.missing if previous else ()
-    beyond = previous.beyond if previous else ()
-    peak = previous.peak if previous else ()
-    gain = previous.gain if previous else SETTINGS.gain
-    diverged = False
-    start = learnt_terms.ravel()
     wanted = _terms(mean, terms).ravel()
-    if corrections:
-        # A correction without benefit shows in the missing torque, or in samples beyond one pulse
-        # when a fast error grows while the rms falls. Below `settled` the missing torque is noise,
-        # and its growth proves nothing.
-        outside = float((np.array(errors) > 1).mean())
-        diverged = bool(missing) and (
-            share(rms, rig) > max(SETTINGS.must_fall * share(missing[-1], rig), SETTINGS.settled)
-            or outside > beyond[-1] + SETTINGS.may_worsen
-        )
-        # Half of the same correction is made again from the torque before it: the learning gain was
-        # too large for this path. Its log describes a torque that is taken back, and is not
-        # recorded.
-        if diverged and previous is not None:
-            start = previous.before
-            wanted = previous.wanted
-            gain = gain / 2
-        else:
-            missing = (*missing, rms)
-            beyond = (*beyond, outside)
-            peak = (*peak, float(np.max(errors)))
+    following = _next(previous, learnt_terms.ravel(), wanted, rms, errors, rig)
+    start = following.start
+    wanted = following.wanted
 
     # The whole missing torque is explained here, not only the part `gain` of it that is added.
     # 4. The part of it that is f and friction, for other paths.
-    explained = _torque((start if diverged else start + wanted).reshape(terms, -1), count)
+    whole_torque = start if following.diverged else start + wanted
+    explained = _torque(whole_torque.reshape(terms, -1), count)
     prior = _prior(found, arm, rig)
     mending = mended(arm, rig, plant, explained, moves, speed, prior)
     p = len(arm.f)
     std = np.sqrt(np.diag(mending.covariance))
+    added = start + following.gain * wanted
     return Learning(
-        law=LearntTorque(law=inner_law, rig=rig, reference=reference, terms=start + gain * wanted),
+        law=LearntTorque(law=inner_law, rig=rig, reference=reference, terms=added),
         arm=mending.arm,
         rig=mending.rig,
         covariance=mending.covariance[:p, :p],
         friction_std=std[p:].reshape(2, -1),
-        missing=missing,
-        beyond=beyond,
-        peak=peak,
+        missing=following.missing,
+        beyond=following.beyond,
+        peak=following.peak,
         innovations=tuple(innovations),
         left_out=tuple(left_out),
         rest=mending.rest,
-        gain=gain,
-        diverged=diverged,
+        gain=following.gain,
+        diverged=following.diverged,
         before=start,
         wanted=wanted,
+    )
+
+
+class _Next(NamedTuple):
+    """Terms that the next repetition starts from and adds, and the history of the repetitions."""
+
+    start: Floats
+    wanted: Floats
+    gain: float
+    missing: tuple[Floats, ...]
+    beyond: tuple[float, ...]
+    peak: tuple[float, ...]
+    diverged: bool
+
+
+def _next(
+    previous: Learning | None,
+    start: Floats,
+    wanted: Floats,
+    rms: Floats,
+    errors: Sequence[Floats],
+    rig: Rig,
+) -> _Next:
+    """The next torque of a path, from the terms so far (`start`) and their correction (`wanted`).
+
+    `rms` (n,) is the missing torque of the repetitions, `errors` holds the largest error of the
+    joints at each sample [pulses], one array for each repetition that was learnt from.
+    """
+    if previous is None:
+        history = _Next(start, wanted, SETTINGS.gain, (), (), (), False)
+    else:
+        history = _Next(
+            start, wanted, previous.gain, previous.missing, previous.beyond, previous.peak, False
+        )
+    if not errors:
+        return history
+    # A correction without benefit shows in the missing torque, or in samples beyond one pulse when
+    # a fast error grows while the rms falls. Below `settled` the missing torque is noise, and its
+    # growth proves nothing.
+    outside = float((np.array(errors) > 1).mean())
+    if previous is not None and history.missing:
+        limit = SETTINGS.must_fall * share(history.missing[-1], rig)
+        grew = share(rms, rig) > max(limit, SETTINGS.settled)
+        if grew or outside > history.beyond[-1] + SETTINGS.may_worsen:
+            # Half of the same correction is made again from the torque before it: the learning gain
+            # was too large for this path. Its log describes a torque that is taken back, and is not
+            # recorded.
+            return history._replace(
+                start=previous.before,
+                wanted=previous.wanted,
+                gain=history.gain / 2,
+                diverged=True,
+            )
+    return history._replace(
+        missing=(*history.missing, rms),
+        beyond=(*history.beyond, outside),
+        peak=(*history.peak, float(np.max(errors))),
     )
 
 
