@@ -131,8 +131,6 @@ def tune(
         executor=executor,
         settings=(allowed,),
     )
-    if not task.within > 0:
-        raise ValueError(f"within must be positive; got {within:g}. The promise is 1 pulse.")
     # Samples of the search and of the checks have seeds of their own: a tuning is chosen on the
     # former, tested on the latter, and certified on a third set.
     searched = SETTINGS.initial_samples_allowed if allowed else SETTINGS.initial_samples
@@ -144,11 +142,10 @@ def tune(
     laws = families(found, fresh.arm, fresh.own, task.reference)
     trials = list[Trial]()
     context = contextlib.nullcontext() if executor is None else Executor(executor)
-    generations = SETTINGS.generations
     with (
         context as shared,
         task.checkpoint as stages,
-        progress_bar(len(laws) * generations, "tune", "generation", progress) as bar,
+        progress_bar(len(laws) * SETTINGS.generations, "tune", "generation", progress) as bar,
     ):
         for i, family in enumerate(laws):
             bar.set_postfix_str(family.name)
@@ -162,7 +159,7 @@ def tune(
             beat = min((trial.noise for trial in trials if trial.holds), default=np.inf)
             trials.append(tunings.best(searching.numbers()[1], seed, bar.update, beat))
             # A search that ended early leaves its bar where the next family begins.
-            bar.update((i + 1) * generations - bar.n)
+            bar.update((i + 1) * SETTINGS.generations - bar.n)
     # 3. The quietest that holds, and its certificate.
     best = min(trials, key=lambda trial: trial.rank)
     with warnings.catch_warnings():
@@ -189,6 +186,8 @@ def tune(
 
 def _common_options(task: Task, fresh: Any, after: float, allowed: float) -> dict[str, Any]:
     """Options that the searches of all families share."""
+    if not task.within > 0:
+        raise ValueError(f"within must be positive; got {task.within:g}. The promise is 1 pulse.")
     if not 0 <= real("allowed", allowed, "Give a share, such as 0.05.") < 1:
         raise ValueError(
             f"allowed must be from 0 to below 1; got {allowed:g}. Give a share, such as 0.05."
