@@ -226,8 +226,8 @@ def certify(
         Distribution of the sampled arms: ``found.fit.values`` with ``found.covariance``. An arm
         needs an uncertainty with `covariance` or `plants`.
     rig : Rig
-        Of the samples, such as ``found.rig``; identified numbers of it come from `found` in any
-        case.
+        Rig of the samples, such as ``found.rig``. Numbers of it that were identified come from
+        `found`.
     law : Law
         As designed, the same for all samples.
     reference : Reference, or mapping of str -> Reference
@@ -354,15 +354,12 @@ def certify(
             driven[name] = path, settings
             population = plants.under(law, path, within=task.within, **settings)
             # A single motion has no name, and its stages no prefix.
-            runs = population.run(
-                task.threads,
-                stages.part(name) if name else stages,
-                progress=progress,
-                executor=executor,
-            )
+            part = stages.part(name) if name else stages
+            runs = population.run(task.threads, part, progress=progress, executor=executor)
             # An arm without an identification has no log to be compared with.
             of_log = seen(found, path, seconds) if isinstance(found, Identification) else None
-            # `Certificate.plant` loses the same counts again: it needs the steps of the controller.
+            # `Certificate.plant` simulates one arm again with the same lost counts, which are drawn
+            # per step of the controller.
             settings_of_runs = settings | {"law_steps": population.law_steps}
             motions[name] = path, runs, settings_of_runs, of_log
         # Subset simulation draws samples of its own, and drives them along the same motions.
@@ -381,7 +378,8 @@ def certify(
         threads=task.threads,
         seconds=time.perf_counter() - started,
     )
-    # In a set, the probability of rare failures is that of any motion; of one motion it is its own.
+    # In a set the probability of rare failures is that of a failure in at least one motion, and
+    # belongs to the set; the certificate of a single motion takes it over.
     if task.several:
         return certificates
     return dataclasses.replace(certificates[""], rare=probability)
