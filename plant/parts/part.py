@@ -195,7 +195,7 @@ class Part(Saved):
     def number_values(self) -> Floats:
         """Values of all numbers, (k,), in the order of `number_names`."""
         return np.concatenate(
-            [np.atleast_1d(np.asarray(v, float)) for *_, v in self._leaves()] or [np.empty(0)]
+            [np.atleast_1d(np.asarray(v, float)) for _, _, _, v in self._leaves()] or [np.empty(0)]
         )
 
     def with_numbers(self, vector: ArrayOrSymbols) -> Self:

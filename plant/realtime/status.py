@@ -53,7 +53,8 @@ def refuse(
     refusal: int, arguments: Sequence[Floats], rig: Rig, previous: float, now: float
 ) -> NoReturn:
     """Raise the error of a refused call at `now` [s], after a call at `previous` [s]."""
-    counts, *motion = arguments
+    counts = arguments[0]
+    motion = arguments[1:]
     # The core gives only the kind of the error; the checks of the arguments word it.
     if refusal == layout.BAD_PULSES:
         whole_counts(counts, rig)
