@@ -51,6 +51,7 @@ from ctc.figures.errors import plot_record
 from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
+from ctc.laws.computed_torque_settings import ComputedTorqueSettings
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.sliding_mode import SlidingMode
 from ctc.learning.learn import learn
@@ -71,6 +72,7 @@ __all__ = [
     "Certificate",
     "ComputedTorque",
     "ComputedTorquePID",
+    "ComputedTorqueSettings",
     "Evaluation",
     "FeedForward",
     "Fleet",

@@ -53,6 +53,24 @@ class ComputedTorqueSettings(Part):
         `bandwidth`. Benchmark: as `swing_distance`.
     swing_memory : float
         Time constant [s] with which swings are forgotten. Chosen by hand.
+
+    Raises
+    ------
+    ValueError
+        A number that is negative or, where it must be positive, zero.
+
+    See Also
+    --------
+    ctc.ComputedTorque
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, ComputedTorqueSettings
+    >>> settings = ComputedTorqueSettings(sliding_speed=60)
+    >>> law = ComputedTorque(puma560.arm(), puma560.rig(), settings=settings)
+    >>> law.settings.sliding_speed
+    60.0
     """
 
     sliding_speed: float = structure(float, default=30.0)
