@@ -19,22 +19,22 @@ class WiringSettings:
     Parameters
     ----------
     backwards : float
-        Logged per commanded torque below which the sign is wrong.
+        Slope of logged over commanded torque below which the sign is wrong.
     explained : float
-        Share of a torque's variance that its law explains.
+        Share of a torque's variance that its law must explain for the slope to count.
     certain : float
-        Standard deviations from which on a sign is significant.
+        Standard deviations from which on an inertia, a friction or a product is significant.
     likely : float
-        The same for one of two columns, of which one is known to have the wrong sign.
+        Standard deviations that decide between two columns when one is known to be wrong.
     weak : float
         Share of the largest motor torque below which other joints may just move a motor.
     light : float
         Share of the stated rotor inertia that torque per acceleration must reach.
     closer : float
-        Unexplained share with another joint's law [own unexplained share] of a swapped torque.
+        A swapped torque's unexplained share under another joint's law, over that under its own.
     minor : float
-        Product D_ij D_ji [D_ii D_jj] above which two rows are swapped; it is below 1 in an inertia
-        matrix, and this is with a margin.
+        D_ij D_ji over D_ii D_jj above which two rows are swapped. In an inertia matrix this ratio
+        is below 1; the limit has a margin for errors of the regression.
     uneven, even : float
         Standard deviations from which on two numbers differ, and up to which they may be equal.
     """
@@ -168,11 +168,11 @@ def _drive_sign(signals, i):
 
 
 def _turned_column(signals, i, regression):
-    """What friction says of the torque, as a clause, and the column that has the wrong sign.
+    """A clause about friction for the message, and the column that has the wrong sign.
 
-    Torque and law disagree, so torque or error is wrong. The slow motion of the counts is that of
-    the reference whatever the sign of the error, and so is the sign of friction; their acceleration
-    is not.
+    Torque and law disagree, so either the torque or the error column has the wrong sign. Friction
+    decides: counts computed with a wrong error still follow the reference, so their speed keeps its
+    sign and friction its own. Their acceleration, which is mostly error, does not.
     """
     error = _turned_error(signals, i)
     if signals.torque is None:

@@ -117,10 +117,10 @@ def legend_above(axis: Any, *, at_left: bool = False, columns: int = 2) -> None:
 
 
 def literal(plot: F) -> F:
-    """Decorate a plot so that its texts are no mathematics: a joint may be called ``$x_{$``.
+    """Decorate a plot so that matplotlib sets no text as a formula: a joint may be ``$x_{$``.
 
-    Numbers at ticks keep their mathematics. In a figure that the caller passed by ``ax=`` only the
-    axes drawn on change.
+    Numbers at ticks keep their formulas, such as ``$10^{-3}$``. Of a figure that the caller passed
+    by ``ax=`` only those Axes change on which the plot draws.
     """
     signature = inspect.signature(plot)
 
@@ -140,7 +140,7 @@ def literal(plot: F) -> F:
                     numbers.update(map(id, axis.get_majorticklabels()))
                     numbers.update(map(id, axis.get_minorticklabels()))
         # 2. Switch mathematics off in all other texts. A figure made here belongs to the plot as a
-        # whole, with its title; in a figure of the caller only the axes drawn on do.
+        # whole, with its title; a figure of the caller keeps the texts of its other Axes.
         by_caller = signature.bind(*args, **kwargs).arguments.get("ax") is not None
         artists: Sequence[Any] = axes if by_caller else [axes[0].figure]
         for parent in artists:

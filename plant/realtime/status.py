@@ -86,8 +86,8 @@ def clock(now: Any) -> float:
 class Status(str):
     """State of a running controller in words.
 
-    `brake` says whether the mechanical brakes should hold the arm: the law does so no longer, and
-    the torque of a stop has come to its end, or there is none since the stop drove the arm.
+    `brake` asks for the mechanical brakes. It is True once nothing else holds the arm: after the
+    ramp of a stop has ended, or at once where the stop was latched because its torque drove the arm.
     """
 
     brake: bool
