@@ -87,7 +87,7 @@ class Status(str):
     """State of a running controller in words.
 
     `brake` asks for the mechanical brakes. It is True once nothing else holds the arm: after the
-    ramp of a stop has ended, or at once where the stop was latched because its torque drove the arm.
+    ramp of a stop has ended, or at once where a stop was latched because its torque drove the arm.
     """
 
     brake: bool
