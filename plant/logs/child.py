@@ -1,4 +1,4 @@
-"""The child process that reads one file by libraries of others: a corrupt one may crash them.
+"""The child process that reads one file by third-party libraries, which a corrupt one may crash.
 
 Run as a script it imports nothing of this project but `formats`, takes an order (JSON) as its
 argument, and answers on stdout: a line of names, types and shapes (JSON) and the bytes of the
@@ -34,7 +34,7 @@ def main(order: dict[str, Any]) -> int:
     _limit(order["seconds"], order["memory"])
     refusal: Any = _part("columns").RefusalError
     try:
-        known, columns = _part(order["kind"]).read(
+        available, columns = _part(order["kind"]).read(
             order["path"], order["names"], order["prefix"], order["bytes"], **order["options"]
         )
         import numpy as np
@@ -44,18 +44,18 @@ def main(order: dict[str, Any]) -> int:
             _part("columns").require_real(name, column.dtype, column.dtype.kind in "biuf")
         shapes = [[column.dtype.str, list(column.shape)] for column in arrays]
         with answer:
-            answer.write(json.dumps([known, list(columns), shapes]).encode() + b"\n")
+            answer.write(json.dumps([available, list(columns), shapes]).encode() + b"\n")
             for column in arrays:
                 answer.write(np.ascontiguousarray(column).data.cast("B") if column.size else b"")
     except BaseException as error:  # the parent wants one line, whatever it was
-        said = str(error)
+        message = str(error)
         if not isinstance(error, refusal):
-            said = (
-                f"must be a sound file; reading it gave {f'{type(error).__name__} {said}':.200}."
+            message = (
+                f"must be a sound file; reading it gave {f'{type(error).__name__} {message}':.200}."
                 " Write it again."
             )
         with contextlib.suppress(ValueError):
-            answer.write(said.encode(errors="replace"))
+            answer.write(message.encode(errors="replace"))
             answer.close()
         return REFUSED
     return 0
@@ -82,11 +82,11 @@ def _limit(seconds: int, memory: int) -> None:
         (resource.RLIMIT_CPU, seconds),
         (resource.RLIMIT_FSIZE, memory),
     )
-    for what, most in (*limits, (resource.RLIMIT_CORE, 0)):
-        hard = resource.getrlimit(what)[1]
+    for resource_kind, limit in (*limits, (resource.RLIMIT_CORE, 0)):
+        hard = resource.getrlimit(resource_kind)[1]
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(
-                what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard)
+                resource_kind, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
             )
 
 

@@ -1,9 +1,10 @@
-"""Reading a file so that a corrupt one can take neither this process nor its memory with it.
+"""Isolated reading of log files: a corrupt file can exhaust neither this process nor its memory.
 
-Of an NPZ archive sizes are checked before anything is expanded, and no pickle is ever opened; all
-else, which libraries of others read, is read in a child process.
+NPZ archives are read here, after a check of the declared sizes and without pickles. Third-party
+libraries read all other formats in a child process.
 """
 
+import dataclasses
 import json
 import math
 import os
@@ -22,9 +23,36 @@ from numpy.typing import NDArray
 from plant.logs import child
 from plant.logs.formats.columns import choice_of, require_real, require_size
 
-_SECONDS = 4.5  # with what comes before and after, a failure takes less than 5
-_MESSAGES = 60  # of files that hold messages, which are decoded one by one
-_MEMORY = 2 << 30  # address space of the child, libraries and the copy that it sends included
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReadingLimits:
+    """Limits of time and memory for one log file; all chosen by hand.
+
+    Parameters
+    ----------
+    seconds : float
+        Run time of the child process [s], so that a failure takes less than 5 s in all.
+    message_seconds : float
+        The same for files of messages, which Python decodes one by one [s].
+    memory : int
+        Address space of the child, with its libraries and the copy that it sends [bytes].
+    directory : int
+        Directory of an NPZ archive [bytes].
+    columns : int
+        All columns together [bytes].
+    messages : int
+        A file of messages [bytes]; only its wanted topics are read.
+    """
+
+    seconds: float = 4.5
+    message_seconds: float = 60
+    memory: int = 2 << 30
+    directory: int = 4 << 20
+    columns: int = 256 << 20
+    messages: int = 64 << 30
+
+
+LIMITS = ReadingLimits()
 # Optional; the kinds are named like the extras of this project.
 _LIBRARIES = {
     "hdf5": ("h5py",),
@@ -34,7 +62,6 @@ _LIBRARIES = {
     "rosbag2": ("rosbags",),
 }
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PATH": os.devnull}
-_DIRECTORY = 4 << 20  # bytes
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -42,13 +69,12 @@ _HEADERS = {
 
 
 def read_isolated(
-    kind: str, path: str, names: Collection[str] | None, prefix: str, most: int, **options: Any
+    kind: str, path: str, names: Collection[str] | None, prefix: str, max_bytes: int, **options: Any
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
-    """Names in a file, and its columns, read by the libraries of others; refusals do not name the
-    path.
+    """Names and columns of a file, read by third-party libraries; refusals do not name the path.
 
     The `kind` (mat, hdf5, parquet, lerobot, mcap or rosbag2) is a file of `plant.logs.formats`;
-    without `names` all columns that start with `prefix` are read. They may have `most` bytes.
+    without `names` all columns that start with `prefix` are read. They may have `max_bytes` bytes.
     Options are those of that reader: ``episode`` of lerobot, ``clock`` of mcap and rosbag2.
     """
     for library in _LIBRARIES.get(kind, ()):
@@ -57,7 +83,7 @@ def read_isolated(
                 f"needs {library} to be read; it is not installed. Run pip install"
                 f" 'onepulse[{kind}]'."
             )
-    seconds = _MESSAGES if "clock" in options else _SECONDS
+    seconds = LIMITS.message_seconds if "clock" in options else LIMITS.seconds
     order: dict[str, Any] = {
         "kind": kind,
         "path": path,
@@ -65,7 +91,7 @@ def read_isolated(
         "prefix": prefix,
         "options": options,
     }
-    order |= {"seconds": int(np.ceil(seconds)), "memory": _MEMORY, "bytes": most}
+    order |= {"seconds": int(np.ceil(seconds)), "memory": LIMITS.memory, "bytes": max_bytes}
     try:
         # -P: the folder of child.py holds files whose names other libraries import.
         done = run(  # noqa: S603 - this interpreter and this package's own file
@@ -93,18 +119,18 @@ def read_isolated(
             f"must be a sound {kind} file; its reader ended with {end}. Write the file again."
         )
     head = done.stdout[: done.stdout.index(b"\n")]
-    known, found, shapes = json.loads(head)
+    available, read_names, shapes = json.loads(head)
     columns = dict[str, NDArray[Any]]()
     at = len(head) + 1
-    for name, (dtype, shape) in zip(found, shapes, strict=True):
+    for name, (dtype, shape) in zip(read_names, shapes, strict=True):
         count = math.prod(shape)
         columns[name] = np.frombuffer(done.stdout, dtype, count, at if count else 0).reshape(shape)
         at += columns[name].nbytes
-    return known, columns
+    return available, columns
 
 
 def read_npz(
-    path: str, names: Collection[str] | None, prefix: str, most: int
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """Names and columns of an NPZ archive, as `read_isolated` gives them of other formats."""
     _require_small_directory(path)
@@ -118,14 +144,12 @@ def read_npz(
                 raise ValueError(
                     f"must be compressed as numpy does; {got}. Save it with numpy.savez_compressed."
                 )
-        require_size(sum(info.file_size for info in wanted.values()), most)
+        require_size(sum(info.file_size for info in wanted.values()), max_bytes)
         return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
 
 
 def _require_small_directory(path: str) -> None:
-    """Refuse an archive of so many members that listing them takes long; numpy's have one per
-    column.
-    """
+    """Refuse an archive with so many members that listing them takes long."""
     with open(path, "rb") as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(file.tell() - (1 << 16) - 22 - 20, 0))
@@ -136,9 +160,10 @@ def _require_small_directory(path: str) -> None:
             "must be an NPZ archive; it has no directory of a ZIP file. Write it again."
         )
     (size,) = struct.unpack_from("<I", tail, at + 12)
-    if size > _DIRECTORY or tail[max(at - 20, 0) : at].startswith(b"PK\6\7"):
+    limit = LIMITS.directory
+    if size > limit or tail[max(at - 20, 0) : at].startswith(b"PK\6\7"):
         raise ValueError(
-            f"must hold at most some {_DIRECTORY >> 7} columns; its directory is larger. Cut it."
+            f"must hold at most some {limit >> 7} columns; its directory is larger. Cut it."
         )
 
 

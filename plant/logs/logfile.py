@@ -1,6 +1,4 @@
-"""A log file as a table of named columns, whatever its format; every failure to read it is one
-`LoadError`.
-"""
+"""A log file of any format as a table of named columns; every failure is one `LoadError`."""
 
 import contextlib
 import os
@@ -11,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.logs.isolation import read_isolated, read_npz
+from plant.logs.isolation import LIMITS, read_isolated, read_npz
 from plant.parts.arguments import known_options, near, whole
 from plant.parts.csv_rows import read_rows
 from plant.parts.files import require_bounded
@@ -31,9 +29,7 @@ _SUFFIXES = {
 }
 # kind -> what is in such a folder
 _FOLDERS = {"rosbag2": "metadata.yaml", "lerobot": "meta/info.json"}
-_MOST = 256 << 20  # bytes of all columns together
 _OF_MESSAGES = ("mcap", "rosbag2")
-_MOST_OF_MESSAGES = 64 << 30  # bytes of a file of which only some topics are read
 
 
 class LoadError(ValueError):
@@ -66,9 +62,9 @@ def load_errors(path: str | Path) -> Iterator[None]:
     except ValueError as error:
         raise LoadError(_line(f"{path} {error}")) from None
     except Exception as error:
-        said = f"{type(error).__name__}: {error}"
+        message = f"{type(error).__name__}: {error}"
         raise LoadError(
-            _line(f"{path} must be a sound file; reading it gave {said:.200}. Write it again.")
+            _line(f"{path} must be a sound file; reading it gave {message:.200}. Write it again.")
         ) from None
 
 
@@ -142,17 +138,15 @@ def kind_of(path: str | Path) -> str:
             return kind
     suffix = Path(path).suffix.lower()
     if suffix not in _SUFFIXES:
-        known = f"{', '.join(_SUFFIXES)}, or be a folder with {' or '.join(_FOLDERS.values())}"
+        endings = f"{', '.join(_SUFFIXES)}, or be a folder with {' or '.join(_FOLDERS.values())}"
         raise ValueError(
-            f"must end in one of {known}; got {suffix!r}. Rename it, or save it as one."
+            f"must end in one of {endings}; got {suffix!r}. Rename it, or save it as one."
         )
     return _SUFFIXES[suffix]
 
 
 def options_of(kind: str, episode: int | None = None, clock: str | None = None) -> dict[str, Any]:
-    """What a reader of this kind is given besides names: the episode of a data set, the clock of
-    messages.
-    """
+    """Options of the reader of a kind: the episode of a data set, or the clock of messages."""
     if kind == "lerobot":
         return {
             "episode": whole("episode", 0 if episode is None else episode, "Count from 0.", least=0)
@@ -168,44 +162,44 @@ def options_of(kind: str, episode: int | None = None, clock: str | None = None) 
 def read_file(
     kind: str, path: str | Path, names: Iterable[str] | None, prefix: str, **options: Any
 ) -> dict[str, NDArray[Any]]:
-    """Read columns of a file of a known kind, as `read_table` does; `options` as `options_of`
-    gives them.
-    """
+    """Read columns of a file of this kind, as `read_table` does, with `options` of `options_of`."""
     with load_errors(path):
         if not (kind in _FOLDERS and Path(path).is_dir()):
-            require_bounded(path, _MOST_OF_MESSAGES if kind in _OF_MESSAGES else _MOST)
+            require_bounded(path, LIMITS.messages if kind in _OF_MESSAGES else LIMITS.columns)
         wanted = None if names is None else [f"{prefix}{name}" for name in names]
         if options.get("clock") is not None:
             options["clock"] = f"{prefix}{options['clock']}"
         if kind == "csv":
-            known, columns = _csv(path, wanted, prefix)
+            available, columns = _csv(path, wanted, prefix)
         else:
-            given = os.fspath(path), wanted, prefix, _MOST
-            known, columns = (
-                read_npz(*given) if kind == "npz" else read_isolated(kind, *given, **options)
+            request = os.fspath(path), wanted, prefix, LIMITS.columns
+            available, columns = (
+                read_npz(*request) if kind == "npz" else read_isolated(kind, *request, **options)
             )
-        require_columns(wanted or (), columns, known)
+        require_columns(wanted or (), columns, available)
         if not columns:
             raise ValueError(
-                f"must hold columns whose names begin with {prefix!r}; got {known[:5]}. Check"
+                f"must hold columns whose names begin with {prefix!r}; got {available[:5]}. Check"
                 " prefix."
             )
         return {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()}
 
 
 def require_columns(
-    names: Iterable[str], columns: Mapping[str, Any], known: Iterable[str] | None = None
+    names: Iterable[str], columns: Mapping[str, Any], available: Iterable[str] | None = None
 ) -> None:
-    """Refuse a table that lacks one of these columns, and offer the nearest of those that it
-    has.
-    """
-    known = list(dict.fromkeys(columns if known is None else known))
+    """Refuse a table that lacks one of these columns, and offer the nearest name that it has."""
+    available = list(dict.fromkeys(columns if available is None else available))
     for name in names:
         if name not in columns:
-            some = ", ".join(repr(other) for other in known[:6])
-            hint = near(name, known, "Correct the mapping.")
-            some = f"{len(known)} others: {some}{', ...' * (len(known) > 6)}" if known else "none"
-            raise ValueError(f"column {name!r} must be there; got {some:.220}. {hint}")
+            listed = ", ".join(repr(column) for column in available[:6])
+            hint = near(name, available, "Correct the mapping.")
+            listed = (
+                f"{len(available)} others: {listed}{', ...' * (len(available) > 6)}"
+                if available
+                else "none"
+            )
+            raise ValueError(f"column {name!r} must be there; got {listed:.220}. {hint}")
 
 
 def _csv(

@@ -1,7 +1,6 @@
-"""A table of named columns as the fields of a `Record`: units, encoder wrap, missing cells,
-angles into counts.
-"""
+"""Named columns as the fields of a `Record`: units, encoder wrap, missing cells, counts."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -29,31 +28,49 @@ from plant.parts.fields import Floats
 from plant.parts.messages import warn
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
-_ASKED = ("reference_position", "reference_motor_position")
+_PATH_FIELDS = ("reference_position", "reference_motor_position")
 # one number of a column
 _NOTED: dict[str, Any] = {"temperature": np.nanmean, "time": lambda rows: rows[0]}
 _PARTIAL = ("link_position",)  # of some joints: None in place of the name of the column of others
-_KNOWN = (*UNITS, "valid", *_NOTED)
+_FIELDS = (*UNITS, "valid", *_NOTED)
 
-# different angles that tell; and share of a step by which each may be off its multiple
-_LEVELS = 50
-_CLEAN = 0.05
 
-# Pulses about a whole one that tell no other gear; factor of it, at most; and distance of the
-# logarithm of a step to a power of ten, of radians or degrees, at which decimals were cut.
-_NEAR = 0.02
-_FACTOR = 5.0
-_DECIMAL = 1e-3
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StepSettings:
+    """Detection of a position step that disagrees with the rig's resolution; chosen by hand.
+
+    Parameters
+    ----------
+    min_levels : int
+        Number of different positions that a column must have before its step is estimated.
+    level_tolerance : float
+        Fraction of the median difference below which two positions are one level; fraction of a
+        step by which twice a position may differ from a multiple.
+    pulse_tolerance : float
+        Distance of the step from whole pulses [pulses] within which the rig's gear is confirmed.
+    max_ratio : float
+        Largest ratio of step and pulse, in either direction, that another gear explains.
+    decimal_tolerance : float
+        Distance of the step's decimal logarithm from an integer, in rad or deg, within which the
+        step is that of a rounded decimal.
+    """
+
+    min_levels: int = 50
+    level_tolerance: float = 0.05
+    pulse_tolerance: float = 0.02
+    max_ratio: float = 5.0
+    decimal_tolerance: float = 1e-3
+
+
+STEPS = StepSettings()
 
 
 def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
-    """Names of the table's columns that a mapping needs, in order; the mapping and its units are
-    validated.
-    """
+    """Validate a mapping and its units; names of the table's columns that it needs, in order."""
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
     for field in columns:
-        choice("what a column is mapped to", field, _KNOWN)
+        choice("what a column is mapped to", field, _FIELDS)
     measured = [field for field in MEASURED if field in columns]
     if len(measured) != 1:
         raise ValueError(
@@ -105,8 +122,8 @@ def record_fields(
         )
     notes = {field: float(of(values.pop(field))) for field, of in _NOTED.items() if field in values}
     values, t = _in_time(values, stated, rig)
-    asked = next((each for each in _ASKED if each in values), None)
-    known = None if asked is None else ~np.isnan(values[asked]).any(axis=1)
+    path_field = next((name for name in _PATH_FIELDS if name in values), None)
+    logged = None if path_field is None else ~np.isnan(values[path_field]).any(axis=1)
     values, valid = _held(values, rig.joint_labels)
     measured = next(field for field in MEASURED if field in values)
     if wrap is not None:
@@ -116,12 +133,17 @@ def record_fields(
         notes |= _own_steps(measured, values[measured], stated[measured], rig)
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
-    if reference is None and asked is not None and known is not None and not rig.encoder.smooth:
-        angles = converted_angle(asked, values[asked], stated[asked], rig)
+    if (
+        reference is None
+        and path_field is not None
+        and logged is not None
+        and not rig.encoder.smooth
+    ):
+        angles = converted_angle(path_field, values[path_field], stated[path_field], rig)
         commanded = fields["reference_pulses"]
-        fields["reference"] = path = path_through(t[known], angles[known], commanded[known], rig)
-        if path is not None and not known.all():
-            commanded[~known] = rig.counts(path(t[~known] - t[known][0]).q)
+        fields["reference"] = path = path_through(t[logged], angles[logged], commanded[logged], rig)
+        if path is not None and not logged.all():
+            commanded[~logged] = rig.counts(path(t[~logged] - t[logged][0]).q)
     counts = fields.pop("counts", None)
     commanded = fields.get("reference_pulses")
     if commanded is None and reference is not None:
@@ -207,34 +229,30 @@ def _in_time(values, stated, rig):
 
 
 def _held(values, labels):
-    """Values with the last known one in place of every NaN, and weights that are zero in such
-    rows.
-    """
+    """Values with each NaN replaced by the previous number, and zero weights of such rows."""
     weight = np.asarray(values.get("valid", np.ones(len(next(iter(values.values()))))), float)
     valid = np.where(np.isnan(weight), 0.0, weight)
     held = {}
     for field, value in values.items():
         if field == "valid":
             continue
-        known = ~np.isnan(value)
+        present = ~np.isnan(value)
         if field in _PARTIAL:
-            known |= ~known.any(axis=0)
-        if not known.any(axis=0).all():
+            present |= ~present.any(axis=0)
+        if not present.any(axis=0).all():
             raise ValueError(
-                f"{field!r} must hold numbers; {labels[np.argmin(known.any(axis=0))]} has none."
+                f"{field!r} must hold numbers; {labels[np.argmin(present.any(axis=0))]} has none."
                 " Check."
             )
-        row = np.maximum.accumulate(np.where(known, np.arange(len(value))[:, None], -1), axis=0)
-        row = np.where(row < 0, np.argmax(known, axis=0), row)  # before the first: the first
+        row = np.maximum.accumulate(np.where(present, np.arange(len(value))[:, None], -1), axis=0)
+        row = np.where(row < 0, np.argmax(present, axis=0), row)  # before the first: the first
         held[field] = np.take_along_axis(value, row, axis=0)
-        valid = valid * known.all(axis=1)
+        valid = valid * present.all(axis=1)
     return held, valid
 
 
 def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray[Any]:
-    """Values whose steps are never more than half a wrap: whole wraps, counted in integers, are
-    added.
-    """
+    """Unwrap an encoder (N, n): add whole wraps, so that no step exceeds half a wrap."""
     n = len(labels)
     wrap = np.broadcast_to(wrap, n) if np.ndim(wrap) == 0 else np.asarray(wrap)
     if wrap.shape != (n,):
@@ -253,8 +271,8 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
         raise ValueError(
             f"wrap must be as large as what is logged; got {wrap[joint]:g}, but {got}. Correct it."
         )
-    whole = value.dtype.kind == "i" or (value == np.round(value)).all()
-    kind = np.int64 if whole and (wrap == np.round(wrap)).all() else float
+    is_integer = value.dtype.kind == "i" or (value == np.round(value)).all()
+    kind = np.int64 if is_integer and (wrap == np.round(wrap)).all() else float
     value = value.astype(kind)
     wrap = wrap.astype(kind)
     turns = -np.cumsum(np.round(np.diff(value, axis=0) / wrap).astype(np.int64), axis=0)
@@ -262,32 +280,33 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
 
 
 def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, float]:
-    """Notes of joints whose positions (N, n) are clean multiples of one step that is no whole
-    pulse [pulses].
-    """
-    place = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
+    """Notes of joints whose positions (N, n) are multiples of a step other than whole pulses."""
+    to_pulses = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
     notes = dict[str, float]()
-    pulses = np.abs(np.diagonal(place(np.eye(rig.n) * factors(unit))))
+    pulses = np.abs(np.diagonal(to_pulses(np.eye(rig.n) * factors(unit))))
     for i in range(0 if rig.encoder.smooth else rig.n):
         step = _clean_step(value[:, i])
-        share = step * pulses[i]
+        step_pulses = step * pulses[i]
         decimals = np.log10(max(step, 1e-300) * np.array((1, np.pi / 180, 180 / np.pi)))
-        off = np.abs(share - np.round(share)) > _NEAR and 1 / _FACTOR < share < _FACTOR
-        if off and np.abs(decimals - np.round(decimals)).min() > _DECIMAL:
-            notes[STEP_NOTE.format(i)] = float(share)
+        off = (
+            np.abs(step_pulses - np.round(step_pulses)) > STEPS.pulse_tolerance
+            and 1 / STEPS.max_ratio < step_pulses < STEPS.max_ratio
+        )
+        if off and np.abs(decimals - np.round(decimals)).min() > STEPS.decimal_tolerance:
+            notes[STEP_NOTE.format(i)] = float(step_pulses)
     return notes
 
 
 def _clean_step(value: NDArray[np.float64]) -> float:
-    """The step of which all values (N,) are multiples apart, or 0."""
+    """The step of which all differences of values (N,) are multiples; 0 where there is none."""
     levels = np.unique(value[np.isfinite(value)])
-    if len(levels) < _LEVELS:
+    if len(levels) < STEPS.min_levels:
         return 0.0
     apart = np.diff(levels)
     # the rest is one level, written in other last digits
-    apart = apart[apart > _CLEAN * np.median(apart)]
+    apart = apart[apart > STEPS.level_tolerance * np.median(apart)]
     # The cell at zero of `fix` is two wide: its neighbours' centres are half a step further.
     halves = np.round(2 * apart / apart.min())
     step = float(2 * apart.sum() / halves.sum())
     off = 2 * (levels - levels[0])
-    return step if np.abs(off / step - np.round(off / step)).max() < _CLEAN else 0.0
+    return step if np.abs(off / step - np.round(off / step)).max() < STEPS.level_tolerance else 0.0

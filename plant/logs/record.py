@@ -148,12 +148,12 @@ class Record(FromFiles, Frozen):
         for name in COLUMNS:
             value = getattr(self, name)
             if value is not None:
-                some = name == "link_counts"
+                partial = name == "link_counts"
                 advice = "Give one row per sample, one column per joint."
                 values[name] = array(
-                    name, value, shape, advice=advice, finite=not some, shared=True
+                    name, value, shape, advice=advice, finite=not partial, shared=True
                 )
-                if some:
+                if partial:
                     _require_sensors(self.rig, values[name])
         if self.error_pulses is None:
             raise ValueError(
@@ -196,9 +196,9 @@ class Record(FromFiles, Frozen):
 
         Its name in the file, if one was mapped, and the field; otherwise the field alone.
         """
-        own = self.columns or {}
-        names = [name for name in (field, *SOURCES.get(field, ())) if name in own]
-        mapped = own[names[0]] if names else None
+        mapping = self.columns or {}
+        names = [name for name in (field, *SOURCES.get(field, ())) if name in mapping]
+        mapped = mapping[names[0]] if names else None
         if isinstance(mapped, str):
             return (
                 f"column {mapped!r}, place {joint} ({names[0]})"
@@ -217,10 +217,10 @@ class Record(FromFiles, Frozen):
         return len(self.t)
 
     def __repr__(self) -> str:
-        made = type(self.law).__name__ if self.law is not None else "an unknown law"
+        law = type(self.law).__name__ if self.law is not None else "an unknown law"
         return (
             f"Record({len(self)} samples of {self.n} joints, {self.t[-1] - self.t[0]:.3f} s, under"
-            f" {made})"
+            f" {law})"
         )
 
     def cut(self, begin: float, end: float = np.inf) -> Self:
@@ -236,25 +236,25 @@ class Record(FromFiles, Frozen):
         end = float(end)
         rows = np.flatnonzero((self.t >= begin) & (self.t < end))
         if not len(rows):
-            whole = f"The record has {self.t[0]:g} to {self.t[-1]:g} s."
+            extent = f"The record has {self.t[0]:g} to {self.t[-1]:g} s."
             raise ValueError(
-                f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. {whole}"
+                f"begin and end must hold samples; none lies from {begin:g} to {end:g} s. {extent}"
             )
-        some = slice(rows[0], rows[-1] + 1)
+        stretch = slice(rows[0], rows[-1] + 1)
         reference = self.reference
-        gone = float(self.t[rows[0]] - self.t[0])
+        offset = float(self.t[rows[0]] - self.t[0])
         values = {name: getattr(self, name) for name in (*COLUMNS, "valid")}
         cut: dict[str, Any] = {
-            name: None if value is None else value[some] for name, value in values.items()
+            name: None if value is None else value[stretch] for name, value in values.items()
         }
-        if reference is not None and gone:
-            reference = reference.later(gone)
+        if reference is not None and offset:
+            reference = reference.later(offset)
         return dataclasses.replace(
             self,
             **cut,
-            t=self.t[some] - self.t[rows[0]],
+            t=self.t[stretch] - self.t[rows[0]],
             reference=reference,
-            initial=None if gone else self.initial,
+            initial=None if offset else self.initial,
         )
 
     @known_options
@@ -286,21 +286,21 @@ def _require_sensors(rig: Rig, counts: Floats) -> None:
     """Refuse columns of link encoders that hold gaps, none at all, or others than the rig has."""
     numbers = np.isfinite(counts)
     stated = rig.encoder.side
-    there = np.asarray(numbers.any(axis=0))
+    has_sensor = np.asarray(numbers.any(axis=0))
     advice = "A joint without a second encoder is NaN throughout."
-    if (numbers != there).any():
-        index = tuple(np.argwhere(numbers != there)[0].tolist())
+    if (numbers != has_sensor).any():
+        index = tuple(np.argwhere(numbers != has_sensor)[0].tolist())
         raise ValueError(
             f"link_counts must be finite; got {counts[index]} at index {index}. {advice}"
         )
-    if not there.any():
+    if not has_sensor.any():
         raise ValueError(
             f"link_counts must be of a joint at least; got NaN alone. Leave them out. {advice}"
         )
-    wrong = np.flatnonzero(there != rig.encoder.on_links(rig.n))
+    wrong = np.flatnonzero(has_sensor != rig.encoder.on_links(rig.n))
     if len(wrong) and stated not in ("motor", "link"):
         label = rig.joint_labels[wrong[0]]
-        got = "has a column" if there[wrong[0]] else "is NaN"
+        got = "has a column" if has_sensor[wrong[0]] else "is NaN"
         raise ValueError(
             f"link_counts must be of joints with side 'both'; {label} {got}, its rig says"
             f" {stated!r}."
@@ -310,8 +310,8 @@ def _require_sensors(rig: Rig, counts: Floats) -> None:
 def _noted(notes: Any) -> dict[str, str | float]:
     """Text, or finite numbers, by name; anything else is refused."""
     advice = 'Give such as {"robot": "cell_7", "time": "2026-05-12", "temperature": 24.5}.'
-    given = {} if notes is None else instance("notes", notes, dict, advice)
-    for name, value in given.items():
+    entries = {} if notes is None else instance("notes", notes, dict, advice)
+    for name, value in entries.items():
         if not isinstance(name, str) or not name or value == "":
             raise ValueError(
                 f"notes must be text or numbers by name; got {name!r:.40}: {value!r:.40}. {advice}"
@@ -319,5 +319,5 @@ def _noted(notes: Any) -> dict[str, str | float]:
         if name in NUMBERS or not isinstance(value, str):
             real(f"note {name!r:.40}", value, advice)
     return {
-        name: value if isinstance(value, str) else float(value) for name, value in given.items()
+        name: value if isinstance(value, str) else float(value) for name, value in entries.items()
     }

@@ -1,6 +1,4 @@
-"""A record as a CSV file, which gives back every bit; and plain files of time, reference and
-error in pulses.
-"""
+"""A record as a lossless CSV file, and plain CSV files of time, reference and error [pulses]."""
 
 import json
 from collections.abc import Mapping
@@ -128,21 +126,21 @@ def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
 
 
 def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
-    known = {
+    places = {
         f"{name}_{i + 1} [{unit}]": (field, i)
         for field, (name, unit) in COLUMNS.items()
         for i in range(n)
     }
-    known["valid [1]"] = "valid", 0
+    places["valid [1]"] = "valid", 0
     fields: dict[str, Floats] = {}
     for column, name in enumerate(names[1:], 1):
-        if name not in known:
+        if name not in places:
             raise ValueError(
-                f"has an unknown column {name!r:.40}; known are {', '.join(known)}. Rename it."
+                f"has an unknown column {name!r:.40}; known are {', '.join(places)}. Rename it."
             )
         if name in names[1:column]:
             raise ValueError(f"has column {name!r} twice; each may come once. Drop one.")
-        field, joint = known[name]
+        field, joint = places[name]
         if field == "valid":
             fields[field] = table[:, column]
         else:

@@ -1,6 +1,4 @@
-"""Class methods of `Record` that read files: the library's own, and mapped columns of every
-other format.
-"""
+"""Class methods of `Record` that read its own CSV files and mapped columns of other formats."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -229,17 +227,17 @@ class FromFiles:
             A column that is missing, has another length or holds anything but real numbers; a unit
             that is not stated, or does not fit the rig. Whatever `Record` refuses.
         """
-        given: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "rig": rig,
             "law": law,
             "reference": reference,
             "initial": initial,
             "name": name,
         }
-        given["columns"] = {
+        arguments["columns"] = {
             key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
         }
         fields = record_fields(
             table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference
         )
-        return cls(**given | {key: value for key, value in fields.items() if value is not None})
+        return cls(**arguments | {key: value for key, value in fields.items() if value is not None})

@@ -67,14 +67,14 @@ def read_records(
     --------
     >>> from plant import puma560, read_records, simulate
     >>> rig = puma560.rig()
+    >>> record = simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference(), duration=0.2)
     >>> for i in range(2):
-    ...     simulate(puma560.arm(), rig, puma560.p_law(), puma560.reference(), duration=0.2).to_csv(f"run_{i}.csv")
-    ...
+    ...     record.to_csv(f"run_{i}.csv")
     >>> [record.name for record in read_records("run_*.csv", rig=rig)]
     ['run_0.csv', 'run_1.csv']
     """
-    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
-    files = [file for path in given for file in _matches(path)]
+    listed = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    files = [file for path in listed for file in _matches(path)]
     if not files:
         raise ValueError(
             "paths must name at least one file; got none. Give files, or a pattern such as"
@@ -103,33 +103,32 @@ def read_records(
     return tuple(records)
 
 
-def notes_of(given: str | Mapping[str, Any], path: str | Path) -> dict[str, Any]:
-    """Notes as given, or what a pattern such as ``"{robot}/{time}_{temperature}C"`` finds in the
-    name of a file.
+def notes_of(notes: str | Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+    """Notes from a dictionary, or from a file name by ``"{robot}/{time}_{temperature}C"``.
 
-    It is held against the end of the path without its ending, from a folder or the first letter on;
-    what comes first takes the most.
+    The pattern must match the end of the path without its suffix, from the start of a folder or
+    file name on; earlier groups are the greediest.
     """
-    if not isinstance(given, str):
-        return dict(given)
-    parts = re.split(r"\{(\w+)\}", given)
+    if not isinstance(notes, str):
+        return dict(notes)
+    parts = re.split(r"\{(\w+)\}", notes)
     names = parts[1::2]
     if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
         raise ValueError(
-            f'notes must name what they find in braces, as "{{robot}}_{{time}}"; got {given!r:.60}.'
+            f'notes must name what they find in braces, as "{{robot}}_{{time}}"; got {notes!r:.60}.'
             " Do so."
         )
     spelt = "".join(
         f"(?P<{part}>[^/]+)" if i % 2 else re.escape(part) for i, part in enumerate(parts)
     )
-    found = re.fullmatch(f"(?:.*/)?{spelt}", re.sub(r"\.[A-Za-z]\w*$", "", Path(path).as_posix()))
-    if found is None:
+    match = re.fullmatch(f"(?:.*/)?{spelt}", re.sub(r"\.[A-Za-z]\w*$", "", Path(path).as_posix()))
+    if match is None:
         raise ValueError(
-            f"notes must fit the name {Path(path).name!r:.80}; {given!r:.60} does not. Correct the"
+            f"notes must fit the name {Path(path).name!r:.80}; {notes!r:.60} does not. Correct the"
             " pattern."
         )
     return {
-        name: decimal(text) if name in NUMBERS else text for name, text in found.groupdict().items()
+        name: decimal(text) if name in NUMBERS else text for name, text in match.groupdict().items()
     }
 
 
@@ -141,12 +140,10 @@ def _with_notes(record: Record, notes: Any, file: str | Path) -> Record:
 
 
 def _matches(path: str | Path) -> list[str | Path]:
-    """The files of a pattern, in order of their names; a path without wildcards stands for
-    itself.
-    """
+    """Files that match a pattern, sorted by name; a path without wildcards stands for itself."""
     if not glob.has_magic(str(path)) or Path(path).exists():
         return [path]
-    found: list[str | Path] = sorted(glob.glob(str(path)))
-    if not found:
+    files: list[str | Path] = sorted(glob.glob(str(path)))
+    if not files:
         raise LoadError(f"{path} must match a file; it matches none. Check the pattern.")
-    return found
+    return files

@@ -1,9 +1,9 @@
-"""Units of logged columns, as the user states them, checked against the rig; of a wrong one, which
-would fit.
+"""Units of logged columns: checks of the stated units against the rig, and conversion to counts.
 
 Fields in the units of a record, on its side of the gear: counts of angles, torques of the joints.
 """
 
+import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -43,17 +43,68 @@ UNITS = {
 }
 
 _PER_JOINT = {*ANGLE, *LENGTH, "N m", "N"}
-_TURNS = 10  # a joint that turns further has its angle in degrees
-_METRES = 50.0  # a joint that slides further has its position in millimetres
-_FACTOR = 10  # between the period stated and the period found
-_LIMIT = 2.0  # times what the amplifier can drive; measured currents overshoot
-_LEAST = 10  # pulses of motion from which a grid is no accident
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class UnitCheckSettings:
+    """Limits beyond which a logged column is in another unit than stated; all chosen by hand.
+
+    Parameters
+    ----------
+    max_turns : float
+        Largest span of a revolute joint [turns]; a larger one suggests an angle in degrees.
+    max_metres : float
+        Largest span of a prismatic joint [m]; a larger one suggests millimetres.
+    period_factor : float
+        Largest ratio between the step of t and the rig's period, in either direction.
+    limit_factor : float
+        Largest torque or current, as a multiple of the amplifier's limit: measured currents
+        overshoot it.
+    min_motion : float
+        Motion [pulses] from which positions on whole pulses are no accident.
+    step_tolerance : float
+        Distance of the smallest step from one pulse [pulses] within which the stated resolution is
+        merely inexact.
+    """
+
+    max_turns: float = 10
+    max_metres: float = 50.0
+    period_factor: float = 10
+    limit_factor: float = 2.0
+    min_motion: float = 10
+    step_tolerance: float = 0.02
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PathSettings:
+    """Commanded positions that become the path of a record; all chosen by hand.
+
+    Parameters
+    ----------
+    min_samples, max_samples : int
+        Number of samples of such a path.
+    max_bend : float
+        Largest distance of the spline from the chord, half-way between two samples [pulses]; at a
+        step of k nominal intervals k**2 times as much.
+    """
+
+    min_samples: int = 12
+    max_samples: int = 100_000
+    max_bend: float = 0.5
+
+
+CHECKS = UnitCheckSettings()
+PATH = PathSettings()
 
 
 def factors(unit: Unit) -> float | Floats:
     """Radians or metres of a unit of position, or (n,) of one unit per joint."""
     scale = ANGLE | LENGTH
-    return scale[unit] if isinstance(unit, str) else np.array([scale[each] for each in unit])
+    return (
+        scale[unit]
+        if isinstance(unit, str)
+        else np.array([scale[joint_unit] for joint_unit in unit])
+    )
 
 
 def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
@@ -61,20 +112,20 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
     for name in units:
         choice("units of a column that is mapped; the column", name, tuple(columns))
     for name in columns:
-        known = UNITS.get(name, ("1",))
+        allowed = UNITS.get(name, ("1",))
         if name not in units:
-            if len(known) > 1:
-                offered = ", ".join(map(repr, known))
+            if len(allowed) > 1:
+                offered = ", ".join(map(repr, allowed))
                 raise ValueError(
                     f"units must state that of {name!r}; got none. Give one of {offered}."
                 )
             continue
-        given = units[name]
-        for each in given if isinstance(given, (tuple, list)) else (given,):
-            choice(f"unit of {name!r}", each, known)
-        if isinstance(given, (tuple, list)) and not _PER_JOINT.issuperset(given):
-            among = ", ".join(repr(unit) for unit in known if unit in _PER_JOINT) or "none"
-            got = f"got {given!r:.60}"
+        stated = units[name]
+        for joint_unit in stated if isinstance(stated, (tuple, list)) else (stated,):
+            choice(f"unit of {name!r}", joint_unit, allowed)
+        if isinstance(stated, (tuple, list)) and not _PER_JOINT.issuperset(stated):
+            among = ", ".join(repr(unit) for unit in allowed if unit in _PER_JOINT) or "none"
+            got = f"got {stated!r:.60}"
             raise ValueError(
                 f"units of {name!r} may differ between joints among {among}; {got}. State one."
             )
@@ -82,8 +133,9 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
 
 def require_period(t: Floats, unit: str, period: float) -> None:
     """Refuse times [s] whose step is far from the rig's period."""
+    factor = CHECKS.period_factor
     step = float(np.median(np.diff(t))) if len(t) > 1 else period
-    if step <= 0 or period / _FACTOR <= step <= period * _FACTOR:
+    if step <= 0 or period / factor <= step <= period * factor:
         return
     if period > SLOWEST:
         got = f"it is {period:g} s, and t steps by {step:g} s"
@@ -91,7 +143,7 @@ def require_period(t: Floats, unit: str, period: float) -> None:
     fits = [
         name
         for name, per in TIME.items()
-        if period / _FACTOR <= step * TIME[unit] / per <= period * _FACTOR
+        if period / factor <= step * TIME[unit] / per <= period * factor
     ]
     advice = f"{fits[0]!r} would fit." if fits else "Give the rig the log's."
     raise ValueError(
@@ -100,36 +152,37 @@ def require_period(t: Floats, unit: str, period: float) -> None:
 
 
 def require_span(name: str, q: Floats, unit: Unit, labels: Sequence[str]) -> None:
-    """Refuse joint angles [rad] that span more turns than a joint makes, and positions [m] that
-    span a hall.
-    """
-    of_joints = [unit] * len(labels) if isinstance(unit, str) else list(unit)
-    for joint, (span, own) in enumerate(zip(np.ptp(q, axis=0), of_joints, strict=True)):
-        most, size, per = (_METRES, "m", 1.0) if own in LENGTH else (_TURNS, "turns", 2 * np.pi)
-        if span / per <= most:
+    """Refuse joint angles [rad] and positions [m] that span more than a joint can."""
+    joint_units = [unit] * len(labels) if isinstance(unit, str) else list(unit)
+    for joint, (span, joint_unit) in enumerate(zip(np.ptp(q, axis=0), joint_units, strict=True)):
+        limit, size, per = (
+            (CHECKS.max_metres, "m", 1.0)
+            if joint_unit in LENGTH
+            else (CHECKS.max_turns, "turns", 2 * np.pi)
+        )
+        if span / per <= limit:
             continue
-        other = {"rad": "deg", "m": "mm"}.get(own)
-        fits = other is not None and span / per * (ANGLE | LENGTH)[other] <= most
+        alternative = {"rad": "deg", "m": "mm"}.get(joint_unit)
+        fits = alternative is not None and span / per * (ANGLE | LENGTH)[alternative] <= limit
         counts = "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
-        advice = f"{other!r} would fit." if fits else counts
-        got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {most:g}"
-        raise ValueError(f"{name} in {own!r} {got}. {advice}")
+        advice = f"{alternative!r} would fit." if fits else counts
+        got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {limit:g}"
+        raise ValueError(f"{name} in {joint_unit!r} {got}. {advice}")
 
 
 def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], Floats]) -> bool:
-    """Whether angles as stated are whole pulses, up to one shift per joint; refused if those of
-    another unit are.
+    """Whether positions are whole pulses, up to a shift; refuse them if another unit makes them so.
 
-    `readings` are positions in pulses (N, n) by column and unit, were they those.
+    `readings` are the positions in pulses (N, n) under each alternative column and unit.
     """
     if not (moving := np.ptp(readings[name, unit], axis=0) > 0).any():
         return True
     if on_grid(readings[name, unit])[1].all():
         return True
-    for (other, its_unit), position in readings.items():
+    for (column, column_unit), position in readings.items():
         moved = np.ptp(position, axis=0)[moving]
-        if (moved >= _LEAST).all() and on_grid(position)[1].all():
-            fits = f"as {other!r} in {its_unit!r} they would be"
+        if (moved >= CHECKS.min_motion).all() and on_grid(position)[1].all():
+            fits = f"as {column!r} in {column_unit!r} they would be"
             raise ValueError(
                 f"{name} in {unit!r} must be whole pulses of the rig; they are not, {fits}. State"
                 " that."
@@ -138,10 +191,10 @@ def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], Floa
 
 
 def on_grid(position: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Position in pulses (N, n) -> shift (n,) from whole pulses, and whether all samples have it
-    within a tenth.
+    """Shift (n,) of positions (N, n) from whole pulses, and whether all samples share it.
 
-    Zero is always on the grid: it is the middle of its quantisation cell, which is two pulses wide.
+    Samples may be 0.1 pulses off. Zero is always on the grid: it is the middle of its quantisation
+    cell, which is two pulses wide.
     """
     away = np.abs(position) > 0.1
     shift = np.angle((np.exp(2j * np.pi * position) * away).sum(axis=0)) / (2 * np.pi)
@@ -154,34 +207,30 @@ def require_limit(
     value: Floats,
     limit: Floats,
     unit: Unit,
-    others: Mapping[str, Floats | float],
+    alternatives: Mapping[str, Floats | float],
     labels: Sequence[str],
 ) -> None:
-    """Refuse torques or currents (N, n) far above the amplifier's limit (n,), in the same unit and
-    on the same side.
+    """Refuse torques or currents (N, n) far above the amplifier's limit (n,), on the same side.
 
     `others` are factors (n,) between the value in other units and the value as stated.
     """
-    most = np.abs(value).max(axis=0)
-    if (most <= _LIMIT * limit).all():
+    peak = np.abs(value).max(axis=0)
+    if (peak <= CHECKS.limit_factor * limit).all():
         return
-    joint = int(np.argmax(most / limit))
+    joint = int(np.argmax(peak / limit))
     fits = [
-        unit for unit, factor in others.items() if (most * np.abs(factor) <= _LIMIT * limit).all()
+        unit
+        for unit, factor in alternatives.items()
+        if (peak * np.abs(factor) <= CHECKS.limit_factor * limit).all()
     ]
     advice = f"{fits[0]!r} would fit." if fits else "Correct the log, or the rig's limit."
-    got = f"reaches {most[joint]:g} at {labels[joint]}; the amplifier drives {limit[joint]:g}"
+    got = f"reaches {peak[joint]:g} at {labels[joint]}; the amplifier drives {limit[joint]:g}"
     raise ValueError(f"{name} in {unit!r} {got}. {advice}")
 
 
 REFERENCE = ("reference_pulses", "reference_position", "reference_motor_position")
+# A float64 stores every integer up to this exactly; larger counts have lost their last pulses.
 _EXACT = 2.0**53
-# samples of a path
-_FEW = 6
-_MOST = 100_000
-# of a pulse: between two samples, a smooth path is as far from a straight line at most
-_SMOOTH = 0.5
-_NEAR = 0.02  # of a pulse: a step that was meant to be one
 
 
 def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str, Floats]:
@@ -201,8 +250,12 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
     if field == "current":
         value = value / CURRENT[str(unit)]
         unit = str(unit)
-        others = {other: CURRENT[unit] / per for other, per in CURRENT.items() if other != unit}
-        require_limit(field, value, rig.drive.current_limit, unit, others, rig.joint_labels)
+        alternatives = {
+            alternative: CURRENT[unit] / per
+            for alternative, per in CURRENT.items()
+            if alternative != unit
+        }
+        require_limit(field, value, rig.drive.current_limit, unit, alternatives, rig.joint_labels)
         return {"current": value}
     if field == "link_position":  # another sensor, of a resolution of its own
         absent = np.isnan(value)  # a motor that turns several joints is known by all of them
@@ -220,9 +273,11 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         else "counts"
     )
     if unit == "pulses":
-        asked = field == "reference_position"  # between two pulses, too
+        is_position = field == "reference_position"  # between two pulses, too
         return {
-            name: rig.encoder.quantised(value.astype(float)) if asked else _whole(field, value, rig)
+            name: rig.encoder.quantised(value.astype(float))
+            if is_position
+            else _whole(field, value, rig)
         }
     return {name: _counted(field, value, unit, rig)}
 
@@ -236,22 +291,24 @@ def converted_angle(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Fl
 
 
 def path_through(t: Floats, q: Floats, counts: Floats, rig: Rig) -> Reference | None:
-    """The path through positions (N, n) [rad] at times (N,), whose counts are these; None where
-    they tell no more.
+    """Spline through positions (N, n) [rad] at times (N,); None where the counts say as much.
 
     That is so of positions that are whole pulses already, of motions that are not smooth from
     sample to sample, and of more samples than a path is to hold.
     """
-    if not 2 * _FEW <= len(t) <= _MOST or on_grid(rig.position_in_pulses(q))[1].all():
+    if (
+        not PATH.min_samples <= len(t) <= PATH.max_samples
+        or on_grid(rig.position_in_pulses(q))[1].all()
+    ):
         return None
     path = Spline(times=t - t[0], points=q, at_rest=False)
     between = (t[1:] + t[:-1]) / 2 - t[0]
     bent = np.abs(
         rig.position_in_pulses(path(between).q) - rig.position_in_pulses((q[1:] + q[:-1]) / 2)
     )
-    alike = np.abs(rig.counts(path(t - t[0]).q) - counts).max() == 0
-    apart = np.diff(t) / np.median(np.diff(t))  # a gap in the log bends with its square
-    return path if alike and (bent < _SMOOTH * apart[:, None] ** 2).all() else None
+    same_counts = np.abs(rig.counts(path(t - t[0]).q) - counts).max() == 0
+    intervals = np.diff(t) / np.median(np.diff(t))  # a gap in the log bends with its square
+    return path if same_counts and (bent < PATH.max_bend * intervals[:, None] ** 2).all() else None
 
 
 def _whole(field: str, value: NDArray[Any], rig: Rig) -> Floats:
@@ -272,14 +329,12 @@ def _whole(field: str, value: NDArray[Any], rig: Rig) -> Floats:
 
 
 def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
-    """Counts of angles: those on a grid of whole pulses as they are, others as the rig's encoder
-    would count them.
-    """
+    """Counts of positions: whole pulses as they are, others as the rig's encoder counts them."""
     motor = "motor" in field
     angle = value * factors(unit)
     require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit, rig.joint_labels)
-    place = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
-    position = place[motor](angle)
+    to_pulses = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
+    position = to_pulses[motor](angle)
     if rig.encoder.smooth:
         return position
     shift, grid = on_grid(position)
@@ -287,19 +342,25 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
         names = {False: field.replace("motor_", ""), True: "motor_position"}
         readings: dict[tuple[str, Unit], Any] = {(field, unit): position}
         if unit in ANGLE:
-            readings |= {(names[m], u): place[m](value * ANGLE[u]) for m in place for u in ANGLE}
+            readings |= {
+                (names[m], u): to_pulses[m](value * ANGLE[u]) for m in to_pulses for u in ANGLE
+            }
         elif unit in LENGTH:
-            readings |= {(field, u): place[motor](value * LENGTH[u]) for u in LENGTH}
-        whole = require_grid(field, unit, readings)
-        if not whole:
+            readings |= {(field, u): to_pulses[motor](value * LENGTH[u]) for u in LENGTH}
+        on_pulses = require_grid(field, unit, readings)
+        if not on_pulses:
             step = _smallest_step(position[:, np.argmin(grid)])
-            near = ": state the resolution more exactly" if abs(step - 1) < _NEAR else ""
+            hint = (
+                ": state the resolution more exactly"
+                if abs(step - 1) < CHECKS.step_tolerance
+                else ""
+            )
             text = (
                 f"{field} of {rig.joint_labels[np.argmin(grid)]} is not in whole pulses of"
                 " rig.encoder.resolution "
             )
             warn(
-                f"{text}(smallest step {step:.{6 if near else 3}g} pulses{near}); counted as that"
+                f"{text}(smallest step {step:.{6 if hint else 3}g} pulses{hint}); counted as that"
                 " encoder would"
             )
     shift = np.where(np.abs(shift) < 0.1, 0.0, shift)

@@ -10,18 +10,16 @@ class RefusalError(ValueError):
 
 
 def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], bool]:
-    """Whether a column is wanted: one of these names, or, without names, all that start with the
-    prefix.
-    """
+    """Predicate of the wanted columns: these names, or else all that start with the prefix."""
     return (lambda name: name.startswith(prefix)) if names is None else set(names).__contains__
 
 
-def require_size(size: int, most: int) -> None:
-    """Refuse columns of more than `most` bytes."""
-    if size > most:
+def require_size(size: int, max_bytes: int) -> None:
+    """Refuse columns of more than `max_bytes`."""
+    if size > max_bytes:
         declared = f"it declares {size >> 20}"
         raise RefusalError(
-            f"must hold at most {most >> 20} MiB; {declared}. Cut the log into several files."
+            f"must hold at most {max_bytes >> 20} MiB; {declared}. Cut the log into several files."
         )
 
 
@@ -48,10 +46,10 @@ class Block(NamedTuple):
             )
 
 
-def home_of(wanted: str, known: Iterable[str]) -> str | None:
-    """The longest of the known names of which `wanted` is the whole, or an element."""
+def home_of(wanted: str, names: Iterable[str]) -> str | None:
+    """The longest name of a block that `wanted` equals, or of which it is an element."""
     return max(
-        (name for name in known if wanted == name or wanted.startswith((f"{name}.", f"{name}["))),
+        (name for name in names if wanted == name or wanted.startswith((f"{name}.", f"{name}["))),
         key=len,
         default=None,
     )
@@ -70,7 +68,7 @@ def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
         return None
     if rest[1:] in block.labels and rest[0] == ".":
         return block.values[:, block.labels.index(rest[1:])]
-    place = re.fullmatch(r"\[(\d{1,9})\]", rest)
+    index = re.fullmatch(r"\[(\d{1,9})\]", rest)
     return (
-        block.values[:, int(place[1])] if place and int(place[1]) < block.values.shape[1] else None
+        block.values[:, int(index[1])] if index and int(index[1]) < block.values.shape[1] else None
     )

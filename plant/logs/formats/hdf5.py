@@ -8,7 +8,7 @@ from .columns import RefusalError, choice_of, require_real, require_size
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, most: int
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of an HDF5 file, or of a MAT file of version 7.3."""
     import h5py
@@ -17,14 +17,12 @@ def read(
     with h5py.File(path, "r") as file:
         items: dict[str, Any] = {}
         file.visititems(items.__setitem__)
-        known = {name: item for name, item in items.items() if isinstance(item, h5py.Dataset)}
+        datasets = {name: item for name, item in items.items() if isinstance(item, h5py.Dataset)}
         for link in _links(file, items):
             if chosen(link) or any(name.startswith(f"{link}/") for name in names or ()):
-                where = f"{link!r} is a link to another file"
-                raise RefusalError(
-                    f"must hold its own data; {where}. Copy it in, or choose others."
-                )
-        wanted = {name: item for name, item in known.items() if chosen(name)}
+                got = f"{link!r} is a link to another file"
+                raise RefusalError(f"must hold its own data; {got}. Copy it in, or choose others.")
+        wanted = {name: item for name, item in datasets.items() if chosen(name)}
         for name, item in wanted.items():
             if item.is_virtual or item.external:
                 raise RefusalError(
@@ -32,10 +30,11 @@ def read(
                 )
             require_real(name, item.dtype, item.dtype.kind in "biuf")
         require_size(
-            sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()), most
+            sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()),
+            max_bytes,
         )
         # MATLAB writes its arrays with the axes in reverse.
-        return list(known), {
+        return list(datasets), {
             n: item[()].T if "MATLAB_class" in item.attrs else item[()]
             for n, item in wanted.items()
         }
@@ -45,8 +44,8 @@ def _links(file: Any, items: dict[str, Any]) -> Iterator[str]:
     """Names of the links to other files; they are not followed."""
     import h5py
 
-    for place, group in {"": file, **items}.items():
+    for parent, group in {"": file, **items}.items():
         if isinstance(group, h5py.Group):
             for name in group:
                 if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
-                    yield f"{place}/{name}".lstrip("/")
+                    yield f"{parent}/{name}".lstrip("/")

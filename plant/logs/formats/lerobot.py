@@ -1,6 +1,4 @@
-"""LeRobot data sets: a folder with ``meta/info.json`` and the episodes as Parquet, of version 2
-or 3.
-"""
+"""LeRobot data sets, version 2 or 3: a folder with ``meta/info.json`` and Parquet episodes."""
 
 import json
 from collections.abc import Collection
@@ -10,16 +8,15 @@ from typing import Any
 from .columns import Block, RefusalError, picked
 from .parquet import read_blocks
 
-_INFO = 1 << 24  # bytes of meta/info.json
+# A bound on meta/info.json [bytes], which the parent process parses too; chosen by hand.
+_MAX_INFO = 1 << 24
 _EPISODE = "episode_index"
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, most: int, episode: int = 0
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int, episode: int = 0
 ) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of one episode; ``action.elbow`` or ``action[1]`` is one of a
-    list.
-    """
+    """Names and wanted columns of one episode; ``action.elbow``, ``action[1]`` are elements."""
     info = _info(path)
     features: Any = info.get("features")
     features = features if isinstance(features, dict) else {}
@@ -29,7 +26,7 @@ def read(
         if name.startswith(prefix) and _is_numeric(feature)
     ]
     wanted = [*(numeric if names is None else names), _EPISODE]
-    known, blocks = read_blocks(_file_of(path, info, episode, most), wanted, "", most)
+    available, blocks = read_blocks(_file_of(path, info, episode, max_bytes), wanted, "", max_bytes)
     if _EPISODE not in blocks:
         raise RefusalError(
             "must name the episode of each row; its data has no column 'episode_index'. Convert it."
@@ -39,19 +36,19 @@ def read(
         raise RefusalError(
             f"must hold the rows of episode {episode}; its data file has none. Download it again."
         )
-    found = {}
+    chosen = {}
     for name, block in blocks.items():
         labels = _labels(features.get(name))
         fits = block.values.ndim == 2 and len(labels) == block.values.shape[1]
-        found[name] = Block(block.values[rows], labels if fits else ())
+        chosen[name] = Block(block.values[rows], labels if fits else ())
     if names is None:
-        return known, {name: found[name].values for name in numeric if name in found}
-    known = [
-        *known,
-        *(element for name, block in found.items() for element in block.elements(name)),
+        return available, {name: chosen[name].values for name in numeric if name in chosen}
+    available = [
+        *available,
+        *(element for name, block in chosen.items() for element in block.elements(name)),
     ]
-    columns = {name: picked(name, found) for name in names}
-    return known, {name: values for name, values in columns.items() if values is not None}
+    columns = {name: picked(name, chosen) for name in names}
+    return available, {name: values for name, values in columns.items() if values is not None}
 
 
 def episodes_of(path: str) -> int:
@@ -65,18 +62,18 @@ def episodes_of(path: str) -> int:
 
 
 def _info(path: str) -> dict[str, Any]:
-    place = Path(path, "meta", "info.json")
-    if not place.is_file():
+    info_file = Path(path, "meta", "info.json")
+    if not info_file.is_file():
         raise RefusalError(
             "must be a LeRobot data set; it has no meta/info.json. Give the folder that holds"
             " meta/."
         )
-    if place.stat().st_size > _INFO:
+    if info_file.stat().st_size > _MAX_INFO:
         raise RefusalError(
-            f"must have a meta/info.json below {_INFO >> 20} MiB; it is larger. Write it again."
+            f"must have a meta/info.json below {_MAX_INFO >> 20} MiB; it is larger. Write it again."
         )
     try:
-        info = json.loads(place.read_bytes())
+        info = json.loads(info_file.read_bytes())
     except (ValueError, RecursionError):
         raise RefusalError(
             "must have a meta/info.json that is JSON; it is not. Download it again."
@@ -89,7 +86,7 @@ def _info(path: str) -> dict[str, Any]:
     return dict(info)
 
 
-def _file_of(path: str, info: dict[str, Any], episode: int, most: int) -> str:
+def _file_of(path: str, info: dict[str, Any], episode: int, max_bytes: int) -> str:
     """The Parquet file with an episode, inside of the folder."""
     count = episodes_of(path)
     if not 0 <= episode < count:
@@ -104,15 +101,15 @@ def _file_of(path: str, info: dict[str, Any], episode: int, most: int) -> str:
             raise RefusalError(
                 f"must state chunks_size in meta/info.json; got {size!r:.20}. Download it again."
             )
-        places = {"episode_chunk": episode // size, "episode_index": episode}
+        keys = {"episode_chunk": episode // size, "episode_index": episode}
     else:
-        places = _place_of(path, episode, most)
+        keys = _place_of(path, episode, max_bytes)
     if len(pattern) > 200:
         raise RefusalError(
             "must have a data_path below 200 characters in meta/info.json. Download it again."
         )
     try:
-        name = pattern.format(**places)
+        name = pattern.format(**keys)
     except (LookupError, ValueError, AttributeError, TypeError):
         got = f"got {pattern!r:.80}"
         raise RefusalError(
@@ -129,11 +126,11 @@ def _file_of(path: str, info: dict[str, Any], episode: int, most: int) -> str:
     return str(Path(path, name))
 
 
-def _place_of(path: str, episode: int, most: int) -> dict[str, int]:
+def _place_of(path: str, episode: int, max_bytes: int) -> dict[str, int]:
     """Where version 3 keeps an episode, from its table of episodes."""
     columns = {"data/chunk_index": "chunk_index", "data/file_index": "file_index"}
     for table in sorted(Path(path, "meta", "episodes").glob("*/*.parquet")):
-        _, blocks = read_blocks(str(table), [_EPISODE, *columns], "", most)
+        _, blocks = read_blocks(str(table), [_EPISODE, *columns], "", max_bytes)
         if not {_EPISODE, *columns} <= blocks.keys():
             break
         rows = blocks[_EPISODE].values == episode

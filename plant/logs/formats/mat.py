@@ -10,39 +10,37 @@ from .columns import RefusalError, choice_of, require_size
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, most: int
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
 ) -> tuple[list[str], dict[str, Any]]:
-    """Names and wanted columns of a MAT file; a field of the k-th structure of an array is
-    ``structure[k].field``.
-    """
-    _require_bounded(path, most)
+    """Names and wanted columns of a MAT file; ``structure[k].field`` in an array of structures."""
+    _require_bounded(path, max_bytes)
     from scipy.io import loadmat
 
     chosen = choice_of(names, prefix)
     kinds = _kinds(path)
 
     def load(variables: list[str]) -> dict[str, Any]:
-        found = loadmat(path, squeeze_me=True, struct_as_record=True, variable_names=variables)
-        return dict(_flat({name: value for name, value in found.items() if name in variables}))
+        contents = loadmat(path, squeeze_me=True, struct_as_record=True, variable_names=variables)
+        return dict(_flat({name: value for name, value in contents.items() if name in variables}))
 
-    columns = known = load([name for name in kinds if chosen(name) or _may_hold(names, name)])
+    columns = held = load([name for name in kinds if chosen(name) or _may_hold(names, name)])
     if not all(name in columns for name in names or ()):  # what else there is, for the message
-        known = load([name for name, kind in kinds.items() if kind == "struct"])
+        held = load([name for name, kind in kinds.items() if kind == "struct"])
     plain = [name for name, kind in kinds.items() if kind != "struct"]
-    return [*plain, *known], {name: value for name, value in columns.items() if chosen(name)}
+    return [*plain, *held], {name: value for name, value in columns.items() if chosen(name)}
 
 
 def _kinds(path: str) -> dict[str, str]:
-    """Name of each variable -> its class; of files with objects of MATLAB, which have no shape,
-    after reading all.
-    """
+    """Name of each variable -> its class."""
     from scipy.io import loadmat, whosmat
 
     try:
         return {name: kind for name, _, kind in whosmat(path)}
     except TypeError:
-        found = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
-        return {name: "struct" if _fields(value) else "" for name, value in found.items()}
+        contents = {
+            name: value for name, value in loadmat(path).items() if not name.startswith("__")
+        }
+        return {name: "struct" if _fields(value) else "" for name, value in contents.items()}
 
 
 def _fields(value: Any) -> tuple[str, ...] | None:
@@ -73,19 +71,15 @@ def _flat(values: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
 
 
 def _is_empty_structure(value: Any) -> bool:
-    """Whether it is what scipy makes of a structure without fields, or of one that was never
-    assigned.
-    """
+    """Whether scipy made this of a structure without fields, or of one that was never assigned."""
     if value is None:
         return True
     of_objects = getattr(getattr(value, "dtype", None), "kind", "") == "O"
     return of_objects and all(element is None for element in value.ravel())
 
 
-def _require_bounded(path: str, most: int) -> None:
-    """Refuse what is no MAT v5, and what expands beyond `most` bytes, by what is declared and
-    then by what comes.
-    """
+def _require_bounded(path: str, max_bytes: int) -> None:
+    """Refuse other formats than MAT v5, and a declared or expanded size above `max_bytes`."""
     with open(path, "rb") as file:
         head = file.read(128)
         if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
@@ -108,13 +102,13 @@ def _require_bounded(path: str, most: int) -> None:
             if kind == 15:  # miCOMPRESSED
                 inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
                 declared = 8 + struct.unpack(f"{order}II", inner)[1] if len(inner) == 8 else 0
-                require_size(total + declared, most)
+                require_size(total + declared, max_bytes)
                 file.seek(start)
                 expanded = _expanded(file, length, declared)
             else:
                 expanded = length
             total += expanded
-            require_size(total, most)
+            require_size(total, max_bytes)
             file.seek(start + length)
 
 

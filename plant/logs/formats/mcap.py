@@ -9,7 +9,7 @@ from .messages import columns_of
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, most: int, clock: str | None = None
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int, clock: str | None = None
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of the topics of an MCAP file; see `messages`."""
     from mcap.reader import make_reader
@@ -51,5 +51,5 @@ def read(
                         f" {channel.topic!r:.60} is {encoding:.60}. Convert it."
                     )
 
-        every = (channel.topic for channel in summary.channels.values())
-        return columns_of(every, messages, names, prefix, most, clock)
+        topics = (channel.topic for channel in summary.channels.values())
+        return columns_of(topics, messages, names, prefix, max_bytes, clock)

@@ -10,19 +10,19 @@ from .columns import Block, RefusalError, choice_of, home_of, picked, require_re
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, most: int
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of a Parquet file; ``name[i]`` is one column of a list."""
-    known, blocks = read_blocks(path, names, prefix, most)
+    available, blocks = read_blocks(path, names, prefix, max_bytes)
     if names is None:
-        return known, {name: block.values for name, block in blocks.items()}
-    found = {name: picked(name, blocks) for name in names}
-    known += [element for name, block in blocks.items() for element in block.elements(name)]
-    return known, {name: values for name, values in found.items() if values is not None}
+        return available, {name: block.values for name, block in blocks.items()}
+    columns = {name: picked(name, blocks) for name in names}
+    available += [element for name, block in blocks.items() for element in block.elements(name)]
+    return available, {name: values for name, values in columns.items() if values is not None}
 
 
 def read_blocks(
-    path: str, names: Collection[str] | None, prefix: str, most: int
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
 ) -> tuple[list[str], dict[str, Block]]:
     """Names of all columns, and those of which something is wanted."""
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more than they need
@@ -37,15 +37,15 @@ def read_blocks(
             name for name in schema.names if (chosen(name) if names is None else name in homes)
         ]
         for name in wanted:
-            given = schema.field(name).type
-            kind = given.value_type if _is_list(pa, given) else given
-            known = pa.types
+            type_ = schema.field(name).type
+            kind = type_.value_type if _is_list(pa, type_) else type_
+            types = pa.types
             require_real(
                 name,
-                given,
-                known.is_integer(kind) or known.is_floating(kind) or known.is_boolean(kind),
+                type_,
+                types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind),
             )
-        require_size(max(_size(file.metadata, wanted), 0), most)
+        require_size(max(_size(file.metadata, wanted), 0), max_bytes)
         table = file.read(columns=wanted, use_threads=False)
         return schema.names, {
             name: Block(_numbers(pa, name, table.column(name))) for name in wanted
@@ -79,7 +79,7 @@ def _numbers(pa: Any, name: str, column: Any) -> Any:
     import pyarrow.compute as pc
 
     lengths = pc.list_value_length(column)
-    given = lengths.is_valid().to_numpy()
+    present = lengths.is_valid().to_numpy()
     sizes = np.unique(lengths.drop_null().to_numpy())
     if len(sizes) != 1 or not sizes[0]:
         got = "no value" if not len(sizes) else f"{sizes.min()} to {sizes.max()} values"
@@ -87,8 +87,8 @@ def _numbers(pa: Any, name: str, column: Any) -> Any:
             f"must hold lists of one length; got {got} per row in column {name!r}. Leave it out."
         )
     flat = pc.list_flatten(column).to_numpy().reshape(-1, int(sizes[0]))
-    if given.all():
+    if present.all():
         return flat
-    whole = np.full((len(given), int(sizes[0])), np.nan)
-    whole[given] = flat
-    return whole
+    rows = np.full((len(present), int(sizes[0])), np.nan)
+    rows[present] = flat
+    return rows

@@ -1,6 +1,4 @@
-"""Bags of ROS 2: the folder with ``metadata.yaml``, or one of its files; SQLite (``.db3``) or
-MCAP inside.
-"""
+"""Bags of ROS 2: a folder with ``metadata.yaml``, or one of its files (``.db3`` or MCAP)."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -14,7 +12,7 @@ _STORE = "ROS2_HUMBLE"
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, most: int, clock: str | None = None
+    path: str, names: Collection[str] | None, prefix: str, max_bytes: int, clock: str | None = None
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of the topics of a bag; see `messages`."""
     from rosbags.highlevel import AnyReader
@@ -45,5 +43,5 @@ def read(
             ):
                 yield connection.topic, log_time, reader.deserialize(data, connection.msgtype)
 
-        every = (connection.topic for connection in reader.connections)
-        return columns_of(every, messages, names, prefix, most, clock)
+        topics = (connection.topic for connection in reader.connections)
+        return columns_of(topics, messages, names, prefix, max_bytes, clock)

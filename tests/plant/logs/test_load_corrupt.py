@@ -104,7 +104,7 @@ def test_a_child_that_dies_or_hangs_is_one_load_error(tmp_path, monkeypatch, bod
     (tmp_path / "child.py").write_text(body)
     write("mat", tmp_path / "log.mat", log())
     monkeypatch.setattr(isolation.child, "__file__", str(tmp_path / "child.py"))
-    monkeypatch.setattr(isolation, "_SECONDS", 1)
+    monkeypatch.setattr(isolation, "LIMITS", isolation.ReadingLimits(seconds=1))
     with pytest.raises(LoadError, match=message):
         read_table(tmp_path / "log.mat")
 
@@ -117,7 +117,7 @@ def test_memory_of_the_child_is_capped(tmp_path, monkeypatch):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("large", (30 << 20,), float, fillvalue=1.0, chunks=(1 << 20,))
         file["small"] = np.ones(1000)
-    monkeypatch.setattr(isolation, "_MEMORY", 350 << 20)
+    monkeypatch.setattr(isolation, "LIMITS", isolation.ReadingLimits(memory=350 << 20))
     assert len(read_table(tmp_path / "a.h5", names=["small"])["small"]) == 1000
     with pytest.raises(LoadError, match=r"Memory|ended with|allocate|memory"):
         read_table(tmp_path / "a.h5")
