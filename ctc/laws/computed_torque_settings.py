@@ -1,6 +1,6 @@
 """Settings of computed torque that seldom need a change: thresholds of its boost and friction."""
 
-from plant.parts.arguments import signs, whole
+from plant.parts.arguments import whole
 from plant.parts.part import Part, part, structure
 
 
@@ -15,7 +15,8 @@ class ComputedTorqueSettings(Part):
     ----------
     sliding_speed : float
         Speed [pulses/s] from which on Coulomb friction is fed forward in full; below it in
-        proportion, so that the torque does not jump where a joint turns back. Chosen by hand.
+        proportion, so that the torque does not jump where a joint turns back. The direction by
+        which friction is learnt is full from the same speed on. Chosen by hand.
     friction_sweeps : int
         Gauss-Seidel sweeps over the joints for the impulse of predicted dry friction, which starts
         at that of the sample before. Chosen by hand.
@@ -91,9 +92,15 @@ class ComputedTorqueSettings(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         not_negative = ("learning_rate", "swing_dead_zone", "load_distance")
-        names = [name for name in self.__dataclass_fields__ if name not in not_negative]
-        signs(self, positive=names, not_negative=not_negative)
         whole("friction_sweeps", self.friction_sweeps, "Four are usual.")
+        for name, field in self.__dataclass_fields__.items():
+            value = getattr(self, name)
+            if value < 0 or (value == 0 and name not in not_negative):
+                sign = "not be negative" if name in not_negative else "be positive"
+                raise ValueError(
+                    f"{name} of ComputedTorqueSettings must {sign}; got {value:g}. {field.default:g}"
+                    " is usual."
+                )
 
 
 SETTINGS = ComputedTorqueSettings()

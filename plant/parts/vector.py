@@ -8,7 +8,7 @@ import collections
 import dataclasses
 import functools
 import keyword
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import casadi as ca
@@ -236,14 +236,17 @@ class Fields:
 
         A field of one number may be given as a number; a group as a mapping or as a record.
         """
-        for name in values.keys() - self.fields.keys():
+        unknown = [name for name in values if name not in self.fields]
+        if unknown:
             raise ValueError(
-                f"'{name}' must be a field of this vector; it has {', '.join(self.fields)}. Declare"
-                " the field, or correct the name."
+                f"write must get fields of {self}; got {_quoted(unknown)}. Declare the field, or"
+                " correct the name."
             )
-        for name in self.fields.keys() - values.keys():
+        missing = [name for name in self.fields if name not in values]
+        if missing:
             raise ValueError(
-                f"a vector must get a value for each of its fields; '{name}' has none. Write it."
+                f"write must get a value for each field of {self}; {_quoted(missing)} came without"
+                " one. Give it."
             )
         parts = []
         for name, field in self.fields.items():
@@ -251,6 +254,11 @@ class Fields:
             if isinstance(field, Fields):
                 # The record that `read` gave can be written back as it is.
                 group = value._asdict() if hasattr(value, "_asdict") else value
+                if not isinstance(group, Mapping):
+                    raise ValueError(
+                        f"the group '{name}' must be a mapping of {', '.join(field.fields)}, or a"
+                        f" record of `read`; got a {type(group).__name__}. Write it by name."
+                    )
                 value = field.write(n, **group)
             elif not isinstance(value, ca.SX | ca.MX | ca.DM):
                 value = np.atleast_1d(np.asarray(value, float))
@@ -294,6 +302,10 @@ class Fields:
             tail = _part(vector, range(place.stop, vector.shape[0]))
             vector = ca.vertcat(head, change(_part(vector, place)), tail)
         return vector
+
+
+def _quoted(names: list[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def _part(vector: Any, place: range) -> Any:
