@@ -61,7 +61,9 @@ _LIBRARIES = {
     "mcap": ("mcap", "mcap_ros2"),
     "rosbag2": ("rosbags",),
 }
+# One thread per library saves address space; HDF5 loads no plugin that a file asks for.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "HDF5_PLUGIN_PATH": os.devnull}
+# NPY version 3 differs only in Unicode names of fields, which columns of numbers do not have.
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -74,9 +76,10 @@ def read_isolated(
     """Names and columns of a file, read by third-party libraries; refusals do not name the path.
 
     The `kind` (mat, hdf5, parquet, lerobot, mcap or rosbag2) is a file of `plant.logs.formats`;
-    without `names` all columns that start with `prefix` are read. They may have `max_bytes` bytes.
+    without `names` all columns that start with `prefix` are read. They must fit into `max_bytes`.
     Options are those of that reader: ``episode`` of lerobot, ``clock`` of mcap and rosbag2.
     """
+    # A missing library is reported here, where the message can name the extra that installs it.
     for library in _LIBRARIES.get(kind, ()):
         if find_spec(library) is None:
             raise ValueError(
@@ -91,6 +94,7 @@ def read_isolated(
         "prefix": prefix,
         "options": options,
     }
+    # The limit of CPU time has a resolution of whole seconds.
     order |= {"seconds": int(np.ceil(seconds)), "memory": LIMITS.memory, "bytes": max_bytes}
     try:
         # -P: the folder of child.py holds files whose names other libraries import.
@@ -108,8 +112,10 @@ def read_isolated(
             f"must be read within {seconds} s; it was not. Cut it, or save it as NPZ."
         ) from None
     if done.returncode == child.REFUSED:
+        # The child's answer is a complete message for the user.
         raise ValueError(done.stdout.decode(errors="replace"))
     if done.returncode:
+        # A negative status is the signal that ended the child, such as SIGSEGV in a library.
         end = (
             signal.Signals(-done.returncode).name
             if done.returncode < 0
@@ -118,12 +124,14 @@ def read_isolated(
         raise ValueError(
             f"must be a sound {kind} file; its reader ended with {end}. Write the file again."
         )
+    # The answer is one line of JSON, followed by the bytes of the columns in that order.
     head = done.stdout[: done.stdout.index(b"\n")]
     available, read_names, shapes = json.loads(head)
     columns = dict[str, NDArray[Any]]()
     at = len(head) + 1
     for name, (dtype, shape) in zip(read_names, shapes, strict=True):
         count = math.prod(shape)
+        # `frombuffer` refuses an offset at the end of the buffer, so an empty column starts at 0.
         columns[name] = np.frombuffer(done.stdout, dtype, count, at if count else 0).reshape(shape)
         at += columns[name].nbytes
     return available, columns
@@ -133,17 +141,20 @@ def read_npz(
     path: str, names: Collection[str] | None, prefix: str, max_bytes: int
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """Names and columns of an NPZ archive, as `read_isolated` gives them of other formats."""
+    # This comes before `zipfile` lists the directory, whose size the file itself declares.
     _require_small_directory(path)
     with zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         chosen = choice_of(names, prefix)
         wanted = {name: info for name, info in members.items() if chosen(name)}
+        # numpy writes only these two methods.
         for name, info in wanted.items():
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 got = f"column {name!r} has ZIP method {info.compress_type}"
                 raise ValueError(
                     f"must be compressed as numpy does; {got}. Save it with numpy.savez_compressed."
                 )
+        # The sizes that the directory declares are checked before anything is expanded.
         require_size(sum(info.file_size for info in wanted.values()), max_bytes)
         return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
 
@@ -152,6 +163,8 @@ def _require_small_directory(path: str) -> None:
     """Refuse an archive with so many members that listing them takes long."""
     with open(path, "rb") as file:
         file.seek(0, os.SEEK_END)
+        # The end record has 22 bytes, a comment of at most 64 KiB after it, and perhaps a ZIP64
+        # locator of 20 bytes before it.
         file.seek(max(file.tell() - (1 << 16) - 22 - 20, 0))
         tail = file.read()
     at = tail.rfind(b"PK\5\6")
@@ -159,8 +172,10 @@ def _require_small_directory(path: str) -> None:
         raise ValueError(
             "must be an NPZ archive; it has no directory of a ZIP file. Write it again."
         )
+    # The size of the directory stands 12 bytes into the end record.
     (size,) = struct.unpack_from("<I", tail, at + 12)
     limit = LIMITS.directory
+    # A ZIP64 locator announces sizes that the fields of the end record cannot hold.
     if size > limit or tail[max(at - 20, 0) : at].startswith(b"PK\6\7"):
         raise ValueError(
             f"must hold at most some {limit >> 7} columns; its directory is larger. Cut it."

@@ -133,6 +133,7 @@ def read_table(
 
 def kind_of(path: str | Path) -> str:
     """The kind of a file by its ending, of a folder by what is in it."""
+    # A bag or data set is recognised by its index, since folders have no suffix.
     for kind, inside in _FOLDERS.items():
         if Path(path, inside).is_file():
             return kind
@@ -164,14 +165,17 @@ def read_file(
 ) -> dict[str, NDArray[Any]]:
     """Read columns of a file of this kind, as `read_table` does, with `options` of `options_of`."""
     with load_errors(path):
+        # The size of a folder says nothing: readers open some of its files only.
         if not (kind in _FOLDERS and Path(path).is_dir()):
             require_bounded(path, LIMITS.messages if kind in _OF_MESSAGES else LIMITS.columns)
         wanted = None if names is None else [f"{prefix}{name}" for name in names]
+        # The clock names a column, so it takes the prefix as well.
         if options.get("clock") is not None:
             options["clock"] = f"{prefix}{options['clock']}"
         if kind == "csv":
             available, columns = _csv(path, wanted, prefix)
         else:
+            # Third-party libraries read in a child process; numpy archives are safe to read here.
             request = os.fspath(path), wanted, prefix, LIMITS.columns
             available, columns = (
                 read_npz(*request) if kind == "npz" else read_isolated(kind, *request, **options)
@@ -189,9 +193,11 @@ def require_columns(
     names: Iterable[str], columns: Mapping[str, Any], available: Iterable[str] | None = None
 ) -> None:
     """Refuse a table that lacks one of these columns, and offer the nearest name that it has."""
+    # Duplicates would fill the list of names that the message shows.
     available = list(dict.fromkeys(columns if available is None else available))
     for name in names:
         if name not in columns:
+            # Six names show the style of the file; more would hide the hint.
             listed = ", ".join(repr(column) for column in available[:6])
             hint = near(name, available, "Correct the mapping.")
             listed = (
@@ -208,6 +214,7 @@ def _csv(
     def chosen(name: str) -> bool:
         return name.startswith(prefix) if wanted is None else name in wanted
 
+    # Only wanted columns are parsed, so that others may hold text.
     names, rows = read_rows(path, chosen=chosen)
     if names is None:
         raise ValueError(
@@ -222,6 +229,7 @@ def _csv(
 
 def _numbers(name: str, column: NDArray[Any]) -> NDArray[Any]:
     """A column as float64 or int64 of this machine, one-dimensional or (N, n)."""
+    # MATLAB and HDF5 store a single sample as a scalar.
     column = np.atleast_1d(column)
     if column.ndim > 2 or column.size == 0:
         raise ValueError(
@@ -229,6 +237,7 @@ def _numbers(name: str, column: NDArray[Any]) -> NDArray[Any]:
         )
     if column.dtype.kind == "f":
         return column.astype(float)
+    # Counts stay integers: a float64 would round those above 2**53.
     if column.dtype.kind == "u" and (column > np.iinfo(np.int64).max).any():
         raise ValueError(
             f"must hold whole numbers below 2^63; got {column.max()} in column {name!r}."

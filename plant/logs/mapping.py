@@ -71,6 +71,7 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -
     instance("columns", columns, dict, advice)
     for field in columns:
         choice("what a column is mapped to", field, _FIELDS)
+    # The error follows from exactly one measurement; a second one could contradict it.
     measured = [field for field in MEASURED if field in columns]
     if len(measured) != 1:
         raise ValueError(
@@ -86,6 +87,7 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -
         columns,
         {} if units is None else instance("units", units, dict, 'Give units={"t": "s", ...}.'),
     )
+    # None stands for a joint without a link encoder, and is refused in all other fields.
     listed = [(field, name) for field, value in columns.items() for name in _names(value)]
     names = [name for field, name in listed if name is not None or field not in _PARTIAL]
     if not all(isinstance(name, str) for name in names):
@@ -111,6 +113,7 @@ def record_fields(
     names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")
     stated = {field: _unit(field, unit, rig.n) for field, unit in (units or {}).items()}
+    # A field with a single unit takes that one; `require_units` has refused any other omission.
     stated = {field: stated.get(field, UNITS[field][0]) for field in columns if field in UNITS}
     require_columns(names, table)
     values = {field: _block(table, field, columns[field], rig.n) for field in columns}
@@ -120,8 +123,10 @@ def record_fields(
         raise ValueError(
             f"columns must have one length; got {lengths}. Map columns of one sampling."
         )
+    # Notes leave the values here, so that their missing cells take no weight from a row.
     notes = {field: float(of(values.pop(field))) for field, of in _NOTED.items() if field in values}
     values, t = _in_time(values, stated, rig)
+    # The rows that really hold a command must be found before `_held` fills the gaps.
     path_field = next((name for name in _PATH_FIELDS if name in values), None)
     logged = None if path_field is None else ~np.isnan(values[path_field]).any(axis=1)
     values, valid = _held(values, rig.joint_labels)
@@ -129,6 +134,8 @@ def record_fields(
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
     fields = {"t": t, "valid": valid, "notes": notes}
+    # A step of the positions that is no whole pulse points to another gear or resolution than the
+    # rig's; the checkup reads this note.
     if measured.endswith("position") and stated[measured] != "pulses":
         notes |= _own_steps(measured, values[measured], stated[measured], rig)
     for field in values.keys() - {"valid"}:
@@ -139,15 +146,18 @@ def record_fields(
         and logged is not None
         and not rig.encoder.smooth
     ):
+        # Unrounded commanded positions are the path itself, which is more exact than its counts.
         angles = converted_angle(path_field, values[path_field], stated[path_field], rig)
         commanded = fields["reference_pulses"]
         fields["reference"] = path = path_through(t[logged], angles[logged], commanded[logged], rig)
         if path is not None and not logged.all():
+            # Here `_held` has repeated the previous command; the path knows the true one.
             commanded[~logged] = rig.counts(path(t[~logged] - t[logged][0]).q)
     counts = fields.pop("counts", None)
     commanded = fields.get("reference_pulses")
     if commanded is None and reference is not None:
         commanded = fields["reference_pulses"] = rig.counts(reference(t).q)
+    # Error = reference - counts; a record without a reference has zeros in its place.
     if counts is not None:
         fields["error_pulses"] = -counts if commanded is None else commanded - counts
     elif commanded is None:
@@ -177,6 +187,7 @@ def _names(value):
 def _block(table, field, value, n):
     """The columns of one field, (N, n); (N,) where there is one for all joints."""
     single = field in ("t", "valid", *_NOTED)
+    # The columns of absent link encoders take their length from the named columns.
     length = next((len(table[name]) for name in _names(value) if name is not None), None)
     if length is None:
         raise ValueError(f"{field!r} must name a column at least; got {value!r:.80}. Leave it out.")
@@ -200,6 +211,7 @@ def _block(table, field, value, n):
         raise ValueError(
             f"{field!r} must have {expected}; got {block.shape[1]} ({value!r:.80}). Map as many."
         )
+    # NaN marks a missing cell; an infinite number is a fault of the log.
     if np.isinf(block).any():
         raise ValueError(
             f"{field!r} must be finite, or NaN where it is missing; got inf. Mark such cells NaN."
@@ -210,12 +222,15 @@ def _block(table, field, value, n):
 def _in_time(values, stated, rig):
     """Times from zero [s], and the values without the rows that repeat a time."""
     if "t" not in values:
+        # Without stamps the samples are one period of the controller apart.
         return values, rig.period * np.arange(len(next(iter(values.values()))))
     stamp = values.pop("t")
     if np.isnan(stamp).any():
         raise ValueError(
             f"t must be finite; got nan in row {int(np.argmax(np.isnan(stamp)))}. Drop that row."
         )
+    # Of rows with one stamp only the first stays: time must increase, and a repeated row is no
+    # second measurement.
     new = np.append(True, stamp[1:] != stamp[:-1])
     if not new.all():
         text = (
@@ -238,12 +253,16 @@ def _held(values, labels):
             continue
         present = ~np.isnan(value)
         if field in _PARTIAL:
+            # A joint without a link encoder is NaN throughout; its column takes no weight from a
+            # row.
             present |= ~present.any(axis=0)
         if not present.any(axis=0).all():
             raise ValueError(
                 f"{field!r} must hold numbers; {labels[np.argmin(present.any(axis=0))]} has none."
                 " Check."
             )
+        # The running maximum is the index of the latest row that holds a number, -1 before the
+        # first.
         row = np.maximum.accumulate(np.where(present, np.arange(len(value))[:, None], -1), axis=0)
         row = np.where(row < 0, np.argmax(present, axis=0), row)  # before the first: the first
         held[field] = np.take_along_axis(value, row, axis=0)
@@ -265,16 +284,19 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
             for w in wrap.tolist()
         ]
     )
+    # A counter cannot span more than its wrap; 1e-9 allows for the rounding of angles.
     if (np.ptp(value, axis=0) > wrap * (1 + 1e-9)).any():
         joint = int(np.argmax(np.ptp(value, axis=0) / wrap))
         got = f"{labels[joint]} spans {np.ptp(value[:, joint]):g}"
         raise ValueError(
             f"wrap must be as large as what is logged; got {wrap[joint]:g}, but {got}. Correct it."
         )
+    # Integers stay exact, however many wraps are added.
     is_integer = value.dtype.kind == "i" or (value == np.round(value)).all()
     kind = np.int64 if is_integer and (wrap == np.round(wrap)).all() else float
     value = value.astype(kind)
     wrap = wrap.astype(kind)
+    # A step of more than half a wrap is a passage through the wrap in the opposite direction.
     turns = -np.cumsum(np.round(np.diff(value, axis=0) / wrap).astype(np.int64), axis=0)
     return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
 
@@ -283,10 +305,13 @@ def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, flo
     """Notes of joints whose positions (N, n) are multiples of a step other than whole pulses."""
     to_pulses = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
     notes = dict[str, float]()
+    # Pulses of each joint's own motor per unit of the logged position.
     pulses = np.abs(np.diagonal(to_pulses(np.eye(rig.n) * factors(unit))))
     for i in range(0 if rig.encoder.smooth else rig.n):
         step = _clean_step(value[:, i])
         step_pulses = step * pulses[i]
+        # A step of 10**-k, as logged or after a conversion between rad and deg, comes from printed
+        # decimals and tells nothing about the encoder.
         decimals = np.log10(max(step, 1e-300) * np.array((1, np.pi / 180, 180 / np.pi)))
         off = (
             np.abs(step_pulses - np.round(step_pulses)) > STEPS.pulse_tolerance
@@ -297,7 +322,7 @@ def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, flo
     return notes
 
 
-def _clean_step(value: NDArray[np.float64]) -> float:
+def _clean_step(value: Floats) -> float:
     """The step of which all differences of values (N,) are multiples; 0 where there is none."""
     levels = np.unique(value[np.isfinite(value)])
     if len(levels) < STEPS.min_levels:
@@ -308,5 +333,6 @@ def _clean_step(value: NDArray[np.float64]) -> float:
     # The cell at zero of `fix` is two wide: its neighbours' centres are half a step further.
     halves = np.round(2 * apart / apart.min())
     step = float(2 * apart.sum() / halves.sum())
+    # Distances are doubled, since the levels beside zero are half a step further away.
     off = 2 * (levels - levels[0])
     return step if np.abs(off / step - np.round(off / step)).max() < STEPS.level_tolerance else 0.0

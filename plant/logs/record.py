@@ -117,6 +117,7 @@ class Record(FromFiles, Frozen):
     notes: Mapping[str, Any] | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        # 1. Parts: a wrong type would fail much later, without the name of the argument.
         for name, kind in (
             ("rig", Rig),
             ("law", (Law, type(None))),
@@ -131,11 +132,13 @@ class Record(FromFiles, Frozen):
         if self.columns is not None:
             instance("columns", self.columns, dict, "Give the mapping of from_table.")
         object.__setattr__(self, "notes", _noted(self.notes))
+        # 2. Times, which must increase before anything is divided by their steps.
         t = array("t", self.t, ("N",), advice="Give the time of each sample [s].", shared=True)
         if not len(t):
             raise ValueError(
                 "t must hold samples; got none. Check that the log was written to the end."
             )
+        # The message names the index, by which the row is found in the file.
         stuck = np.flatnonzero(np.diff(t) <= 0)
         if len(stuck):
             i = int(stuck[0]) + 1
@@ -143,11 +146,13 @@ class Record(FromFiles, Frozen):
                 f"t must increase; got {t[i]} after {t[i - 1]} at index {i}. Sort the rows or drop"
                 " one."
             )
+        # 3. Signals: one row per sample, one column per joint.
         shape = (len(t), self.rig.n)
         values = {"t": t}
         for name in COLUMNS:
             value = getattr(self, name)
             if value is not None:
+                # A joint without a link encoder has a column of NaN; no other signal may have gaps.
                 partial = name == "link_counts"
                 advice = "Give one row per sample, one column per joint."
                 values[name] = array(
@@ -161,11 +166,13 @@ class Record(FromFiles, Frozen):
                 " -counts."
             )
         if self.reference_pulses is None:
+            # Without a reference the error is minus the counts.
             values["reference_pulses"] = np.zeros(shape)
         valid = np.ones(len(t)) if self.valid is None else self.valid
         values["valid"] = valid = array(
             "valid", valid, shape[:1], advice="Give one weight per sample.", shared=True
         )
+        # A weight above 1 would count a sample more than once.
         wrong = np.flatnonzero((valid < 0) | (valid > 1))
         if len(wrong):
             got = f"got {valid[wrong[0]]:g} at index {wrong[0]}"
@@ -174,9 +181,12 @@ class Record(FromFiles, Frozen):
             values["initial"] = array(
                 "initial", self.initial, (2, self.rig.n), advice="Give q and qd at t = 0."
             )
+        # 4. Records share their arrays, so nobody may write to them.
         for name, value in values.items():
             value.setflags(write=False)
             object.__setattr__(self, name, value)
+        # A law may need columns that this record lacks; it refuses here and not in the middle of a
+        # fit.
         if self.law is not None:
             self.law.replayed(self)
 
@@ -197,6 +207,8 @@ class Record(FromFiles, Frozen):
         Its name in the file, if one was mapped, and the field; otherwise the field alone.
         """
         mapping = self.columns or {}
+        # A signal may have been computed from another column, which is the one that the user can
+        # correct.
         names = [name for name in (field, *SOURCES.get(field, ())) if name in mapping]
         mapped = mapping[names[0]] if names else None
         if isinstance(mapped, str):
@@ -242,6 +254,8 @@ class Record(FromFiles, Frozen):
             )
         stretch = slice(rows[0], rows[-1] + 1)
         reference = self.reference
+        # A cut that starts later has no known initial state, and its reference starts in its
+        # middle.
         offset = float(self.t[rows[0]] - self.t[0])
         values = {name: getattr(self, name) for name in (*COLUMNS, "valid")}
         cut: dict[str, Any] = {
@@ -287,6 +301,7 @@ def _require_sensors(rig: Rig, counts: Floats) -> None:
     numbers = np.isfinite(counts)
     stated = rig.encoder.side
     has_sensor = np.asarray(numbers.any(axis=0))
+    # A joint has its sensor in all samples or in none.
     advice = "A joint without a second encoder is NaN throughout."
     if (numbers != has_sensor).any():
         index = tuple(np.argwhere(numbers != has_sensor)[0].tolist())
@@ -299,6 +314,7 @@ def _require_sensors(rig: Rig, counts: Floats) -> None:
         )
     wrong = np.flatnonzero(has_sensor != rig.encoder.on_links(rig.n))
     if len(wrong) and stated not in ("motor", "link"):
+        # The rig says joint by joint which have two encoders.
         label = rig.joint_labels[wrong[0]]
         got = "has a column" if has_sensor[wrong[0]] else "is NaN"
         raise ValueError(
@@ -316,6 +332,7 @@ def _noted(notes: Any) -> dict[str, str | float]:
             raise ValueError(
                 f"notes must be text or numbers by name; got {name!r:.40}: {value!r:.40}. {advice}"
             )
+        # A temperature that was written as text would be compared as text later.
         if name in NUMBERS or not isinstance(value, str):
             real(f"note {name!r:.40}", value, advice)
     return {

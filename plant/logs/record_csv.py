@@ -31,6 +31,7 @@ COLUMNS = {
 def write(record: Any, path: str | Path) -> None:
     """Write a record. Line 1 is ``#`` and a JSON object, line 2 names columns and units."""
     parts = {name: getattr(record, name) for name in ("rig", "law", "reference")}
+    # The version stands in the header, so that a later format can be told from this one.
     header = {
         "onepulse": 1,
         **{name: None if part is None else part.describe() for name, part in parts.items()},
@@ -38,18 +39,21 @@ def write(record: Any, path: str | Path) -> None:
     header["initial"] = None if record.initial is None else record.initial.tolist()
     header["notes"] = dict(record.notes)
     names = ["t [s]"]
+    # Columns follow the order of `COLUMNS`; fields that the record lacks have none.
     columns = [record.t[:, None]]
     for field, (name, unit) in COLUMNS.items():
         value = getattr(record, field)
         if value is not None:
             names += [f"{name}_{i + 1} [{unit}]" for i in range(record.n)]
             columns.append(value)
+    # Weights of 1 are the default, and most files have no such column.
     if (record.valid != 1).any():
         names.append("valid [1]")
         columns.append(record.valid[:, None])
     with open(path, "w", encoding="utf-8") as file:
         file.write(f"# {json.dumps(header)}\n{','.join(names)}\n")
         for row in np.hstack(columns):
+            # 17 digits restore each float64 exactly.
             file.write(",".join(f"{x:.17g}" for x in row) + "\n")
 
 
@@ -67,6 +71,7 @@ def read(
         path, comment=lambda count, line: header.update(header or _header(count, line))
     )
     _require_finite(path, names, table)
+    # Arguments take precedence over the header.
     rig = rig or _part(header, "rig")
     if rig is None:
         raise ValueError("does not name its rig; a plain file needs one. Pass rig= and law=.")
@@ -74,6 +79,7 @@ def read(
         raise ValueError(
             f"cannot be read: rig of a record must be a Rig; got {rig!r:.60}. Pass rig=."
         )
+    # Columns of this format carry their unit in brackets; a plain file may have any names.
     named = names is not None and any("[" in name for name in names)
     return {
         "t": table[:, 0],
@@ -94,6 +100,7 @@ def _require_finite(path: str | Path, names: list[str] | None, table: Floats) ->
         return
     row, column = broken[0]
     with open(path, encoding="utf-8-sig") as file:
+        # Count the lines of the file again, since rows skip comments and empty lines.
         lines = [
             count
             for count, line in enumerate(file, 1)
@@ -115,8 +122,10 @@ def _plain(table: Floats, rig: Rig) -> dict[str, Floats]:
         got = f"got {table.shape[1]} columns"
         advice = "Leave out others, or name them with columns=."
         raise ValueError(f"must hold t, {n} reference and {n} error columns; {got}. {advice}")
+    # A fraction shows that angles were written in place of counts.
     broken = np.argwhere(np.abs(table[:, 1:] - np.trunc(table[:, 1:])) > 0)
     if len(broken) and not rig.encoder.smooth:
+        # The time was not tested, so columns of the file start one later.
         row, column = broken[0] + (0, 1)
         value = f"got {table[row, column]:g} in row {row}, column {column + 1}"
         raise ValueError(
@@ -138,12 +147,14 @@ def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
             raise ValueError(
                 f"has an unknown column {name!r:.40}; known are {', '.join(places)}. Rename it."
             )
+        # Two columns of one name would leave the choice to their order.
         if name in names[1:column]:
             raise ValueError(f"has column {name!r} twice; each may come once. Drop one.")
         field, joint = places[name]
         if field == "valid":
             fields[field] = table[:, column]
         else:
+            # A joint whose column is missing keeps NaN, which `Record` refuses or accepts by field.
             fields.setdefault(field, np.full((len(table), n), np.nan))[:, joint] = table[:, column]
     if "error_pulses" not in fields:
         raise ValueError(
@@ -154,6 +165,7 @@ def _named(names: list[str], table: Floats, n: int) -> dict[str, Floats]:
 
 def _header(count: int, line: str) -> dict[str, Any]:
     try:
+        # Any comment may start with #; only a JSON object is a header.
         header = json.loads(line[1:])
     except (ValueError, RecursionError):
         return {}  # a comment
@@ -166,6 +178,7 @@ def _header(count: int, line: str) -> dict[str, Any]:
 
 def _part(header: Mapping[str, Any], name: str) -> Any:
     try:
+        # A header may be nested deeper than Python's recursion limit.
         return from_plain(header.get(name))
     except RecursionError:
         raise ValueError(

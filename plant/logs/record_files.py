@@ -42,6 +42,7 @@ class FromFiles:
         this record's own columns. Of an evaluation, write its ``record``.
         """
         record: Any = self
+        # MCAP has times in whole nanoseconds.
         times = np.rint(1e9 * (record.t - record.t[0])).astype(int).tolist()
         columns = {
             name: getattr(record, name)
@@ -50,10 +51,12 @@ class FromFiles:
         }
         columns |= {"valid": record.valid[:, None]}
         topics = joint_topics(record.n, {name: values.shape[1] for name, values in columns.items()})
+        # The centre of the quantisation cell is the best estimate of a position from its count.
         q = record.rig.cell_centre(record.counts)
         q_r = record.rig.to_angle(record.reference_pulses)
         torque = columns.get("torque", np.zeros((len(times), 0)))
         with McapFile(path, record.rig.drive.joints, record.n, topics) as file:
+            # Sample by sample, so that the messages of all topics are in order of time.
             for k, time in enumerate(times):
                 file.append("/joint_states", time, (q[k], (), torque[k]))
                 file.append("/reference", time, (q_r[k], (), ()))
@@ -105,11 +108,13 @@ class FromFiles:
             return cls._read(
                 "csv", path, None, rig=rig, law=law, reference=reference, initial=initial, **log
             )
+        # These would be ignored without a word, since the formats of the library have fixed units.
         if units is not None or wrap is not None or prefix:
             raise ValueError(
                 "units, wrap and prefix are for mapped columns; got no mapping. Pass columns= as"
                 " well."
             )
+        # Refusals of `Record` belong to the file as well, so it is made inside.
         with load_errors(path):
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
             return cls(**fields | {"name": str(path)})
@@ -150,6 +155,7 @@ class FromFiles:
             A file that cannot be read, or that does not hold what is mapped.
         """
         with load_errors(path):
+            # The suffix chooses the reader; a folder is known by its contents.
             kind = kind_of(path)
         log: dict[str, Any] = {"columns": columns, "units": units, "wrap": wrap, "prefix": prefix}
         return cls._read(
@@ -162,6 +168,7 @@ class FromFiles:
     ) -> Self:
         names = mapped_names(log["columns"], log["units"])
         instance("rig", log["rig"], Rig, "Pass rig=.")
+        # The measured column is the clock of messages: its topic gives the instants of all samples.
         measured = next(log["columns"][field] for field in MEASURED if field in log["columns"])
         clock = measured if isinstance(measured, str) else measured[0]
         name = str(path) if episode is None else f"{path}, episode {episode}"
@@ -237,6 +244,7 @@ class FromFiles:
         arguments["columns"] = {
             key: value if isinstance(value, str) else tuple(value) for key, value in columns.items()
         }
+        # Fields of the table take precedence: a path in it becomes the reference.
         fields = record_fields(
             table, rig=rig, columns=columns, units=units, wrap=wrap, reference=reference
         )

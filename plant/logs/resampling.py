@@ -33,6 +33,7 @@ SETTINGS = ResamplingSettings()
 def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     """Fields of `Record.resampled`."""
     t = record.t
+    # The median is the nominal interval of a log with gaps.
     nominal = float(np.median(np.diff(t))) if len(t) > 1 else period
     if not nominal / SETTINGS.max_ratio <= period <= nominal * SETTINGS.max_ratio:
         got = f"got {period:g} s, and the log's interval is {nominal:g} s"
@@ -44,7 +45,10 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
             f"period must give at most {SETTINGS.max_samples} samples; got {period:g} s. Give"
             " seconds."
         )
+    # The factor 1 + 1e-12 keeps the final sample of a duration of whole periods in spite of
+    # rounding.
     times = t[0] + period * np.arange(int(np.floor((t[-1] - t[0]) / period * (1 + 1e-12))) + 1)
+    # 1. The old samples around each new one, and its fraction of the interval between them.
     earlier = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 1)
     later = np.minimum(earlier + 1, len(t) - 1)
     step = np.diff(t, append=np.inf)[earlier]
@@ -57,11 +61,15 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     def between(value: Floats) -> Floats:
         return value[earlier] + share[:, None] * (value[later] - value[earlier])
 
+    # 2. Weights: at an old sample its own, between two the smaller one, in a gap 0, because nothing
+    # was measured there.
     weight = np.where(
         share == 0, record.valid[earlier], np.where(share == 1, record.valid[later], 0.0)
     )
     inside = (share > 0) & (share < 1) & ~gap[earlier]
     weight[inside] = np.minimum(record.valid[earlier], record.valid[later])[inside]
+    # 3. Signals. Reference and counts are rounded separately, so that the error is a whole number
+    # of pulses, as in a controller.
     reference = np.round(between(record.reference_pulses))
     fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
     fields |= {"t": times, "valid": weight, "rig": dataclasses.replace(record.rig, period=period)}
@@ -72,6 +80,7 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     fields |= {
         n: between(fields[n]) for n in ("link_counts", "true_q", "true_qd") if fields[n] is not None
     }
+    # Torques act throughout a period: means preserve their impulse, samples would not.
     torques = [name for name in ("torque", "current", "injected") if fields[name] is not None]
     fields |= {name: _means(t, fields[name], gap, times, period) for name in torques}
     return fields
@@ -79,8 +88,10 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
 
 def _means(t, value, gap, times, period):
     """Means over each new period of a zero-order hold; across gaps, of a straight line."""
+    # Between neighbouring instants, old or new, the torque is constant, or linear in a gap.
     edges = np.union1d(t, np.append(times, times[-1] + period))
     edges = edges[edges <= times[-1] + period]
+    # The value at the middle times the length is the exact integral of such a piece.
     middle = (edges[1:] + edges[:-1]) / 2
     lengths = np.diff(edges)[:, None]
     row = np.searchsorted(t, middle, side="right") - 1

@@ -81,6 +81,7 @@ def read_records(
             " 'runs/*.csv'."
         )
     log: dict[str, Any] = {"rig": rig, "law": law, "reference": reference, "initial": initial}
+    # Without a mapping the files are those of `to_csv`.
     if columns is None:
         read = (
             Record.from_csv(file, **log, units=units, wrap=wrap, prefix=prefix) for file in files
@@ -92,12 +93,14 @@ def read_records(
     records = list[Record]()
     for file in files:
         with load_errors(file):
+            # A data set counts as its episodes; any other file is one record.
             kind = kind_of(file)
             chosen = (
                 tuple(range(episodes_of(str(file))) if episodes is None else episodes)
                 if kind == "lerobot"
                 else ()
             )
+        # None is the only episode of a file that is no data set.
         for episode in chosen or (None,):
             records.append(_with_notes(Record.read(file, episode=episode, **log), notes, file))
     return tuple(records)
@@ -111,16 +114,20 @@ def notes_of(notes: str | Mapping[str, Any], path: str | Path) -> dict[str, Any]
     """
     if not isinstance(notes, str):
         return dict(notes)
+    # Every second part is the name in braces, the others are literal text.
     parts = re.split(r"\{(\w+)\}", notes)
     names = parts[1::2]
+    # The names become groups of a regular expression, which must be unique identifiers.
     if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
         raise ValueError(
             f'notes must name what they find in braces, as "{{robot}}_{{time}}"; got {notes!r:.60}.'
             " Do so."
         )
+    # A value does not cross a folder, so that "{robot}/{time}" takes one folder each.
     spelt = "".join(
         f"(?P<{part}>[^/]+)" if i % 2 else re.escape(part) for i, part in enumerate(parts)
     )
+    # The suffix starts with a letter, so the decimals of a temperature are no suffix.
     match = re.fullmatch(f"(?:.*/)?{spelt}", re.sub(r"\.[A-Za-z]\w*$", "", Path(path).as_posix()))
     if match is None:
         raise ValueError(
@@ -141,8 +148,10 @@ def _with_notes(record: Record, notes: Any, file: str | Path) -> Record:
 
 def _matches(path: str | Path) -> list[str | Path]:
     """Files that match a pattern, sorted by name; a path without wildcards stands for itself."""
+    # A file whose own name has brackets is no pattern.
     if not glob.has_magic(str(path)) or Path(path).exists():
         return [path]
+    # `glob` returns files in the order of the disk.
     files: list[str | Path] = sorted(glob.glob(str(path)))
     if not files:
         raise LoadError(f"{path} must match a file; it matches none. Check the pattern.")

@@ -109,11 +109,14 @@ def factors(unit: Unit) -> float | Floats:
 
 def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
     """Refuse a unit that is unknown, missing, or for a column that is not mapped."""
+    # A misspelt key in units would otherwise show up as the missing unit of the column that it was
+    # meant for.
     for name in units:
         choice("units of a column that is mapped; the column", name, tuple(columns))
     for name in columns:
         allowed = UNITS.get(name, ("1",))
         if name not in units:
+            # A column with a single possible unit, such as counts, needs no statement.
             if len(allowed) > 1:
                 offered = ", ".join(map(repr, allowed))
                 raise ValueError(
@@ -123,6 +126,8 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
         stated = units[name]
         for joint_unit in stated if isinstance(stated, (tuple, list)) else (stated,):
             choice(f"unit of {name!r}", joint_unit, allowed)
+        # Only units of the joints themselves may differ: pulses and motor units are the same for
+        # revolute and prismatic joints.
         if isinstance(stated, (tuple, list)) and not _PER_JOINT.issuperset(stated):
             among = ", ".join(repr(unit) for unit in allowed if unit in _PER_JOINT) or "none"
             got = f"got {stated!r:.60}"
@@ -134,12 +139,17 @@ def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
 def require_period(t: Floats, unit: str, period: float) -> None:
     """Refuse times [s] whose step is far from the rig's period."""
     factor = CHECKS.period_factor
+    # The median ignores gaps and jitter of the stamps. `Record` refuses times that do not increase,
+    # and names the row.
     step = float(np.median(np.diff(t))) if len(t) > 1 else period
     if step <= 0 or period / factor <= step <= period * factor:
         return
+    # A period above the slowest plausible one is itself in the wrong unit, so the message blames
+    # the rig and not the log.
     if period > SLOWEST:
         got = f"it is {period:g} s, and t steps by {step:g} s"
         raise ValueError(f"rig.period must be in seconds, such as 0.001; {got}.")
+    # Offer a unit in which the same stamps would step by about the rig's period.
     fits = [
         name
         for name, per in TIME.items()
@@ -162,6 +172,7 @@ def require_span(name: str, q: Floats, unit: Unit, labels: Sequence[str]) -> Non
         )
         if span / per <= limit:
             continue
+        # Offer another unit only if the span becomes plausible in it.
         alternative = {"rad": "deg", "m": "mm"}.get(joint_unit)
         fits = alternative is not None and span / per * (ANGLE | LENGTH)[alternative] <= limit
         counts = "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
@@ -175,10 +186,13 @@ def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], Floa
 
     `readings` are the positions in pulses (N, n) under each alternative column and unit.
     """
+    # A log without motion agrees with every grid, and tells nothing about the unit.
     if not (moving := np.ptp(readings[name, unit], axis=0) > 0).any():
         return True
     if on_grid(readings[name, unit])[1].all():
         return True
+    # Another unit is convincing only if each moving joint covers several pulses in it: a short
+    # motion lies within the tolerance of many grids.
     for (column, column_unit), position in readings.items():
         moved = np.ptp(position, axis=0)[moving]
         if (moved >= CHECKS.min_motion).all() and on_grid(position)[1].all():
@@ -197,6 +211,8 @@ def on_grid(position: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     cell, which is two pulses wide.
     """
     away = np.abs(position) > 0.1
+    # The circular mean is the common shift modulo one pulse. Zeros are left out: they lie on the
+    # grid whatever the shift is.
     shift = np.angle((np.exp(2j * np.pi * position) * away).sum(axis=0)) / (2 * np.pi)
     off = (position - shift) * away
     return shift, np.abs(off - np.round(off)).max(axis=0) < 0.1
@@ -212,12 +228,14 @@ def require_limit(
 ) -> None:
     """Refuse torques or currents (N, n) far above the amplifier's limit (n,), on the same side.
 
-    `others` are factors (n,) between the value in other units and the value as stated.
+    `alternatives` are factors (n,) from the value as stated to its value in other units.
     """
     peak = np.abs(value).max(axis=0)
     if (peak <= CHECKS.limit_factor * limit).all():
         return
+    # Report the joint that exceeds its limit by the largest factor.
     joint = int(np.argmax(peak / limit))
+    # Offer only a unit in which no joint exceeds its limit.
     fits = [
         unit
         for unit, factor in alternatives.items()
@@ -238,11 +256,13 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
     if field in ("torque", "injected"):
         limit = rig.drive.torque_limit()
         gear = rig.drive.gear
+        # The limit is one of joint torque; it is compared on the side where the value was logged.
         if unit == "motor N m":
             require_limit(
                 field, value, limit / np.abs(gear), unit, {"N m": 1 / gear}, rig.joint_labels
             )
             return {field: rig.drive.joint_torque(value)}
+        # Each motor has its limit, so coupled joint torques are taken to the shafts first.
         require_limit(
             field, rig.drive.coupling.shaft_torque(value), limit, unit, {}, rig.joint_labels
         )
@@ -250,6 +270,7 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
     if field == "current":
         value = value / CURRENT[str(unit)]
         unit = str(unit)
+        # Factors from the value in ampere to what it would be if the log were in the other unit.
         alternatives = {
             alternative: CURRENT[unit] / per
             for alternative, per in CURRENT.items()
@@ -260,6 +281,8 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
     if field == "link_position":  # another sensor, of a resolution of its own
         absent = np.isnan(value)  # a motor that turns several joints is known by all of them
         pulses = rig.position_in_pulses(np.where(absent, 0.0, value * factors(unit)))
+        # A coupled motor has no link reading if one of the joints that it turns has none: the
+        # conversion of the mask spreads the absence to its column.
         return {
             "link_counts": np.where(
                 rig.position_in_pulses(absent.astype(float)) != 0, np.nan, pulses
@@ -273,6 +296,7 @@ def converted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> dict[str
         else "counts"
     )
     if unit == "pulses":
+        # A commanded position may lie between two pulses, measured counts may not.
         is_position = field == "reference_position"  # between two pulses, too
         return {
             name: rig.encoder.quantised(value.astype(float))
@@ -301,6 +325,8 @@ def path_through(t: Floats, q: Floats, counts: Floats, rig: Rig) -> Reference | 
         or on_grid(rig.position_in_pulses(q))[1].all()
     ):
         return None
+    # The spline must reproduce the counts at the samples and stay near the chord between them;
+    # otherwise it would add a motion that nobody commanded.
     path = Spline(times=t - t[0], points=q, at_rest=False)
     between = (t[1:] + t[:-1]) / 2 - t[0]
     bent = np.abs(
@@ -315,6 +341,7 @@ def _whole(field: str, value: NDArray[Any], rig: Rig) -> Floats:
     value = value.astype(float)
     if rig.encoder.smooth:
         return value
+    # Above 2**53 a fraction can no longer be seen, so such counts are refused as well.
     broken = np.argwhere((value != np.trunc(value)) | (np.abs(value) > _EXACT))
     if len(broken):
         got = (
@@ -332,16 +359,21 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
     """Counts of positions: whole pulses as they are, others as the rig's encoder counts them."""
     motor = "motor" in field
     angle = value * factors(unit)
+    # The span is checked before the conversion, so that the message speaks of the user's unit.
     require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit, rig.joint_labels)
     to_pulses = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
     position = to_pulses[motor](angle)
+    # A smooth encoder does not quantise, so there is no grid to compare with.
     if rig.encoder.smooth:
         return position
     shift, grid = on_grid(position)
+    # A reference may lie between pulses; only measured positions must lie on the grid.
     if field not in REFERENCE:
         names = {False: field.replace("motor_", ""), True: "motor_position"}
         readings: dict[tuple[str, Unit], Any] = {(field, unit): position}
         if unit in ANGLE:
+            # The position of a motor's shaft may have been mapped as that of the joint, or the
+            # reverse: both are tried in all units.
             readings |= {
                 (names[m], u): to_pulses[m](value * ANGLE[u]) for m in to_pulses for u in ANGLE
             }
@@ -349,6 +381,8 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
             readings |= {(field, u): to_pulses[motor](value * LENGTH[u]) for u in LENGTH}
         on_pulses = require_grid(field, unit, readings)
         if not on_pulses:
+            # The smallest step of an offending joint shows how its resolution differs from the
+            # rig's.
             step = _smallest_step(position[:, np.argmin(grid)])
             hint = (
                 ": state the resolution more exactly"
@@ -363,10 +397,12 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
                 f"{text}(smallest step {step:.{6 if hint else 3}g} pulses{hint}); counted as that"
                 " encoder would"
             )
+    # A shift within the tolerance of the grid is rounding, and no offset of the encoder.
     shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
     return rig.encoder.quantised(np.where(grid, np.round(position - shift) + shift, position))
 
 
 def _smallest_step(position):
     steps = np.diff(np.unique(position))
+    # Smaller differences are floating-point noise of one and the same level.
     return float(steps[steps > 1e-6].min(initial=np.inf))

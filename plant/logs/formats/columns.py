@@ -11,6 +11,7 @@ class RefusalError(ValueError):
 
 def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], bool]:
     """Predicate of the wanted columns: these names, or else all that start with the prefix."""
+    # Without names the prefix chooses; the parent has put the prefix before each given name.
     return (lambda name: name.startswith(prefix)) if names is None else set(names).__contains__
 
 
@@ -39,6 +40,7 @@ class Block(NamedTuple):
 
     def elements(self, name: str) -> Iterator[str]:
         """Names of the block's columns, of a block that is called `name`."""
+        # Elements have names or numbers, never both: a message would offer each column twice.
         if self.values.ndim == 2:
             yield from (f"{name}.{label}" for label in self.labels)
             yield from (
@@ -48,6 +50,7 @@ class Block(NamedTuple):
 
 def home_of(wanted: str, names: Iterable[str]) -> str | None:
     """The longest name of a block that `wanted` equals, or of which it is an element."""
+    # Names may contain dots and brackets themselves, so the longest match is the block.
     return max(
         (name for name in names if wanted == name or wanted.startswith((f"{name}.", f"{name}["))),
         key=len,
@@ -66,8 +69,10 @@ def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
         return block.values
     if block.values.ndim != 2:
         return None
+    # A label may hold any character, so it is compared as a whole and not parsed.
     if rest[1:] in block.labels and rest[0] == ".":
         return block.values[:, block.labels.index(rest[1:])]
+    # At most 9 digits: int() of a long text of digits is slow.
     index = re.fullmatch(r"\[(\d{1,9})\]", rest)
     return (
         block.values[:, int(index[1])] if index and int(index[1]) < block.values.shape[1] else None

@@ -19,12 +19,14 @@ def read(
     """Names and wanted columns of one episode; ``action.elbow``, ``action[1]`` are elements."""
     info = _info(path)
     features: Any = info.get("features")
+    # A file that does not describe its features can still be read by names.
     features = features if isinstance(features, dict) else {}
     numeric = [
         name
         for name, feature in features.items()
         if name.startswith(prefix) and _is_numeric(feature)
     ]
+    # The episode of each row is read as well: version 3 keeps several episodes in one file.
     wanted = [*(numeric if names is None else names), _EPISODE]
     available, blocks = read_blocks(_file_of(path, info, episode, max_bytes), wanted, "", max_bytes)
     if _EPISODE not in blocks:
@@ -38,11 +40,13 @@ def read(
         )
     chosen = {}
     for name, block in blocks.items():
+        # Labels that do not fit the width of the list are worse than indices.
         labels = _labels(features.get(name))
         fits = block.values.ndim == 2 and len(labels) == block.values.shape[1]
         chosen[name] = Block(block.values[rows], labels if fits else ())
     if names is None:
         return available, {name: chosen[name].values for name in numeric if name in chosen}
+    # Elements of lists are names that a message may offer.
     available = [
         *available,
         *(element for name, block in chosen.items() for element in block.elements(name)),
@@ -78,6 +82,7 @@ def _info(path: str) -> dict[str, Any]:
         raise RefusalError(
             "must have a meta/info.json that is JSON; it is not. Download it again."
         ) from None
+    # The layout of files differs between versions, so an unknown one is refused.
     version = str(info.get("codebase_version", "")) if isinstance(info, dict) else ""
     if not version.startswith(("v2.", "v3.")):
         raise RefusalError(
@@ -95,6 +100,7 @@ def _file_of(path: str, info: dict[str, Any], episode: int, max_bytes: int) -> s
         )
     pattern = str(info.get("data_path", ""))
     version = str(info["codebase_version"])
+    # Version 2 computes the file from the episode; version 3 looks it up in a table.
     if version.startswith("v2."):
         size = info.get("chunks_size")
         if not isinstance(size, int) or size < 1:
@@ -104,6 +110,7 @@ def _file_of(path: str, info: dict[str, Any], episode: int, max_bytes: int) -> s
         keys = {"episode_chunk": episode // size, "episode_index": episode}
     else:
         keys = _place_of(path, episode, max_bytes)
+    # The pattern comes from the data set: a long one is no path.
     if len(pattern) > 200:
         raise RefusalError(
             "must have a data_path below 200 characters in meta/info.json. Download it again."
@@ -115,6 +122,7 @@ def _file_of(path: str, info: dict[str, Any], episode: int, max_bytes: int) -> s
         raise RefusalError(
             f"must have a data_path that names files by episode; {got}. Correct it."
         ) from None
+    # A data set must not lead to a file outside of its folder.
     if not name or Path(name).is_absolute() or ".." in Path(name).parts:
         raise RefusalError(
             f"must have its data inside of its folder; data_path gives {name!r:.80}. Correct it."
@@ -153,6 +161,7 @@ def _labels(feature: Any) -> tuple[str, ...]:
     if isinstance(names, dict):
         lists = [value for value in names.values() if isinstance(value, list)]
         names = lists[0] if len(lists) == 1 else None
+    # Labels become names of columns, so each must be text and unique.
     sound = (
         isinstance(names, list)
         and all(isinstance(name, str) for name in names)

@@ -13,6 +13,7 @@ def read(
     path: str, names: Collection[str] | None, prefix: str, max_bytes: int
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of a MAT file; ``structure[k].field`` in an array of structures."""
+    # The size is bounded before scipy expands anything.
     _require_bounded(path, max_bytes)
     from scipy.io import loadmat
 
@@ -23,9 +24,11 @@ def read(
         contents = loadmat(path, squeeze_me=True, struct_as_record=True, variable_names=variables)
         return dict(_flat({name: value for name, value in contents.items() if name in variables}))
 
+    # Only variables that may hold a wanted column are loaded; others may be large or unreadable.
     columns = held = load([name for name in kinds if chosen(name) or _may_hold(names, name)])
     if not all(name in columns for name in names or ()):  # what else there is, for the message
         held = load([name for name, kind in kinds.items() if kind == "struct"])
+    # Plain variables are offered in messages without being loaded.
     plain = [name for name, kind in kinds.items() if kind != "struct"]
     return [*plain, *held], {name: value for name, value in columns.items() if chosen(name)}
 
@@ -37,6 +40,7 @@ def _kinds(path: str) -> dict[str, str]:
     try:
         return {name: kind for name, _, kind in whosmat(path)}
     except TypeError:
+        # `whosmat` fails on MATLAB objects, which have no shape; `loadmat` reads such files.
         contents = {
             name: value for name, value in loadmat(path).items() if not name.startswith("__")
         }
@@ -46,6 +50,7 @@ def _kinds(path: str) -> dict[str, str]:
 def _fields(value: Any) -> tuple[str, ...] | None:
     """Names of the fields of a structure, None of anything else."""
     fields = getattr(getattr(value, "dtype", None), "names", None)
+    # scipy keeps objects of MATLAB in a structured array of its own, whose fields are no columns.
     return None if type(value).__name__ == "MatlabOpaque" else fields
 
 
@@ -64,6 +69,7 @@ def _flat(values: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
         elif value.size == 1:
             yield from _flat({field: value[field].item() for field in fields}, f"{prefix}{name}.")
         else:
+            # MATLAB counts elements by columns.
             for k, element in enumerate(value.ravel(order="F")):
                 yield from _flat(
                     {field: element[field] for field in fields}, f"{prefix}{name}[{k}]."
@@ -82,6 +88,7 @@ def _require_bounded(path: str, max_bytes: int) -> None:
     """Refuse other formats than MAT v5, and a declared or expanded size above `max_bytes`."""
     with open(path, "rb") as file:
         head = file.read(128)
+        # Bytes 124 to 127 are version and byte order; version 2 is the HDF5 of MAT 7.3.
         if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
             raise RefusalError(
                 "must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5."
@@ -90,9 +97,11 @@ def _require_bounded(path: str, max_bytes: int) -> None:
             raise RefusalError(
                 "must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6."
             )
+        # "IM" is "MI" written with the low byte at the front.
         order = "<" if head[126:] == b"IM" else ">"
         total = 0
         size = os.path.getsize(path)
+        # Each element starts with a tag of 8 bytes: type and length.
         while len(tag := file.read(8)) == 8:
             kind, length = struct.unpack(f"{order}II", tag)
             start = file.tell()
@@ -100,10 +109,13 @@ def _require_bounded(path: str, max_bytes: int) -> None:
                 got = f"an element of {length} bytes goes beyond its end"
                 raise RefusalError(f"must be complete; {got}. Write it again.")
             if kind == 15:  # miCOMPRESSED
+                # The tag inside of the compressed element declares its expanded size.
                 inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
                 declared = 8 + struct.unpack(f"{order}II", inner)[1] if len(inner) == 8 else 0
                 require_size(total + declared, max_bytes)
                 file.seek(start)
+                # The declared size may be a lie, so the element is expanded piece by piece and
+                # counted.
                 expanded = _expanded(file, length, declared)
             else:
                 expanded = length
@@ -117,6 +129,7 @@ def _expanded(file: Any, length: int, declared: int) -> int:
     stream = zlib.decompressobj()
     total = 0
     while length > 0 and not stream.eof:
+        # Small pieces bound the memory, whatever the ratio of compression.
         piece = file.read(min(length, 1 << 16))
         if not piece:
             break

@@ -16,6 +16,8 @@ def read(
     from mcap_ros2.decoder import DecoderFactory
 
     with open(path, "rb") as file:
+        # The magic bytes stand at both ends; a recording that was interrupted lacks those at its
+        # end.
         if file.read(8) != b"\x89MCAP0\r\n":
             raise RefusalError("must be an MCAP file; its first bytes are not. Check its name.")
         file.seek(-8, 2)
@@ -25,6 +27,7 @@ def read(
             )
         file.seek(0)
         reader, decoders = make_reader(file, validate_crcs=True), DecoderFactory()
+        # The summary lists the topics without a pass through all messages.
         summary = reader.get_summary()
         if summary is None or not summary.channels:
             raise RefusalError(
@@ -34,6 +37,7 @@ def read(
         def messages(wanted: list[str]) -> Iterator[tuple[str, int, Any]]:
             decode = dict[int, Any]()
             for schema, channel, message in reader.iter_messages(topics=wanted) if wanted else ():
+                # A decoder is built once per channel, not once per message.
                 if channel.id not in decode:
                     kind = channel.message_encoding
                     decode[channel.id] = (
@@ -42,6 +46,8 @@ def read(
                 if decode[channel.id] is not None:
                     yield channel.topic, message.log_time, decode[channel.id](message.data)
                 elif names is not None:
+                    # Without names other encodings are skipped; a topic that was asked for must be
+                    # readable.
                     encoding = (
                         f"{channel.message_encoding} with"
                         f" {schema.encoding if schema else 'no schema'}"

@@ -37,12 +37,15 @@ def columns_of(
     `listed_topics` may repeat a topic. `messages` yields the topic, log time [ns] and decoded
     message of the topics that it receives.
     """
+    # Several channels may carry one topic.
     topics = list(dict.fromkeys(listed_topics))
     numbers = 0
     rows = dict[str, list[_Row]]()
     for topic, log_time, message in messages(_wanted_topics(names, prefix, topics)):
         fields = list(_flat(message, "", (), 0))
         numbers += sum(len(value) if isinstance(value, list) else 1 for _, value, _ in fields)
+        # The size is checked at each message, since a bag does not declare it; 2 more for the two
+        # times.
         require_size(8 * (numbers + 2), max_bytes)
         values = {name: value for name, value, _ in fields}
         labels = {name: elements for name, _, elements in fields if elements}
@@ -58,6 +61,7 @@ def columns_of(
         for topic, name, block in of_topics
         for column in (name, *block.elements(name))
     ]
+    # Topics that were not decoded are offered by their own names.
     available += [topic for topic in topics if topic not in blocks]
     if names is not None:
         return available, _sampled(blocks, names, clock)
@@ -73,6 +77,7 @@ def _wanted_topics(names: Collection[str] | None, prefix: str, topics: Iterable[
             for topic in topics
             if f"{topic}.".startswith(prefix) or prefix.startswith(f"{topic}.")
         ]
+    # Decoding takes most of the time, so topics without a wanted column are skipped.
     homes = {home_of(name, topics) for name in names}
     return [topic for topic in topics if topic in homes]
 
@@ -89,11 +94,13 @@ def _sampled(
         if topic is not None and values is not None:
             chosen.setdefault(topic, {})[name] = values
     for topic, columns in chosen.items():
+        # A message without any wanted number, as of a second publisher, is no sample.
         rows = _kept(topic, columns)
         chosen[topic] = {name: values[rows] for name, values in columns.items()}
         times[topic] = {
             name: blocks[topic][name].values[rows] for name in _TIMES if name in blocks[topic]
         }
+    # Topics have their own rates; the topic of the measurement gives the instants of all.
     clock_topic = next((topic for topic, columns in chosen.items() if clock in columns), None)
     if clock_topic is not None:
         for topic in chosen.keys() - {clock_topic}:
@@ -105,6 +112,7 @@ def _items(message: Any) -> Iterable[tuple[str, Any]]:
     """Fields of a message: of an object of some class, or of a dictionary."""
     if isinstance(message, Mapping):
         return ((str(name), value) for name, value in message.items())
+    # Decoded classes declare their fields in slots; others keep them in a dictionary.
     names: Any = getattr(type(message), "__slots__", None) or getattr(message, "__dict__", ())
     return ((name, getattr(message, name)) for name in names if not name.startswith("_"))
 
@@ -116,6 +124,7 @@ def _flat(
     if deep > _MAX_DEPTH:
         return
     fields = list(_items(message))
+    # Names first: they label all arrays beside them, in whatever order the fields come.
     for name, value in fields:
         if (
             name in _NAMES
@@ -124,11 +133,13 @@ def _flat(
         ):
             labels = tuple(value)
     for name, value in fields:
+        # The stamp of the header has a column of its own.
         if _is_stamp(name, value, deep):
             continue
         if isinstance(value, (bool, int, float)) or getattr(value, "shape", None) == ():
             yield f"{prefix}{name}", value, ()
         elif isinstance(value, (list, tuple, array.array)) or getattr(value, "ndim", None) == 1:
+            # Lists of messages and large arrays hold no joints.
             if 0 < len(value) <= _MAX_ELEMENTS and (
                 hasattr(value, "dtype") or isinstance(value[0], (bool, int, float))
             ):
@@ -148,13 +159,16 @@ def _stamp(message: Any) -> int:
     stamp = None if header is None else dict(_items(header)).get("stamp")
     if stamp is None:
         return 0
+    # ROS 2 and ROS 1 differ in the name of the nanoseconds.
     parts = {name: value for name, value in _items(stamp) if isinstance(value, int)}
+    # Integers, since a float64 resolves only some 200 ns of Unix time.
     return parts.get("sec", 0) * 10**9 + parts.get("nanosec", parts.get("nsec", 0))
 
 
 def _blocks(rows: list[_Row]) -> dict[str, Block]:
     """The messages of one topic as columns; what a message lacks is NaN."""
     stamps = np.array([row[0] for row in rows], np.int64)
+    # Zero stamps are those of a publisher that does not set them.
     blocks = {"stamp": Block(stamps)} if stamps.any() else {}
     blocks["log_time"] = Block(np.array([row[1] for row in rows], np.int64))
     for name in dict.fromkeys(name for row in rows for name in row[2]):
@@ -162,6 +176,8 @@ def _blocks(rows: list[_Row]) -> dict[str, Block]:
         if not any(isinstance(cell, list) for cell in cells):
             blocks[name] = Block(_array([np.nan if cell is None else cell for cell in cells]))
             continue
+        # Publishers may send joints in another order or some of them only: columns follow the
+        # names.
         labels = tuple(dict.fromkeys(label for row in rows for label in row[3].get(name, ())))
         width = len(labels) or max(len(cell) for cell in cells if isinstance(cell, list))
         position = {label: i for i, label in enumerate(labels)}
@@ -169,6 +185,7 @@ def _blocks(rows: list[_Row]) -> dict[str, Block]:
         for row, cell in zip(rows, cells, strict=True):
             own_labels = row[3].get(name, ())
             line = [np.nan] * width
+            # Lists without names cannot be assigned to named columns, and stay NaN.
             if isinstance(cell, list) and bool(own_labels) == bool(labels):
                 for i, value in zip(
                     [position[label] for label in own_labels] if own_labels else range(width),
@@ -183,17 +200,21 @@ def _blocks(rows: list[_Row]) -> dict[str, Block]:
 
 def _array(values: list[Any]) -> Any:
     block = np.array(values)
+    # Integers keep their type: times in nanoseconds do not fit a float64.
     return block if block.dtype.kind in "biuf" else block.astype(float)
 
 
 def _kept(topic: str, columns: Mapping[str, Any]) -> Any:
     """Which messages hold any of the wanted numbers."""
+    # Each message has times, so they do not decide.
     wanted = [values for name, values in columns.items() if name[len(topic) + 1 :] not in _TIMES]
     if not wanted:
         return slice(None)
     present = np.column_stack(
         [~np.isnan(values.reshape(len(values), -1).astype(float)) for values in wanted]
     )
+    # If no message holds all wanted columns, two publishers share the topic, and their rows do not
+    # belong together.
     if not present.all(axis=1).any():
         lacking = " and ".join(repr(name) for name in list(columns)[:2])
         got = f"none of {topic!r} has all of {lacking:.120} and what else is mapped"
@@ -206,13 +227,17 @@ def _held(
     columns: dict[str, Any], times: Mapping[str, Any], sample_times: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Columns as they were at other times: the last value, NaN before the first."""
+    # Stamps are of the measurement, log times include the transport; both topics must have the one
+    # that is used.
     clock = "stamp" if "stamp" in times and "stamp" in sample_times else "log_time"
+    # Messages are logged as they arrive, not by their stamps.
     order = np.argsort(times[clock], kind="stable")
     previous = np.searchsorted(times[clock][order], sample_times[clock], side="right") - 1
     held = {}
     for name, values in columns.items():
         latest = values[order][np.maximum(previous, 0)]
         if (previous < 0).any():
+            # An integer column has no NaN.
             latest = latest.astype(float)
             latest[previous < 0] = np.nan
         held[name] = latest

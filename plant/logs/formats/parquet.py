@@ -32,12 +32,14 @@ def read_blocks(
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         schema = file.schema_arrow
         chosen = choice_of(None, prefix)
+        # An element such as name[2] needs its whole list.
         homes = {home_of(name, schema.names) for name in names or ()}
         wanted = [
             name for name in schema.names if (chosen(name) if names is None else name in homes)
         ]
         for name in wanted:
             type_ = schema.field(name).type
+            # The type of a list is that of its elements.
             kind = type_.value_type if _is_list(pa, type_) else type_
             types = pa.types
             require_real(
@@ -45,7 +47,9 @@ def read_blocks(
                 type_,
                 types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind),
             )
+        # The footer declares the sizes, so a bomb is refused before it expands.
         require_size(max(_size(file.metadata, wanted), 0), max_bytes)
+        # Threads would count against the address space of the child.
         table = file.read(columns=wanted, use_threads=False)
         return schema.names, {
             name: Block(_numbers(pa, name, table.column(name))) for name in wanted
@@ -63,10 +67,12 @@ def _size(metadata: Any, wanted: Collection[str]) -> int:
     groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
     total = 0
     for group in groups:
+        # A list counts its elements; as float64 each takes 8 bytes.
         chunks = (group.column(i) for i in range(group.num_columns))
         total += 8 * sum(
             c.num_values for c in chunks if home_of(c.path_in_schema, wanted) is not None
         )
+    # The largest of three bounds, since the footer of a corrupt file may contradict itself.
     return max(
         total, 8 * metadata.num_rows * len(wanted), *(group.total_byte_size for group in groups), 0
     )
@@ -78,6 +84,7 @@ def _numbers(pa: Any, name: str, column: Any) -> Any:
         return column.to_numpy()
     import pyarrow.compute as pc
 
+    # Lists are rows of an array only if all have one length; a missing list is a row of NaN.
     lengths = pc.list_value_length(column)
     present = lengths.is_valid().to_numpy()
     sizes = np.unique(lengths.drop_null().to_numpy())

@@ -18,6 +18,7 @@ def read(
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    # rosbags would report a missing file of its own; the cure is to write the index again.
     if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
         raise RefusalError(
             "must be a bag of ROS 2; the folder has no metadata.yaml. Run ros2 bag reindex on it."
@@ -31,6 +32,8 @@ def read(
             defined = [
                 connection for connection in chosen if connection.msgtype in reader.typestore.types
             ]
+            # A topic that was asked for must have a definition; without names such topics are
+            # skipped.
             for connection in chosen:
                 if names is not None and connection not in defined:
                     got = f"{connection.topic!r:.60} is of {connection.msgtype:.60}"
@@ -38,6 +41,7 @@ def read(
                     raise RefusalError(
                         f"must hold messages whose types are defined; {got}. {advice}"
                     )
+            # `messages` of an empty list of connections would read all topics.
             for connection, log_time, data in (
                 reader.messages(connections=defined) if defined else ()
             ):
