@@ -98,8 +98,8 @@ class ComputedTorqueSettings(Part):
             if value < 0 or (value == 0 and name not in not_negative):
                 sign = "not be negative" if name in not_negative else "be positive"
                 raise ValueError(
-                    f"{name} of ComputedTorqueSettings must {sign}; got {value:g}. {field.default:g}"
-                    " is usual."
+                    f"{name} of ComputedTorqueSettings must {sign}; got {value:g}."
+                    f" {field.default:g} is usual."
                 )
 
 

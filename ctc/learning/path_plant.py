@@ -61,7 +61,7 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     else:
         states = np.hstack([motion.q[::2], motion.qd[::2]])
 
-    # 3. The torque, with Coulomb friction in proportion at low speed, as the default controller has it.
+    # 3. The torque. Coulomb friction is in proportion at low speed, as in the default controller.
     speed = drive.coupling.shaft(motion.qd[::2])
     slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / SETTINGS.sliding_speed
     dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
