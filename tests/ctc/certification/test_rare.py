@@ -8,7 +8,7 @@ from scipy.special import ndtr
 from scipy.stats import ks_2samp
 
 from ctc import ComputedTorque, Uncertainty, certify
-from ctc.certification.rare import Normals, subset_simulation
+from ctc.certification.rare import Normals, Rare, subset_simulation
 from ctc.certification.samples import draw
 from plant import puma560
 
@@ -130,3 +130,18 @@ def test_what_is_drawn_at_every_instant_is_refused():
     ):
         with pytest.raises(ValueError, match=said):
             certify(arm, rig, law, puma560.reference(), uncertainty, rare=rare, **options)
+
+
+def test_a_stuck_simulation_names_the_highest_level_that_it_reached():
+    stuck = Rare(
+        asked=1e-6,
+        probability=1e-4,
+        variation=0.3,
+        upper=2e-4,
+        below=False,
+        stuck=True,
+        levels=np.array([0.61, 0.72, 0.83]),
+        evaluations=3000,
+    )
+    assert "beyond 0.83 pulses" in str(stuck)
+    assert "not shown to be as rare as 1e-06" in str(stuck)

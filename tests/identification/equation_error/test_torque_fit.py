@@ -315,3 +315,11 @@ def test_short_log_is_refused(made):
     dynamics, rig, _, motion, torque = made
     with pytest.raises(ValueError, match="more than 24 samples"):
         fit_torque(dynamics, motion.q[:20], torque[:20], rig=rig, cutoff=100, band=20)
+
+
+def test_an_f_that_is_not_among_the_unknowns_is_named():
+    dynamics = puma560.dynamics()
+    names = [name for name in dynamics.names if name != dynamics.names[3]]
+    rows = np.zeros((100, 2))
+    with pytest.raises(ValueError, match=f"{dynamics.names[3]} is missing"):
+        fit_torque(dynamics, rows, rows, rig=puma560.rig(), unknown=names)

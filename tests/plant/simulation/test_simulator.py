@@ -413,3 +413,13 @@ def test_bad_input_is_refused_in_one_line(changes, message):
     with pytest.raises(ValueError, match=message) as error:
         simulate(**values)
     assert "\n" not in str(error.value)
+
+
+def test_a_record_without_a_law_begins_at_the_speed_of_its_counts():
+    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference())
+    moving = record.cut(1.0, 1.5)
+    cut = dataclasses.replace(moving, reference=None, law=None)
+    q, qd = start_of(cut, path_of(cut))
+    # The counts are whole pulses: within a tenth of the speed that the joints really had.
+    np.testing.assert_allclose(qd, moving.true_qd[0], rtol=0.1, atol=0.02)
+    assert np.abs(q - moving.true_q[0]).max() < 1e-3
