@@ -129,7 +129,7 @@ class LinkSize:
     radius: float | None = None
 
     def intervals(self, reflect: Callable[[float], float]) -> SimpleNamespace:
-        """Intervals of m, x, y, Izz (about the centre of mass) and J = `reflect`(Jm)."""
+        """Intervals of m, x, y, Izz (about the centre of mass) and J = reflect(Jm)."""
         mass = Interval.of(self.mass)
         # Equation (5) reduces the extent to the range of the centre.
         x = centre_range(self.x)
