@@ -1,6 +1,7 @@
 """Checks of a log before it is used: does it agree with its rig and its control law?
 
-Reading order: `finding` (one line per check and joint, and their table) -> `signals` and
+Reading order: `hypothesis` (mistakes, their score and ranking) -> `finding` (one line per check and
+joint, and their table) -> `signals` and
 `torque_regression` (signals that need no model of the arm) -> `counts` and `lost_rows` (rows that
 are no measurement) -> the checks `quantisation`, `rounding`, `oscillation`, `law_delay`, `tracking`
 and `wiring` -> `corrections` (each correction is tried before it is advised) -> `examine`

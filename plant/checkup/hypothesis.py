@@ -1,0 +1,283 @@
+"""What can be wrong with a log, its rig or its law: hypotheses, their score and their ranking.
+
+A hypothesis states one mistake in words and undoes it. Its evidence is how much likelier the log is
+without the mistake. Forward selection accepts the likeliest hypothesis, undoes it, and begins anew.
+
+`Experiment` stands for what a tier examines: a record without an arm (`record.check()`), or a
+fitted model with its records (`identify`). The selection is the same for both.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from plant.parts.shown import Piece, Shown, Verdict
+
+Experiment = TypeVar("Experiment")
+Joints = tuple[int, ...]
+
+
+def whole(n: int) -> Iterator[Joints]:
+    """The scope of a mistake that concerns the log or the rig as a whole."""
+    yield ()
+
+
+def each_joint(n: int) -> Iterator[Joints]:
+    """The scope of a mistake of one joint: every joint of n."""
+    yield from ((joint,) for joint in range(n))
+
+
+def pairs(n: int) -> Iterator[Joints]:
+    """The scope of an exchange: every pair of n joints."""
+    yield from combinations(range(n), 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis(Generic[Experiment]):
+    """One thing that can be wrong: its words, how to undo it, and how likely it is.
+
+    Parameters
+    ----------
+    name : str
+        Name of the mistake, "delay".
+    sentence : str
+        What is wrong. `{joint}`, `{other}` are the joints of the scope, `{value}` the size.
+    remedy : str
+        What the user does about it, with the same fields.
+    undo : callable
+        ``undo(experiment, joints, size)`` gives the experiment without the mistake. It raises
+        ValueError where the experiment does not allow that.
+    scope : callable
+        The joints that the mistake may concern, of a number of joints: `whole`, `each_joint` or
+        `pairs`.
+    sizes : tuple of float
+        Sizes that are tried. A switch has one size.
+    against : float
+        Natural logarithm of the odds against the mistake before the log is read.
+    tolerance : float, optional
+        Standard deviation of the size before the log is read, in its unit. A size that the log
+        determines much better than that costs evidence (Occam's factor).
+    unit : str
+        Unit of the size in messages.
+
+    Examples
+    --------
+    >>> swapped = Hypothesis(
+    ...     name="swapped torques",
+    ...     sentence="The torques of {joint} and {other} are exchanged",
+    ...     remedy="Exchange the two columns.",
+    ...     undo=lambda record, joints, size: record,
+    ...     scope=pairs,
+    ... )
+    >>> list(swapped.scope(3))
+    [(0, 1), (0, 2), (1, 2)]
+    """
+
+    name: str
+    sentence: str
+    remedy: str
+    undo: Callable[[Experiment, Joints, float], Experiment]
+    scope: Callable[[int], Iterator[Joints]] = whole
+    sizes: tuple[float, ...] = (1.0,)
+    against: float = 5.0
+    tolerance: float | None = None
+    unit: str = ""
+
+
+class Candidate(NamedTuple):
+    """A hypothesis with its joints and size, and its evidence: log odds for it [natural log].
+
+    `corrected` gives the experiment without the mistake when it is asked for.
+    """
+
+    hypothesis: Hypothesis[Any]
+    joints: Joints
+    size: float
+    log_odds: float
+    corrected: Callable[[], Any]
+
+
+class Rival(NamedTuple):
+    """A cause that the log distinguishes less clearly from the first: its name, joints, odds."""
+
+    name: str
+    joints: Joints
+    size: float
+    log_odds: float
+
+
+def log_odds(
+    chi_square: float, against: float, variance: float = 0.0, tolerance: float | None = None
+) -> float:
+    """Log odds for a number that lowers a sum of squares by `chi_square` of its variances.
+
+    `variance`: of the number, as the log determines it; `tolerance`: its standard deviation before.
+
+    Source: R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995, eq. (5).
+
+    Examples
+    --------
+    >>> log_odds(20.0, against=4.0)
+    6.0
+    """
+    occam = 0.0
+    # A prior wider than the likelihood wastes its mass where the log contradicts it.
+    if tolerance is not None and variance > 0:
+        occam = 0.5 * float(np.log1p(tolerance**2 / variance))
+    return chi_square / 2 - occam - against
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Cause(Shown):
+    """A mistake that a log shows, in its place in the ranked list.
+
+    Parameters
+    ----------
+    name : str
+    joints : tuple of int
+        Indices in q; empty where the mistake concerns the whole log.
+    size : float
+        Estimated size in `unit`.
+    unit : str
+    log_odds : float
+        Natural logarithm of the odds for this cause against none.
+    sentence, remedy : str
+        What is wrong, and what to do.
+    rivals : tuple of Rival
+        Causes whose log odds are near: the log cannot tell them apart.
+    """
+
+    name: str
+    joints: Joints
+    size: float
+    unit: str
+    log_odds: float
+    sentence: str
+    remedy: str
+    rivals: tuple[Rival, ...] = ()
+
+    @property
+    def odds(self) -> str:
+        """The odds as a power of ten, "1e6"."""
+        return f"1e{self.log_odds / np.log(10):.0f}"
+
+    def _short(self) -> str:
+        joints = f" of joint {', '.join(map(str, self.joints))}" if self.joints else ""
+        size = f" {self.size:.3g} {self.unit}".rstrip() if self.unit else ""
+        return f"{self.name}{joints}{size}, odds {self.odds}"
+
+    def _shown(self) -> Iterator[Piece]:
+        yield Verdict(self._short(), good=False)
+        yield f"{self.sentence}. {self.remedy}"
+        if self.rivals:
+            yield self.doubt
+
+    @property
+    def doubt(self) -> str:
+        """A sentence about the causes that explain nearly as much; empty without one."""
+        if not self.rivals:
+            return ""
+        names = ", ".join(dict.fromkeys(rival.name for rival in self.rivals))
+        return f"The log cannot distinguish this from: {names}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectionSettings:
+    """Limits of the forward selection.
+
+    Parameters
+    ----------
+    causes : int
+        Causes that are accepted of one log, at most.
+    accepted : float
+        Log odds above which a cause is accepted.
+    undecided : float
+        Difference of log odds below which two causes are not told apart: odds of 20 to 1.
+    """
+
+    causes: int = 3
+    accepted: float = 0.0
+    undecided: float = 3.0
+
+
+SELECTION = SelectionSettings()
+
+
+@dataclass(frozen=True)
+class Ranking(Generic[Experiment]):
+    """The accepted causes, the likeliest first, and the experiments without them.
+
+    Attributes
+    ----------
+    causes : tuple of Cause
+    experiments : tuple
+        The experiment as it is, without the first cause, without the first two, ...
+    failed : tuple of str
+        Hypotheses that could not be tried, with the reason, a line each.
+    """
+
+    causes: tuple[Cause, ...]
+    experiments: tuple[Experiment, ...]
+    failed: tuple[str, ...] = ()
+
+    @property
+    def corrected(self) -> Experiment:
+        """The experiment without all accepted causes."""
+        return self.experiments[-1]
+
+
+def ranking(
+    experiment: Experiment,
+    candidates: Callable[[Experiment], Iterable[Candidate]],
+    labels: tuple[str, ...],
+    settings: SelectionSettings = SELECTION,
+) -> Ranking[Experiment]:
+    """Accept the likeliest candidate, undo it, and begin anew, while one is likelier than none.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    candidates : callable
+        Gives the candidates of an experiment with their evidence.
+    labels : tuple of str
+        Names of the joints in messages.
+    settings : SelectionSettings
+    """
+    causes: list[Cause] = []
+    experiments = [experiment]
+    while len(causes) < settings.causes:
+        ranked = sorted(candidates(experiments[-1]), key=lambda candidate: -candidate.log_odds)
+        if not ranked or not ranked[0].log_odds > settings.accepted:
+            break
+        causes.append(_cause(ranked, labels, settings))
+        experiments.append(ranked[0].corrected())
+    return Ranking(tuple(causes), tuple(experiments))
+
+
+def _cause(ranked, labels, settings):
+    """The likeliest candidate, and the others that the log does not exclude."""
+    best = ranked[0]
+    hypothesis = best.hypothesis
+    near = best.log_odds - settings.undecided
+    rivals = [
+        Rival(rival.hypothesis.name, rival.joints, rival.size, rival.log_odds)
+        for rival in ranked[1:]
+        # Another size, or another joint, of the same mistake is no other cause.
+        if rival.log_odds > max(near, settings.accepted)
+        and rival.hypothesis.name != hypothesis.name
+    ]
+    joint, other = ([labels[j] for j in best.joints] + ["", ""])[:2]
+    words = {"joint": joint, "other": other, "value": best.size}
+    return Cause(
+        name=hypothesis.name,
+        joints=best.joints,
+        size=best.size,
+        unit=hypothesis.unit,
+        log_odds=best.log_odds,
+        sentence=hypothesis.sentence.format(**words),
+        remedy=hypothesis.remedy.format(**words),
+        rivals=tuple(rivals),
+    )
