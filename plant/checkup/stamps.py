@@ -1,0 +1,179 @@
+"""The time stamps of a log: period, gaps, jitter, and whether the counts were read at them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plant.checkup.finding import Check, Finding
+from plant.checkup.lost_rows import MOST, LostRows
+from plant.checkup.signals import SETTINGS as SIGNALS
+from plant.checkup.signals import Signals
+
+
+@dataclass(frozen=True, kw_only=True)
+class StampSettings:
+    """Limits of the checks of time, chosen by hand.
+
+    Parameters
+    ----------
+    samples : int
+        Samples below which a log is too short for a fit.
+    left_out : float
+        Samples without weight [%] to look at.
+    crowded : float
+        Interval [median intervals] below which a sample is repeated.
+    missing : float
+        Missing samples [%] above which the log is broken rather than patchy.
+    jitter, untimed : float
+        Jitter of the intervals [%] to look at, and above which stamps are no sample times.
+    period, other_period : float
+        Relative error of the period to look at, and above which it is wrong: a thousandth is one
+        sample in a thousand by the end.
+    stamps_match : float
+        Coefficient of `Signals.row_shift` above which stamps and counts belong together.
+    counts_even : float
+        Coefficient below which the counts were read at even times.
+    """
+
+    samples: int = 200
+    left_out: float = 5.0
+    crowded: float = 0.5
+    missing: float = 5.0
+    jitter: float = 1.0
+    untimed: float = 20.0
+    period: float = 1e-3
+    other_period: float = 2e-2
+    stamps_match: float = 0.7
+    counts_even: float = 0.3
+
+
+TIME = StampSettings()
+
+
+def time_findings(signals: Signals) -> Iterator[Finding]:
+    """Yield the findings about time."""
+    record = signals.record
+    N = len(record)
+    # Even a short log is checked further, as far as each check allows.
+    short = TIME.samples > N
+    advice = (
+        f"{N} samples hold little; log at least {TIME.samples}, and a few periods of the motion."
+    )
+    yield Check("samples").finding(N, "wrong" if short else "fine", advice if short else "")
+    yield Check("samples left out", None, "%").graded(
+        100 * (1 - np.mean(record.valid > 0)),
+        "Many samples have weight 0; see why they were dropped.",
+        look=TIME.left_out,
+        wrong=50,
+    )
+    # Two intervals at least, to compare them.
+    if N < 3:
+        names = "period", "missing samples", "crowded samples", "time jitter", "rows and stamps"
+        for name in names:
+            yield Check(name).unknown("fewer than three samples")
+        return
+    yield _period(signals)
+    yield from _intervals(np.diff(record.t) / signals.interval)
+    yield _rows_and_stamps(signals)
+
+
+def _period(signals):
+    """Median interval against the rig's period [ms]."""
+    # The median is that of regular rows, however many are missing.
+    ratio = signals.interval / signals.rig.period
+    thousands = np.log10(ratio) / 3
+    # Milliseconds or microseconds are a power of a thousand, but for 0.03 * 3 decades.
+    if abs(thousands) > 0.5 and abs(thousands - round(thousands)) < 0.03:
+        factor = 1e3 ** round(thousands)
+        cause = advice = (
+            f"Times are {factor:g} times what the rig's period says: give seconds (divide t by"
+            f" {factor:g})."
+        )
+    else:
+        cause = f"The rig says {signals.rig.period * 1e3:.6g} ms"
+        advice = f"{cause}; correct rig.period, or resample the log."
+    # The ratio is judged, and the interval is shown.
+    finding = Check("period", None, "ms").graded(
+        ratio - 1, advice, look=TIME.period, wrong=TIME.other_period, cause=cause
+    )
+    return replace(finding, value=signals.interval * 1e3)
+
+
+def _intervals(steps):
+    """Yield the findings about intervals (N - 1,) [median intervals]."""
+    N = len(steps) + 1
+    gaps = steps[steps > SIGNALS.gap]
+    missing = np.round(gaps).sum() - len(gaps)
+    advice = (
+        f"{missing:.0f} rows are missing in {len(gaps)} gaps of up to {steps.max():.1f} intervals;"
+        " use the time stamps, do not count rows."
+    )
+    # Of the rows that a complete log would have.
+    share = 100 * missing / (missing + N)
+    yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=TIME.missing)
+    crowded = int((steps < TIME.crowded).sum())
+    yield Check("crowded samples").graded(
+        crowded,
+        "Samples follow each other within half an interval; drop the second of each pair.",
+        look=0,
+        wrong=0.05 * N,
+    )
+    # Gaps and repeated samples have findings of their own.
+    # The standard deviation is that of the stamps, not of the rows that are lost.
+    regular = (steps < SIGNALS.gap) & (steps > TIME.crowded)
+    jitter = 100 * np.std(steps[regular] if regular.any() else steps)
+    advice = (
+        "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
+    )
+    yield Check("time jitter", None, "%").graded(
+        jitter, advice, look=TIME.jitter, wrong=TIME.untimed
+    )
+
+
+def _rows_and_stamps(signals):
+    """Whether the counts were read when their time stamps say."""
+    check = Check("rows and stamps", None, "rows")
+    if len(signals.t) < 20 or np.isnan(signals.row_shift.rows):
+        return check.unknown("intervals are too alike")
+    shift, share = signals.row_shift
+    # The counts move more in a longer interval: stamps and counts belong together.
+    if shift == 0 and share > TIME.stamps_match:
+        return check.fine(0.0)
+    # They move alike in all intervals: the stamps are late, not the counts.
+    if share < TIME.counts_even:
+        advice = (
+            "The stamps jitter, the samples do not: the counts come evenly; put t = row times"
+            " interval."
+        )
+        return check.look(None, advice)
+    # Between both: stamps and counts belong together in some rows only.
+    rows = "partly in other rows"
+    if shift:
+        rows = f"{abs(shift)} row(s) {'after' if shift > 0 else 'before'} the stamps"
+    advice = (
+        f"At odd intervals the counts come {rows}: clock and counter are not read together; leave"
+        " out the rows at gaps (valid = 0)."
+    )
+    return check.look(shift, advice)
+
+
+def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:
+    """Yield the findings about rows that are no measurement, by cause."""
+    remedy = "Fits bridge them without weight"
+    # Then the checkup ends here, and no fit accepts the log.
+    if lost.any.mean() > MOST:
+        remedy = (
+            f"They are {lost.any.mean():.0%} of all, too many for any fit; log every sample, and"
+            " anew"
+        )
+    causes = {
+        "lost packets": "Rows, or their reference, repeat the one before although the arm moves",
+        "stuck samples": "Counts of a joint repeat although it moves, and catch up",
+        "late stamps": "Stamps are late or early whose counts were taken in time",
+    }
+    # More than every twentieth row is no accident.
+    limit = 0.05 * len(signals.record)
+    rows_by_cause = lost.packets, lost.stuck, lost.late
+    for (name, cause), rows in zip(causes.items(), rows_by_cause, strict=True):
+        yield Check(name).graded(int(rows.sum()), f"{cause}. {remedy}.", look=0, wrong=limit)
