@@ -10,6 +10,7 @@ what is stated of it, or the log. Of four logs in turn two have the other gain, 
 
 import collections
 import dataclasses
+import functools
 import re
 import sys
 import warnings
@@ -19,7 +20,7 @@ import numpy as np
 
 from ctc import ComputedTorque
 from identification import identify
-from plant import PID, Chain, Dynamics, Harmonics, Link, P, puma560
+from plant import PID, Chain, Dynamics, Harmonics, Link, P, Record, puma560
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracles"))
 from mujoco_odd import run
@@ -88,14 +89,21 @@ class Given:
     records: list
     chain: Chain
     random: np.random.Generator
+    truth: object = None
+    """The arm that moved; None where only nature knows it."""
+    path: object = None
+    names: tuple[str, ...] = ()
+    """Of several causes at once."""
 
-    def stated(self, **drive):
+    def stated(self, encoder=None, **drive):
         """The rig stated wrongly; the path is as it was, and what it is in counts stands in the
         log.
         """
         for i, record in enumerate(self.records):
             rig = dataclasses.replace(
-                record.rig, drive=dataclasses.replace(record.rig.drive, **drive)
+                record.rig,
+                drive=dataclasses.replace(record.rig.drive, **drive),
+                encoder=dataclasses.replace(record.rig.encoder, **(encoder or {})),
             )
             # which counts leave open
             path = record.reference if isinstance(record.law, ComputedTorque) else None
@@ -197,6 +205,101 @@ def _swap(given):
     given.each(error_pulses=lambda r: r.reference_pulses - r.counts[:, ::-1])
 
 
+def _exchanged(field):
+    """Two columns of a field exchanged, of joints drawn; of the reference, the counts stay."""
+
+    def spoil(given):
+        n = given.records[0].n
+        one, two = given.random.choice(n, 2, replace=False)
+        order = np.arange(n)
+        order[[one, two]] = two, one
+        changes = {
+            "counts": {"error_pulses": lambda r: r.reference_pulses - r.counts[:, order]},
+            "reference": {
+                "reference_pulses": lambda r: r.reference_pulses[:, order],
+                "error_pulses": lambda r: r.reference_pulses[:, order] - r.counts,
+            },
+            "torque": {"torque": lambda r: r.torque[:, order]},
+        }
+        given.each(**changes[field])
+
+    return spoil
+
+
+def _torque(change):
+    """The logged torque changed, by a function of the record and what is given."""
+    return lambda given: given.each(torque=lambda record: change(record, given))
+
+
+def _per_mille(record, given):
+    limit = record.rig.drive.torque_limit()
+    # without a limit the vendor's rated torque is the largest one
+    rated = np.where(np.isfinite(limit), limit, np.abs(record.torque).max(axis=0))
+    return 1000 * record.torque / rated
+
+
+def _without_gravity(record, given):
+    still = np.zeros(record.n)
+    # gravity changes slowly: every tenth sample is enough
+    rows = np.append(np.arange(0, len(record) - 1, 10), len(record) - 1)
+    angles = record.rig.cell_centre(record.counts)[rows]
+    held = np.array([np.ravel(given.truth.inverse(q, still, still)) for q in angles])
+    held = np.column_stack([np.interp(record.t, record.t[rows], column) for column in held.T])
+    return record.torque - held
+
+
+def _of_a_model(record, given):
+    """Inverse dynamics of another arm along the path, without friction."""
+    truth = given.truth
+    arm = truth.dynamics.arm(truth.f * given.random.uniform(0.85, 1.15, len(truth.f)))
+    if given.path is None:
+        q = record.rig.cell_centre(record.counts)
+        kernel = np.hanning(17)[1:-1] / 8
+        q = np.column_stack([np.convolve(np.pad(x, 7, "edge"), kernel, "valid") for x in q.T])
+        qd = np.gradient(q, record.t, axis=0)
+        motion = q, qd, np.gradient(qd, record.t, axis=0)
+    else:
+        motion = given.path(record.t)
+    return np.array([np.ravel(arm.inverse(*state)) for state in zip(*motion, strict=True)])
+
+
+def _jittered_stamps(given):
+    """Stamps within half an interval of the instants at which the counts were read."""
+    for i, record in enumerate(given.records):
+        period = record.rig.period
+        t = record.t + period * given.random.uniform(-0.25, 0.25, len(record))
+        given.records[i] = dataclasses.replace(record, t=t - t[0], reference=None)
+
+
+def _zero_off(given):
+    """The zero of a joint 90 degrees from that of the model."""
+    rig = given.records[0].rig
+    turn = np.zeros(rig.n)
+    turn[given.random.integers(rig.n)] = given.random.choice((-1, 1)) * np.pi / 2
+    turn = np.round(rig.position_in_pulses(turn))
+    given.each(reference_pulses=lambda r: r.reference_pulses + turn * r.reference_pulses.any())
+    if not given.records[0].reference_pulses.any():
+        given.each(error_pulses=lambda r: r.error_pulses - turn)
+
+
+def _tilted(given):
+    """Gravity stated 10 to 30 degrees off, about each axis."""
+    angle, axis = np.deg2rad(given.random.uniform(10, 30)), given.random.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    g = np.array(given.chain.gravity)
+    cross = np.cross(axis, g)
+    turned = g * np.cos(angle) + cross * np.sin(angle) + axis * (axis @ g) * (1 - np.cos(angle))
+    given.chain = dataclasses.replace(given.chain, gravity=tuple(turned))
+
+
+def _two_at_once(given):
+    """Two causes of the log, drawn; `given.names` has them."""
+    names = given.random.choice(TWO, 2, replace=False)
+    given.names = tuple(map(str, names))
+    for name in sorted(names, key=TWO.index):
+        CAUSES[name].stated(given)
+
+
 def uniform(low, high, name, **more):
     """A machine with this number drawn."""
     return lambda random: {name: random.uniform(low, high), **more}
@@ -215,6 +318,15 @@ class Cause:
     """About where gravity changes sign, hanging or upright."""
     sampled: tuple[str, ...] = ()
     """What names it as well where the law reads the counts that are logged."""
+    torque: bool = False
+    """Only where the log has a torque."""
+    reading: str = ""
+    """The name of a way to read the log wrongly (READINGS)."""
+
+    @property
+    def other_machine(self):
+        """Whether a right log does not serve."""
+        return bool(self.machine or self.two or self.unloaded)
 
 
 LABELS = {
@@ -253,6 +365,23 @@ LABELS = {
 }
 """Label -> words of a sentence, the first that fit."""
 
+WORDS = {
+    "exchanged references": r"references? .*(are|is) exchanged|[Ee]xchange the .*reference",
+    "exchanged torques": r"torques? .*(are|is) exchanged|[Ee]xchange the .*torque",
+    "turns": r"in turns|revolutions",
+    "normalised": r"normalised|share of (its|the|each joint's) range",
+    "torque scale": (
+        r"times the commanded|in mN m|in kN m|in A\b|crossed the gear|the motor's torque, not"
+        r"|rated torque|per mille|torque .*is .*times"
+    ),
+    "without gravity": r"gravity (is|was|has been) (removed|taken out|subtracted|compensated)",
+    "of a model": r"torque (is|of) a model|not measured but",
+    "stamps": r"[Ii]ntervals jitter|stamps jitter|At odd intervals|[Ss]tamps are late",
+    "zero of a joint": r"zero of|zero is|offset by .*degrees",
+    "gravity's direction": r"base is tilted|direction of gravity|tilted",
+}
+"""The same of what sentences of other labels may say, too."""
+
 CAUSES = {
     "healthy": Cause(("",)),
     "floor/fix": Cause(("rounding",), lambda random: {"rounding": "floor"}),
@@ -283,27 +412,123 @@ CAUSES = {
     "load": Cause(("changes",), uniform(1.0, 3.0, "load"), two=True),
     "cogging": Cause(("cogging",), uniform(0.1, 0.4, "cogging")),
     "friction drifts": Cause(("friction", "changes"), uniform(0.3, 0.8, "drift")),
+    "exchanged references": Cause(("exchanged references",), stated=_exchanged("reference")),
+    "exchanged torques": Cause(
+        ("exchanged torques",), stated=_exchanged("torque"), torque=True
+    ),
+    "turns": Cause(("scale of counts", "turns"), reading="turns"),
+    "normalised": Cause(("scale of counts", "normalised"), reading="normalised"),
+    "ampere": Cause(
+        ("torque scale",), stated=_torque(lambda r, g: r.rig.drive.current(r.torque)), torque=True
+    ),
+    "per mille": Cause(("torque scale",), stated=_torque(_per_mille), torque=True),
+    "torque 1.96": Cause(
+        ("torque scale", "gain"), stated=_torque(lambda r, g: 1.96 * r.torque), torque=True
+    ),
+    "torque 4": Cause(
+        ("torque scale", "gain"), stated=_torque(lambda r, g: 4 * r.torque), torque=True
+    ),
+    "torque that the joint feels": Cause(
+        ("wrong sign",), stated=_torque(lambda r, g: -r.torque), torque=True
+    ),
+    "without gravity": Cause(
+        ("without gravity",), stated=_torque(_without_gravity), torque=True
+    ),
+    "torque of a model": Cause(("of a model",), stated=_torque(_of_a_model), torque=True),
+    "fix/floor": Cause(
+        ("rounding",), stated=lambda g: g.stated(encoder={"rounding": "floor"})
+    ),
+    "fix/round": Cause(
+        ("rounding",), stated=lambda g: g.stated(encoder={"rounding": "round"})
+    ),
+    "jittered stamps": Cause(("stamps",), stated=_jittered_stamps),
+    "zero off": Cause(("zero of a joint", "sign of gravity"), stated=_zero_off),
+    "tilted base": Cause(("gravity's direction", "sign of gravity"), stated=_tilted),
+    "two at once": Cause((), stated=_two_at_once),
 }
+
+TWO = (
+    "gear", "gain", "sign of a joint", "swapped columns", "late log", "lost rows", "fix/round",
+    "jittered stamps",
+)  # fmt: skip
+"""Causes of which two are drawn at once, in the order in which they spoil a log."""
+
+
+def turns(record):
+    """Positions in turns, stated in radians."""
+    return _read_again(record, "rad", lambda q: q / (2 * np.pi))
+
+
+def normalised(record):
+    """Positions from -100 to 100 in a joint's range, stated in degrees."""
+
+    def scaled(q):
+        low, high = q.min(axis=0), q.max(axis=0)
+        # the joints were moved by hand somewhat beyond the range of the log
+        room = np.array([0.35, 0.2, 0.5, 0.1, 0.3, 0.25, 0.4])[: q.shape[1]]
+        low, high = low - room, high + room
+        return -100 + 200 * (q - low) / (high - low)
+
+    return _read_again(record, "deg", scaled)
+
+
+def _read_again(record, unit, change):
+    table = {"t": record.t, "q": change(record.rig.cell_centre(record.counts))}
+    columns, units = {"t": "t", "position": "q"}, {"t": "s", "position": unit}
+    if record.reference_pulses.any():
+        table["r"] = change(record.rig.to_angle(record.reference_pulses))
+        columns["reference_position"], units["reference_position"] = "r", unit
+    if record.torque is not None:
+        table["tau"] = record.torque
+        columns["torque"], units["torque"] = "tau", "N m"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return Record.from_table(
+            table, rig=record.rig, law=record.law, columns=columns, units=units
+        )
+
+
+READINGS = {"turns": turns, "normalised": normalised}
+"""Ways to read a log wrongly, by functions of the right record."""
+
+
+@functools.lru_cache(maxsize=8)
+def healthy(arm, seed, law):
+    """A right log of an arm on a path drawn from the seed; with truth, chain and path."""
+    truth, chain, rig, gain = ARMS[arm](seed % 2)
+    path = path_of(np.random.default_rng([seed, *map(ord, arm)]))
+    return run(truth, rig, LAWS[law](truth, rig, gain), path), truth, chain, path
+
+
+def drawn(name, arm, seed, law="P"):
+    """What is given where this cause spoils the log, but for its reading."""
+    cause, random = CAUSES[name], np.random.default_rng([seed, *map(ord, name), *map(ord, arm)])
+    if cause.other_machine:
+        truth, chain, rig, gain = ARMS[arm](seed % 2)
+        stated = LAWS[law](truth, rig, gain)
+        path = path_of(random, random.choice((-1, 1)) * np.pi / 2 if cause.unloaded else 0.0)
+        odd = cause.machine(random) if cause.machine else {}
+        if odd.get("share") == "peak":
+            right = run(truth, rig, stated, path)
+            odd["share"] = random.uniform(0.6, 0.85) * np.abs(right.torque).max(axis=0)
+        records = [run(truth, rig, stated, path)] if cause.two else []
+        records.append(run(truth, rig, stated, path_of(random) if cause.two else path, **odd))
+    else:
+        record, truth, chain, path = healthy(arm, seed, law)
+        records = [record]
+    if seed % 4 in (1, 2) and not cause.torque:
+        records = [dataclasses.replace(record, torque=None) for record in records]
+    given = Given(records, chain, random, truth, path)
+    if cause.stated:
+        cause.stated(given)
+    return given
 
 
 def spoiled(name, arm, seed, law="P"):
     """What a user has of a cause: dynamics and records."""
-    cause, random = CAUSES[name], np.random.default_rng([seed, *map(ord, name), *map(ord, arm)])
-    truth, chain, rig, gain = ARMS[arm](seed % 2)
-    law = LAWS[law](truth, rig, gain)
-    path = path_of(random, random.choice((-1, 1)) * np.pi / 2 if cause.unloaded else 0.0)
-    odd = cause.machine(random) if cause.machine else {}
-    if odd.get("share") == "peak":
-        healthy = run(truth, rig, law, path)
-        odd["share"] = random.uniform(0.6, 0.85) * np.abs(healthy.torque).max(axis=0)
-    records = [run(truth, rig, law, path)] if cause.two else []
-    records.append(run(truth, rig, law, path_of(random) if cause.two else path, **odd))
-    if seed % 4 in (1, 2):
-        records = [dataclasses.replace(record, torque=None) for record in records]
-    given = Given(records, chain, random)
-    if cause.stated:
-        cause.stated(given)
-    return Dynamics.from_chain(given.chain), given.records
+    given, reading = drawn(name, arm, seed, law), CAUSES[name].reading
+    records = [READINGS[reading](each) for each in given.records] if reading else given.records
+    return Dynamics.from_chain(given.chain), records
 
 
 def first(name, arm, seed, law="P"):
@@ -326,10 +551,14 @@ def first(name, arm, seed, law="P"):
 
 def label(text):
     """The label of a sentence."""
-    return (
-        next((name for name, words in LABELS.items() if re.search(words, text)), "other")
-        if text
-        else ""
+    words = (LABELS | WORDS).items()
+    return next((name for name, word in words if re.search(word, text)), "other") if text else ""
+
+
+def names_it(text, labels):
+    """Whether a sentence, or silence, is that of one of these labels."""
+    return label(text) in labels or any(
+        re.search(WORDS[name], text) for name in labels if name in WORDS
     )
 
 
@@ -339,18 +568,18 @@ def table(logs, arms, only, said, law):
     for name, cause in CAUSES.items():
         if only and name not in only:
             continue
-        told, names = collections.Counter(), cause.right + (cause.sampled if law != "P" else ())
+        told, good, names = collections.Counter(), 0, cause.right + (cause.sampled if law != "P" else ())
         for arm in arms:
             for seed in range(logs):
                 by, text = first(name, arm, seed, law)
                 told[label(text)] += 1
+                good += names_it(text, names)
                 if said:
-                    mark = " " if label(text) in names else "!"
+                    mark = " " if names_it(text, names) else "!"
                     print(
                         f"  {mark} {name}, {arm} {seed}: {by} [{label(text)}] {text[:260]}",
                         flush=True,
                     )
-        good = sum(told[each] for each in names)
         total, right = (
             total + sum(told.values()) * (name != "healthy"),
             right + good * (name != "healthy"),
