@@ -413,9 +413,7 @@ CAUSES = {
     "cogging": Cause(("cogging",), uniform(0.1, 0.4, "cogging")),
     "friction drifts": Cause(("friction", "changes"), uniform(0.3, 0.8, "drift")),
     "exchanged references": Cause(("exchanged references",), stated=_exchanged("reference")),
-    "exchanged torques": Cause(
-        ("exchanged torques",), stated=_exchanged("torque"), torque=True
-    ),
+    "exchanged torques": Cause(("exchanged torques",), stated=_exchanged("torque"), torque=True),
     "turns": Cause(("scale of counts", "turns"), reading="turns"),
     "normalised": Cause(("scale of counts", "normalised"), reading="normalised"),
     "ampere": Cause(
@@ -431,16 +429,10 @@ CAUSES = {
     "torque that the joint feels": Cause(
         ("wrong sign",), stated=_torque(lambda r, g: -r.torque), torque=True
     ),
-    "without gravity": Cause(
-        ("without gravity",), stated=_torque(_without_gravity), torque=True
-    ),
+    "without gravity": Cause(("without gravity",), stated=_torque(_without_gravity), torque=True),
     "torque of a model": Cause(("of a model",), stated=_torque(_of_a_model), torque=True),
-    "fix/floor": Cause(
-        ("rounding",), stated=lambda g: g.stated(encoder={"rounding": "floor"})
-    ),
-    "fix/round": Cause(
-        ("rounding",), stated=lambda g: g.stated(encoder={"rounding": "round"})
-    ),
+    "fix/floor": Cause(("rounding",), stated=lambda g: g.stated(encoder={"rounding": "floor"})),
+    "fix/round": Cause(("rounding",), stated=lambda g: g.stated(encoder={"rounding": "round"})),
     "jittered stamps": Cause(("stamps",), stated=_jittered_stamps),
     "zero off": Cause(("zero of a joint", "sign of gravity"), stated=_zero_off),
     "tilted base": Cause(("gravity's direction", "sign of gravity"), stated=_tilted),
@@ -568,7 +560,11 @@ def table(logs, arms, only, said, law):
     for name, cause in CAUSES.items():
         if only and name not in only:
             continue
-        told, good, names = collections.Counter(), 0, cause.right + (cause.sampled if law != "P" else ())
+        told, good, names = (
+            collections.Counter(),
+            0,
+            cause.right + (cause.sampled if law != "P" else ()),
+        )
         for arm in arms:
             for seed in range(logs):
                 by, text = first(name, arm, seed, law)

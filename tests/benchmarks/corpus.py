@@ -42,4 +42,7 @@ def entries(logs, laws):
             for seed in range(logs):
                 # one right log serves all causes that need no other machine
                 for name in sorted(causes.CAUSES, key=lambda x: causes.CAUSES[x].other_machine):
-                    yield f"{law}/{arm}/{name.replace('/', ' for ')}/{seed}", functools.partial(of_cause, name, arm, seed, law)
+                    yield (
+                        f"{law}/{arm}/{name.replace('/', ' for ')}/{seed}",
+                        functools.partial(of_cause, name, arm, seed, law),
+                    )

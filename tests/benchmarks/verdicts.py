@@ -141,7 +141,9 @@ VIEWS = {
     "check": lambda verdict: verdict["check"],
     "identify": lambda verdict: verdict.get("identify"),
     # what a user reads first: `identify` speaks where `check` is silent
-    "both": lambda verdict: verdict["check"] + verdict["identify"] if "identify" in verdict else None,
+    "both": lambda verdict: (
+        verdict["check"] + verdict["identify"] if "identify" in verdict else None
+    ),
 }
 
 
@@ -178,11 +180,16 @@ def compared(old, new, view, said):
         sentences = [pick(tree[key]) for tree in trees]
         # both by the labels of the first: they say what the mistake is
         good = [right(trees[0][key], each) for each in sentences]
-        group = key.split("/")[0], trees[0][key]["cause"], "torque" if trees[0][key]["torque"] else "none"
+        group = (
+            key.split("/")[0],
+            trees[0][key]["cause"],
+            "torque" if trees[0][key]["torque"] else "none",
+        )
         rows[group].append(good)
-        firsts = [[each[name] for name in ("name", "joint")] for tree in sentences for each in tree[:1]]
-        lists = [sorted({(each["name"], str(each["joint"])) for each in tree}) for tree in sentences]
-        if good[0] != good[1] or firsts[:1] != firsts[1:] and lists[0] != lists[1]:
+        names = [[(each["name"], each["joint"]) for each in tree] for tree in sentences]
+        # the order of what follows the first is that of the code
+        lists = [(tree[:1], set(tree)) for tree in names]
+        if good[0] != good[1] or lists[0] != lists[1]:
             changed.append((key, good, sentences))
     print(f"{view}: {len(keys)} logs; named first rightly, of all (90 % interval of the share [%])")
     total = np.zeros((2, 2), int)
@@ -195,7 +202,9 @@ def compared(old, new, view, said):
         else:
             total += [[a, b], [len(good)] * 2]
         mark = "" if a == b else " better" if b > a else " WORSE"
-        print(f"  {law:16} {cause:28} {torque:7} {len(good):4d}: {share(a, len(good))} {share(b, len(good))}{mark}")
+        print(
+            f"  {law:16} {cause:28} {torque:7} {len(good):4d}: {share(a, len(good))} {share(b, len(good))}{mark}"
+        )
     print(f"  right first: {total[0, 0]} and {total[0, 1]} of {total[1, 0]}")
     print(f"  right logs accused: {accused[1]} and {accused[2]} of {accused[0]}")
     print(f"  {len(changed)} verdicts changed" + ("" if said else " (--said shows them)"))
