@@ -52,10 +52,12 @@ from ctc.laws.adaptive import Adaptive
 from ctc.laws.computed_torque import ComputedTorque
 from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.computed_torque_settings import ComputedTorqueSettings
+from ctc.laws.default_gains import DefaultGainSettings
 from ctc.laws.feed_forward import FeedForward, PDGravity
 from ctc.laws.sliding_mode import SlidingMode
 from ctc.learning.learn import learn
 from ctc.learning.learnt_torque import LearntTorque
+from ctc.learning.settings import LearnSettings
 from ctc.payload.estimator import PayloadEstimator
 from ctc.report.report import write_report
 from ctc.stability.design import motor_gain, observer_gains, pid_gains
@@ -73,9 +75,11 @@ __all__ = [
     "ComputedTorque",
     "ComputedTorquePID",
     "ComputedTorqueSettings",
+    "DefaultGainSettings",
     "Evaluation",
     "FeedForward",
     "Fleet",
+    "LearnSettings",
     "LearntTorque",
     "PDGravity",
     "PayloadEstimator",

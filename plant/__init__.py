@@ -30,7 +30,7 @@ from plant.analysis.control_systems import to_control
 from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import cascade_gains, p_gains
 from plant.fmu.export import to_fmu
-from plant.laws.law import Law, StatelessLaw
+from plant.laws.law import Law, StatelessLaw, state_of
 from plant.laws.pid import PD, PID, Cascade, P
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.laws.resumed import Resumed
@@ -149,6 +149,7 @@ __all__ = [
     "replay",
     "scalars",
     "simulate",
+    "state_of",
     "structure",
     "to_control",
     "to_fmu",

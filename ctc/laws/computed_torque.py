@@ -4,14 +4,15 @@ Source: paper Fig. 2.
 
 import dataclasses
 import functools
-from typing import Any
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctc.laws.computed_torque_settings import SETTINGS, ComputedTorqueSettings
-from ctc.laws.default_gains import default_gains
+from ctc.laws.default_gains import SETTINGS as GAINS
+from ctc.laws.default_gains import DefaultGainSettings, default_gains
 from ctc.laws.delay_queue import DelayQueue
 from ctc.laws.friction_model import (
     LearntFriction,
@@ -28,7 +29,7 @@ from ctc.laws.model_law import ModelLaw
 from ctc.laws.start_boost import NoBoost, StartBoost
 from plant import Law, Rig
 from plant.laws.law import Setpoint, Step
-from plant.parts.arguments import signs
+from plant.parts.arguments import instance, signs
 from plant.parts.part import number, part, structure
 from plant.parts.vector import MODEL_TORQUE, TORQUE_ERROR, Fields, per_joint, scalars
 from plant.realtime.running import Running
@@ -156,6 +157,29 @@ class ComputedTorque(ModelLaw):
             self.settings.predicted_stiffness,
         )
         object.__setattr__(self, "gear_gains", gains)
+
+    @classmethod
+    def designed(
+        cls,
+        arm: Any,
+        rig: Rig | None = None,
+        *,
+        gains: DefaultGainSettings = GAINS,
+        **fields: Any,
+    ) -> Self:
+        """The law with its default gains by other `gains` settings; `fields` are as of the class.
+
+        Raises
+        ------
+        ValueError
+            As of the class; elastic gears on which no bandwidth is stable.
+        """
+        instance("gains", gains, DefaultGainSettings, "Give DefaultGainSettings.")
+        trial = functools.partial(cls, getattr(arm, "arm", arm))
+        defaults = default_gains(arm, rig, fields.get("bandwidth"), trial, gains)._asdict()
+        # The settings state this time in units of 1 / bandwidth.
+        defaults["start_time"] /= fields.get("bandwidth") or defaults["bandwidth"]
+        return cls(arm, rig, **defaults | fields)
 
     def describe(self) -> dict[str, Any]:
         """Kind and fields; settings only where they are not the usual ones, as in older files."""

@@ -1,11 +1,11 @@
 """Settings of computed torque that seldom need a change: thresholds of its boost and friction."""
 
-from plant.parts.arguments import whole
-from plant.parts.part import Part, part, structure
+from plant.parts.part import part, structure
+from plant.parts.settings import Settings
 
 
 @part
-class ComputedTorqueSettings(Part):
+class ComputedTorqueSettings(Settings):
     """Design numbers of `ComputedTorque`; they are structure, so that no kernel has them as inputs.
 
     docs/background/computed_torque.md derives them and names the runs that tested them; numbers
@@ -58,7 +58,8 @@ class ComputedTorqueSettings(Part):
     Raises
     ------
     ValueError
-        A number that is negative or, where it must be positive, zero.
+        A number that is negative or, where it must be positive, zero; a `predicted_stiffness`
+        above 1.
 
     See Also
     --------
@@ -74,6 +75,9 @@ class ComputedTorqueSettings(Part):
     60.0
     """
 
+    may_be_zero = ("learning_rate", "swing_dead_zone", "load_distance")
+    at_most = {"predicted_stiffness": 1}  # noqa: RUF012  # declared as of the class
+
     sliding_speed: float = structure(float, default=30.0)
     friction_sweeps: int = structure(int, default=4)
     learning_rate: float = structure(float, default=40.0)
@@ -88,19 +92,6 @@ class ComputedTorqueSettings(Part):
     load_distance: float = structure(float, default=0.25)
     swing_time: float = structure(float, default=0.67)
     swing_memory: float = structure(float, default=10.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        not_negative = ("learning_rate", "swing_dead_zone", "load_distance")
-        whole("friction_sweeps", self.friction_sweeps, "Four are usual.")
-        for name, field in self.__dataclass_fields__.items():
-            value = getattr(self, name)
-            if value < 0 or (value == 0 and name not in not_negative):
-                sign = "not be negative" if name in not_negative else "be positive"
-                raise ValueError(
-                    f"{name} of ComputedTorqueSettings must {sign}; got {value:g}."
-                    f" {field.default:g} is usual."
-                )
 
 
 SETTINGS = ComputedTorqueSettings()

@@ -6,7 +6,6 @@ disturbance observer has learnt it. That has to stay a share of a pulse, and fin
 pulses.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -17,6 +16,8 @@ from identification.equation_error.regressor import linear, regressor_along
 from identification.results.summary import doubts
 from plant import Rig
 from plant.analysis.sampled_loops import SampledLoops
+from plant.parts.part import part, structure
+from plant.parts.settings import Settings
 
 
 class Gains(NamedTuple):
@@ -33,9 +34,9 @@ class Gains(NamedTuple):
     start_time: float = 10.0
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class DefaultGainSettings:
-    """Numbers that choose the default gains of `ComputedTorque`.
+@part
+class DefaultGainSettings(Settings):
+    """Numbers that choose the default gains of `ComputedTorque.designed`.
 
     docs/background/computed_torque.md has the table of defaults, and docs/background/design.md the
     runs that chose them; numbers without such a run were chosen by hand.
@@ -75,29 +76,54 @@ class DefaultGainSettings:
     stiffer : tuple of float
         Stiffnesses likewise, for such a law: a fast observer can be stable on soft gears, and
         unstable where they are a little stiffer.
+
+    Raises
+    ------
+    ValueError
+        A number that is negative or, where it must be positive, zero; a `step` above 0.99.
+
+    See Also
+    --------
+    ctc.ComputedTorque
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import ComputedTorque, DefaultGainSettings
+    >>> settings = DefaultGainSettings(period=0.1)
+    >>> law = ComputedTorque.designed(puma560.arm(), puma560.rig(), gains=settings)
+    >>> law.bandwidth * law.period <= 0.1
+    True
     """
 
-    arm: Gains = Gains(360.0, 0.0)  # noqa: RUF009
-    identified: Gains = Gains(145.0, 0.2)  # noqa: RUF009
-    elastic: Gains = Gains(100.0, 0.4)  # noqa: RUF009
-    friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)  # noqa: RUF009
-    share: float = 0.28
-    margin: float = 1.2
-    period: float = 0.3
-    step: float = 0.8
-    smallest: float = 5.0
-    samples: int = 100
-    poses: int = 3
-    predicted: tuple[float, ...] = (0.9, 1.0, 1.15)
-    spare: float = 1.4
-    stiffer: tuple[float, ...] = (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
+    may_be_zero = ("arm", "identified", "elastic", "friction")  # a dead zone is often zero
+    at_most = {"step": 0.99}  # noqa: RUF012  # declared as of the class; 1 would never end
+
+    arm: Gains = structure(Gains, default=Gains(360.0, 0.0))
+    identified: Gains = structure(Gains, default=Gains(145.0, 0.2))
+    elastic: Gains = structure(Gains, default=Gains(100.0, 0.4))
+    friction: Gains = structure(Gains, default=Gains(120.0, 0.45, 1.0, 2.7, 40.0))
+    share: float = structure(float, default=0.28)
+    margin: float = structure(float, default=1.2)
+    period: float = structure(float, default=0.3)
+    step: float = structure(float, default=0.8)
+    smallest: float = structure(float, default=5.0)
+    samples: int = structure(int, default=100)
+    poses: int = structure(int, default=3)
+    predicted: tuple[float, ...] = structure(default=(0.9, 1.0, 1.15))
+    spare: float = structure(float, default=1.4)
+    stiffer: tuple[float, ...] = structure(default=(1.0, 1.44, 2.25, 4.0, 9.0, 25.0))
 
 
 SETTINGS = DefaultGainSettings()
 
 
 def default_gains(
-    source: Any, rig: Any, bandwidth: float | None, trial: Callable[..., Any]
+    source: Any,
+    rig: Any,
+    bandwidth: float | None,
+    trial: Callable[..., Any],
+    settings: DefaultGainSettings = SETTINGS,
 ) -> Gains:
     """Gains for an arm or an identification, with the bandwidth worked out where it is None.
 
@@ -105,34 +131,34 @@ def default_gains(
     computed torque for the arm, whose loops are examined on elastic gears. If none is stable, the
     gears are refused.
     """
-    gains = known_gains(source, rig)
+    gains = known_gains(source, rig, settings)
     if bandwidth is None:
-        gains = gains._replace(bandwidth=_bandwidth(source, rig, gains.bandwidth, trial))
+        gains = gains._replace(bandwidth=_bandwidth(source, rig, gains.bandwidth, trial, settings))
     return gains
 
 
-def known_gains(source: Any, rig: Any = None) -> Gains:
+def known_gains(source: Any, rig: Any = None, settings: DefaultGainSettings = SETTINGS) -> Gains:
     """Gains from the knowledge of the arm alone, whatever the period and the gears allow."""
     if not isinstance(source, Identification) or source.covariance is None:
-        return SETTINGS.arm
+        return settings.arm
     friction = ("drive.viscous", "drive.coulomb")
     if not any(name.startswith(friction) for name in source.fit.unknown):
-        return SETTINGS.identified
+        return settings.identified
     if rig is None:
         rig = source.rig
     if isinstance(rig, Rig) and rig.drive.elasticity is not None:
-        return SETTINGS.elastic
-    gains = SETTINGS.friction
-    needed = float(np.sqrt(uncertain_acceleration(source) / SETTINGS.share))
+        return settings.elastic
+    gains = settings.friction
+    needed = float(np.sqrt(uncertain_acceleration(source, settings.samples) / settings.share))
     # The covariance of an identification in doubt says nothing.
-    if needed <= SETTINGS.margin * gains.bandwidth or doubts(source):
+    if needed <= settings.margin * gains.bandwidth or doubts(source):
         return gains
-    bandwidth = min(needed, SETTINGS.arm.bandwidth)
+    bandwidth = min(needed, settings.arm.bandwidth)
     dead_zone = gains.dead_zone * np.sqrt(gains.bandwidth / bandwidth)
     return gains._replace(bandwidth=bandwidth, dead_zone=dead_zone)
 
 
-def uncertain_acceleration(identification: Identification) -> float:
+def uncertain_acceleration(identification: Identification, samples: int) -> float:
     """Largest standard deviation of an acceleration on the identified path [pulses/s^2].
 
     Due to f and friction; 0 where the path or the covariance is not known.
@@ -143,7 +169,7 @@ def uncertain_acceleration(identification: Identification) -> float:
     arm = identification.arm
     rig = identification.rig
     fit = identification.fit
-    motion = path(np.linspace(0, path.duration, SETTINGS.samples, endpoint=False))
+    motion = path(np.linspace(0, path.duration, samples, endpoint=False))
     names = linear(arm.dynamics, rig, fit.unknown)
     regressor, _ = regressor_along(arm.dynamics, rig, names, motion)
     pulses = np.column_stack([rig.position_in_pulses(joint) for joint in np.eye(arm.n)])
@@ -155,14 +181,20 @@ def uncertain_acceleration(identification: Identification) -> float:
     return float(np.sqrt(variance.max()))
 
 
-def _bandwidth(source: Any, rig: Any, bandwidth: float, trial: Callable[..., Any]) -> float:
+def _bandwidth(
+    source: Any,
+    rig: Any,
+    bandwidth: float,
+    trial: Callable[..., Any],
+    settings: DefaultGainSettings,
+) -> float:
     """That bandwidth, or the largest that the period and elastic gears allow [rad/s]."""
     identified = isinstance(source, Identification)
     if identified and rig is None:
         rig = source.rig
     if not isinstance(rig, Rig):  # the law refuses it, with its other fields
         return bandwidth
-    bandwidth = min(bandwidth, SETTINGS.period / rig.period)
+    bandwidth = min(bandwidth, settings.period / rig.period)
     gears = rig.drive.elasticity
     if gears is None:
         return bandwidth
@@ -170,17 +202,17 @@ def _bandwidth(source: Any, rig: Any, bandwidth: float, trial: Callable[..., Any
     poses = np.zeros((1, rig.n))
     path = source.records[0].reference if identified else None
     if path is not None:
-        poses = path(np.linspace(0, path.duration, SETTINGS.poses, endpoint=False)).q
-    while bandwidth > SETTINGS.smallest:
+        poses = path(np.linspace(0, path.duration, settings.poses, endpoint=False)).q
+    while bandwidth > settings.smallest:
         law = trial(rig, bandwidth=bandwidth)
-        factors = SETTINGS.predicted
+        factors = settings.predicted
         if law.gear_gains is None:
-            law = trial(rig, bandwidth=SETTINGS.spare * bandwidth)
-            factors = SETTINGS.stiffer
+            law = trial(rig, bandwidth=settings.spare * bandwidth)
+            factors = settings.stiffer
         loops = (SampledLoops(arm, rig, law, pose) for pose in poses)
         if all(_stable(loop, gears, factors) for loop in loops):
             return bandwidth
-        bandwidth *= SETTINGS.step
+        bandwidth *= settings.step
     raise ValueError(
         "no bandwidth is stable on these elastic gears with something to spare; take what tune"
         " finds."

@@ -9,7 +9,7 @@ import numpy as np
 from ctc.learning.learning import Learning, mended, share
 from ctc.learning.learnt_torque import LearntTorque
 from ctc.learning.path_plant import PathPlant, missing_torque, path_plant
-from ctc.learning.settings import SETTINGS
+from ctc.learning.settings import SETTINGS, LearnSettings
 from identification import Identification
 from plant import Arm, Law, Record, Reference, Rig
 from plant.parts.arguments import instance, known_options
@@ -27,6 +27,7 @@ def learn(
     records: Record | Sequence[Record],
     *,
     found: Identification | Arm | None = None,
+    settings: LearnSettings | None = None,
     executor: Any = None,
 ) -> Learning:
     """Learn the torque that was missing along a path from logs of it, of any law.
@@ -48,6 +49,9 @@ def learn(
     found : Identification or Arm, optional
         The model; by default the arm that the law holds. The covariance of an identification is the
         prior of the regression, in place of 5 % of f and 20 % of friction.
+    settings : LearnSettings, optional
+        Gain, thresholds and bandwidths; by default those of the previous result, and for a law the
+        numbers of the notes. `gain` counts for a law only: a result has its own.
     executor : optional
         Runs the smoothers, one call per log, as in `certify`; the result has the same bits.
 
@@ -91,21 +95,24 @@ def learn(
         instance("law", law, Law, "Give the law that made the logs.")
     instance("rig", rig, Rig, _ORDER)
     instance("reference", reference, Reference, _ORDER)
+    if settings is None:
+        settings = SETTINGS if previous is None else previous.settings
+    instance("settings", settings, LearnSettings, "Give LearnSettings.")
     arm = _model(run_law, found)
     logs, count = _logs(records, run_law, rig, reference)
 
     # The motion and the speeds are needed at the start of each period only; the friction of a rig
     # acts at its shafts, so speeds are those of the shafts.
     # 1. The model along the path, and the torque that the logs were made with.
-    plant = path_plant(arm, rig, reference, count)
+    plant = path_plant(arm, rig, reference, count, settings)
     motion = reference(rig.period * np.arange(count))
     speed = rig.drive.coupling.shaft(motion.qd)
     pulses = rig.encoder.position_in_pulses(np.abs(rig.drive.gear) * speed)
-    moves = np.abs(pulses) > SETTINGS.moving_speed
+    moves = np.abs(pulses) > settings.moving_speed
     # Up to `highest_frequency` there are two cosines per hertz and second of the path. More terms
     # than samples would not be determined.
-    needed = int(2 * SETTINGS.highest_frequency * reference.duration)
-    terms = min(needed, SETTINGS.largest_terms, count - 1) + 1
+    needed = int(2 * settings.highest_frequency * reference.duration)
+    terms = min(needed, settings.largest_terms, count - 1) + 1
     inner_law = run_law
     learnt_terms = np.zeros((terms, rig.n))
     # A path that is learnt on keeps its terms; a new law starts from a learnt torque of zero.
@@ -115,7 +122,7 @@ def learn(
 
     # 2. The torque that each log misses beside it; logs that disagree with the model are left out.
     learnt = _torque(learnt_terms, count)
-    smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, learnt)
+    smoothed = functools.partial(_correction, arm, rig, plant, motion, moves, learnt, settings)
     results = mapped(smoothed, logs, executor) if executor is not None else map(smoothed, logs)
     innovations = list(previous.innovations) if previous else []
     left_out = list(previous.left_out) if previous else []
@@ -123,7 +130,7 @@ def learn(
     errors = []
     for record, (correction, innovation) in zip(logs, results, strict=True):
         innovations.append(innovation)
-        if _is_disturbed(innovations):
+        if _is_disturbed(innovations, settings):
             left_out.append(_left_out(record, innovations, run_law))
         else:
             corrections.append(correction)
@@ -134,7 +141,7 @@ def learn(
 
     # 3. The next torque: corrected, or with half of the last correction, if that did not help.
     wanted = _terms(mean, terms).ravel()
-    following = _next(previous, learnt_terms.ravel(), wanted, rms, errors, rig)
+    following = _next(previous, learnt_terms.ravel(), wanted, rms, errors, rig, settings)
     start = following.start
     wanted = following.wanted
 
@@ -142,13 +149,19 @@ def learn(
     # 4. The part of it that is f and friction, for other paths.
     whole_torque = start if following.diverged else start + wanted
     explained = _torque(whole_torque.reshape(terms, -1), count)
-    prior = _prior(found, arm, rig)
-    mending = mended(arm, rig, plant, explained, moves, speed, prior)
+    prior = _prior(found, arm, rig, settings.friction_deviation)
+    mending = mended(arm, rig, plant, explained, moves, speed, prior, settings)
     p = len(arm.f)
     std = np.sqrt(np.diag(mending.covariance))
     added = start + following.gain * wanted
     return Learning(
-        law=LearntTorque(law=inner_law, rig=rig, reference=reference, terms=added),
+        law=LearntTorque(
+            law=inner_law,
+            rig=rig,
+            reference=reference,
+            terms=added,
+            start_distance=settings.start_distance,
+        ),
         arm=mending.arm,
         rig=mending.rig,
         covariance=mending.covariance[:p, :p],
@@ -163,6 +176,7 @@ def learn(
         diverged=following.diverged,
         before=start,
         wanted=wanted,
+        settings=settings,
     )
 
 
@@ -185,6 +199,7 @@ def _next(
     rms: Floats,
     errors: Sequence[Floats],
     rig: Rig,
+    settings: LearnSettings,
 ) -> _Next:
     """The next torque of a path, from the terms so far (`start`) and their correction (`wanted`).
 
@@ -192,7 +207,7 @@ def _next(
     joints at each sample [pulses], one array for each repetition that was learnt from.
     """
     if previous is None:
-        history = _Next(start, wanted, SETTINGS.gain, (), (), (), False)
+        history = _Next(start, wanted, settings.gain, (), (), (), False)
     else:
         history = _Next(
             start, wanted, previous.gain, previous.missing, previous.beyond, previous.peak, False
@@ -204,9 +219,9 @@ def _next(
     # growth proves nothing.
     outside = float((np.array(errors) > 1).mean())
     if previous is not None and history.missing:
-        limit = SETTINGS.must_fall * share(history.missing[-1], rig)
-        grew = share(rms, rig) > max(limit, SETTINGS.settled)
-        if grew or outside > history.beyond[-1] + SETTINGS.may_worsen:
+        limit = settings.must_fall * share(history.missing[-1], rig)
+        grew = share(rms, rig) > max(limit, settings.settled)
+        if grew or outside > history.beyond[-1] + settings.may_worsen:
             # Half of the same correction is made again from the torque before it: the learning gain
             # was too large for this path. Its log describes a torque that is taken back, and is not
             # recorded.
@@ -223,12 +238,12 @@ def _next(
     )
 
 
-def _is_disturbed(innovations: Sequence[float]) -> bool:
+def _is_disturbed(innovations: Sequence[float], settings: LearnSettings) -> bool:
     """Whether the last of these RMS innovations is too large for its log to be learnt from."""
     # The smallest innovation so far belongs to an undisturbed repetition of this arm: a model with
     # wrong gears raises all innovations, a disturbance raises one.
-    usual = max(SETTINGS.innovation_ratio * min(innovations), 1.0)
-    return innovations[-1] > min(SETTINGS.largest_innovation, usual)
+    usual = max(settings.innovation_ratio * min(innovations), 1.0)
+    return innovations[-1] > min(settings.largest_innovation, usual)
 
 
 def _left_out(record: Record, innovations: list[float], law: Law) -> str:
@@ -318,7 +333,14 @@ def _applied(record: Record, count: int) -> Floats:
 
 
 def _correction(
-    arm: Arm, rig: Rig, plant: PathPlant, motion: Any, moves: Any, learnt: Floats, record: Record
+    arm: Arm,
+    rig: Rig,
+    plant: PathPlant,
+    motion: Any,
+    moves: Any,
+    learnt: Floats,
+    settings: LearnSettings,
+    record: Record,
 ) -> tuple[Floats, float]:
     """Torque (N, n) that model and learnt torque lack, and the mean normalised innovation."""
     count = len(learnt)
@@ -331,17 +353,19 @@ def _correction(
     # The plant is linear in deviations, so that the smoother needs only the torque beyond the
     # model.
     beyond = _applied(record, count) - plant.torque - learnt
-    estimate = missing_torque(plant, rig, inertia, beyond, centre - motion.q, counts, moves)
+    estimate = missing_torque(
+        plant, rig, inertia, beyond, centre - motion.q, counts, moves, settings
+    )
 
     # While a joint sticks, its count shows no torque that would move it. A stiffness on its
     # tracking error gives that torque, advanced by a lead since the joint should already have
     # moved, and smoothed since steps of counts would excite the gears.
-    stuck = estimate.stands * moves * inertia * SETTINGS.stuck_bandwidth**2 * (motion.q - centre)
-    lead = round(SETTINGS.stuck_lead / dt)
+    stuck = estimate.stands * moves * inertia * settings.stuck_bandwidth**2 * (motion.q - centre)
+    lead = round(settings.stuck_lead / dt)
     ahead = np.vstack([stuck[lead:], np.zeros((lead, rig.n))])[:count]
     # Three standard deviations on each side hold all but 0.3 % of the Gaussian.
-    width = int(np.ceil(3 * SETTINGS.stuck_smoothing / dt))
-    kernel = np.exp(-((dt * np.arange(-width, width + 1) / SETTINGS.stuck_smoothing) ** 2) / 2)
+    width = int(np.ceil(3 * settings.stuck_smoothing / dt))
+    kernel = np.exp(-((dt * np.arange(-width, width + 1) / settings.stuck_smoothing) ** 2) / 2)
     kernel /= kernel.sum()
     smooth = np.column_stack([np.convolve(column, kernel, "same")[:count] for column in ahead.T])
     return (estimate.torque + smooth) * moves, estimate.innovation
@@ -363,7 +387,7 @@ def _torque(terms: Floats, count: int) -> Floats:
     return np.cos(np.pi / (count - 1) * np.outer(np.arange(count), np.arange(len(terms)))) @ terms
 
 
-def _prior(model: Any, arm: Arm, rig: Rig) -> Floats | None:
+def _prior(model: Any, arm: Arm, rig: Rig, friction_deviation: float) -> Floats | None:
     """Joint-side covariance of f, viscous and Coulomb friction, if an identification has one."""
     if getattr(model, "covariance", None) is None:
         return None
@@ -377,7 +401,7 @@ def _prior(model: Any, arm: Arm, rig: Rig) -> Floats | None:
     scale = np.concatenate([np.ones(p), gear**2, gear])
     # Friction that was not identified keeps the relative deviation of the settings.
     levels = np.concatenate([np.zeros(p), rig.drive.viscous, rig.drive.coulomb])
-    P = np.diag((SETTINGS.friction_deviation * levels) ** 2)
+    P = np.diag((friction_deviation * levels) ** 2)
     identified = [i for i, name in enumerate(names) if name in model.fit.unknown]
     P[np.ix_(identified, identified)] = model.fit.covariance_of([names[i] for i in identified])
     return P * np.outer(scale, scale)

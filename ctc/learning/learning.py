@@ -10,7 +10,7 @@ from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from ctc.learning.learnt_torque import LearntTorque
 from ctc.learning.path_plant import PathPlant
-from ctc.learning.settings import SETTINGS
+from ctc.learning.settings import SETTINGS, LearnSettings
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen
@@ -52,6 +52,8 @@ class Learning(Shown, Saved, Frozen):
         Whether the last correction did not help, and was taken back.
     before, wanted : (K n,) numpy.ndarray
         Terms of the torque before the last correction, and of that correction at gain 1.
+    settings : LearnSettings
+        Of the last call; the next one keeps them.
     """
 
     law: LearntTorque
@@ -69,6 +71,7 @@ class Learning(Shown, Saved, Frozen):
     diverged: bool
     before: Floats
     wanted: Floats
+    settings: LearnSettings = SETTINGS
 
     @property
     def converged(self) -> bool:
@@ -81,7 +84,7 @@ class Learning(Shown, Saved, Frozen):
         return (
             bool(self.missing)
             and not self.diverged
-            and share(self.missing[-1], self.rig) <= SETTINGS.settled
+            and share(self.missing[-1], self.rig) <= self.settings.settled
         )
 
     @property
@@ -158,7 +161,14 @@ class Mending(NamedTuple):
 
 
 def mended(
-    arm: Arm, rig: Rig, plant: PathPlant, learnt: Floats, moves: Any, speed: Floats, prior: Any
+    arm: Arm,
+    rig: Rig,
+    plant: PathPlant,
+    learnt: Floats,
+    moves: Any,
+    speed: Floats,
+    prior: Any,
+    settings: LearnSettings,
 ) -> Mending:
     """Arm and rig corrected by a learnt torque (N, n), in a ridge regression where joints move.
 
@@ -185,13 +195,13 @@ def mended(
     # Zero prior variance of a friction level of zero keeps friction out that the model does not
     # have.
     if P is None:
-        deviations = SETTINGS.f_deviation, SETTINGS.friction_deviation
+        deviations = settings.f_deviation, settings.friction_deviation
         P = np.diag((np.repeat(deviations, [p, 2 * n]) * model_values) ** 2)
 
     # 3. The smoother correlates neighbouring samples: `alike` of them count as one independent
     # sample. The variance of the residual is the noise, and depends on the solution in turn: three
     # rounds of the iteration converge.
-    alike = max(SETTINGS.correlation_time / rig.period, 1.0)
+    alike = max(settings.correlation_time / rig.period, 1.0)
     change = np.zeros(len(model_values))
     variance = float(np.mean(target**2)) + 1e-12
     for _ in range(3):

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctc.learning.settings import SETTINGS
-from plant import Law, Reference, Rig
-from plant.laws.law import Block, Setpoint, Step, state_of
+from plant import Law, Reference, Rig, state_of
+from plant.laws.law import Block, Setpoint, Step
 from plant.parts.arguments import array
 from plant.parts.fields import Floats, Vector
 from plant.parts.part import number, part, structure
@@ -34,6 +34,8 @@ class LearntTorque(Law):
         Rig and path of the repetitions.
     terms : (K n,) array_like
         a_k of all joints [N m], k after k.
+    start_distance : float
+        Distance [pulses] from the start of the path within which `start` accepts an arm.
 
     Raises
     ------
@@ -60,6 +62,7 @@ class LearntTorque(Law):
     rig: Rig = structure(Rig)
     reference: Reference = structure(Reference)
     terms: Vector = number(("m",))
+    start_distance: float = structure(float, default=SETTINGS.start_distance)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -142,7 +145,7 @@ class LearntTorque(Law):
         begins = self.rig.counts(self.reference([0.0]).q[0])
         advice = "Give the encoder count of each joint."
         counts = array("pulses", pulses, (self.rig.n,), advice=advice)
-        if (np.abs(counts - begins) > SETTINGS.start_distance).any():
+        if (np.abs(counts - begins) > self.start_distance).any():
             raise ValueError(
                 f"pulses must be where the learnt path begins, {begins}; got {counts}. Move the arm"
                 " there."

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from ctc.learning.settings import SETTINGS
+from ctc.laws.computed_torque_settings import SETTINGS as OF_CONTROLLER
+from ctc.learning.settings import SETTINGS, LearnSettings
 from plant import Arm, Reference, Rig
 from plant.motion.link_reference import gear_torque, require_elastic, wound
 from plant.parts.fields import Floats
@@ -32,11 +33,13 @@ class PathPlant:
     qdd: Floats
 
 
-def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlant:
+def path_plant(
+    arm: Arm, rig: Rig, reference: Reference, count: int, settings: LearnSettings = SETTINGS
+) -> PathPlant:
     """The model along `count` samples of a reference that the encoders follow exactly."""
     if rig.drive.elasticity is not None:
         require_elastic("learn", rig)
-        rig = _as_stiff(arm, rig, reference(np.zeros(1)).q[0])
+        rig = _as_stiff(arm, rig, reference(np.zeros(1)).q[0], settings.elastic_limit)
     n = arm.n
     dt = rig.period
     drive = rig.drive
@@ -63,7 +66,8 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
 
     # 3. The torque. Coulomb friction is in proportion at low speed, as in the default controller.
     speed = drive.coupling.shaft(motion.qd[::2])
-    slides = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed) / SETTINGS.sliding_speed
+    pulses = np.abs(drive.gear) * rig.encoder.position_in_pulses(speed)
+    slides = pulses / OF_CONTROLLER.sliding_speed
     dry = drive.joint_coulomb(speed) * np.clip(slides, -1, 1)
     # Viscous friction is inside the equations already; offset and Coulomb friction are added here.
     frictionless, link_qdd = moves.map(count + 1)(states.T, motion.qdd[::2].T)
@@ -81,14 +85,14 @@ def path_plant(arm: Arm, rig: Rig, reference: Reference, count: int) -> PathPlan
     # The applied torque of a sample is compared with the mean of the needed torque at both ends.
     return PathPlant(
         torque=(torque[:-1] + torque[1:]) / 2,
-        transition=_exponentials(grown * dt),
+        transition=_exponentials(grown * dt, settings.halvings),
         q=states[:-1, half - n : half],
         qd=states[:-1, m - n : m],
         qdd=(link_qdd.full().T if elastic else motion.qdd[::2])[:-1],
     )
 
 
-def _as_stiff(arm: Arm, rig: Rig, q: Floats) -> Rig:
+def _as_stiff(arm: Arm, rig: Rig, q: Floats, limit: float) -> Rig:
     """The rig, with rigid gears where links swing too fast for a step of its period."""
     drive: Any = rig.drive
     # The squared frequencies of the links on their gears, with the motors held fast.
@@ -96,7 +100,7 @@ def _as_stiff(arm: Arm, rig: Rig, q: Floats) -> Rig:
         drive.reflected_inertia()
     )
     squares = np.linalg.eigvals(np.linalg.solve(links, np.diag(drive.elasticity.stiffness))).real
-    if squares.max() * rig.period**2 < SETTINGS.elastic_limit:
+    if squares.max() * rig.period**2 < limit:
         return rig
     return dataclasses.replace(rig, drive=dataclasses.replace(drive, elasticity=None))
 
@@ -162,13 +166,13 @@ def _states(arm: Arm, rig: Rig, moves: ca.Function, motion: Any, count: int) -> 
     return np.hstack([motion.q[::2], links[:, :n], motion.qd[::2], links[:, n:]])
 
 
-def _exponentials(matrices: Floats) -> Floats:
+def _exponentials(matrices: Floats, halvings: int) -> Floats:
     """Exponentials of matrices (N, m, m): Taylor's fourth order of a part, squared up."""
     # Division by 2^halvings makes the matrix small enough for Taylor's series; squaring undoes it.
-    part = matrices / 2**SETTINGS.halvings
+    part = matrices / 2**halvings
     one = np.eye(matrices.shape[1])
     power = one + part @ (one + part / 2 @ (one + part / 3 @ (one + part / 4)))
-    for _ in range(SETTINGS.halvings):
+    for _ in range(halvings):
         power = power @ power
     return power
 
@@ -189,6 +193,7 @@ def missing_torque(
     e: Floats,
     counts: Floats,
     moves: Any,
+    settings: LearnSettings,
 ) -> Missing:
     """The torque that was missing along a path, by a Kalman filter and a smoother back over it.
 
@@ -200,7 +205,7 @@ def missing_torque(
     dt = rig.period
     m = plant.transition.shape[1] - n
     half = m // 2
-    omega = SETTINGS.smoother_bandwidth
+    omega = settings.smoother_bandwidth
 
     # 1. Noises: rounding of counts, uniform in a cell; a random walk of the missing torque that
     # places the filter's bandwidth; and dry friction, which is unknown while a joint stands.
@@ -208,12 +213,12 @@ def missing_torque(
     pulse = np.asarray(rig.to_angle(np.eye(n))).T
     R = pulse @ pulse.T / 12
     walk = (inertia * omega**3) ** 2 * np.diag(R) * dt
-    samples = round(SETTINGS.standing_time / dt)
+    samples = round(settings.standing_time / dt)
     stands = standing(counts, samples)
     # A joint at the edge of two cells stands, too, although its count flips.
     for pairs in (counts // 2, (counts + 1) // 2):
         stands = np.where(moves, stands, np.maximum(stands, standing(pairs, samples)))
-    level = rig.drive.joint_coulomb() ** 2 * SETTINGS.standing_memory / dt
+    level = rig.drive.joint_coulomb() ** 2 * settings.standing_memory / dt
     one = np.eye(m + n)
     Q = np.zeros_like(one)
     Q[m:, m:] = np.diag(walk * dt)

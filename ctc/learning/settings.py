@@ -1,10 +1,11 @@
 """Numbers of `learn`."""
 
-import dataclasses
+from plant.parts.part import part, structure
+from plant.parts.settings import Settings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class LearnSettings:
+@part
+class LearnSettings(Settings):
     """Settings of `learn`; all were chosen by hand, and tests/benchmarks/learn.py tests them.
 
     Parameters
@@ -42,8 +43,6 @@ class LearnSettings:
     correlation_time : float
         Time [s] over which the unexplained torque is correlated: two time constants of the
         smoother.
-    sliding_speed : float
-        Speed [pulses/s] from which on the model has Coulomb friction in full.
     elastic_limit : float
         (omega dt)^2 of links on their gears up to which Runge-Kutta 4 follows them; the gears are
         taken for rigid beyond. Its limit of stability is 8.
@@ -57,30 +56,47 @@ class LearnSettings:
         Time [s] for which friction of a joint that sticks is taken to stay the same.
     start_distance : float
         Distance [pulses] from the start of the path within which the law may be started.
+
+    Raises
+    ------
+    ValueError
+        A number that is negative or, where it must be positive, zero; a `gain` above 1.
+
+    See Also
+    --------
+    ctc.learn
+
+    Examples
+    --------
+    >>> from ctc import LearnSettings
+    >>> LearnSettings(gain=0.5).gain
+    0.5
     """
 
-    gain: float = 0.7
-    must_fall: float = 0.8
-    may_worsen: float = 0.005
-    settled: float = 1e-3
-    largest_innovation: float = 1.25
-    innovation_ratio: float = 1.3
-    highest_frequency: float = 40.0
-    largest_terms: int = 400
-    moving_speed: float = 3.0
-    stuck_bandwidth: float = 14.0
-    stuck_lead: float = 0.015
-    stuck_smoothing: float = 0.008
-    f_deviation: float = 0.05
-    friction_deviation: float = 0.2
-    correlation_time: float = 0.02
-    sliding_speed: float = 30.0
-    elastic_limit: float = 4.0
-    halvings: int = 3
-    smoother_bandwidth: float = 100.0
-    standing_time: float = 0.02
-    standing_memory: float = 0.05
-    start_distance: float = 3.0
+    may_be_zero = ("may_worsen", "settled", "moving_speed", "stuck_bandwidth", "stuck_lead")
+    at_most = {"gain": 1}  # noqa: RUF012  # declared as of the class
+
+    gain: float = structure(float, default=0.7)
+    must_fall: float = structure(float, default=0.8)
+    may_worsen: float = structure(float, default=0.005)
+    settled: float = structure(float, default=1e-3)
+    largest_innovation: float = structure(float, default=1.25)
+    innovation_ratio: float = structure(float, default=1.3)
+    highest_frequency: float = structure(float, default=40.0)
+    largest_terms: int = structure(int, default=400)
+    moving_speed: float = structure(float, default=3.0)
+    stuck_bandwidth: float = structure(float, default=14.0)
+    stuck_lead: float = structure(float, default=0.015)
+    stuck_smoothing: float = structure(float, default=0.008)
+    f_deviation: float = structure(float, default=0.05)
+    friction_deviation: float = structure(float, default=0.2)
+    correlation_time: float = structure(float, default=0.02)
+    elastic_limit: float = structure(float, default=4.0)
+    halvings: int = structure(int, default=3)
+    smoother_bandwidth: float = structure(float, default=100.0)
+    standing_time: float = structure(float, default=0.02)
+    standing_memory: float = structure(float, default=0.05)
+    start_distance: float = structure(float, default=3.0)
 
 
 SETTINGS = LearnSettings()

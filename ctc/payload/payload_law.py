@@ -14,8 +14,8 @@ import casadi as ca
 
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.observer import correct, predict, triple_pole
-from plant import Law, Rig
-from plant.laws.law import Block, Setpoint, Step, state_of
+from plant import Law, Rig, state_of
+from plant.laws.law import Block, Setpoint, Step
 from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import signs

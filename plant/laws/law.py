@@ -360,7 +360,20 @@ def _checked_step(law: Law, arguments: tuple[Any, ...]) -> Step:
 
 
 def state_of(law: Law) -> Field:
-    """The state of a law as one field of a law around it, with the roles of its own fields."""
+    """The state of a law as one field of a law around it, with the roles of its own fields.
+
+    See Also
+    --------
+    plant.Fields, plant.Law
+
+    Examples
+    --------
+    >>> from plant import PID, Fields, per_joint, puma560, state_of
+    >>> inner = PID(gain=(0.05, 0.04), integral=(0.1, 0.1), derivative=(0, 0), filter=500.0,
+    ...             period=puma560.rig().period)
+    >>> Fields(law=state_of(inner), added=per_joint()).length(2) - inner.fields.length(2)
+    2
+    """
     starts_otherwise = type(law).initial_state is not Law.initial_state
     return vector_of(law.fields, law.initial_state if starts_otherwise else None)
 

@@ -144,7 +144,7 @@ class PID(PD):
         signs(self, positive=("gain",), not_negative=("integral",))
 
     # `commanded`, on the motor, tells one step later how much the amplifier cut off.
-    fields = PD.fields.extended(integral=per_joint(), commanded=per_joint())
+    fields = PD.fields | Fields(integral=per_joint(), commanded=per_joint())
 
     def equations(
         self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX

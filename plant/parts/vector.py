@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from plant.parts.arguments import instance
 from plant.parts.fields import Floats
 
 TORQUE_ERROR = "torque error"
@@ -137,13 +138,14 @@ class Fields:
     ----------
     **fields : Field or Fields
         The quantities by name. A value that is itself `Fields` is a group, such as the state of one
-        block of a law: it is read as a record inside the record, and written as a mapping.
+        block of a law: it is read as a record inside the record, and written as a mapping. Two
+        vectors are joined by ``|``.
 
     Raises
     ------
     ValueError
         A field that is neither, a name that clashes; in `write`, a missing name, an unknown name or
-        a wrong length.
+        a wrong length. A name within a group stands behind that of the group: 'gears.link'.
 
     See Also
     --------
@@ -184,27 +186,36 @@ class Fields:
         """Numbers of a whole vector for n joints."""
         return sum(field.length(n) for field in self.fields.values())
 
-    def initial(self, n: int) -> Floats:
-        """The vector (length,) at the start."""
+    def initial(self, n: int, group: str = "") -> Floats:
+        """The vector (length,) at the start; errors name the `group` that it is of."""
         # So that a vector without fields is an empty array, too.
         starts = [np.empty(0)]
         for name, field in self.fields.items():
+            if isinstance(field, Fields):
+                starts.append(field.initial(n, f"{group}{name}."))
+                continue
             try:
                 starts.append(field.initial(n))
             except ValueError:
                 raise ValueError(
-                    f"the field '{name}' must start with one number or with {field.length(n)}; got"
-                    f" shape {np.shape(getattr(field, 'start', 0))}. Correct its start."
+                    f"the field '{group}{name}' must start with one number or with"
+                    f" {field.length(n)}; got shape {np.shape(field.start)}. Correct its start."
                 ) from None
         return np.concatenate(starts)
 
+    def __or__(self, other: "Fields") -> "Fields":
+        """These fields and then those of another vector; a name that both have is refused."""
+        instance("the right side of |", other, Fields, "Join two Fields.")
+        for name in other.fields:
+            if name in self.fields:
+                raise ValueError(
+                    f"the field '{name}' must be declared once; {self} has it already. Rename one."
+                )
+        return Fields(**self.fields, **other.fields)
+
     def extended(self, **fields: "Field | Fields") -> "Fields":
         """These fields and then more; a name that is there already is refused."""
-        for name in fields.keys() & self.fields.keys():
-            raise ValueError(
-                f"the field '{name}' must be declared once; {self} has it already. Rename one."
-            )
-        return Fields(**self.fields, **fields)
+        return self | Fields(**fields)
 
     def read(self, vector: Any, n: int) -> Any:
         """The vector (length,) as a record: an attribute per field.
@@ -236,36 +247,41 @@ class Fields:
 
         A field of one number may be given as a number; a group as a mapping or as a record.
         """
-        unknown = [name for name in values if name not in self.fields]
+        return self._written(n, values, "")
+
+    def _written(self, n: int, values: Mapping[str, Any], group: str) -> Any:
+        """As `write`; errors name the `group` of these fields, such as "gears."."""
+        unknown = [f"'{group}{name}'" for name in values if name not in self.fields]
         if unknown:
             raise ValueError(
-                f"write must get fields of {self}; got {_quoted(unknown)}. Declare the field, or"
+                f"write must get fields of {self}; got {', '.join(unknown)}. Declare the field, or"
                 " correct the name."
             )
-        missing = [name for name in self.fields if name not in values]
+        missing = [f"'{group}{name}'" for name in self.fields if name not in values]
         if missing:
             raise ValueError(
-                f"write must get a value for each field of {self}; {_quoted(missing)} came without"
-                " one. Give it."
+                f"write must get a value for each field of {self}; {', '.join(missing)} came"
+                " without one. Give it."
             )
         parts = []
         for name, field in self.fields.items():
             value = values[name]
             if isinstance(field, Fields):
                 # The record that `read` gave can be written back as it is.
-                group = value._asdict() if hasattr(value, "_asdict") else value
-                if not isinstance(group, Mapping):
+                inner = value._asdict() if hasattr(value, "_asdict") else value
+                if not isinstance(inner, Mapping):
                     raise ValueError(
-                        f"the group '{name}' must be a mapping of {', '.join(field.fields)}, or a"
-                        f" record of `read`; got a {type(group).__name__}. Write it by name."
+                        f"the group '{group}{name}' must be a mapping of"
+                        f" {', '.join(field.fields)}, or a record of `read`; got a"
+                        f" {type(inner).__name__}. Write it by name."
                     )
-                value = field.write(n, **group)
+                value = field._written(n, inner, f"{group}{name}.")
             elif not isinstance(value, ca.SX | ca.MX | ca.DM):
                 value = np.atleast_1d(np.asarray(value, float))
             # A casadi column has two dimensions, a numpy vector one; both hold one column.
             if value.shape[0] != field.length(n) or value.shape[1:] not in ((), (1,)):
                 raise ValueError(
-                    f"the field '{name}' must have {field.length(n)} numbers; got shape"
+                    f"the field '{group}{name}' must have {field.length(n)} numbers; got shape"
                     f" {tuple(value.shape)}. Give one column of that length."
                 )
             parts.append(value)
@@ -302,10 +318,6 @@ class Fields:
             tail = _part(vector, range(place.stop, vector.shape[0]))
             vector = ca.vertcat(head, change(_part(vector, place)), tail)
         return vector
-
-
-def _quoted(names: list[str]) -> str:
-    return ", ".join(f"'{name}'" for name in names)
 
 
 def _part(vector: Any, place: range) -> Any:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from ctc import ComputedTorque, LearntTorque, certify, evaluate, learn
+from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
 from ctc.learning.learning import Learning
 from ctc.learning.path_plant import _exponentials, path_plant, standing
 from plant import PID, Elasticity, P, puma560, simulate
@@ -276,4 +276,20 @@ def test_it_says_itself_on_one_screen(learnt):
 
 def test_exponentials_are_scipy_s():
     matrices = np.random.default_rng(0).normal(size=(3, 6, 6)) * 0.2
-    np.testing.assert_allclose(_exponentials(matrices), expm(matrices), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(_exponentials(matrices, 3), expm(matrices), rtol=1e-6, atol=1e-6)
+
+
+def test_settings_shape_what_is_learnt_and_stay(log, learnt):
+    """Half of the gain adds half of the torque; the next call keeps the settings."""
+    settings = LearnSettings(gain=0.35, start_distance=50)
+    half = learn(LAW, BELIEVED, PATH, log, settings=settings)
+    np.testing.assert_allclose(half.law.terms, 0.5 * learnt.law.terms, rtol=1e-12)
+    assert half.law.start_distance == 50
+    assert learn(half, BELIEVED, PATH, log_of(half)).settings == settings
+    with pytest.raises(ValueError, match="settings must be of type LearnSettings"):
+        learn(LAW, BELIEVED, PATH, log, settings=0.35)
+
+
+def log_of(learnt):
+    """A repetition under the law that was learnt."""
+    return simulate(ARM, RIG, learnt.law, PATH)

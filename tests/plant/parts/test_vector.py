@@ -73,8 +73,38 @@ def test_wrong_vectors_and_fields_are_refused():
         Fields(count=scalars())
     with pytest.raises(ValueError, match=r"'error' must be declared once; .* Rename one\.$"):
         STATE.extended(error=scalars())
+    with pytest.raises(ValueError, match=r"'error' must be declared once; .* Rename one\.$"):
+        STATE | Fields(time=per_joint(), error=scalars())
+    with pytest.raises(ValueError, match="must be of type Fields"):
+        STATE | {"rate": per_joint()}
     with pytest.raises(ValueError, match=r"'gain' must start with one number or with 4;"):
         Fields(gain=per_joint(rows=2, start=(1.0, 2.0, 3.0))).initial(2)
+
+
+@pytest.mark.parametrize(
+    ("inner", "name"),
+    [
+        ({"link": 0}, "gears.torque"),
+        ({"link": 0, "torque": 0, "bogus": 1}, "gears.bogus"),
+        ({"link": np.zeros(3), "torque": 0}, "gears.link"),
+        (3, "gears"),
+    ],
+)
+def test_a_clash_within_a_group_names_the_group(inner, name):
+    with pytest.raises(ValueError, match=f"'model.{name}'"):
+        Fields(model=Fields(gears=GEARS)).write(1, model={"gears": inner})
+
+
+def test_a_wrong_start_within_a_group_names_the_group():
+    wrong = Fields(gears=Fields(link=per_joint(start=(1.0, 2.0, 3.0))))
+    with pytest.raises(ValueError, match=r"'gears\.link' must start .* got shape \(3,\)"):
+        wrong.initial(2)
+
+
+def test_joined_vectors_hold_the_fields_of_both_in_order():
+    both = GEARS | Fields(begun=scalars(start=2))
+    np.testing.assert_array_equal(both.initial(1), (1, 0, 2))
+    np.testing.assert_array_equal(both.write(1, begun=5, torque=4, link=3), (3, 4, 5))
 
 
 def test_a_whole_vector_is_a_field_whose_roles_are_found():
