@@ -162,7 +162,7 @@ class ComputedTorque(ModelLaw):
     def designed(
         cls,
         arm: Any,
-        rig: Rig | None = None,
+        rig: Any = None,
         *,
         gains: DefaultGainSettings = GAINS,
         **fields: Any,
