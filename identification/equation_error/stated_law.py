@@ -8,6 +8,7 @@ from identification.equation_error.law_memory import FADED, at_work, reading, st
 from identification.equation_error.torque_logs import law_torque, logged_torque, torque_of
 from plant import Record, Resumed
 from plant.parts.fields import Floats
+from plant.parts.sums import least
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
@@ -132,8 +133,7 @@ def _nearest(record, logged):
         # The first samples are left out: there a state looks like another start of the arm.
         missing = (logged - law_torque(followed, run))[FADED:].ravel()
         rows = columns[:, FADED:].reshape(len(columns), -1).T
-        change = np.linalg.lstsq(rows, missing, rcond=None)[0]
-        state = memory.at(np.asarray(change, float))
+        state = memory.at(least(rows, missing))
         reader = followed.law
         followed = replace(followed, law=replace(reader, state=state))
     return followed

@@ -18,6 +18,7 @@ from plant.parts.arguments import array, real
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts.sums import least
 from plant.parts.tables import Table
 
 
@@ -165,7 +166,7 @@ class LoadShape:
     @functools.cached_property
     def shares(self) -> Floats:
         """Coefficients (K, b) of the basis for each centre."""
-        return np.asarray(np.linalg.lstsq(self.basis.T, self.per_kg.T, rcond=None)[0].T)
+        return least(self.basis.T, self.per_kg.T).T
 
     @property
     def prior(self) -> Floats:
@@ -186,11 +187,7 @@ def _outwards(arm: Arm) -> Floats:
     alone = ~matrix[:, : -len(STANDARD)].any(axis=1)
     increments = arm.dynamics.load_matrix()[alone]
     # Least squares of the link's own parameters; f of planar arms omits some.
-    phi = (
-        np.linalg.lstsq(increments, np.array(arm.f)[alone], rcond=None)[0]
-        if alone.any()
-        else np.zeros(len(LOAD))
-    )
+    phi = least(increments, arm.f[alone])
     # First moments m x, m y, m z follow the mass; one that f does not contain counts as zero.
     moments = np.where(np.abs(increments).sum(axis=0) > 0, phi, 0.0)[1:4]
     if not np.linalg.norm(moments) > 1e-3 * np.abs(arm.f).max():

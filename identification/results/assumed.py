@@ -20,7 +20,7 @@ from plant.parts.arguments import real
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown
-from plant.parts.sums import products
+from plant.parts.sums import least, products
 from plant.parts.tables import Table
 
 # Samples of the motion at which torques are compared, at most: neighbours repeat each other, and
@@ -55,7 +55,7 @@ def moved_by_lengths(arm: Arm, record: Record, unknown: Sequence[str]) -> dict[s
         # The unknowns take over the difference that a longer link makes.
         rows = columns * scale[:, None]
         missing = (torque - columns[:, :, :p] @ arm.f) * scale
-        change = np.linalg.lstsq(rows.reshape(-1, len(names)), missing.ravel(), rcond=None)[0]
+        change = least(rows.reshape(-1, len(names)), missing.ravel())
         by_name = dict(zip(names, change, strict=True))
         moves[name] = np.array([by_name.get(number, 0.0) for number in unknown])
     return moves

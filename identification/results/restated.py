@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from identification.equation_error.law_memory import along_log
+from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.torque_logs import torque_of
 from identification.search.predictive import ROUGH
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
 from plant.checkup.signals import Signals
 from plant.machine.motor_inertia import rotors_alone, shaft_inertias
+from plant.parts.sums import least, product
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -129,7 +131,8 @@ def _left(
     b = (torque / scale).ravel()
     A = A.reshape(torque.size, -1)
     A = A / np.maximum(np.abs(A).max(axis=0), 1e-300)
-    return float(np.sqrt(np.mean((b - A @ np.linalg.lstsq(A, b, rcond=1e-9)[0]) ** 2)))
+    residual = b - product(A, least(A, b, rcond=IDENTIFIABLE.equations))
+    return float(np.sqrt(np.mean(residual**2)))
 
 
 def of_rotors(identification: Any) -> Iterator[str]:

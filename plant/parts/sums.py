@@ -63,14 +63,15 @@ def triangle(rows: Floats) -> Floats:
 
 
 def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:
-    """Least-squares solution x of rows (N, k) x = target (N,), of minimum norm.
+    """Least-squares solution x of rows (N, k) x = target, (N,) or (N, m), of minimum norm.
 
     `rcond` as in `numpy.linalg.lstsq`.
     """
     k = rows.shape[1]
-    # QR of [rows, target] leaves k + 1 short rows, for which one thread is enough; the condition is
+    # QR of [rows, target] leaves few short rows, for which one thread is enough; the condition is
     # that of the rows, not its square as with normal equations.
     both = triangle(np.column_stack([rows, target]))
     # The default of numpy, for the size of the long system.
     rcond = np.finfo(float).eps * max(rows.shape) if rcond is None else rcond
-    return np.asarray(np.linalg.lstsq(both[:k, :k], both[:k, k], rcond=rcond)[0])
+    solution = np.linalg.lstsq(both[:k, :k], both[:k, k:], rcond=rcond)[0]
+    return solution.reshape(k, *target.shape[1:])

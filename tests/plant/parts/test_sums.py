@@ -36,6 +36,12 @@ def test_least_squares_are_numpy_s_also_where_columns_are_dependent():
         least(rows, target), np.linalg.lstsq(rows, target, rcond=None)[0], atol=1e-11
     )
     assert least(rows[:, :0], target).shape == (0,)
+    # several targets at once, and fewer equations than unknowns
+    targets = RANDOM.normal(size=(4, 3))
+    np.testing.assert_allclose(
+        least(rows[:4], targets), np.linalg.lstsq(rows[:4], targets, rcond=None)[0], atol=1e-11
+    )
+    np.testing.assert_array_equal(least(rows[:0], target[:0]), np.zeros(6))
 
 
 def test_products_and_lengths():
