@@ -39,8 +39,10 @@ class IdentifiabilitySettings:
         Columns of linear equations, exact but for rounding.
     products : float
         Least share that the products of columns resolve: they lose half of all digits.
+    sensitivities : float
+        Differences of simulations without rounding.
     slopes : float
-        Differences of simulations, which are exact to a few digits.
+        Differences of simulations with rounding, which are exact to a few digits.
     with_prior : float
         Differences of simulations beside a prior of f, which determines what a log does not.
     optimum : float
@@ -55,6 +57,7 @@ class IdentifiabilitySettings:
 
     equations: float = 1e-9
     products: float = 1e-5
+    sensitivities: float = 1e-7
     slopes: float = 1e-4
     with_prior: float = 1e-5
     optimum: float = 1e-3

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from identification.equation_error.least_squares import least_squares
+from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
 from identification.equation_error.naming import short_names
 from identification.replay.gauss_newton import slopes
 from identification.replay.prediction import Prediction
@@ -140,16 +140,16 @@ def pulse_budget(
     numbers |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
     values = np.array([numbers[name] for name in prediction.unknown])
 
-    # 2. Sensitivities of all readings (M, k) by central differences. `slopes` may change its steps,
-    # so it gets a copy.
+    # 2. Sensitivities of all readings (M, k) by central differences. `slopes` shortens steps that
+    # lose the log, and gives changes per shortened step.
     step = _STEP * np.where(values == 0, np.abs(arm.f).max(), np.abs(values))
-    change = slopes(prediction, values, step.copy(), np.arange(len(values))) / step
+    change = slopes(prediction, values, step, np.arange(len(values))) / step
     per_cent = np.abs(change * 0.01 * values)
 
     # 3. The inverse of their squares, times the variance of rounding. Columns in steps keep the
     # matrix well scaled; values of the readings do not matter, so any column serves as such.
     covariance = least_squares(
-        prediction.unknown, change * np.abs(step), change[:, 0], dependent=1e-7
+        prediction.unknown, change * step, change[:, 0], dependent=IDENTIFIABLE.sensitivities
     )[1]
     # Standard deviation of rounding, uniform within a cell [pulses].
     cell = 1 / np.sqrt(12)

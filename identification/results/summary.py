@@ -165,14 +165,19 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
 def _abreast(result: Any) -> Iterator[Table]:
     """Values and standard deviations, those of f first, in as many columns as a line holds."""
     # Without a covariance, every value stands alone.
-    std = [0.0] * len(result.fit.values) if result.covariance is None else result.fit.std
+    std = [None] * len(result.fit.values) if result.covariance is None else result.fit.std
     prior = of_prior(result)
     cells_of_f = list[tuple[str, ...]]()
     further_cells = list[tuple[str, ...]]()
     for name, short, value, deviation in zip(
         result.fit.unknown, result.short_names, result.fit.values, std, strict=True
     ):
-        note = f"+- {deviation:.2g}{' prior' * (short in prior)}" if deviation > 0 else ""
+        if deviation is None:
+            note = ""
+        elif deviation > 0:
+            note = f"+- {deviation:.2g}{' prior' * (short in prior)}"
+        else:
+            note = _without_std(result.fit, name)
         cells = cells_of_f if name in result.arm.dynamics.names else further_cells
         cells.append((short, f"{value:.4g}", note))
     for cells in (cells_of_f, further_cells):
@@ -185,6 +190,12 @@ def _abreast(result: Any) -> Iterator[Table]:
             if max(map(len, table.lines(10 * WIDTH)), default=0) <= WIDTH
         ]
         yield (fitting or tables[-1:])[0]
+
+
+def _without_std(fit: Any, name: str) -> str:
+    """What stands for the standard deviation of a value that has none."""
+    # The log bounds gears that may be rigid; any other value was not varied.
+    return "bounded" if fit.resonance is not None and fit.resonance.bounds(name) else "known"
 
 
 def _links_of(dynamics: Any) -> str:
@@ -260,10 +271,8 @@ def _values(result: Any) -> Table:
     correlation = fit.correlation - np.eye(len(values))
     rows = list[tuple[str, ...]]()
     for i, (value, std) in enumerate(zip(fit.values, fit.std, strict=True)):
-        # A value that was not varied has no interval; the log may give a bound of it.
         if not std > 0:
-            bounded = fit.resonance is not None and fit.resonance.bounds(names[i])
-            rows.append((names[i], values[i], "bounded" if bounded else "known", "", "", ""))
+            rows.append((names[i], values[i], _without_std(fit, fit.unknown[i]), "", "", ""))
             continue
         partner = int(np.argmax(np.abs(correlation[i])))
         rows.append(

@@ -62,6 +62,27 @@ def test_friction_and_gains_have_a_worth_too():
     assert (wider.peak[-2:] > 0.01).all()
 
 
+def test_a_step_that_loses_the_log_is_shortened_without_another_result(budget, monkeypatch):
+    simulated = Prediction.all_innovations
+    moved = []
+
+    def lost_once(self, values):
+        """Innovations; the first steps of the second number lose the log."""
+        rows = list(simulated(self, values))
+        for i, row in enumerate(values):
+            step = abs(row[1] - ARM.f[1])
+            moved.append(step)
+            if step > 0.5e-4 * abs(ARM.f[1]):
+                rows[i] = np.full_like(rows[i], np.inf)
+        return rows
+
+    monkeypatch.setattr(Prediction, "all_innovations", lost_once)
+    shortened = pulse_budget(ARM, RIG, LAW, PATH)
+    assert max(moved) > 3 * min(step for step in moved if step)
+    for name in ("peak", "rms", "bound", "bound_alone"):
+        np.testing.assert_allclose(getattr(shortened, name), getattr(budget, name), rtol=1e-3)
+
+
 def test_numbers_without_worth_are_refused():
     still = PointToPoint(start=(0.0, 0.5), goal=(0.5, 0.5), duration=0.5)
     with pytest.raises(ValueError, match=r"separately identifiable|does not in this motion"):

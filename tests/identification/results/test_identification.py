@@ -84,6 +84,26 @@ def test_sixty_two_values_of_seven_joints_take_23_lines():
     assert [word for line in lines for word in line.split()].count("+-") == 62
 
 
+def test_a_value_without_standard_deviation_says_why():
+    """Gears that may be rigid are bounded; any other such value was not varied."""
+    fit = found().fit
+    covariance = np.array(fit.covariance)
+    covariance[2:4] = covariance[:, 2:4] = 0
+    bounds = SimpleNamespace(bounds=lambda name: name == fit.unknown[3])
+    fit = dataclasses.replace(fit, covariance=covariance)
+    fields = {field.name: getattr(fit, field.name) for field in dataclasses.fields(fit)}
+    shown = SimpleNamespace(**fields | {"resonance": bounds, "std": fit.std})
+    result = SimpleNamespace(
+        fit=shown, arm=found().arm, short_names=found().short_names, covariance=covariance
+    )
+    (table, _) = summary._abreast(result)
+    words = " ".join(table.lines()).split()
+    names = result.short_names
+    assert words[words.index(names[2]) + 2] == "known"
+    assert words[words.index(names[3]) + 2] == "bounded"
+    assert words.count("+-") == len(names) - 2
+
+
 def test_a_fit_without_covariance_says_why():
     fit = dataclasses.replace(found().fit, covariance=None, fallback_reason="the fit is no arm")
     for name in ("std", "correlation"):
