@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from identification.equation_error.least_squares import NORMAL
 from plant import Arm, Body
-from plant.mechanics.lumping import LOAD, STANDARD
+from plant.mechanics.lumping import STANDARD
 from plant.parts.arguments import array, real
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
