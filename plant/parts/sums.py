@@ -73,5 +73,5 @@ def least(rows: Floats, target: Floats, rcond: float | None = None) -> Floats:
     both = triangle(np.column_stack([rows, target]))
     # The default of numpy, for the size of the long system.
     rcond = np.finfo(float).eps * max(rows.shape) if rcond is None else rcond
-    solution = np.linalg.lstsq(both[:k, :k], both[:k, k:], rcond=rcond)[0]
+    solution = np.asarray(np.linalg.lstsq(both[:k, :k], both[:k, k:], rcond=rcond)[0], float)
     return solution.reshape(k, *target.shape[1:])
