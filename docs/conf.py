@@ -50,6 +50,7 @@ html_title = "onepulse"
 html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # what downloaded notebooks link to
 html_static_path = ["static"]
 html_css_files = ["pages.css"]
+html_extra_path = ["llms.txt"]  # at the root of the site, where assistants look for it
 exclude_patterns = ["_build", "jupyter_execute", "templates"]
 html_math_renderer = "mathml"
 

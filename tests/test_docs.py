@@ -32,16 +32,22 @@ def test_the_code_of_the_architecture_page_runs():
     assert abs(space["record"].error_pulses).max() > 0
 
 
-def test_the_readme_s_code_runs_from_its_first_block_to_its_last(capsys):
+def test_the_readme_s_code_runs_and_keeps_its_promise(capsys):
     names = {}
     for block in blocks(ROOT / "README.md"):
-        exec(  # noqa: S102
-            block.replace("(found, rig, law, path)", "(found, rig, law, path, samples=200)"), names
-        )
-    out = capsys.readouterr().out
-    assert "200" in out
-    assert out.rstrip().endswith("running")
-    assert names["current"].shape == (2,)
+        exec(block, names)  # noqa: S102 - our own page
+    assert capsys.readouterr().out.endswith("True\n")
+    assert max(abs(names["log"].error_pulses).max(axis=0)) == 10
+    assert max(names["report"].max_error_pulses) == 1
+
+
+def test_the_readme_is_read_in_a_minute():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.split()) <= 600
+    (code,) = blocks(ROOT / "README.md")
+    assert len([line for line in code.splitlines() if line.strip()]) == 9
+    (picture,) = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", text)
+    assert (ROOT / picture).stat().st_size <= 600_000
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -93,6 +99,16 @@ def test_what_pages_import_is_public():
                 "ctc",
             ):
                 assert "." not in node.module, f"{script.name}: {node.module}"
+
+
+def test_what_assistants_read_names_what_is_public_and_pages_that_are_there():
+    text = (ROOT / "docs" / "llms.txt").read_text(encoding="utf-8")
+    section = text.split("## Ten names\n")[1].split("\n## ")[0]
+    assert len(re.findall("^- ", section, re.MULTILINE)) == 10
+    for package, name in re.findall(r"\b(plant|identification|ctc)\.(\w+)", text):
+        assert name in importlib.import_module(package).__all__, name
+    for page in re.findall(r"^- ([\w/]+)\.html", text, re.MULTILINE):
+        assert (ROOT / "docs" / f"{page}.md").exists(), page
 
 
 def test_the_picture_shows_every_room():

@@ -2,13 +2,14 @@
 chatter, motion by motion.
 
     python tests/benchmarks/everyday.py [--samples 300] [--logs 3] [--old FOLDER]
-    python tests/benchmarks/everyday.py --readme
+    python tests/benchmarks/everyday.py --one-log
     python tests/benchmarks/everyday.py --mujoco 10 [--hz 60]
     python tests/benchmarks/everyday.py --friction
     python tests/benchmarks/everyday.py --machines
 
 The motions are those of `plant.everyday_motions`; of the paper's arm trajectory (6), too. The
-second command prints the table of the README, with one log and 300 samples.
+second command prints the table of the everyday motions in docs/results.md, with one log and 300
+samples.
 
 f and friction are identified from one log of the paper's arm (encoders that floor, as counters do,
 and the paper's), of a two-joint arm with finer counts, and f alone with friction 10 % uncertain;
@@ -129,8 +130,8 @@ def certified(found, rig, law, motions, stated=None, samples=64):
     return certify(found, rig, law, motions, stated, samples=samples, progress=False)
 
 
-def readme(samples):
-    """Print the table of the README."""
+def one_log(samples):
+    """Print the table of the paper's arm in docs/results.md."""
     found = paper(True, 1)
     motions = everyday_motions(found.arm, found.rig) | {"trajectory (6)": puma560.reference()}
     certificates = certified(found, found.rig, ComputedTorque(found), motions, samples=samples)
@@ -326,7 +327,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=300)
     parser.add_argument("--logs", type=int, default=3)
-    parser.add_argument("--readme", action="store_true", help="the table of the README")
+    parser.add_argument("--one-log", action="store_true", help="the paper's arm from one log alone")
     parser.add_argument("--mujoco", type=int, help="runs of another engine's arm")
     parser.add_argument("--hz", type=int, help="of these, gears of this resonance alone")
     parser.add_argument(
@@ -340,8 +341,8 @@ if __name__ == "__main__":
     )
     chosen = parser.parse_args()
     warnings.simplefilter("ignore", IdentificationWarning)
-    if chosen.readme:
-        sys.exit(readme(chosen.samples))
+    if chosen.one_log:
+        sys.exit(one_log(chosen.samples))
     if chosen.machines:
         sys.exit(machines(chosen.samples))
     if chosen.friction:
