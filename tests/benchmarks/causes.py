@@ -25,6 +25,7 @@ from plant import PID, Chain, Dynamics, Harmonics, Link, P, Record, puma560
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracles"))
 from mujoco_odd import run
 from packaged_arms import elbow_of_a_ur5e
+from spoilers import glitches, late, late_stamps, lost_packets, stuck, turn
 
 
 def puma(strong):
@@ -92,8 +93,6 @@ class Given:
     truth: object = None
     """The arm that moved; None where only nature knows it."""
     path: object = None
-    names: tuple[str, ...] = ()
-    """Of several causes at once."""
 
     def stated(self, encoder=None, **drive):
         """The rig stated wrongly; the path is as it was, and what it is in counts stands in the
@@ -154,20 +153,13 @@ def _degrees(given):
     )
 
 
-def _again(given, change):
-    given.records = [change(record, given.random) for record in given.records]
+def again(change):
+    """Each record spoiled by a function of `spoilers`."""
 
+    def spoil(given):
+        given.records = [change(record, given.random) for record in given.records]
 
-def _lost(given):
-    from second_reading import lost_packets
-
-    _again(given, lost_packets)
-
-
-def _late(given):
-    from second_reading import late
-
-    _again(given, late)
+    return spoil
 
 
 def _gain(given):
@@ -205,7 +197,7 @@ def _swap(given):
     given.each(error_pulses=lambda r: r.reference_pulses - r.counts[:, ::-1])
 
 
-def _exchanged(field):
+def exchanged(field):
     """Two columns of a field exchanged, of joints drawn; of the reference, the counts stay."""
 
     def spoil(given):
@@ -292,14 +284,6 @@ def _tilted(given):
     given.chain = dataclasses.replace(given.chain, gravity=tuple(turned))
 
 
-def _two_at_once(given):
-    """Two causes of the log, drawn; `given.names` has them."""
-    names = given.random.choice(TWO, 2, replace=False)
-    given.names = tuple(map(str, names))
-    for name in sorted(names, key=TWO.index):
-        CAUSES[name].stated(given)
-
-
 def uniform(low, high, name, **more):
     """A machine with this number drawn."""
     return lambda random: {name: random.uniform(low, high), **more}
@@ -376,7 +360,11 @@ WORDS = {
     ),
     "without gravity": r"gravity (is|was|has been) (removed|taken out|subtracted|compensated)",
     "of a model": r"torque (is|of) a model|not measured but",
-    "stamps": r"[Ii]ntervals jitter|stamps jitter|At odd intervals|[Ss]tamps are late",
+    "stuck samples": r"Counts of a joint repeat",
+    "glitches": r"Single counts are off",
+    "lost turn": r"The counts jump by",
+    "stamps": r"Stamps are late or early|[Ii]ntervals jitter|stamps jitter|At odd intervals|[Ss]tamps are late",
+    "little motion": r"^motion: |log a motion of all joints",
     "zero of a joint": r"zero of|zero is|offset by .*degrees",
     "gravity's direction": r"base is tilted|direction of gravity|tilted",
 }
@@ -385,8 +373,8 @@ WORDS = {
 CAUSES = {
     "healthy": Cause(("",)),
     "floor/fix": Cause(("rounding",), lambda random: {"rounding": "floor"}),
-    "lost rows": Cause(("lost rows",), stated=_lost),
-    "late log": Cause(("late counts",), stated=_late),
+    "lost rows": Cause(("lost rows",), stated=again(lost_packets)),
+    "late log": Cause(("late counts",), stated=again(late)),
     "late loop": Cause(
         ("lag of the loop", "oscillates"), uniform(0.1, 1.0, "delay"), sampled=("late counts",)
     ),
@@ -412,8 +400,8 @@ CAUSES = {
     "load": Cause(("changes",), uniform(1.0, 3.0, "load"), two=True),
     "cogging": Cause(("cogging",), uniform(0.1, 0.4, "cogging")),
     "friction drifts": Cause(("friction", "changes"), uniform(0.3, 0.8, "drift")),
-    "exchanged references": Cause(("exchanged references",), stated=_exchanged("reference")),
-    "exchanged torques": Cause(("exchanged torques",), stated=_exchanged("torque"), torque=True),
+    "exchanged references": Cause(("exchanged references",), stated=exchanged("reference")),
+    "exchanged torques": Cause(("exchanged torques",), stated=exchanged("torque"), torque=True),
     "turns": Cause(("scale of counts", "turns"), reading="turns"),
     "normalised": Cause(("scale of counts", "normalised"), reading="normalised"),
     "ampere": Cause(
@@ -434,16 +422,13 @@ CAUSES = {
     "fix/floor": Cause(("rounding",), stated=lambda g: g.stated(encoder={"rounding": "floor"})),
     "fix/round": Cause(("rounding",), stated=lambda g: g.stated(encoder={"rounding": "round"})),
     "jittered stamps": Cause(("stamps",), stated=_jittered_stamps),
+    "stuck samples": Cause(("stuck samples", "lost rows"), stated=again(stuck)),
+    "glitches": Cause(("glitches",), stated=again(glitches)),
+    "lost turn": Cause(("lost turn",), stated=again(turn)),
+    "late stamps": Cause(("stamps",), stated=again(late_stamps)),
     "zero off": Cause(("zero of a joint", "sign of gravity"), stated=_zero_off),
     "tilted base": Cause(("gravity's direction", "sign of gravity"), stated=_tilted),
-    "two at once": Cause((), stated=_two_at_once),
 }
-
-TWO = (
-    "gear", "gain", "sign of a joint", "swapped columns", "late log", "lost rows", "fix/round",
-    "jittered stamps",
-)  # fmt: skip
-"""Causes of which two are drawn at once, in the order in which they spoil a log."""
 
 
 def turns(record):

@@ -151,6 +151,9 @@ def right(verdict, sentences):
     """Whether the right thing is said first; of several mistakes, whether each is said."""
     texts = [sentence["text"] for sentence in sentences]
     mistakes = verdict["right"]
+    # of a right log every sentence is an accusation, but those that are its labels
+    if mistakes[0][0] == "":
+        return all(causes.names_it(text, mistakes[0]) for text in texts)
     if len(mistakes) > 1:
         return all(any(causes.names_it(text, labels) for text in texts) for labels in mistakes)
     return causes.names_it(texts[0] if texts else "", mistakes[0])
@@ -196,7 +199,7 @@ def compared(old, new, view, said):
     accused = np.zeros(3, int)
     for (law, cause, torque), good in sorted(rows.items()):
         a, b = np.sum(good, axis=0)
-        healthy = trees[0][next(k for k in keys if k.split("/")[2] == cause)]["right"] == [[""]]
+        healthy = trees[0][next(k for k in keys if k.split("/")[2] == cause)]["right"][0][0] == ""
         if healthy:
             accused += len(good), len(good) - a, len(good) - b
         else:
