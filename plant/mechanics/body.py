@@ -106,11 +106,18 @@ class Body(Part):
         com = np.array(placement.position) + rotation @ self.com
         return Body(mass=self.mass, com=com, inertia=matrix[_UPPER], rotor=self.rotor)
 
-    def require_physical(self, name: str) -> None:
+    def excess(self) -> float:
+        """Share by which the largest principal moment exceeds the sum of the others; 0 of none."""
+        moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
+        # A point mass has no moments.
+        size = max(1e-300, np.abs(moments).max())
+        return max(0.0, float(moments[2] - moments[0] - moments[1]) / size)
+
+    def require_physical(self, name: str, slip: float = 1e-9) -> None:
         """Refuse a body that is not physically consistent.
 
         Consistent: positive mass, positive semidefinite inertia, no principal moment above the sum
-        of the others.
+        of the others, except by a share `slip` (by default what rounding gives).
         """
         moments = np.linalg.eigvalsh(inertia_matrix(self.inertia))
         # Files round their inertias: violations below 1e-9 of the largest moment are accepted. The
@@ -126,8 +133,7 @@ class Body(Part):
                 f" {moments}. Check the signs of Ixy, Ixz and Iyz, and that it is given about the"
                 " centre of mass."
             )
-        # Moments come in ascending order, so one comparison is the triangle inequality.
-        if moments[2] > moments[0] + moments[1] + slack:
+        if self.excess() > slip:
             raise ValueError(
                 f"link {name} must have an inertia that a body can have (triangle inequality); got"
                 f" principal moments {moments}. Check its entries."

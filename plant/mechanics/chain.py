@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from plant.mechanics.body import Body
 from plant.mechanics.coupling import Coupling
-from plant.mechanics.link import Limits, Link
+from plant.mechanics.link import Limits, Link, near_each_other
 from plant.mechanics.mjcf_file import read_mjcf
 from plant.mechanics.model_tree import links_of_chain
 from plant.mechanics.placement import Placement
@@ -93,7 +93,7 @@ class Chain(Part):
                 " joint."
             )
         # A frozen part keeps plain tuples, so that equal chains are equal and hash alike.
-        object.__setattr__(self, "links", links)
+        object.__setattr__(self, "links", near_each_other(links))
         object.__setattr__(self, "gravity", tuple(gravity.tolist()))
         object.__setattr__(self, "bodies", bodies)
 
@@ -215,17 +215,27 @@ class Chain(Part):
         return cls(links=links, gravity=gravity, bodies=bodies, limits=limits)
 
     @classmethod
-    def from_mjcf(cls, path: str | Path, joints: Sequence[str] | None = None) -> Chain:
-        """A chain, with bodies, from a MuJoCo model with at most one hinge or slide per body.
+    def from_mjcf(
+        cls,
+        path: str | Path,
+        joints: Sequence[str] | None = None,
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+    ) -> Chain:
+        """A chain, with bodies, from a MuJoCo model of hinges and slides.
 
         As `from_urdf`, with the file's gravity, rotors (``armature``) and `limits` (``range``,
-        ``actuatorfrcrange``); of damping and frictionloss nothing is read (they are the `Drive`'s).
-        Elements whose forces or joints a chain does not have are refused: tendons, equalities, free
-        and ball joints, springs, fluids, plugins.
+        ``actuatorfrcrange``, ``forcerange`` of the actuators); of damping and frictionloss nothing
+        is read (they are the `Drive`'s). A file may have anything beside the chain. Refused are
+        springs, tendons and equalities that act on its joints or between its bodies, free and ball
+        joints within it, fluids, and bodies of it whose mass comes from geoms. ``gravcomp`` is a
+        controller's: the bodies have their weight, and a warning says so.
         """
         model = read_mjcf(path)
+        names = [joint.name for joint in model.chain_joints(joints, base, tip)]
         # Unlike URDF, the file states gravity.
-        links, bodies, limits = links_of_chain(model, joints)
+        links, bodies, limits = links_of_chain(model, names)
         return cls(links=links, gravity=model.gravity, bodies=bodies, limits=limits)
 
     @classmethod

@@ -1,11 +1,13 @@
 """A link: one joint and its frame, by a row of the Denavit-Hartenberg table; limits of joints."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 
 from plant.mechanics.placement import Placement, exact
 from plant.parts.arguments import signs
-from plant.parts.fields import Vector
+from plant.parts.fields import Floats, Vector
 from plant.parts.part import Part, number, part, structure
 
 # No arm has a longer link [m]; lengths given in mm exceed it.
@@ -66,15 +68,16 @@ class Link(Part):
     def __post_init__(self) -> None:
         super().__post_init__()
         # Degrees and millimetres are the usual mistakes: both give numbers that no arm has.
-        angle = ("an angle in radians, within one turn", 2 * np.pi, "Use np.radians.")
+        advice = "Use np.radians if it is in degrees, or take whole turns off."
+        angle = ("an angle in radians, within one turn", 2 * np.pi, advice)
         rule = f"a length in metres, at most {_LONGEST:g}"
         length = (rule, _LONGEST, "Divide by 1000 what is in mm.")
         distance = max(map(abs, self.before.position))
+        # The offset d is judged by the chain: along nearly parallel axes it may be of any length.
         for name, value, (rule, limit, advice) in (
             ("alpha", self.alpha, angle),
             ("theta", self.theta, angle),
             ("a", self.a, length),
-            ("d", self.d, length),
             ("before.position", distance, length),
         ):
             if abs(value) > limit:
@@ -104,6 +107,56 @@ class Link(Part):
         # A pose ahead of the row; sparse, so that its zeros leave no terms.
         turned = ca.sparsify(ca.DM(exact(np.array(self.before.rotation))))
         return turned @ rotation, ca.DM(self.before.position) + turned @ position
+
+
+# Sine of the angle below which two axes are nearly parallel: their common normal, which places the
+# frames of the table, then lies anywhere. Calibrations differ by some 1e-3 rad from parallel axes.
+_PARALLEL = 0.05
+
+
+def near_each_other(links: tuple[Link, ...]) -> tuple[Link, ...]:
+    """The same links, with frames that lie near each other on their axes.
+
+    Rows of a calibrated arm may run hundreds of metres along one of two nearly parallel axes and
+    back along the other: their common normal is there. The frame of a link may lie anywhere on its
+    axis, so it is moved to the place that is nearest to the frame before.
+
+    Raises
+    ------
+    ValueError
+        An offset that is too long, and not for this reason.
+    """
+    if all(abs(link.d) <= _LONGEST for link in links):
+        return links
+    twists = [abs(float(_axis_of(link)[2])) for link in links] + [0.0]
+    limit = float(np.sqrt(1 - _PARALLEL**2))
+    moved = []
+    shift = 0.0  # of the frame before, along its own axis
+    for link, twist, twist_behind in zip(links, twists[:-1], twists[1:], strict=True):
+        back = Placement(position=(0.0, 0.0, -shift))
+        pose = back @ link.before @ Placement.of_row(alpha=link.alpha, a=link.a, d=link.d)
+        shift = 0.0
+        if abs(link.d) > _LONGEST and max(twist, twist_behind) > limit:
+            # From here to the foot of the perpendicular from the frame before.
+            shift = -float(np.array(pose.rotation)[:, 2] @ pose.position)
+            pose = pose @ Placement(position=(0.0, 0.0, shift))
+        if abs(link.d) > _LONGEST and (not shift or np.abs(pose.position).max() > _LONGEST):
+            raise ValueError(
+                f"d of link {link.name} must be a length in metres, at most {_LONGEST:g}, unless its"
+                f" axis is nearly parallel to a neighbour's; got {link.d:g}. Divide by 1000 if it is"
+                " in mm."
+            )
+        if shift or back != Placement():
+            frame = Placement(position=(0.0, 0.0, -shift)) @ link.frame
+            link = replace(link, before=pose, alpha=0.0, a=0.0, d=0.0, frame=frame)
+        moved.append(link)
+    return tuple(moved)
+
+
+def _axis_of(link: Link) -> Floats:
+    """Direction (3,) of the axis of a link, in the frame of the link before."""
+    pose = link.before @ Placement.of_row(alpha=link.alpha)
+    return np.array(pose.rotation)[:, 2]
 
 
 @part

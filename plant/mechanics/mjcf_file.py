@@ -4,20 +4,22 @@ import dataclasses
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from plant.mechanics.body import Body, body_in
-from plant.mechanics.model_tree import ModelFile, ModelJoint
+from plant.mechanics.body import Body, body_in, inertia_matrix
+from plant.mechanics.model_tree import HERE, Constraint, ModelFile, ModelJoint, deferred
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed, rotation_of
 from plant.parts.arguments import choice
+from plant.parts.fields import Floats
 
 # Indices in `Body.inertia` of the entries of ``fullinertia``: Ixx Iyy Izz Ixy Ixz Iyz.
 FULL = (0, 3, 5, 1, 2, 4)
 
-# Elements that may stand in <mujoco>. Those that only draw or control are ignored, all that add
-# forces or constraints are refused.
+# Sections of <mujoco> that only draw, control or watch, or are read elsewhere: what they hold acts
+# on no chain.
 _TOP = (
     "actuator",
     "asset",
@@ -25,27 +27,47 @@ _TOP = (
     "contact",
     "custom",
     "default",
+    "deformable",
+    "equality",
+    "extension",
     "include",
     "keyframe",
     "option",
     "sensor",
     "size",
     "statistic",
+    "tendon",
     "visual",
     "worldbody",
 )
-_IN_BODY = ("body", "camera", "geom", "inertial", "joint", "light", "site")
+_IN_BODY = ("body", "camera", "frame", "freejoint", "geom", "inertial", "joint", "light", "site")
 # Attributes that must be zero, and the effect that they would have.
 _ZERO = {
     "joint": {"stiffness": "a spring", "springdamper": "a spring"},
-    "body": {"gravcomp": "gravity compensation", "mocap": "a body that is moved by hand"},
-    "compiler": {
-        "boundmass": "other masses",
-        "boundinertia": "other inertias",
-        "settotalmass": "other masses",
-    },
+    "body": {"mocap": "a body that is moved by hand"},
+    "compiler": {"settotalmass": "other masses"},
     "option": {"density": "a fluid", "viscosity": "a fluid"},
 }
+# Kinds of actuators.
+_ACTUATORS = (
+    "general",
+    "motor",
+    "position",
+    "velocity",
+    "intvelocity",
+    "damper",
+    "cylinder",
+    "muscle",
+    "adhesion",
+    "dcmotor",
+    "pid",
+    "plugin",
+)
+# Attributes that name the ends of a constraint, a tendon or a flexible body.
+_JOINT_ENDS = ("joint", "joint1", "joint2")
+_BODY_ENDS = ("body", "body1", "body2")
+_SITE_ENDS = ("site", "site1", "site2", "geom", "sidesite")
+_TENDON_ENDS = ("tendon", "tendon1", "tendon2")
 
 
 def read_mjcf(path: str | Path) -> ModelFile:
@@ -55,7 +77,7 @@ def read_mjcf(path: str | Path) -> ModelFile:
     """
     root, data = parsed(path, "mujoco", "MJCF")
     # Includes come first: an included file may hold bodies, defaults or the compiler's settings.
-    _include(root, Path(path), {Path(path).resolve()})
+    _include(root, Path(path), Path(path).parent, {Path(path).resolve()})
     for element in root.children:
         if element.tag not in _TOP and element.children:
             raise ValueError(
@@ -70,34 +92,45 @@ def read_mjcf(path: str | Path) -> ModelFile:
         model.gravity = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
     for world in root.all("worldbody"):
         # The world does not move: its own geoms need no mass.
-        reader.children(world, "world", "main", moves=False)
+        reader.children(world, _Inside("world"))
     if len(model.bodies) == 1:
         raise ValueError("the file must have bodies; it has none. Give an MJCF file.")
+    reader.constraints(root)
+    reader.actuators(root)
     return model
 
 
-def _include(element: Element, path: Path, seen: set[Path]) -> None:
-    """Replace each <include> by the elements of the file that it names."""
+def _include(element: Element, path: Path, folder: Path, seen: set[Path]) -> None:
+    """Replace each <include> by the elements of the file that it names.
+
+    As in MuJoCo a name is relative to the file at `path`, or else to that of the <include>. One
+    that is missing stays where it cannot change the rest of the file.
+    """
     children: list[Element] = []
     for child in element.children:
         # An <include> may stand anywhere, also within a body.
-        _include(child, path, seen)
+        _include(child, path, folder, seen)
         if child.tag != "include":
             children.append(child)
             continue
         name = child.attributes.get("file", "")
-        included = path.parent / name
-        if not name or not included.is_file():
-            raise ValueError(
-                f"<include> must name a file that is there; {included} is not. Put it beside"
-                f" {path.name}."
-            )
+        places = [place / name for place in (path.parent, folder) if name]
+        included = next((place for place in places if place.is_file()), None)
+        if included is None:
+            # On top it may hold settings and classes of everything.
+            if element.tag in ("mujoco", "mujocoinclude", "default"):
+                raise ValueError(
+                    f"<include> must name a file that is there; {path.parent / name} is not. Put it"
+                    f" beside {path.name}."
+                )
+            children.append(child)
+            continue
         # Also prevents a file that includes itself.
         if included.resolve() in seen:
             raise ValueError(f"<include> must name each file once; {name} comes twice. Remove one.")
         seen.add(included.resolve())
         root, _ = parsed(included, None, "MJCF")
-        _include(root, path, seen)
+        _include(root, path, included.parent, seen)
         children += root.children
     element.children = children
 
@@ -113,8 +146,18 @@ def _require_zero(element: Element) -> None:
             )
 
 
+@dataclasses.dataclass(frozen=True)
+class _Inside:
+    """Where a body stands: its parent, the pose of frames between, the class, whether it moves."""
+
+    parent: str
+    pose: Placement = HERE
+    inherited: str = "main"
+    moves: bool = False
+
+
 class _Reader:
-    """Walks through the bodies, with the compiler's settings and the default classes of joints."""
+    """Walks through the bodies, with the compiler's settings and the default classes."""
 
     def __init__(self, root: Element, model: ModelFile) -> None:
         self.model = model
@@ -123,7 +166,14 @@ class _Reader:
         self.degrees = True
         self.sequence = "xyz"
         self.autolimits = True
+        self.from_geoms = False
+        self.balance = False
+        self.least_mass = self.least_inertia = 0.0
+        # Of a class the attributes of its joints, and of its actuators.
         self.defaults: dict[str, dict[str, str]] = {"main": {}}
+        self.actuator_defaults: dict[str, dict[str, str]] = {"main": {}}
+        # The bodies of sites and geoms, at which tendons and constraints act.
+        self.bodies_of: dict[str, str] = {}
         for element in root.all("compiler"):
             get = element.attributes.get
             unit = choice("angle of <compiler>", get("angle", "degree"), ("degree", "radian"))
@@ -134,89 +184,136 @@ class _Reader:
                 raise ValueError(
                     f"eulerseq must be three of xyz or XYZ; got {self.sequence!r}. Correct it."
                 )
-            # Bodies without <inertial> are refused later; here the file demands masses from its
-            # geoms.
-            if get("inertiafromgeom", "auto") == "true":
+            self.from_geoms = get("inertiafromgeom", "auto") == "true"
+            self.balance = get("balanceinertia", "false") == "true"
+            self.least_mass = numbers_of(element, "boundmass", 1, "0", "compiler")[0]
+            self.least_inertia = numbers_of(element, "boundinertia", 1, "0", "compiler")[0]
+            if get("coordinate", "local") != "local":
                 raise ValueError(
-                    "inertiafromgeom must not be true: geoms are not read. Give each body its"
-                    " <inertial>."
-                )
-            if get("balanceinertia", "false") == "true" or get("coordinate", "local") != "local":
-                raise ValueError(
-                    "balanceinertia and global coordinates are not read; the file has one."
-                    " Remove it."
+                    "coordinates must be local; the file has global ones. Load and save it with"
+                    " MuJoCo 2.3."
                 )
         for element in root.all("default"):
-            self._class(element, {}, "main")
+            self._class(element, {}, {}, "main")
 
-    def _class(self, element: Element, inherited: dict[str, str], name: str) -> None:
-        """Store the joint attributes of a default class and of the classes within it."""
-        joint = element.find("joint")
-        # A class inherits from the class around it; its own attributes win.
-        attributes = inherited | ({} if joint is None else joint.attributes)
-        self.defaults[name] = self.defaults.get(name, {}) | attributes
+    def _class(
+        self, element: Element, joints: dict[str, str], actuators: dict[str, str], name: str
+    ) -> None:
+        """Store the attributes of a default class, and of the classes within it."""
+        # A class inherits from the class around it; its own attributes win. All kinds of actuators
+        # share theirs.
+        self.defaults[name] = self.defaults.get(name, {}) | joints
+        self.actuator_defaults[name] = self.actuator_defaults.get(name, {}) | actuators
+        for child in element.children:
+            if child.tag == "joint":
+                self.defaults[name] |= child.attributes
+            elif child.tag in _ACTUATORS:
+                self.actuator_defaults[name] |= child.attributes
         for child in element.all("default"):
-            self._class(child, self.defaults[name], child.attributes.get("class", ""))
+            nested = child.attributes.get("class", "")
+            self._class(child, self.defaults[name], self.actuator_defaults[name], nested)
 
     def _pose(self, element: Element, where: str) -> Placement:
         rotation = rotation_of(element, where, degrees=self.degrees, sequence=self.sequence)
         return Placement(rotation=rotation, position=numbers_of(element, "pos", 3, "0 0 0", where))
 
-    def children(self, element: Element, parent: str, inherited: str, *, moves: bool) -> None:
-        """The bodies within a body, or in the world."""
-        for body in element.all("body"):
-            self.body(body, parent, body.attributes.get("childclass", inherited), moves=moves)
+    def children(self, element: Element, inside: _Inside) -> None:
+        """The elements within a body, a frame, or in the world."""
         for child in element.children:
-            if child.tag not in _IN_BODY:
-                where = element.attributes.get("name", element.tag)
-                raise ValueError(
-                    f"<{child.tag}> must not be in {where}; only {', '.join(_IN_BODY)} may."
+            name = child.attributes.get("name", "")
+            if child.tag == "body":
+                self.body(child, inside)
+            elif child.tag == "frame":
+                # A frame is a pose that its children share, and no body.
+                pose, reason = deferred(HERE, self._pose, child, "frame")
+                inherited = child.attributes.get("childclass", inside.inherited)
+                within = dataclasses.replace(inside, pose=inside.pose @ pose, inherited=inherited)
+                if reason:
+                    self.model.unread.setdefault(inside.parent, reason)
+                self.children(child, within)
+            elif child.tag in ("site", "geom") and name:
+                self.bodies_of[name] = inside.parent
+            elif child.tag not in _IN_BODY and inside.parent != "world":
+                reason = (
+                    f"<{child.tag}> must not be in {inside.parent}; only {', '.join(_IN_BODY)} may."
                     " Remove it."
                 )
+                self.model.unread.setdefault(inside.parent, reason)
 
-    def body(self, element: Element, parent: str, inherited: str, *, moves: bool) -> None:
-        """A body, its joint, and the bodies within it."""
+    def body(self, element: Element, inside: _Inside) -> None:
+        """A body, its joints, and the bodies within it."""
         name = element.attributes.get("name") or f"body {next(self.unnamed)}"
         where = f"body {name}"
         if name in self.model.bodies:
             raise ValueError(
                 f"bodies must have names of their own; got {name!r} twice. Rename one."
             )
-        # Checked before anything is read, so that the refusal names the cause.
-        _require_zero(element)
-        origin = self._pose(element, where)
-        joints = element.all("joint")
+        inherited = element.attributes.get("childclass", inside.inherited)
+        pose, misplaced = deferred(HERE, self._pose, element, where)
+        origin = inside.pose @ pose
+        joints = [child for child in element.children if child.tag in ("joint", "freejoint")]
         # A body moves once any joint lies between it and the world.
-        self.model.links[name] = element
-        self.model.bodies[name] = self._inertial(element, name, moves=moves or bool(joints))
-        if len(joints) > 1:
-            raise ValueError(
-                f"{where} must have one joint; it has {len(joints)}. Put a body between them."
-            )
-        if joints:
-            joint = self._joint(joints[0], name, parent, origin, inherited)
+        moves = inside.moves or bool(joints)
+        parent = inside.parent
+        # Several joints turn one after the other: between them are frames without mass, at the
+        # place of the body.
+        for joint_element in joints:
+            joint = self._joint(joint_element, name, parent, origin, inherited)
+            self._add(dataclasses.replace(joint, misplaced=misplaced))
+            if joint_element is joints[-1]:
+                break
+            parent = f"{name} behind {joint.name}"
+            joint.child = self.model.joints[joint.name].child = parent
+            self.model.bodies[parent] = None
+            origin = HERE
         # A body without a joint is welded to its parent. The axis of a weld is never used.
-        else:
-            joint = ModelJoint(
+        if not joints:
+            weld = ModelJoint(
                 name=f"weld of {name}",
                 kind="fixed",
                 parent=parent,
                 child=name,
                 origin=origin,
                 axis=np.eye(3)[2],
+                misplaced=misplaced,
             )
+            self._add(weld)
+        self.model.links[name] = element
+        body, reason = deferred(None, self._inertial, element, name, moves)
+        self.model.bodies[name] = body
+        if reason:
+            self.model.unread[name] = reason
+        if element.attributes.get("gravcomp", "0").strip() not in ("0", "0.0"):
+            self.model.gravity_compensated.append(name)
+        self.children(element, _Inside(name, HERE, inherited, moves))
+
+    def _add(self, joint: ModelJoint) -> None:
         if joint.name in self.model.joints:
             raise ValueError(
                 f"joints must have names of their own; got {joint.name!r} twice. Rename one."
             )
         self.model.joints[joint.name] = joint
-        self.children(element, name, inherited, moves=moves or bool(joints))
 
     def _joint(
         self, element: Element, body: str, parent: str, origin: Placement, inherited: str
     ) -> ModelJoint:
         name = element.attributes.get("name") or f"joint of {body}"
         where = f"joint {name}"
+        joint = ModelJoint(
+            name=name,
+            kind=element.attributes.get("type", "hinge") if element.tag == "joint" else "free",
+            parent=parent,
+            child=body,
+            origin=origin,
+            axis=np.eye(3)[2],
+            element=element,
+        )
+        # A chain that holds the joint at zero needs its pose alone.
+        motion, reason = deferred({}, self._motion, element, where, inherited)
+        return dataclasses.replace(joint, immovable=reason, **motion)
+
+    def _motion(self, element: Element, where: str, inherited: str) -> dict[str, Any]:
+        """The fields of a `ModelJoint` that only a joint which moves needs."""
         class_name = choice(
             f"class of {where}", element.attributes.get("class", inherited), tuple(self.defaults)
         )
@@ -224,13 +321,14 @@ class _Reader:
         element = dataclasses.replace(
             element, attributes=self.defaults[class_name] | element.attributes
         )
-        _require_zero(element)
         kind = element.attributes.get("type", "hinge")
-        if kind not in ("hinge", "slide"):
+        if kind not in ("hinge", "slide") or element.tag == "freejoint":
+            got = "<freejoint>" if element.tag == "freejoint" else f"<joint type={kind!r}>"
             raise ValueError(
-                f"{where} must be a hinge or a slide; it is <joint type={kind!r}>. Replace it by"
-                " hinges."
+                f"{where} must be a hinge or a slide; it is {got}. Begin the chain behind it"
+                " (base=), or replace it by hinges."
             )
+        _require_zero(element)
         # Angles of slides are lengths: never in degrees.
         unit = np.pi / 180 if kind == "hinge" and self.degrees else 1.0
         axis = numbers_of(element, "axis", 3, "0 0 1", where)
@@ -240,36 +338,109 @@ class _Reader:
             )
         x, y, z = numbers_of(element, "pos", 3, "0 0 0", where)
         lower, upper = numbers_of(element, "range", 2, "0 0", where) * unit
-        # With autolimits a range alone limits the joint; otherwise it needs limited="true".
-        limited = element.attributes.get("limited", "auto")
-        automatic = self.autolimits and "range" in element.attributes
-        if limited == "false" or (limited == "auto" and not automatic):
+        if not self._limited(element, "limited", "range"):
             lower = -math.inf
             upper = math.inf
         # The two forces may have signs of their own; a `Limits` holds magnitudes. Zero means no
         # limit.
         force = max(np.abs(numbers_of(element, "actuatorfrcrange", 2, "0 0", where)))
-        return ModelJoint(
-            name=name,
-            kind="revolute" if kind == "hinge" else "prismatic",
-            parent=parent,
-            child=body,
-            origin=origin,
-            axis=axis,
-            anchor=(x, y, z),
-            zero=numbers_of(element, "ref", 1, "0", where)[0] * unit,
-            limits=(lower, upper, math.inf, float(force) or math.inf),
-            armature=numbers_of(element, "armature", 1, "0", where)[0],
-            element=element,
+        return {
+            "kind": "revolute" if kind == "hinge" else "prismatic",
+            "axis": axis,
+            "anchor": (x, y, z),
+            "zero": numbers_of(element, "ref", 1, "0", where)[0] * unit,
+            "limits": (lower, upper, math.inf, float(force) or math.inf),
+            "armature": numbers_of(element, "armature", 1, "0", where)[0],
+            "element": element,
+        }
+
+    def _limited(self, element: Element, switch: str, range_name: str) -> bool:
+        """Whether a range holds: with autolimits where it is stated, otherwise by its switch."""
+        limited = element.attributes.get(switch, "auto")
+        return limited == "true" or (
+            limited == "auto" and self.autolimits and range_name in element.attributes
         )
 
-    def _inertial(self, element: Element, name: str, *, moves: bool) -> Body | None:
+    def actuators(self, root: Element) -> None:
+        """The limits of effort that the actuators of joints state, joint side."""
+        efforts: dict[str, float] = {}
+        for actuator in (child for element in root.all("actuator") for child in element.children):
+            of_class = self.actuator_defaults.get(actuator.attributes.get("class", "main"), {})
+            element = dataclasses.replace(actuator, attributes=of_class | actuator.attributes)
+            get = element.attributes.get
+            joint = get("joint", get("jointinparent", ""))
+            if joint not in self.model.joints:
+                continue
+            effort, reason = deferred(math.inf, self._effort, element)
+            # Several actuators on one joint add up.
+            efforts[joint] = efforts.get(joint, 0.0) + effort
+            if reason:
+                self.model.joints[joint].immovable = reason
+        for name, effort in efforts.items():
+            joint_limits = self.model.joints[name].limits
+            self.model.joints[name].limits = (*joint_limits[:3], min(joint_limits[3], effort))
+
+    def _effort(self, element: Element) -> float:
+        """The largest effort of an actuator on its joint; infinite if it states none."""
+        where = f"<{element.tag}> {element.attributes.get('name', '')}".strip()
+        words = element.attributes.get("gear", "1").split()
+        gear = numbers_of(element, "gear", len(words) or 1, "1", where)[0]
+        limits = [math.inf]
+        if self._limited(element, "forcelimited", "forcerange"):
+            limits.append(np.abs(numbers_of(element, "forcerange", 2, None, where)).max())
+        # The control of a motor is its force.
+        if element.tag == "motor" and self._limited(element, "ctrllimited", "ctrlrange"):
+            limits.append(np.abs(numbers_of(element, "ctrlrange", 2, None, where)).max())
+        return float(abs(gear) * min(limits)) if gear and min(limits) > 0 else math.inf
+
+    def constraints(self, root: Element) -> None:
+        """What tendons, equalities and flexible bodies act on; skins are drawn only."""
+        tendons: dict[str, tuple[list[str], list[str]]] = {}
+        for section in ("tendon", "deformable", "equality"):
+            for element in (child for top in root.all(section) for child in top.children):
+                if element.tag == "skin" or element.attributes.get("active") == "false":
+                    continue
+                joints, links = [], []
+                for one in (element, *element.children):
+                    joints += self._named(one, _JOINT_ENDS)
+                    links += self._named(one, _BODY_ENDS)
+                    links += [
+                        self.bodies_of.get(name, name) for name in self._named(one, _SITE_ENDS)
+                    ]
+                    for name in self._named(one, _TENDON_ENDS):
+                        joints += tendons.get(name, ([], []))[0]
+                        links += tendons.get(name, ([], []))[1]
+                # A weld or a point has the world as its other end by default.
+                if section == "equality" and links and not self._named(element, ("body2", "site2")):
+                    links.append("world")
+                name = element.attributes.get("name", "")
+                if section == "tendon":
+                    tendons[name] = joints, links
+                label = f"<{section}> {name}".strip()
+                self.model.constraints.append(Constraint(label=label, joints=joints, links=links))
+
+    @staticmethod
+    def _named(element: Element, attributes: tuple[str, ...]) -> list[str]:
+        return [
+            word
+            for attribute in attributes
+            for word in element.attributes.get(attribute, "").split()
+        ]
+
+    def _inertial(self, element: Element, name: str, moves: bool) -> Body | None:
         """The body of an <inertial>; None if the body needs none (no geom, or it never moves)."""
+        _require_zero(element)
         elements = element.all("inertial")
         where = f"body {name}"
+        geoms = _has_geoms(element)
+        if self.from_geoms and geoms and moves:
+            raise ValueError(
+                f"{where} must have its mass from <inertial>, since geoms are not read; the file"
+                " has inertiafromgeom. Give each body its <inertial>."
+            )
         # A body without geoms, or fixed to the world, needs no mass.
-        if not elements and (element.find("geom") is None or not moves):
-            return None
+        if not elements and (not geoms or not moves):
+            return self._bounded(0.0, np.zeros(6), name, HERE)
         if len(elements) != 1:
             raise ValueError(
                 f"{where} must have one <inertial>: geoms are not read; it has {len(elements)}."
@@ -286,4 +457,24 @@ class _Reader:
             # Principal moments, in the pose that the element states.
             x, y, z = numbers_of(inertial, "diaginertia", 3, None, where)
             inertia = np.array([x, 0, 0, y, 0, z])
-        return body_in(mass, inertia, name, pose)
+        return self._bounded(mass, inertia, name, pose)
+
+    def _bounded(self, mass: float, inertia: Floats, name: str, pose: Placement) -> Body | None:
+        """The body with the compiler's least mass and moments, and balanced moments."""
+        moments, axes = np.linalg.eigh(inertia_matrix(inertia))
+        bounded = np.maximum(moments, self.least_inertia)
+        # MuJoCo replaces moments that no body has by their mean.
+        if self.balance and bounded[2] > bounded[0] + bounded[1]:
+            bounded = np.full(3, bounded.mean())
+        # Moments that stay keep the digits of the file.
+        if (bounded != moments).any():
+            inertia = (axes @ np.diag(bounded) @ axes.T)[np.triu_indices(3)]
+        return body_in(max(mass, self.least_mass), inertia, name, pose)
+
+
+def _has_geoms(element: Element) -> bool:
+    """Whether a body has geoms of its own, in frames too."""
+    return any(
+        child.tag == "geom" or (child.tag == "frame" and _has_geoms(child))
+        for child in element.children
+    )

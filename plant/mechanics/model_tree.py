@@ -4,9 +4,10 @@ import dataclasses
 import graphlib
 import warnings
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from plant.mechanics.xml_file import Element
 from plant.parts.arguments import choice, several
 from plant.parts.fields import Floats
 from plant.parts.messages import joint_labels
+
+T = TypeVar("T")
 
 HERE = Placement()  # of all that state no origin
 
@@ -46,6 +49,33 @@ class ModelJoint:
     """Viscous and Coulomb; NaN where not stated."""
     armature: float = 0.0
     element: Element | None = None
+    immovable: str = ""
+    """Why a chain cannot have this joint; empty if it can."""
+    misplaced: str = ""
+    """Why the pose of its child cannot be read; empty if it can."""
+
+
+@dataclasses.dataclass(kw_only=True)
+class Constraint:
+    """A force or constraint between links and joints, which a chain that it acts on does not have.
+
+    `label` names it in messages. An end that the file does not name acts on every chain.
+    """
+
+    label: str
+    joints: list[str]
+    links: list[str]
+
+
+def deferred(default: T, read: Callable[..., T], *arguments: Any) -> tuple[T, str]:
+    """What `read` gives of the arguments, or the default and the refusal.
+
+    The refusal is for the chain that needs what was not read.
+    """
+    try:
+        return read(*arguments), ""
+    except ValueError as error:
+        return default, str(error)
 
 
 # Not frozen: a reader fills it body by body.
@@ -53,8 +83,9 @@ class ModelJoint:
 class ModelFile:
     """Content of a model file: links with their bodies (None without mass), joints, gravity.
 
-    `inertials` holds the element of each body, the frame of its inertia in the link's frame, and
-    the element of each link; `data` the bytes of the file.
+    `links` holds the element of each link, `data` the bytes of the file. A file may have much that
+    a chain does not need: `unread` holds why the body of a link cannot be read, `constraints` what
+    acts beside the joints, `gravity_compensated` the links whose weight the file takes away.
     """
 
     path: Path
@@ -63,6 +94,9 @@ class ModelFile:
     joints: dict[str, ModelJoint]
     links: dict[str, Element]
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    unread: dict[str, str] = dataclasses.field(default_factory=dict)
+    constraints: list[Constraint] = dataclasses.field(default_factory=list)
+    gravity_compensated: list[str] = dataclasses.field(default_factory=list)
 
     def chain_joints(
         self, names: Sequence[str] | None = None, base: str | None = None, tip: str | None = None
@@ -80,12 +114,12 @@ class ModelFile:
                 )
             names = self.joints_between(base, tip)
         # A loop would let the walks below run for ever.
-        _require_tree(self.bodies, self.joints)
+        _require_tree(self.joints)
         return _chosen(self.joints, names)
 
     def joints_between(self, base: str | None, tip: str) -> list[str]:
         """Names of the independent joints from a base link (default: the root) to a tip link."""
-        _require_tree(self.bodies, self.joints)
+        _require_tree(self.joints)
         parents = _parents(self.joints)
         end = parents.get(choice("tip", tip, tuple(self.bodies)))
         path = [] if end is None else _path(parents, base, end)
@@ -96,8 +130,8 @@ class ModelFile:
             )
         names = [joint.name for joint in path if joint.kind in MOVING and not joint.mimics]
         # A joint on this path that follows another one moves with it: no chain of independent
-        # joints.
-        _require_own([joint for joint in path if joint.mimics in names])
+        # joints. One that a chain cannot have is no fixed joint either.
+        _require_own([joint for joint in path if joint.mimics in names or joint.immovable])
         if not names:
             raise ValueError(
                 f"a joint must move between base and tip {tip}; none does. Give links further"
@@ -118,6 +152,7 @@ def links_of_chain(
     parents = _parents(model.joints)
     hanging = _hanging_on(model.joints)
     moving = {joint.name for joint in chosen}
+    _require_free(model, hanging, chosen)
     at = Placement()  # pose of the last chosen joint's frame in the link being walked
     # 1. Walk from joint to joint. Fixed joints and joints at zero between them multiply into one
     # pose.
@@ -125,6 +160,8 @@ def links_of_chain(
         pose = Placement()
         start = chosen[i - 1].child if i else None
         for step in _path(parents, start, joint):
+            if step.misplaced:
+                raise ValueError(step.misplaced)
             pose = pose if step.origin is HERE else pose @ step.origin
         # 2. Put the frame of the Link on the joint's axis, z along it, as the table demands; the
         # body stays in the frame of the file's link, which `frame` places in it.
@@ -137,7 +174,7 @@ def links_of_chain(
         links.append(Link(name=joint.name, prismatic=slides, before=pose, frame=frame, **zero))
         at = frame
         # 3. Everything that hangs on the link without a chosen joint between becomes its body.
-        bodies.append(_lumped(model.bodies, hanging, joint.child, moving))
+        bodies.append(_lumped(model, hanging, joint.child, moving))
     if not any(body.mass for body in bodies):
         raise ValueError(
             f"links must state their masses; of links {chosen[0].child} to {chosen[-1].child} none"
@@ -147,7 +184,7 @@ def links_of_chain(
     for label, body in zip(labels, bodies, strict=True):
         # Two joints whose axes meet may have no body between them, but the tip has one.
         if body is bodies[-1] or body.standard_parameters.any():
-            body.require_physical(f"behind {label}")
+            body.require_physical(f"behind {label}", SLIP)
     worst = max(rounded, key=lambda name: rounded[name])
     if rounded[worst]:
         warnings.warn(
@@ -155,6 +192,7 @@ def links_of_chain(
             f" {rounded[worst]:.2g} rad; they are put right.",
             stacklevel=3,
         )
+    _warn_of_slips(model, hanging, chosen)
     # Rotors come last: the armature of a joint that is held at zero does not count.
     pairs = zip(bodies, chosen, strict=True)
     bodies = [dataclasses.replace(body, rotor=joint.armature) for body, joint in pairs]
@@ -163,14 +201,66 @@ def links_of_chain(
     return tuple(links), tuple(bodies), limits
 
 
+# Files round their inertias, and people adjust them: a largest moment that exceeds the sum of the
+# others by less than this share is a slip (of 3 % in a public file), more is another mistake.
+SLIP = 0.1
+
+
+def _warn_of_slips(
+    model: ModelFile, hanging: dict[str, list[ModelJoint]], chosen: list[ModelJoint]
+) -> None:
+    """Warn of inertias that miss the triangle inequality, and of weight that a file takes away."""
+    moving = {joint.name for joint in chosen}
+    links = [link for joint in chosen for link in _moving_with(hanging, joint.child, moving)]
+    for link in links:
+        body = model.bodies[link]
+        excess = 0.0 if body is None else body.excess()
+        # Below this, numbers of six digits are rounded.
+        if excess > 1e-5:
+            warnings.warn(
+                f"{model.path.name} states an inertia of link {link} that misses the triangle"
+                f" inequality by {100 * excess:.2g} %; it is read as it stands. check_model names"
+                " what is wrong with a URDF.",
+                stacklevel=4,
+            )
+    weightless = [link for link in links if link in model.gravity_compensated]
+    if weightless:
+        warnings.warn(
+            f"{model.path.name} compensates the gravity of {several(weightless)} (gravcomp), which"
+            " is a controller's; the arm has its weight. Motor torques logged in MuJoCo lack it.",
+            stacklevel=4,
+        )
+
+
+def _require_free(
+    model: ModelFile, hanging: dict[str, list[ModelJoint]], chosen: list[ModelJoint]
+) -> None:
+    """Refuse forces and constraints that act on the joints of the chain, or between its bodies."""
+    moving = {joint.name for joint in chosen}
+    # The number of the joint with which each link moves; all others stand still, or are elsewhere.
+    carriers = {
+        link: i
+        for i, joint in enumerate(chosen)
+        for link in _moving_with(hanging, joint.child, moving)
+    }
+    for constraint in model.constraints:
+        joints = moving.intersection(constraint.joints)
+        ends = {carriers.get(link, -1) for link in constraint.links}
+        unnamed = not constraint.joints and not constraint.links
+        # Between parts of one body a force is inner, as that of a gripper's fingers.
+        if joints or len(ends) > 1 or unnamed:
+            at = several(sorted(joints) or sorted(set(constraint.links)) or ["what it leaves open"])
+            raise ValueError(
+                f"{constraint.label} must not act on the chain, since its force is not read; it"
+                f" acts on {at}. Remove it, or choose joints on which it does not act."
+            )
+
+
 # -- the tree ------------------------------------------------------------------------------------
-def _require_tree(bodies: dict[str, Body | None], joints: dict[str, ModelJoint]) -> None:
-    """Refuse missing links, links with two parents, and loops."""
+def _require_tree(joints: dict[str, ModelJoint]) -> None:
+    """Refuse links with two parents, and loops."""
     parents: dict[str, ModelJoint] = {}
     for joint in joints.values():
-        for link in (joint.parent, joint.child):
-            if link not in bodies:
-                choice(f"link of joint {joint.name}", link, tuple(bodies))
         if joint.child in parents:
             raise ValueError(
                 f"link {joint.child} must hang on one joint; it hangs on"
@@ -222,6 +312,8 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
                 raise ValueError(
                     f"joints must move; {name} is fixed. Leave it out, its link is lumped."
                 )
+            if name in tree and tree[name].immovable:
+                raise ValueError(tree[name].immovable)
             if name not in tree or tree[name].kind not in MOVING:
                 choice("joints", name, tuple(joint.name for joint in moving))
         twice = next((name for name, count in Counter(names).items() if count > 1), None)
@@ -236,6 +328,8 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
                 f"joints must lie behind each other, base first; got {several(names)}. {do}"
             )
     if not chosen:
+        # A joint that no chain can have may be the one that is meant.
+        _require_own([joint for joint in tree.values() if joint.immovable])
         raise ValueError(
             "the file must have at least one joint that moves; it has none. Give another one."
         )
@@ -246,8 +340,10 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
 
 
 def _require_own(path: list[ModelJoint]) -> None:
-    """Refuse joints between base and tip that mimic others: at zero they would change the arm."""
+    """Refuse joints that mimic others (at zero they would change the arm), or cannot be had."""
     for joint in path:
+        if joint.immovable:
+            raise ValueError(joint.immovable)
         if joint.mimics:
             raise ValueError(
                 f"joints must move on their own; {joint.name} mimics {joint.mimics}. End the chain"
@@ -323,16 +419,21 @@ def _moving_with(
 
 
 def _lumped(
-    bodies: dict[str, Body | None],
+    model: ModelFile,
     hanging: dict[str, list[ModelJoint]],
     link: str,
     moving: Collection[str],
 ) -> Body:
     """All bodies that move with a link as one Body in its frame."""
     lumped = None
+    parents = _parents(model.joints)
     for name, placement in _moving_with(hanging, link, moving).items():
+        # What cannot be read matters here, where its mass moves.
+        reason = model.unread.get(name, "") or (name != link and parents[name].misplaced)
+        if reason:
+            raise ValueError(reason)
         # Each body is given in the frame of its own link.
-        body = bodies[name]
+        body = model.bodies[name]
         if body is not None:
             body = body.seen_from(placement)
             lumped = body if lumped is None else lumped.joined(body)

@@ -2,14 +2,17 @@
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from plant.mechanics.body import Body, body_in
-from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint
+from plant.mechanics.model_tree import HERE, MOVING, ModelFile, ModelJoint, deferred
 from plant.mechanics.placement import Placement
 from plant.mechanics.xml_file import Element, numbers_of, parsed
-from plant.parts.arguments import choice
+from plant.parts.arguments import choice, near, several
+from plant.parts.fields import Floats
+from plant.parts.files import read_bounded
 
 # attributes of <inertia>, in the order of `Body.inertia`
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -22,10 +25,35 @@ def read_urdf(path: str | Path) -> ModelFile:
     if is_xacro(robot):
         robot, data = parsed(path, "robot", "URDF", expanded(Path(path)))
     # Links first: an unnamed one is refused there.
-    bodies = _bodies(robot)
-    joints = _joints(robot)
-    links = {link.attributes["name"]: link for link in robot.all("link")}
-    return ModelFile(path=Path(path), data=data, bodies=bodies, joints=joints, links=links)
+    links = _links(robot)
+    model = ModelFile(path=Path(path), data=data, bodies={}, joints=_joints(robot), links=links)
+    for name, link in links.items():
+        model.bodies[name], reason = deferred(None, _body, link)
+        if reason:
+            model.unread[name] = reason
+    _declare_ends(model)
+    return model
+
+
+def _declare_ends(model: ModelFile) -> None:
+    """Give joints whose links are missing in the file frames to hang on.
+
+    The world is a frame that many files take for granted; any other one is a reason to refuse the
+    chains that need it.
+    """
+    for joint in model.joints.values():
+        for link in (joint.parent, joint.child):
+            if link in model.bodies:
+                continue
+            model.bodies[link] = None
+            if link == "world" and link == joint.parent:
+                continue
+            element = f'<link name="{link}"/>'
+            advice = near(link, model.links, f"Add {element}, or correct the name?")
+            joint.misplaced = (
+                f"joint {joint.name} must have links that the file declares; got {link!r}."
+                f" {advice[:-1]}{f', or is {element} missing?' if 'mean' in advice else '.'}"
+            )
 
 
 def origin_of(element: Element, where: str) -> Placement:
@@ -39,34 +67,41 @@ def origin_of(element: Element, where: str) -> Placement:
     return Placement.of_angles(roll, pitch, yaw, position)
 
 
-def _bodies(robot: Element) -> dict[str, Body | None]:
-    """The Body of each link in its own frame, by name; None without mass."""
-    bodies: dict[str, Body | None] = {}
+def _links(robot: Element) -> dict[str, Element]:
+    """The links of the file, by name."""
+    links: dict[str, Element] = {}
     if not robot.all("link"):
-        raise ValueError("the file must have links; it has none. Give a URDF file, xacro expanded.")
+        raise ValueError(
+            "the file must have links; it has none. Give a URDF file, or the xacro file that calls"
+            " the macros."
+        )
     for element in robot.all("link"):
         name = element.attributes.get("name", "")
-        where = f"link {name}"
-        if not name or name in bodies:
+        if not name or name in links:
             raise ValueError(
                 f"links must have names of their own; got {name!r} {'twice' if name else ''}."
                 " Name it."
             )
-        inertials = element.all("inertial")
-        if len(inertials) > 1:
-            raise ValueError(
-                f"{where} must have one <inertial>; it has {len(inertials)}. Join them."
-            )
-        # A link without <inertial> is a frame alone.
-        bodies[name] = None
-        for inertial in inertials:
-            mass = numbers_of(inertial.find("mass"), "value", 1, None, f"{where}, mass")[0]
-            # About the centre of mass, along the axes of the <origin>; `body_in` turns it into the
-            # axes of the link.
-            matrix = inertial.find("inertia")
-            inertia = [numbers_of(matrix, key, 1, None, f"{where}, inertia")[0] for key in INERTIA]
-            bodies[name] = body_in(mass, np.array(inertia), name, origin_of(inertial, where))
-    return bodies
+        links[name] = element
+    return links
+
+
+def _body(link: Element) -> Body | None:
+    """The Body of a link in its own frame; None without mass."""
+    name = link.attributes["name"]
+    where = f"link {name}"
+    inertials = link.all("inertial")
+    # A link without <inertial> is a frame alone.
+    if not inertials:
+        return None
+    if len(inertials) > 1:
+        raise ValueError(f"{where} must have one <inertial>; it has {len(inertials)}. Join them.")
+    mass = numbers_of(inertials[0].find("mass"), "value", 1, None, f"{where}, mass")[0]
+    # About the centre of mass, along the axes of the <origin>; `body_in` turns it into the axes of
+    # the link.
+    matrix = inertials[0].find("inertia")
+    inertia = [numbers_of(matrix, key, 1, None, f"{where}, inertia")[0] for key in INERTIA]
+    return body_in(mass, np.array(inertia), name, origin_of(inertials[0], where))
 
 
 def _joints(robot: Element) -> dict[str, ModelJoint]:
@@ -81,42 +116,63 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
                 f"joints must have names of their own; got {name!r} {'twice' if name else ''}."
                 " Name it."
             )
-        # A chain has one coordinate per joint.
-        if kind in ("floating", "planar"):
-            raise ValueError(
-                f"{where} must move about or along one axis; it is {kind}. Replace it by single"
-                " joints."
-            )
-        choice(f"type of {where}", kind, (*MOVING, "fixed"))
         ends = [element.find(tag) for tag in ("parent", "child")]
         parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)
         if not parent or not child:
             raise ValueError(
                 f"{where} must have a parent and a child link; one is missing. Add it."
             )
-        # The axis is in the frame of the joint, which is that of the child link.
-        axis = numbers_of(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
-        # A fixed joint needs no axis; any other one needs a direction to turn about.
-        if kind in MOVING and np.linalg.norm(axis) < 1e-6:
-            raise ValueError(
-                f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it."
-            )
         mimic = element.find("mimic")
         # A mimic without a name still moves with another joint, so it is marked as one.
         mimics = "" if mimic is None else mimic.attributes.get("joint", "") or "another one"
+        # Chains that do not move the joint need its pose alone.
+        origin, misplaced = deferred(HERE, origin_of, element, where)
+        motion, immovable = deferred(_Motion(), _motion, element, kind, where)
         joints[name] = ModelJoint(
             name=name,
             kind=kind,
             parent=parent,
             child=child,
-            origin=origin_of(element, where),
-            axis=axis,
+            origin=origin,
             mimics=mimics,
-            limits=_limits(element.find("limit"), kind, where),
             element=element,
-            friction=_friction(element.find("dynamics"), where),
+            misplaced=misplaced,
+            immovable=immovable,
+            **motion._asdict(),
         )
     return joints
+
+
+class _Motion(NamedTuple):
+    """The fields of a `ModelJoint` that only a joint which moves needs."""
+
+    axis: Floats = np.array([1.0, 0.0, 0.0])
+    limits: tuple[float, float, float, float] = (-math.inf, math.inf, math.inf, math.inf)
+    friction: tuple[float, float] = (math.nan, math.nan)
+
+
+def _motion(element: Element, kind: str, where: str) -> _Motion:
+    """Axis, limits and friction of a joint; a fixed one needs none."""
+    if kind == "fixed":
+        return _Motion()
+    # A chain has one coordinate per joint.
+    if kind in ("floating", "planar"):
+        raise ValueError(
+            f"{where} must move about or along one axis; it is {kind}. Begin the chain behind it"
+            " (base=), or replace it by single joints."
+        )
+    choice(f"type of {where}", kind, (*MOVING, "fixed"))
+    # The axis is in the frame of the joint, which is that of the child link.
+    axis = numbers_of(element.find("axis"), "xyz", 3, "1 0 0", f"{where}, axis")
+    if np.linalg.norm(axis) < 1e-6:
+        raise ValueError(
+            f"{where} must have an axis that is not zero; got {axis.tolist()}. Correct it."
+        )
+    return _Motion(
+        axis=axis,
+        limits=_limits(element.find("limit"), kind, where),
+        friction=_friction(element.find("dynamics"), where),
+    )
 
 
 def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float, float, float]:
@@ -124,11 +180,12 @@ def _limits(limit: Element | None, kind: str, where: str) -> tuple[float, float,
 
     Files write 0 for a velocity or an effort that they do not know: no limit.
     """
-    if limit is None or kind not in MOVING:
+    if limit is None:
         return (-math.inf, math.inf, math.inf, math.inf)
     keys = "lower", "upper", "velocity", "effort"
+    # Files write inf for no limit, as programs print it.
     lower, upper, velocity, effort = (
-        numbers_of(limit, key, 1, "0", f"{where}, limit")[0] for key in keys
+        numbers_of(limit, key, 1, "0", f"{where}, limit", finite=False)[0] for key in keys
     )
     # Two zeros, the defaults of URDF, state no limits.
     if kind == "continuous" or lower == upper == 0.0:
@@ -160,21 +217,65 @@ def is_xacro(element: Element) -> bool:
 def expanded(path: Path) -> bytes:
     """The URDF that a xacro file produces.
 
-    Its macros may read other files and evaluate expressions.
+    Its macros may read other files and evaluate expressions. Paths are relative to the file in
+    which they stand. A package that is not there matters only to files that are included from it:
+    nothing is read of meshes.
     """
     try:
-        # Imported here: only xacro files need it.
-        import xacrodoc
+        # Imported here: only xacro files need them. The second finds packages without ROS.
+        import xacro
+        from xacro import substitution_args
+        from xacrodoc import packages
     except ImportError:
         raise ValueError(
             f"{path} must be a URDF file; it is xacro. Expand it (xacro {path.name} > robot.urdf),"
             " or pip install xacrodoc."
         ) from None
+    absent = set[str]()
+
+    def find(package: str) -> str:
+        folder = _package_around(path.resolve(), package)
+        if folder is None:
+            try:
+                folder = packages.get_path(package)
+            except packages.PackageNotFoundError:
+                absent.add(package)
+                folder = f"package://{package}"
+        return str(folder)
+
+    # xacro has no other place for a way to find packages.
+    names = {
+        "attribute": substitution_args._eval_find,
+        "eval": substitution_args._eval_dict["find"],
+    }
+    substitution_args._eval_find = substitution_args._eval_dict["find"] = find
     try:
-        text: str = xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()
+        text: str = xacro.process_file(str(path.resolve())).toxml()
     # Any exception may come out of the expressions of a macro.
     except Exception as error:
-        raise ValueError(
-            f"{path} must be xacro that can be expanded; {error}. Expand it by hand."
-        ) from error
+        advice = "Expand it by hand."
+        if absent:
+            advice = (
+                f"Put the folder of {several(sorted(absent))} beside it or above, or install it."
+            )
+        cause = " ".join(str(error).split())
+        raise ValueError(f"{path} must be xacro that can be expanded; {cause}. {advice}") from error
+    finally:
+        substitution_args._eval_find = names["attribute"]
+        substitution_args._eval_dict["find"] = names["eval"]
     return text.encode()
+
+
+def _package_around(path: Path, package: str) -> Path | None:
+    """The folder of a package around or beside this file, as in a repository; None without one."""
+    for folder in path.parents:
+        manifest = folder / "package.xml"
+        if folder.name == package or (
+            manifest.is_file()
+            and f"<name>{package}</name>"
+            in read_bounded(manifest, 1 << 20).decode(errors="replace")
+        ):
+            return folder
+        if (folder / package / "package.xml").is_file():
+            return folder / package
+    return None

@@ -1,5 +1,6 @@
 """XML elements with their byte positions in the file, and edits of these bytes alone."""
 
+import codecs
 import dataclasses
 import re
 import xml.parsers.expat
@@ -23,6 +24,8 @@ _LARGEST = 5 << 20
 _DEEPEST = 200
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+_INFINITE = re.compile(r"[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
 
 _ATTRIBUTE = re.compile(rb"""([^\s=/>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
@@ -99,7 +102,7 @@ def parsed(
     path = Path(path)
     try:
         # Bounded before anything is parsed.
-        data = read_bounded(path, _LARGEST) if data is None else data
+        data = _utf8(read_bounded(path, _LARGEST) if data is None else data)
     except FileNotFoundError:
         raise ValueError(f"{path} must be a file; there is none. Check the path.") from None
     except ValueError as error:
@@ -107,7 +110,8 @@ def parsed(
     # A stack of the open elements: the parser reports starts and ends in the file's order.
     root: list[Element] = []
     open_elements: list[Element] = []
-    parser = xml.parsers.expat.ParserCreate()
+    # The text is UTF-8 by now, whatever its first line declares.
+    parser = xml.parsers.expat.ParserCreate("utf-8")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         at = parser.CurrentByteIndex
@@ -145,6 +149,42 @@ def parsed(
     return root[0], data
 
 
+# The encoding that the first line of a file declares.
+_DECLARED = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+
+# First bytes of files of two bytes per character, with a mark of their order or without.
+_WIDE = {
+    codecs.BOM_UTF16_LE: "utf-16-le",
+    codecs.BOM_UTF16_BE: "utf-16-be",
+    b"<\x00": "utf-16-le",
+    b"\x00<": "utf-16-be",
+}
+
+
+def _encoding(data: bytes) -> str:
+    """The encoding that a text declares; UTF-8 by default."""
+    declared = _DECLARED.match(data)
+    return declared[1].decode() if declared else "utf-8"
+
+
+def _utf8(data: bytes) -> bytes:
+    """A file as UTF-8; its first line declares the encoding in which `spliced` writes it."""
+    wide = _WIDE.get(data[:2])
+    encoding = wide or _encoding(data.removeprefix(codecs.BOM_UTF8))
+    try:
+        # A declaration that could be read as it stands is not in two bytes per character.
+        if not wide and codecs.lookup(encoding).name.startswith(("utf-16", "utf-32")):
+            raise LookupError
+        if codecs.lookup(encoding).name in ("utf-8", "ascii"):
+            return data
+        return data.decode(encoding).removeprefix("\ufeff").encode()
+    except (LookupError, UnicodeError):
+        raise ValueError(
+            f"must be text in the encoding that it declares; it is not {encoding!r:.40}. Save it as"
+            " UTF-8."
+        ) from None
+
+
 def _tag_end(data: bytes, start: int) -> int:
     """End of a start tag: behind the first > outside of quotes."""
     # A value in quotes may contain >.
@@ -153,33 +193,53 @@ def _tag_end(data: bytes, start: int) -> int:
 
 
 def numbers_of(
-    element: Element | None, attribute: str, count: int, default: str | None, where: str
+    element: Element | None,
+    attribute: str,
+    count: int,
+    default: str | None,
+    where: str,
+    *,
+    finite: bool = True,
 ) -> Floats:
-    """The finite numbers of an attribute, exactly `count` of them."""
+    """The numbers of an attribute, exactly `count` of them; inf is one only if not `finite`."""
     text = default if element is None else element.attributes.get(attribute, default)
     if text is None:
         raise ValueError(f"{where} must have {attribute}; it has none. Add it.")
     words = text.split()
     # float() alone would also accept nan, inf and 1_000.
-    values = np.array([float(word) for word in words if _NUMBER.fullmatch(word)])
-    if len(words) != count or values.shape != (count,) or not np.isfinite(values).all():
+    values = np.array(
+        [
+            float(word)
+            for word in words
+            if _NUMBER.fullmatch(word) or (not finite and _INFINITE.fullmatch(word))
+        ]
+    )
+    if (
+        len(words) != count
+        or values.shape != (count,)
+        or (finite and not np.isfinite(values).all())
+    ):
         expected = "one finite number" if count == 1 else f"{count} finite numbers"
-        raise ValueError(
-            f"{where} must have {expected} in {attribute}; got {text!r:.60}. Write them like 17.4"
-            " or 1e-3."
-        )
+        advice = "Write them like 17.4 or 1e-3."
+        if "," in text:
+            advice = "Write decimals with a point, and blanks between numbers."
+        raise ValueError(f"{where} must have {expected} in {attribute}; got {text!r:.60}. {advice}")
     return values
 
 
 def spliced(data: bytes, edits: Iterable[Edit]) -> bytes:
-    """The bytes with these edits, all others as they were."""
+    """The bytes with these edits, all others as they were, in the encoding that they declare."""
     pieces = []
     at = 0
     # From the start of the file on; edits do not overlap.
     for start, stop, text in sorted(edits, key=lambda edit: edit[:2]):
         pieces += [data[at:start], text]
         at = stop
-    return b"".join([*pieces, data[at:]])
+    text = b"".join([*pieces, data[at:]])
+    # UTF-16 gets its mark of the order of bytes.
+    encoding = _encoding(text)
+    utf8 = codecs.lookup(encoding).name in ("utf-8", "ascii")
+    return text if utf8 else text.decode().encode(encoding, "xmlcharrefreplace")
 
 
 # Attributes that state an orientation, and how many numbers each of them has.
