@@ -309,7 +309,8 @@ class _Reader:
             element=element,
         )
         # A chain that holds the joint at zero needs its pose alone.
-        motion, reason = deferred({}, self._motion, element, where, inherited)
+        unmoved = dict[str, Any]()
+        motion, reason = deferred(unmoved, self._motion, element, where, inherited)
         return dataclasses.replace(joint, immovable=reason, **motion)
 
     def _motion(self, element: Element, where: str, inherited: str) -> dict[str, Any]:

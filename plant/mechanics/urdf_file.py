@@ -235,13 +235,13 @@ def expanded(path: Path) -> bytes:
 
     def find(package: str) -> str:
         folder = _package_around(path.resolve(), package)
-        if folder is None:
-            try:
-                folder = packages.get_path(package)
-            except packages.PackageNotFoundError:
-                absent.add(package)
-                folder = f"package://{package}"
-        return str(folder)
+        if folder is not None:
+            return str(folder)
+        try:
+            return str(packages.get_path(package))
+        except packages.PackageNotFoundError:
+            absent.add(package)
+            return f"package://{package}"
 
     # xacro has no other place for a way to find packages.
     names = {
