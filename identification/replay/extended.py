@@ -1,6 +1,6 @@
-"""A model with what its rig leaves out: elastic gears, backlash, lagging currents, other friction.
+"""A model with numbers that its rig leaves out, such as elastic gears, a lag, other friction.
 
-Each effect is a number that is zero where the rig is right. The innovations are those of
+Each is zero where the rig is right. The innovations are those of
 `Prediction`, of one compiled loop whose currents are prompt where they do not lag. Where gears are
 elastic it is another loop, with springs: at coarse sub-steps even the stiffest springs do not stick
 quite like rigid gears where a joint turns back, which a log would seem to contradict.
@@ -8,8 +8,9 @@ quite like rigid gears where a joint turns back, which a log would seem to contr
 
 import copy
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -37,50 +38,105 @@ class ExtensionSettings:
     damping : float
         Damping ratio of gears that are tested: the middle of the usual range, at which the
         detection is measured.
-    least_share : float
-        Least relative error of a gear, a gain or a motor gain: below it a number changes its sign
-        before long.
     """
 
     rigid: float = 1e5
     prompt: float = 1e-9
     damping: float = 0.02
-    least_share: float = -0.5
 
 
 SETTINGS = ExtensionSettings()
 
-_PLACES = {
-    "backlash": "drive.elasticity.backlash",
-    "lag": "drive.current_lag.time",
-    "offset": "drive.curve.offset",
-}
+_SPRINGS = "drive.elasticity"  # beginning of the numbers of a loop with elastic gears
 
-_FRICTION = ("viscous", "coulomb")
 
-_GIVING = ("compliance", "backlash")
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A kind of number that is zero in a model where its rig, or its law, is right.
 
-# Numbers whose extra number is a relative error.
-_SHARES = ("gear", "motor_gain", "law.")
+    Parameters
+    ----------
+    name : str
+        Kind, "gear"; the number of a joint is ``gear[1]``, that of a law ``law.gain[1]``.
+    place : str
+        Where its value is among the numbers of the rig, ``drive.gear``; "law" of those of a law;
+        empty where the model has no such number.
+    of_joints : bool
+        Whether each joint has one.
+    relative : bool
+        Whether it is a relative error of the stated value; otherwise it is added to it.
+    least : float
+        Lowest value.
+    removable : bool
+        Whether it can take the stated value away, and no more: then that is its lowest value.
+    gives : bool
+        Whether it acts in a loop with elastic gears only.
+    step : float
+        Size at which its effect is taken, small enough that it acts linearly.
+    scale : callable, optional
+        ``scale(torque, speed)`` is the unit (n,) of step and tolerance, from torque [N m] and speed
+        [rad/s] of each motor (rms).
+    tolerance : str
+        Field of `Tolerances` that states its standard deviation.
+    unit : str
+        Its unit in messages.
+    """
+
+    name: str
+    place: str
+    of_joints: bool = True
+    relative: bool = False
+    least: float = 0.0
+    removable: bool = False
+    gives: bool = False
+    step: float = 0.0
+    scale: Callable[[Floats, Floats], Floats] | None = None
+    tolerance: str = ""
+    unit: str = ""
+
+    @classmethod
+    def share(cls, name: str, place: str, *, of_joints: bool = True, tolerance: str = "") -> Self:
+        """A relative error of what is stated, which halves it at most."""
+        # Beyond that it is no error of one number; near -1 it would change its sign.
+        return cls(
+            name=name,
+            place=place,
+            of_joints=of_joints,
+            relative=True,
+            least=-0.5,
+            step=1e-4,
+            tolerance=tolerance,
+        )
+
+    def size(self, share: float, name: str, efforts: Floats) -> float:
+        """A share of the unit of one of these numbers; `efforts` (2, n): torque and speed."""
+        return share * float(self.scale(*efforts)[joint_of(name)]) if self.scale else share
+
+
+def kind_of(name: str) -> str:
+    """Kind of a number: "gear" of ``gear[1]``, "law" of ``law.gain[0]``."""
+    return name.partition("[")[0].partition(".")[0]
+
+
+def joint_of(name: str) -> int:
+    """Joint of a number such as ``gear[1]``."""
+    return int(name.partition("[")[2].partition("]")[0])
 
 
 class Extended(Stacked):
     """Innovations of a model that follows records, with effects that its rig leaves out.
 
     `unknown`: all of f, and numbers of rig and law. `f` (p,): known roughly: it says what the links
-    weigh whose gears give. `prior`: of f. `runs`: how many of the records, one after another, are
+    weigh whose gears give. `numbers`: kinds of numbers that the rig may leave out. `prior`: of f. `runs`: how many of the records, one after another, are
     parts of each run of the robot; by default each is one. `**options`: sub-steps and sweeps, as
     for `Prediction`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, observer gains,
-    then `extra`. `extra`: what the rig may leave out, or have wrong, zero where it is right:
-    ``compliance[i]``, one over the square of the locked-rotor resonance [1/Hz^2]; ``backlash[i]``
-    [rad]; ``viscous[i]`` and ``coulomb[i]``, friction beyond the rig's, motor side [N m s/rad, N
-    m]; ``lag`` of the currents [s]; relative errors of ``gear[i]``, ``motor_gain[i]`` and of the
-    gains of a law without memory, by their names. No compliance and backlash where the rig knows no
-    motor inertia, or D falls short of it. `gains`, `gain_steps` (2n,): observer gains to begin
+    then `extra`. `extra`: the numbers by name, zero where the rig is right; none that needs elastic
+    gears where the rig knows no motor inertia, or D falls short of it. `kinds`: the kind of each
+    name. `gains`, `gain_steps` (2n,): observer gains to begin
     with, and steps of their central differences. `gain_bounds` (2n, 2). `least` (e,): the least
-    that each of `extra` can be: friction is not negative, less than none nothing gives or lags.
+    that each of `extra` can be.
     `weights`, `scales` (M,): as of `Prediction`.
     """
 
@@ -90,13 +146,13 @@ class Extended(Stacked):
         records: Sequence[Record],
         unknown: Sequence[str],
         f: Floats,
+        numbers: Sequence[Number],
         *,
         prior: Prior | None = None,
         runs: Sequence[int] | None = None,
         threads: int | None = None,
         **options,
     ) -> None:
-        n = dynamics.n
         links = _link_inertia(dynamics, records[0], f)
         self.dynamics = dynamics
         # A torque is injected into each record, zero if need be: one kernel serves all of them.
@@ -105,21 +161,22 @@ class Extended(Stacked):
         # The prior is of all records together: each record's prediction has none.
         settings = {**options, "threads": self.threads, "moving": prior is not None}
         self._logs = [
-            _Log(dynamics, record, tuple(unknown), links, settings) for record in self.records
+            _Log(dynamics, record, tuple(unknown), links, numbers, settings)
+            for record in self.records
         ]
         # `late` and `of` make the model again, with other records or another arm.
         arguments = {"prior": prior, "runs": runs, "threads": threads, **options}
-        self._again = lambda dynamics, records: Extended(dynamics, records, unknown, f, **arguments)
+        self._again = lambda dynamics, records: Extended(
+            dynamics, records, unknown, f, numbers, **arguments
+        )
         self._runs = [1] * len(self.records) if runs is None else runs
         # Observer gains, by their names and bounds the same for each record.
         prediction = self._logs[0].prediction
         self.gains = prediction.nuisances
         self.gain_steps = prediction.nuisance_steps
         self.gain_bounds = prediction.nuisance_bounds
-        # Without an inertia behind the gear no resonance is defined, and so no compliance.
-        names = (*(() if links is None else _GIVING), *_FRICTION, "offset", "gear", "motor_gain")
-        of_joints = [f"{name}[{i}]" for name in names for i in range(n)]
-        self.extra = (*of_joints, "lag", *self._logs[0].law)
+        self.kinds = self._logs[0].kinds
+        self.extra = tuple(self.kinds)
         self.least = np.array([self._logs[0].least(name) for name in self.extra])
         gain_names = prediction.unknown[len(prediction.unknown) - len(self.gains) :]
         self.unknown = (*unknown, *gain_names, *self.extra)
@@ -172,7 +229,7 @@ class Extended(Stacked):
         return {
             name: -least
             for name, least in zip(self.extra, self.least.tolist(), strict=True)
-            if name.startswith(_FRICTION) and least < 0
+            if self.kinds[name].removable and least < 0
         }
 
     def place(self, name: str) -> int:
@@ -217,10 +274,11 @@ def _link_inertia(dynamics, record, f):
 class _Log:
     """One record, followed by a model whose gears can give and whose currents can lag.
 
-    `law`: numbers of its law that may be wrong. `prediction`: the model with rigid gears.
+    `kinds`: the kind of each number that may be wrong, by its name. `prediction`: the model with
+    rigid gears.
     """
 
-    def __init__(self, dynamics, record, unknown, links, options):
+    def __init__(self, dynamics, record, unknown, links, numbers, options):
         self._links = links
         self._damped = record.rig.drive.elasticity is not None
         self._springs = None
@@ -228,19 +286,34 @@ class _Log:
 
         # 1. Numbers of rig and law that can be changed, as they are stated. Those of a law with
         # memory cannot: its state in the log is that of the stated ones.
-        fields = (*_FRICTION, "elasticity", "current_lag", "curve.offset", "gear", "motor_gain")
-        kinds = tuple(f"drive.{field}" for field in fields)
-        numbers = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
         law = instance("law", record.law, Law, "Give the record its law.")
-        of_law = dict(zip(law.number_names("law."), law.number_values().tolist(), strict=True))
-        remembers = law.replays or law.has_memory(rig.n)
-        self.law = () if remembers else tuple(name for name in of_law if name not in unknown)
-        self._stated = {
-            name: numbers[name]
-            for name in numbers
-            if name.startswith(kinds) and name not in unknown
+        of_rig = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
+        of_law = {}
+        if not (law.replays or law.has_memory(rig.n)):
+            of_law = dict(zip(law.number_names("law."), law.number_values().tolist(), strict=True))
+            of_law = {name: value for name, value in of_law.items() if name not in unknown}
+        # Without an inertia behind the gear no resonance is defined, and so no compliance.
+        numbers = [
+            number for number in numbers if number.place and (links is not None or not number.gives)
+        ]
+        joints = [f"[{i}]" for i in range(rig.n)]
+        self.kinds = {
+            f"{number.name}{joint}": number
+            for number in numbers
+            if number.of_joints
+            for joint in joints
         }
-        self._stated |= {name: of_law[name] for name in self.law}
+        for number in numbers:
+            if not number.of_joints:
+                names = of_law if number.place == "law" else (number.name,)
+                self.kinds |= dict.fromkeys(names, number)
+        places = (_SPRINGS, *(number.place for number in numbers))
+        self._stated = {
+            name: value
+            for name, value in of_rig.items()
+            if name.startswith(places) and name not in unknown
+        }
+        self._stated |= of_law
         self._given = len(unknown)
 
         # 2. The loop with rigid gears; that with springs is compiled when a gear first gives.
@@ -269,14 +342,14 @@ class _Log:
         return [
             name
             for name in self._stated
-            if giving or not (self._rigid and name.startswith("drive.elasticity"))
+            if giving or not (self._rigid and name.startswith(_SPRINGS))
         ]
 
     def all_innovations(self, vectors):
         """Innovations at values and extra numbers, each in the loop that it needs."""
         # Stiff springs are not quite rigid gears: only vectors whose gears give take that loop.
         gives = [
-            self._rigid and any(extra[name] for name in extra if name.startswith(_GIVING))
+            self._rigid and any(extra[name] for name in extra if self.kinds[name].gives)
             for _, extra in vectors
         ]
         if any(gives) and self._springs is None:
@@ -298,17 +371,15 @@ class _Log:
         # From what is stated to what the extra numbers make of it, in the order of the names.
         numbers = {name: self._stated[name] for name in self._names(giving=giving)}
         for name, value in extra.items():
-            kind, bracket, joint = name.partition("[")
-            place = name
-            if name not in self.law:
-                place = _PLACES.get(kind, f"drive.{kind}") + bracket + joint
+            number = self.kinds[name]
+            place = self._place(name)
             # A compliance is not a number of the rig: it becomes a stiffness, and with it a
             # damping.
-            if kind == "compliance" and value > 0:
-                self._give(numbers, bracket + joint, value)
+            if number.name == "compliance" and value > 0:
+                self._give(numbers, name, value)
             elif place in numbers:
                 stated = numbers[place]
-                if kind.startswith(_SHARES):
+                if number.relative:
                     numbers[place] = stated * (1 + value)
                 else:
                     # A difference of the slopes may go below the least that the number can be.
@@ -317,27 +388,32 @@ class _Log:
             [values[: self._given], list(numbers.values()), values[self._given :]]
         )
 
+    def _place(self, name):
+        """Where one of the extra numbers is among those of the rig or the law."""
+        number = self.kinds[name]
+        return name if number.place == "law" else number.place + name.removeprefix(number.name)
+
     def least(self, name):
         """The least that one of the extra numbers can be."""
-        if name.startswith(_SHARES):
-            return SETTINGS.least_share
-        if name.startswith("offset"):
-            return -np.inf
-        # Friction beyond the stated can take all of it away, and no more.
-        return -self._stated.get(f"drive.{name}", 0.0) or 0.0  # no -0.0, which is printed
+        number = self.kinds[name]
+        # What is stated can be taken away, and no more.
+        # No -0.0, which is printed.
+        return (
+            -self._stated.get(self._place(name), 0.0) or 0.0 if number.removable else number.least
+        )
 
-    def _give(self, numbers, joint, compliance):
+    def _give(self, numbers, name, compliance):
         """Put a spring of so much compliance [1/Hz^2] in series with a gear."""
-        place = f"drive.elasticity.stiffness{joint}"
+        place = self._place(name)
         if place not in numbers:
             return
-        link = self._links[int(joint[1:-1])]
+        link = self._links[joint_of(name)]
         # Compliances in series add. In Hz: k = m omega^2, with the link behind the gear held.
         numbers[place] = 1 / (1 / numbers[place] + compliance / (4 * np.pi**2 * link))
         if not self._damped:
             # Of the damping ratio zeta: d = 2 zeta sqrt(k m).
             damping = 2 * SETTINGS.damping * float(np.sqrt(numbers[place] * link))
-            numbers[f"drive.elasticity.damping{joint}"] = damping
+            numbers[place.replace("stiffness", "damping")] = damping
 
 
 def _with_springs(rig, links):

@@ -28,21 +28,14 @@ _CROSSING = 0.02
 _SMALL = 0.01
 
 
-def torques_along(at: Optimum) -> dict[str, list[Floats]]:
-    """Torques (N, n) [N m] of each record per unit of numbers that are zero in the model, by name.
+def cogging(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record per N m of cogging of each motor, by name.
 
-    ``cogging.6cos[i]`` [N m of the motor], with the number of cycles per turn that shows most;
-    ``lead[i]`` [s] of the torque of a law without memory.
+    ``cogging.6cos[i]`` and ``cogging.6sin[i]``, with the cycles per turn that show most.
     """
     records = at.model.records
-    arm = _arm(at)
-    n = arm.dynamics.n
+    n = at.model.dynamics.n
     residuals = [at.before[rows].reshape(-1, n) for rows in at.model.rows()]
-    # A derivative in the law adds the rate of its torque. Without a commanded torque there is none.
-    rates = []
-    for record in records:
-        commanded = commanded_torque(record)
-        rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
     torques = {}
     for i, joint in enumerate(np.eye(n)):
         angles = [record.rig.encoder.to_angle(record.counts)[:, i] for record in records]
@@ -54,11 +47,29 @@ def torques_along(at: Optimum) -> dict[str, list[Floats]]:
                 np.outer(wave(cycles * angle), unit)
                 for angle, unit in zip(angles, units, strict=True)
             ]
-        torques[f"lead[{i}]"] = [rate * joint for rate in rates]
+    return torques
+
+
+def lead(at: Optimum) -> dict[str, list[Floats]]:
+    """Torques (N, n) [N m] along each record per second of the rate of a law without memory."""
+    rates = []
+    for record in at.model.records:
+        # A derivative in the law adds the rate of its torque. Without a commanded torque there is
+        # none.
+        commanded = commanded_torque(record)
+        rates.append(0 * record.counts if commanded is None else smoothed(record, commanded).qd)
+    return {
+        f"lead[{i}]": [rate * joint for rate in rates]
+        for i, joint in enumerate(np.eye(at.model.dynamics.n))
+    }
+
+
+def acting(torques: Mapping[str, Sequence[Floats]]) -> dict[str, list[Floats]]:
+    """The torques that act, each as the mean from a sample to the next, in which it is held."""
     return {
         name: [_mean_while_held(torque) for torque in of_records]
         for name, of_records in torques.items()
-        if any(map(np.any, of_records))  # otherwise it cannot act
+        if any(map(np.any, of_records))
     }
 
 
@@ -80,7 +91,6 @@ def efforts(parts: Sequence[Record]) -> Floats:
 
 
 def _mean_while_held(torque):
-    """Mean (N, n) of a torque from each sample to the next, in which the model holds it."""
     return (torque + np.vstack([torque[1:], torque[-1:]])) / 2
 
 

@@ -9,20 +9,22 @@ Source: R. F. Engle, Wald, likelihood ratio, and Lagrange multiplier tests in ec
 of Econometrics II, 1984, ch. 13.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from identification.equation_error.least_squares import along, directions
-from identification.replay.extended import Extended
+from identification.replay.extended import Number, joint_of, kind_of
 from identification.replay.optimum import Optimum, Trial, backlash, compliance
-from identification.results.along_log import CYCLES, at_reversals
+from identification.results.along_log import at_reversals
+from identification.results.assumed import SHARE, longer
+from plant.compiler.background import shared_out
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
-from plant.simulation.followed_path import is_rounded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,19 +39,11 @@ class ScoreTestSettings:
     ----------
     by_chance : float
         Probability with which a right model exceeds the threshold of one test.
-    resonance : float
-        Resonance [Hz] whose effect stands for that of compliance, where gears are rigid.
-    lag : float
-        Lag of the currents [s] whose effect is taken.
     delay : float
         Delay of the counts [samples] whose effect is taken.
-    torque : float
-        Friction and offset whose effects are taken, as a share of the motor's torque (rms).
-    share : float
-        Relative change of gears, motor gains and gains of the law whose effect is taken.
-    lead : float
-        Samples by which a torque leads, at least, where its law has the rate of the error; a
-        smaller lead is an error of timing.
+    shortest, longest : float
+        Relative errors of a length between which it is tried: a smaller one is rounding, and a
+        larger one is beyond a linear estimate.
     reversal_samples : int
         Samples at which a load changes sign that the test of reversals needs.
     reversal_ratio : float
@@ -60,12 +54,9 @@ class ScoreTestSettings:
     """
 
     by_chance: float = 1e-5
-    resonance: float = 200.0
-    lag: float = 1e-5
     delay: float = 0.05
-    torque: float = 0.01
-    share: float = 1e-4
-    lead: float = 0.5
+    shortest: float = 0.05
+    longest: float = 0.5
     reversal_samples: int = 30
     reversal_ratio: float = 3.0
     unexplained: float = 1e-3
@@ -73,8 +64,95 @@ class ScoreTestSettings:
 
 SETTINGS = ScoreTestSettings()
 
-# Alternatives whose number may have either sign; of the others only a positive one makes sense.
-_SIGNED = ("friction", "delay", "offset", "gear", "cogging", "length")
+_Effects: TypeAlias = Mapping[str, Floats]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmHypothesis:
+    """One thing that can be wrong with an arm, its rig or its log: effect, test, fit and words.
+
+    Parameters
+    ----------
+    name : str
+        Of the cause, "gear".
+    sentence, remedy : str
+        What is wrong, and what a user does about it. Their fields: `{each}`, the sizes by joint;
+        `{chance}`, the evidence; `{value}`, the first size in the unit of the model; `{scaled}`,
+        a common factor of all sizes; `{joint}`, `{size}` of a cause with a line per joint;
+        `{freedom}`, `{chi_square}`, `{threshold}`.
+    title : str
+        The effect in a list of those that a log does not show.
+    each : str
+        One size: `{size}` in `unit`, `{joint}`, `{total}` and `{stated}` beside the rig's value,
+        `{kind}`, `{cycles}`, `{late}`.
+    between : str
+        Between the sizes of two joints.
+    unit : str
+        Of the sizes in messages.
+    convert : callable
+        From the unit of the model to `unit`.
+    numbers : tuple of Number
+        Numbers of the model that are zero where the rig is right.
+    torques : callable, optional
+        ``torques(at)`` gives the torques along each record per unit of further numbers, by name.
+    effect : callable, optional
+        ``effect(at)`` (M,) on the innovations, per unit, where the cause is no number of a model.
+    prefix : str
+        Beginning of the names of its numbers, where that is neither its name nor theirs.
+    signed : bool
+        Whether its numbers may have either sign; otherwise only positive ones make sense.
+    least_samples : float
+        Lowest size, in samples: a smaller one is an error of timing.
+    choices : int
+        Values of a further number of which each pair of numbers has the best.
+    timing : bool
+        Whether it shifts the log in time. Two of these are not told apart, and straight lines
+        through counts lag by half a pulse: along them they are not tested.
+    suspected : bool
+        Whether it is tested only where another effect is half significant: it takes time.
+    gears : bool
+        Whether each gear can have it once more; other causes do not follow it.
+    shares : bool
+        Whether its sizes are shares of what the rig states.
+    falling : bool
+        Whether `convert` gives a small number for a large effect.
+    shown : callable
+        ``shown(sign)`` gives the sizes that a message has, by name.
+    test : callable
+        ``test(hypothesis, at, effects)`` yields the `Sign` of an optimum.
+    refit : callable, optional
+        ``refit(hypothesis, point, sign)`` fits the model with this cause; without one it is no
+        number of a model.
+    """
+
+    name: str
+    sentence: str = ""
+    remedy: str = ""
+    title: str = ""
+    each: str = "{size:+.2g} {unit} at {joint}"
+    between: str = ", "
+    unit: str = ""
+    convert: Callable[[float], float] = float
+    numbers: tuple[Number, ...] = ()
+    torques: Callable[[Optimum], dict[str, list[Floats]]] | None = None
+    effect: Callable[[Optimum], Floats] | None = None
+    prefix: str = ""
+    signed: bool = False
+    least_samples: float = 0.0
+    choices: int = 1
+    timing: bool = False
+    suspected: bool = False
+    gears: bool = False
+    shares: bool = False
+    falling: bool = False
+    shown: Callable[["Sign"], dict[str, float]] = lambda sign: sign.values
+    test: Callable[..., Iterator["Sign"]] | None = None
+    refit: Callable[..., Any] | None = None
+
+    def has(self, number: str) -> bool:
+        """Whether a number of the model belongs to this cause."""
+        kinds = [kind.name for kind in self.numbers]
+        return kind_of(number) in (self.prefix or self.name, *kinds)
 
 
 @kept
@@ -128,33 +206,20 @@ class Sign(Shown, Frozen):
         yield Verdict(f"{self._short()}{': significant' * self.significant}", not self.significant)
 
 
-def signs(at: Optimum, effects: dict[str, Floats]) -> list[Sign]:
-    """All tests (of `effects_of`) at an optimum; none of lag or delay along a rounded path."""
-    if any(map(is_rounded, at.model.records)):  # straight lines through counts lag by half a pulse
-        effects = {name: row for name, row in effects.items() if name not in ("lag", "delay")}
-    # A number whose effect diverges cannot be tested.
-    finite = {name: row for name, row in effects.items() if np.isfinite(row).all()}
-    results: list[Sign] = []
-    for name in ("compliance", "lag", "friction", "offset", "gear", "delay", "cogging", "lead"):
-        members = {number: row for number, row in finite.items() if family(number) == name}
-        results += linear(at, name, members)
-    # Compliance and backlash are not linear: the trials decide, where the model has springs.
-    if "compliance[0]" in at.model.extra:
-        results = [
-            _best(sign, compliance(at)) if sign.name == "compliance" else sign for sign in results
-        ]
-        results.append(_of_backlash(backlash(at)))
-    return [*results, *_reversals(at), *_disagreement(at)]
+def effects_of(
+    at: Optimum, hypotheses: Sequence[ArmHypothesis], efforts: Floats
+) -> dict[str, Floats]:
+    """Effect (M,) on the innovations of each number of these hypotheses, per unit.
 
-
-def effects_of(at: Optimum, efforts: Floats) -> dict[str, Floats]:
-    """Effect (M,) on the innovations of each number that a rig leaves out and of a delay, per unit.
-
-    Compliance and backlash do not act linearly: of compliance the effect is that from rigid to
-    stiff, none of backlash.
+    `efforts` (2, n): torque and speed of each motor (rms). Compliance does not act linearly: its
+    effect is that from rigid to stiff.
     """
     model = at.model
-    steps = _steps(model, efforts)
+    steps = {
+        name: number.size(number.step, name, efforts)
+        for name, number in model.kinds.items()
+        if number.step
+    }
     # One row of values per number, with that number moved away from the optimum.
     moves = np.zeros((len(steps), len(at.values)))
     for row, (name, size) in zip(moves, steps.items(), strict=True):
@@ -164,52 +229,14 @@ def effects_of(at: Optimum, efforts: Floats) -> dict[str, Floats]:
     for name, moved in changes.items():
         moved -= at.innovations
         moved /= steps[name]
-    return {**changes, "delay": _effect_of_delay(at)}
+    others = {row.name: row.effect(at) for row in hypotheses if row.effect is not None}
+    return {**changes, **others}
 
 
-def _effect_of_delay(at: Optimum) -> Floats:
+def effect_of_delay(at: Optimum) -> Floats:
     """Effect (M,) of a delay of the counts [samples], by counts that are read later."""
     later = at.model.late(SETTINGS.delay).innovations(at.values)
     return (at.innovations - later) / SETTINGS.delay
-
-
-def delay_sign(at: Optimum) -> Sign | None:
-    """The test of late counts; None where the unknowns take a delay over."""
-    effect = _effect_of_delay(at)
-    return next(linear(at, "delay", {"delay": effect}), None) if np.isfinite(effect).all() else None
-
-
-def _steps(model: Extended, efforts: Floats) -> dict[str, float]:
-    """Size of each number whose effect is taken, small enough that it acts linearly."""
-    torque, speed = efforts
-    n = len(torque)
-    sizes = {
-        "compliance": np.full(n, SETTINGS.resonance**-2),
-        "lag": np.array([SETTINGS.lag]),
-        "viscous": SETTINGS.torque * torque / speed,
-        "coulomb": SETTINGS.torque * torque,
-        "offset": SETTINGS.torque * torque,
-        "gear": np.full(n, SETTINGS.share),
-        "motor_gain": np.full(n, SETTINGS.share),
-    }
-    steps = {}
-    # Backlash, without an entry here, has no effect that is linear.
-    for name in model.extra:
-        # A name such as ``coulomb[1]``; a lag has no joint.
-        kind, _, joint = name.rstrip("]").partition("[")
-        # Gains of the law, such as ``law.gain[0]``, change by a share of themselves.
-        if kind.startswith("law."):
-            steps[name] = SETTINGS.share
-        elif kind in sizes:
-            steps[name] = float(sizes[kind][int(joint or 0)])
-    return steps
-
-
-def family(name: str) -> str:
-    """The alternative that a number belongs to."""
-    # Of ``cogging.6cos[0]`` it is cogging; of ``law.gain[0]`` law, which no test has.
-    kind = name.partition("[")[0].partition(".")[0]
-    return "friction" if kind in ("viscous", "coulomb") else kind
 
 
 def _threshold(freedom: int, choices: float = 1.0) -> float:
@@ -221,14 +248,14 @@ def _threshold(freedom: int, choices: float = 1.0) -> float:
 
 
 def linear(
-    at: Optimum, name: str, changes: dict[str, Floats], choices: float = 1.0
+    hypothesis: ArmHypothesis, at: Optimum, effects: _Effects, choices: float = 1.0
 ) -> Iterator[Sign]:
     """The score test of numbers that act linearly, as the best of so many choices.
 
-    Of compliance, lag and lead only positive values count. Yields nothing if the effects
-    can hardly be distinguished from those of the unknowns.
+    Yields nothing if the effects can hardly be distinguished from those of the unknowns.
     """
     # 1. The part of each effect that the unknowns cannot take over.
+    changes = {number: row for number, row in effects.items() if hypothesis.has(number)}
     rows = {number: at.left(change) for number, change in changes.items()}
     rows = {
         number: row
@@ -239,11 +266,11 @@ def linear(
         return
     residual = at.before
     freedom = len(rows)
-    if name == "cogging":  # a cosine and a sine each, of the best number of cycles per turn
-        choices = CYCLES ** (freedom / 2)
+    # A pair has one number more, such as the cycles per turn of a cosine and a sine.
+    choices *= hypothesis.choices ** (freedom / 2)
     # 2. The significant sum of squares, and the size of each number that would explain it alone.
     limit = _threshold(freedom, choices) * at.unit(residual)
-    lowest = SETTINGS.lead * at.model.records[0].rig.period if name == "lead" else 0.0
+    lowest = hypothesis.least_samples * at.model.records[0].rig.period
     visible = {
         number: max(lowest, float(np.sqrt(limit / (row**2).sum()))) for number, row in rows.items()
     }
@@ -256,7 +283,7 @@ def linear(
         size = -along(directions(matrix), matrix, residual)
         remaining = residual + np.einsum("i,im->m", size, matrix)
         # All values make sense.
-        if name in _SIGNED or not (size < lowest).any():
+        if hypothesis.signed or not (size < lowest).any():
             break
         rows = {
             number: row
@@ -266,7 +293,7 @@ def linear(
         remaining = residual
     # No number is left if none came out positive: then nothing is explained.
     values = dict(zip(rows, size.tolist(), strict=False))
-    yield _sign(at, name, freedom, remaining, values, visible, choices)
+    yield _sign(at, hypothesis.name, freedom, remaining, values, visible, choices)
 
 
 def _sign(
@@ -290,28 +317,40 @@ def _sign(
     )
 
 
-def _best(sign: Sign, trials: Sequence[Trial]) -> Sign:
-    """A sign, or the trial that lowers the sum of squares more."""
-    # Far from rigid, the effect of a spring is not that of the linear estimate.
-    best = max(trials, key=lambda trial: trial.chi_square)
-    if best.chi_square < sign.chi_square:
-        return sign
-    return replace(sign, chi_square=best.chi_square, explained=best.explained, values=best.values)
+def elastic(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+    """Of compliance the score test, or the trial of a resonance that explains more."""
+    # A resonance above half of the sampling rate would not show, whatever the innovations are.
+    smallest = (2 * max(record.rig.period for record in at.model.records)) ** 2
+    for sign in linear(hypothesis, at, effects):
+        # Far from rigid, the effect of a spring is not that of the linear estimate.
+        best = max(compliance(at), key=lambda trial: trial.chi_square)
+        visible = {name: max(value, smallest) for name, value in sign.visible.items()}
+        sign = replace(sign, visible=visible)
+        if best.chi_square < sign.chi_square:
+            yield sign
+        else:
+            yield replace(
+                sign, chi_square=best.chi_square, explained=best.explained, values=best.values
+            )
 
 
-def _of_backlash(trials: Sequence[Trial]) -> Sign:
+def playing(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
     """The best trial of backlash; visible is the narrowest detectable width of each joint."""
+    # Teeth touch through springs.
+    if not any(number.gives for number in at.model.kinds.values()):
+        return
+    trials = backlash(at)
     freedom = 2  # the width of one gear, and its compliance
     threshold = _threshold(freedom)
     visible = dict[str, float]()
     for trial in trials:
         for name, value in trial.values.items():
-            if name.startswith("backlash") and trial.effect > threshold:
+            if hypothesis.has(name) and trial.effect > threshold:
                 visible.setdefault(name, value)  # trials come from narrow to wide
     none = Trial(values={}, chi_square=-np.inf, explained=0.0, effect=0.0)
     best = max(trials, key=lambda trial: trial.chi_square, default=none)
-    return Sign(
-        name="backlash",
+    yield Sign(
+        name=hypothesis.name,
         chi_square=best.chi_square,
         freedom=freedom,
         threshold=threshold,
@@ -321,7 +360,36 @@ def _of_backlash(trials: Sequence[Trial]) -> Sign:
     )
 
 
-def _reversals(at: Optimum) -> Iterator[Sign]:
+def lengths(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+    """The sign of the one length that explains most."""
+    # Lengths of the first link place the base: they do not act.
+    names = [name for name in longer(at.model.dynamics) if joint_of(name)]
+    # Each needs its own model, so they run on all cores.
+    rows = shared_out(lambda name: effect_of_length(at, name), names, at.model.threads)
+    acting = {name: row for name, row in zip(names, rows, strict=True) if np.isfinite(row).all()}
+    plausible = [
+        sign
+        for name, row in acting.items()
+        for sign in linear(hypothesis, at, {name: row}, len(acting))
+        if SETTINGS.shortest <= abs(*sign.values.values()) <= SETTINGS.longest
+    ]
+    # Lengths are nearly one thing for the log: at most one is reported.
+    yield from sorted(plausible, key=lambda sign: -sign.chi_square)[:1]
+
+
+def effect_of_length(at: Optimum, name: str) -> Floats:
+    """Effect (M,) on the innovations of a length, relative."""
+    # By a difference, as the model has no length as a number.
+    longer_model = at.model.of(longer(at.model.dynamics)[name])
+    return (longer_model.innovations(at.values) - at.innovations) / SHARE
+
+
+def untested(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
+    """No test: the intervals count the tolerance of its numbers, and results their effects."""
+    yield from ()
+
+
+def reversals(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
     """Whether the model fails where loads change sign, as with wide backlash; the worst joint."""
     # Mean squares, as the samples near a reversal are few.
     ratios = [
@@ -333,18 +401,18 @@ def _reversals(at: Optimum) -> Iterator[Sign]:
         return
     ratio, i, crossing = max(ratios, key=lambda item: item[0])
     yield Sign(
-        name="reversals",
+        name=hypothesis.name,
         # As if the innovations were independent, with the variance of those elsewhere.
         chi_square=ratio * len(crossing),
         freedom=len(crossing),
         threshold=SETTINGS.reversal_ratio * len(crossing),
         explained=(crossing**2).sum() * (1 - 1 / ratio),
-        values={f"reversals[{i}]": ratio},
+        values={f"{hypothesis.name}[{i}]": ratio},
         visible={},
     )
 
 
-def _disagreement(at: Optimum) -> Iterator[Sign]:
+def disagreement(hypothesis: ArmHypothesis, at: Optimum, effects: _Effects) -> Iterator[Sign]:
     """Whether each record alone would have other values of the unknowns."""
     records = at.model.runs()
     # A single record agrees with itself.
@@ -359,14 +427,4 @@ def _disagreement(at: Optimum) -> Iterator[Sign]:
     matrix = np.array(rows)
     basis = directions(matrix)
     remaining = at.before - np.einsum("i,im->m", along(basis, matrix, at.before), matrix)
-    yield _sign(at, "disagreement", len(basis), remaining, {}, {})
-
-
-def sampled(sign: Sign, period: float) -> Sign:
-    """A sign whose detectable resonances are below half of the sampling rate (`period` [s])."""
-    if sign.name != "compliance":
-        return sign
-    smallest = (2 * period) ** 2  # compliance of a resonance at the Nyquist frequency [1/Hz^2]
-    return replace(
-        sign, visible={name: max(value, smallest) for name, value in sign.visible.items()}
-    )
+    yield _sign(at, hypothesis.name, len(basis), remaining, {}, {})

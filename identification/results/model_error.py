@@ -23,20 +23,18 @@ from identification.equation_error.least_squares import (
     group_std,
     in_groups,
 )
+from identification.replay.extended import kind_of
 from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
+from identification.results.with_arm import NUMBERS
 from identification.search.problem import Tolerances
 from plant.parts.fields import Floats
 from plant.parts.sums import products
 
-# Numbers whose changes by 1 % a result reports.
-_ASSUMED = ("gear", "motor_gain", "law.")
-
 # Rows of the innovations that are multiplied at once, which bounds the memory of a copy of them.
 _AT_ONCE = 1 << 15
 
-# Tolerance of each kind of number, where it has another name.
-_BY_KIND = {"viscous": "friction", "coulomb": "friction"}
+_KINDS = {number.name: number for number in NUMBERS}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +61,11 @@ class Doubt:
 
     def assumed(self) -> dict[str, Floats]:
         """Change (k,) of the unknowns if a gear, motor gain or gain of the law is 1 % larger."""
-        names = [name for name in self.effects if name.startswith(_ASSUMED)]
+        names = [
+            name
+            for name in self.effects
+            if kind_of(name) in _KINDS and _KINDS[kind_of(name)].relative
+        ]
         # Of the records that were searched, as the fit.
         changes = moved(self.at.rates[:, : self.searched], self.effects, names)
         return {
@@ -130,7 +132,11 @@ class Doubt:
 
     def friction(self, tolerances: Tolerances) -> dict[str, float]:
         """Standard deviations of friction that is not unknown, if it were fitted with all else."""
-        names = [name for name in self.effects if name.partition("[")[0] in _BY_KIND]
+        names = [
+            name
+            for name in self.effects
+            if kind_of(name) in _KINDS and _KINDS[kind_of(name)].removable
+        ]
         # Friction itself without a prior, as if it were unknown.
         prior = priors(tolerances, list(self.effects), self.efforts) | dict.fromkeys(names, np.inf)
         _, _, std = consider(self.at.rates, self._residual, prior, self.effects, self._unit)
@@ -192,16 +198,13 @@ def priors(tolerances: Tolerances, names: Iterable[str], efforts: Floats) -> dic
     Numbers without a tolerance are left out. `efforts` (2, n): torque [N m] and speed [rad/s] of
     each motor (rms).
     """
-    torque, speed = efforts
-    # Tolerances of friction and offsets are shares of the torque of the motor.
-    scales = {"offset": torque, "coulomb": torque, "viscous": torque / speed}
     result = {}
     for name in names:
-        kind, _, joint = name.rstrip("]").partition("[")
-        share = getattr(tolerances, _BY_KIND.get(kind, kind), 0.0)
-        size = share * (scales[kind][int(joint)] if kind in scales else 1.0)
-        if size > 0:
-            result[name] = float(size)
+        number = _KINDS.get(kind_of(name))
+        # Torques along the log, and lengths, have no tolerance.
+        share = getattr(tolerances, number.tolerance, 0.0) if number else 0.0
+        if number and share > 0:
+            result[name] = number.size(share, name, efforts)
     return result
 
 

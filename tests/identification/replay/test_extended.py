@@ -10,6 +10,7 @@ import pytest
 from identification import without_delay
 from identification.replay.extended import Extended
 from identification.replay.prediction import Prediction
+from identification.results.with_arm import NUMBERS
 from plant import Elasticity, LoggedTorque, puma560, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
@@ -23,7 +24,7 @@ def record():
 
 @pytest.fixture(scope="module")
 def model(record):
-    return Extended(DYNAMICS, [record], DYNAMICS.names, ARM.f)
+    return Extended(DYNAMICS, [record], DYNAMICS.names, ARM.f, NUMBERS)
 
 
 def values(model, **extra):
@@ -64,7 +65,7 @@ def test_a_torque_along_the_log_is_that_of_a_record_it_was_injected_in(record, m
     torque = 2.0 * np.sin(np.linspace(0, 20, len(record)))[:, None] * np.array([1.0, -0.5])
     pushed = model.pushed([torque]).pushed([torque])
     injected = dataclasses.replace(record, injected=2 * torque)
-    anew = Extended(DYNAMICS, [injected], DYNAMICS.names, ARM.f)
+    anew = Extended(DYNAMICS, [injected], DYNAMICS.names, ARM.f, NUMBERS)
     for given in ({}, {"compliance_0": 60.0**-2}):
         ours, before = (each.innovations(values(model, **given)) for each in (pushed, model))
         np.testing.assert_array_equal(ours, anew.innovations(values(model, **given)))
@@ -90,7 +91,7 @@ def test_what_a_gear_gives_is_added_to_what_it_gives_already(record):
     """Two springs in series: 1 / 100^2 of the rig and the rest, and its own damping stays."""
     drive = dataclasses.replace(RIG.drive, elasticity=gears(record, 100.0))
     known = dataclasses.replace(record, rig=dataclasses.replace(RIG, drive=drive))
-    model = Extended(DYNAMICS, [known], DYNAMICS.names, ARM.f)
+    model = Extended(DYNAMICS, [known], DYNAMICS.names, ARM.f, NUMBERS)
     more = model.innovations(
         values(model, compliance_0=60.0**-2 - 100.0**-2, compliance_1=60.0**-2 - 100.0**-2)
     )
@@ -100,9 +101,9 @@ def test_what_a_gear_gives_is_added_to_what_it_gives_already(record):
 
 def test_late_counts_and_several_records(record, model):
     late = model.late(0.3).innovations(values(model))
-    again = Extended(DYNAMICS, [without_delay(record, -0.3)], DYNAMICS.names, ARM.f)
+    again = Extended(DYNAMICS, [without_delay(record, -0.3)], DYNAMICS.names, ARM.f, NUMBERS)
     np.testing.assert_array_equal(late, again.innovations(values(model)))
-    both = Extended(DYNAMICS, [record, without_delay(record, -0.3)], DYNAMICS.names, ARM.f)
+    both = Extended(DYNAMICS, [record, without_delay(record, -0.3)], DYNAMICS.names, ARM.f, NUMBERS)
     found = both.innovations(values(both))
     np.testing.assert_array_equal(found[both.rows()[0]], model.innovations(values(model)))
     np.testing.assert_array_equal(found[both.rows()[1]], late)
@@ -126,7 +127,7 @@ def test_without_motor_inertia_no_gear_gives(record):
     torques = dataclasses.replace(
         record, rig=dataclasses.replace(RIG, drive=drive), law=LoggedTorque()
     )
-    model = Extended(DYNAMICS, [torques], DYNAMICS.names, ARM.f)
+    model = Extended(DYNAMICS, [torques], DYNAMICS.names, ARM.f, NUMBERS)
     assert model.extra == (
         *(
             f"{kind}[{i}]"

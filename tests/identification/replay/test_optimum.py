@@ -13,6 +13,7 @@ from identification.replay.extended import Extended
 from identification.replay.gauss_newton import gauss_newton
 from identification.replay.optimum import fitted
 from identification.replay.prediction import Prediction
+from identification.results.with_arm import NUMBERS
 from plant import Harmonics, puma560, read_robot, simulate
 
 DYNAMICS, RIG, PATH = puma560.dynamics(), puma560.rig(), puma560.reference()
@@ -36,7 +37,7 @@ def test_orthonormal_directions_make_the_target():
 @pytest.fixture(scope="module")
 def model():
     record = simulate(ARM, RIG, puma560.p_law((0.1, 0.08)), PATH, steps_per_sample=16)
-    return Extended(DYNAMICS, [record], DYNAMICS.names, ARM.f)
+    return Extended(DYNAMICS, [record], DYNAMICS.names, ARM.f, NUMBERS)
 
 
 def parts(model):
@@ -113,7 +114,7 @@ def test_what_does_not_give_is_the_rigid_loop():
     path = Harmonics(period=2.0, offset=offset, cosine=((0.2,),) * 6, sine=sine)
     arm = robot.dynamics.arm(robot.dynamics.f())
     record = simulate(arm, robot.rig, robot.law, path)
-    model = Extended(arm.dynamics, [record], arm.dynamics.names, arm.f)
+    model = Extended(arm.dynamics, [record], arm.dynamics.names, arm.f, NUMBERS)
     prediction = Prediction(arm.dynamics, record)
     extra = np.zeros(len(model.extra))
     plain = model.innovations(np.concatenate([arm.f, model.gains, extra]))

@@ -90,7 +90,7 @@ def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested
     named all the same.
     """
     steps, weighed = [], []
-    begin, weigh = stepwise._Search.__init__, stepwise._Search._weigh
+    begin, weigh = stepwise._Search.__init__, stepwise._Search._move_to
 
     def begun(self, problem, *given):
         steps.append(problem.options["steps_per_sample"])
@@ -99,9 +99,12 @@ def test_what_explains_little_is_tested_at_finer_steps_before_anything_is_tested
     settings = dataclasses.replace(stepwise.SETTINGS, faint=faint)
     monkeypatch.setattr(stepwise, "SETTINGS", settings)
     monkeypatch.setattr(stepwise._Search, "__init__", begun)
-    monkeypatch.setattr(
-        stepwise._Search, "_weigh", lambda self: (weighed.append(steps[-1]), weigh(self))
-    )
+
+    def moved(self, *given):
+        weighed.append(steps[-1])
+        weigh(self, *given)
+
+    monkeypatch.setattr(stepwise._Search, "_move_to", moved)
     ripple = TorqueRipple(amplitude=0.2 * RIG.drive.coulomb, cycles=(6, 6), phase=(0.5, 1.0))
     assert "cogging" in quick(log(ripple=ripple)).diagnostics.detection.names
     assert steps == expected

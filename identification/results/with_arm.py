@@ -1,0 +1,286 @@
+"""What can be wrong with an arm, its rig or its log: one row per cause.
+
+A row has the words of its cause, the numbers of the model in which it shows, its test and its fit.
+`stepwise` selects among the rows, `Detection` shows what was selected, and `model_error` counts
+the tolerances of their numbers. A new cause is a new row here.
+"""
+
+import numpy as np
+
+from identification.replay.extended import Number
+from identification.results.along_log import CYCLES, cogging, lead
+from identification.results.alternatives import (
+    ArmHypothesis,
+    disagreement,
+    effect_of_delay,
+    elastic,
+    lengths,
+    playing,
+    reversals,
+    untested,
+)
+from identification.results.refits import in_time, lengthened, moved, played, pushed, sprung
+
+STIFF = 300.0  # resonance [Hz] above which a gear is not mentioned; chosen by hand
+
+
+def _percent(value):
+    return 100 * value
+
+
+def _milliseconds(value):
+    return 1e3 * value
+
+
+def _hertz(compliance):
+    return compliance**-0.5
+
+
+def _stiff_left_out(sign):
+    """Compliances of gears that are soft: stiff ones are part of the fit, but not of the text."""
+    return {name: value for name, value in sign.values.items() if value > STIFF**-2}
+
+
+def _widths(sign):
+    """Widths of backlash: its trial has the compliance of the gear as well."""
+    return {name: value for name, value in sign.values.items() if name.startswith("backlash")}
+
+
+def _amplitudes(sign):
+    """Amplitudes of cogging, from the pairs ``cogging.6cos[i]`` and ``cogging.6sin[i]``."""
+    sizes = {
+        name: float(np.hypot(value, sign.values[name.replace("cos", "sin")]))
+        for name, value in sign.values.items()
+        if "cos" in name
+    }
+    # A motor below the detectable amplitude is noise, unless all are.
+    return {name: size for name, size in sizes.items() if size > sign.visible[name]} or sizes
+
+
+def _torque(torque, speed):
+    return torque
+
+
+def _torque_per_speed(torque, speed):
+    return torque / speed
+
+
+# A cause "biases f" where the unknowns take a part of its effect over. The sizes at which effects
+# are taken were chosen by hand: the effects are linear there, and well above rounding.
+HYPOTHESES = (
+    # A rigid model takes the deflection of a gear for inertia. In 1 / Hz^2, zero of a rigid gear;
+    # a resonance of 200 Hz stands for all of them.
+    ArmHypothesis(
+        name="compliance",
+        sentence="the joints are elastic: locked-rotor resonance near {each} ({chance}), which"
+        " biases f",
+        remedy="Give the drive an Elasticity, and identify its stiffness too",
+        title="compliance",
+        each="{size:.0f} {unit} at {joint}",
+        unit="Hz",
+        convert=_hertz,
+        falling=True,
+        shown=_stiff_left_out,
+        numbers=(
+            Number(
+                name="compliance", place="drive.elasticity.stiffness", gives=True, step=200.0**-2
+            ),
+        ),
+        test=elastic,
+        refit=sprung,
+    ),
+    # In rad, and without a slope: widths are tried.
+    ArmHypothesis(
+        name="backlash",
+        sentence="the gear of {joint} has backlash, about {size:.1g} degrees ({chance}): where its"
+        " load changes sign, that is the model's accuracy floor",
+        title="backlash",
+        unit="degrees",
+        convert=np.rad2deg,
+        numbers=(Number(name="backlash", place="drive.elasticity.backlash", gives=True),),
+        gears=True,
+        shown=_widths,
+        test=playing,
+        refit=played,
+    ),
+    # All friction is one cause; the text lists its numbers. Motor side [N m s/rad, N m].
+    ArmHypothesis(
+        name="friction",
+        sentence="friction is not the rig's{scaled} ({chance}): {each}",
+        remedy="Add these numbers to unknown (drive.viscous[0] and so on)",
+        title="other friction",
+        each="{kind} of {joint} {total:.3g} {per}, stated {stated:.3g}",
+        between="; ",
+        unit="%",
+        convert=_percent,
+        numbers=(
+            Number(
+                name="viscous",
+                place="drive.viscous",
+                removable=True,
+                step=0.01,
+                scale=_torque_per_speed,
+                tolerance="friction",
+                unit="N m s/rad",
+            ),
+            Number(
+                name="coulomb",
+                place="drive.coulomb",
+                removable=True,
+                step=0.01,
+                scale=_torque,
+                tolerance="friction",
+                unit="N m",
+            ),
+        ),
+        signed=True,
+        shares=True,
+        refit=moved,
+    ),
+    ArmHypothesis(
+        name="offset",
+        sentence="torques have an offset that the rig lacks, {each}, motor side ({chance}), which"
+        " biases f",
+        remedy="Give the drive a FrictionCurve(offset=0 of each joint), and add"
+        " drive.curve.offset[0] and so on to unknown",
+        title="an offset of the torque",
+        each="{size:.3g} {unit} at {joint}",
+        unit="N m",
+        numbers=(
+            Number(
+                name="offset",
+                place="drive.curve.offset",
+                least=-np.inf,
+                step=0.01,
+                scale=_torque,
+                tolerance="offset",
+            ),
+        ),
+        signed=True,
+        refit=moved,
+    ),
+    # Wrong lengths and counts per turn scale a motion as a wrong gear does.
+    ArmHypothesis(
+        name="gear",
+        sentence="gears (or lengths, or counts per turn) are not the rig's: {each} ({chance}),"
+        " which biases f",
+        remedy="Check them, or add drive.gear[0] and so on to unknown",
+        title="another gear",
+        unit="%",
+        convert=_percent,
+        numbers=(Number.share("gear", "drive.gear", tolerance="gear"),),
+        signed=True,
+        refit=moved,
+    ),
+    # Torques that are all too large by one share show as other friction.
+    ArmHypothesis(
+        name="motor gain",
+        numbers=(Number.share("motor_gain", "drive.motor_gain"),),
+        test=untested,
+    ),
+    # The time constant of the currents [s].
+    ArmHypothesis(
+        name="lag",
+        sentence="torques lag behind commands by {each} ({chance})",
+        remedy="Give the drive current_lag, and compare",
+        title="lag",
+        each="{size:.2g} {unit}",
+        unit="ms",
+        convert=_milliseconds,
+        numbers=(
+            Number(
+                name="lag",
+                place="drive.current_lag.time",
+                of_joints=False,
+                step=1e-5,
+                tolerance="lag",
+            ),
+        ),
+        timing=True,
+        refit=moved,
+    ),
+    # Gains of a law without memory.
+    ArmHypothesis(
+        name="law gain",
+        numbers=(Number.share("law", "law", of_joints=False),),
+        test=untested,
+    ),
+    ArmHypothesis(
+        name="delay",
+        sentence="the counts are {each} ({chance}), which biases f",
+        remedy="Identify without_delay(record, {value:.2g}) and compare",
+        title="delay",
+        each="{distance:.2g} {unit} {late}",
+        unit="samples",
+        numbers=(Number(name="delay", place="", of_joints=False, tolerance="delay"),),
+        effect=effect_of_delay,
+        signed=True,
+        timing=True,
+        refit=in_time,
+    ),
+    # Its torque is known along the log but for the size, so it is stated, not identified.
+    ArmHypothesis(
+        name="cogging",
+        sentence="motors cog: {each}, motor side ({chance})",
+        remedy="Give the drive a TorqueRipple of that",
+        title="cogging",
+        each="{size:.2g} {unit}, {cycles} times per turn, at {joint}",
+        unit="N m",
+        torques=cogging,
+        shown=_amplitudes,
+        signed=True,
+        choices=CYCLES,
+        refit=pushed,
+    ),
+    # A derivative in the law advances its torque by the ratio of the gains.
+    ArmHypothesis(
+        name="lead",
+        sentence="the stated law lacks the rate of its error: torques lead by {each} ({chance}),"
+        " which biases f",
+        remedy="Check the law; a PD has such a lead, its derivative per gain",
+        title="a derivative in the law",
+        each="{size:.2g} {unit} at {joint}",
+        unit="ms",
+        convert=_milliseconds,
+        torques=lead,
+        least_samples=0.5,
+        refit=pushed,
+    ),
+    # Not fitted: of wide backlash only the instants are known at which it acts.
+    ArmHypothesis(
+        name="reversals",
+        sentence="the model fails where the load of {each} changes sign: squared innovations are"
+        " {value:.2g} times those elsewhere",
+        remedy="Its gear has backlash, wider than the model of it tells",
+        each="{joint}",
+        test=reversals,
+    ),
+    # Not fitted: no single model has the difference of the records.
+    ArmHypothesis(
+        name="disagreement",
+        sentence="the records contradict each other: each alone has other values (chi-square"
+        " {chi_square:.0f} of {freedom} degrees of freedom, by chance below {threshold:.0f}). The"
+        " model lacks something, or the robot has changed (friction; a load, which find_load"
+        " weighs)",
+        remedy="{mean}",
+        test=disagreement,
+    ),
+    ArmHypothesis(
+        name="length",
+        sentence="the arm's lengths are not the chain's: {each} ({chance}), which biases f",
+        remedy="Measure them, and correct the chain",
+        title="another length",
+        each="{size:+.2g} {unit} before {joint}",
+        unit="%",
+        convert=_percent,
+        prefix="links",
+        signed=True,
+        suspected=True,
+        test=lengths,
+        refit=lengthened,
+    ),
+)
+
+BY_NAME = {hypothesis.name: hypothesis for hypothesis in HYPOTHESES}
+
+NUMBERS = tuple(number for hypothesis in HYPOTHESES for number in hypothesis.numbers)
