@@ -127,16 +127,15 @@ class Extended(Stacked):
     """Innovations of a model that follows records, with effects that its rig leaves out.
 
     `unknown`: all of f, and numbers of rig and law. `f` (p,): known roughly: it says what the links
-    weigh whose gears give. `numbers`: kinds of numbers that the rig may leave out. `prior`: of f. `runs`: how many of the records, one after another, are
-    parts of each run of the robot; by default each is one. `**options`: sub-steps and sweeps, as
-    for `Prediction`.
+    weigh whose gears give. `numbers`: kinds of numbers that the rig may leave out. `prior`: of f.
+    `runs`: how many of the records, one after another, are parts of each run of the robot; by
+    default each is one. `**options`: sub-steps and sweeps, as for `Prediction`.
 
     Attributes: `unknown`: what `innovations` takes values for: the given names, observer gains,
     then `extra`. `extra`: the numbers by name, zero where the rig is right; none that needs elastic
     gears where the rig knows no motor inertia, or D falls short of it. `kinds`: the kind of each
-    name. `gains`, `gain_steps` (2n,): observer gains to begin
-    with, and steps of their central differences. `gain_bounds` (2n, 2). `least` (e,): the least
-    that each of `extra` can be.
+    name. `gains`, `gain_steps` (2n,): observer gains to begin with, and steps of their central
+    differences. `gain_bounds` (2n, 2). `least` (e,): the least that each of `extra` can be.
     `weights`, `scales` (M,): as of `Prediction`.
     """
 
