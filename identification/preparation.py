@@ -1,6 +1,5 @@
 """Preparation of a search: records, searched and held out, unknowns, and checks of the input."""
 
-import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -27,10 +26,11 @@ from plant.checkup.signals import LEAST_MOTION
 from plant.parts.arguments import array, choice, instance
 from plant.parts.messages import warn
 from plant.parts.room import require_room
+from plant.parts.settings import frozen_settings
 from plant.simulation.followed_path import with_path
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class LogSettings:
     """Limits below which a log is refused; chosen by hand.
 

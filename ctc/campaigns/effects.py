@@ -7,7 +7,6 @@ mean; weighted least squares within robots gives the slope, in turn with the for
 scatter beyond the rest (chi-square), or lie apart from it (Student), count in neither variance.
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
@@ -17,9 +16,10 @@ from numpy.typing import NDArray
 from identification.equation_error.least_squares import wider
 from identification.equation_error.random_effects import restricted
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class EffectSettings:
     """How the effects of a fleet are estimated; chosen by hand.
 

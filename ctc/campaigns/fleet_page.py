@@ -1,6 +1,5 @@
 """A fleet as a figure and as one page, of a size that grows neither with logs nor with robots."""
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,10 +10,11 @@ from ctc.campaigns.effects import EFFECTS, Effect
 from ctc.campaigns.judgement import Judgement, chance_of, day_of
 from ctc.report.page import figure, page, section
 from plant.parts.figures import BAND, colour_of, dressed, legend_above, literal, row_by_row
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import table, text
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FleetPageSettings:
     """Size of the page of a fleet; chosen by hand.
 

@@ -1,7 +1,6 @@
 """Judge a robot's log against its own past: changed parameters, probabilities of a false alarm."""
 
 import contextlib
-import dataclasses
 import datetime
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,6 +14,8 @@ from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Record
 from plant.parts.arguments import real
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
@@ -25,7 +26,7 @@ _NOTES = (
 )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class JudgementSettings:
     """How a log is judged and a change is worded; chosen by hand.
 
@@ -180,7 +181,7 @@ class Change(NamedTuple):
         return f"{self.label} changed by {difference}{since}"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Judgement(Shown):
     """What became of a robot between its past and a log.
 

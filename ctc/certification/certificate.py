@@ -21,6 +21,7 @@ from identification.results.seen import Seen
 from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import known_options
+from plant.parts.frozen import frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece
 from plant.simulation.logged_run import DivergenceError
@@ -29,7 +30,7 @@ from plant.simulation.population import Runs
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Certificate(Certified):
     """Probability of exceeding a pulse limit under parameter uncertainty. Print it for a table.
 

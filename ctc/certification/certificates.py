@@ -12,13 +12,14 @@ from identification.results.seen import Seen
 from plant import Reference
 from plant.motion.everyday import of_motion
 from plant.parts.arguments import known_options
+from plant.parts.frozen import frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece
 from plant.simulation.population import Runs
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Certificates(Certified, Mapping[str, Certificate]):
     """Probability of exceeding a pulse limit in a set of motions: name -> `Certificate`. Print it.
 

@@ -25,8 +25,9 @@ from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from plant import Law
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.saved import Saved, versions
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Shown
 from plant.simulation.population import Runs
 
@@ -46,7 +47,7 @@ def clopper_pearson(failures: int, samples: int, confidence: float = 0.95) -> tu
     return float(low), float(high)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class CertifiedSettings:
     """Numbers of the cells of resonance and of the sensitivities, all chosen by hand.
 
@@ -79,7 +80,7 @@ class CertifiedSettings:
 SETTINGS = CertifiedSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Cell(Frozen):
     """A part of the range of resonance and damping, with its plants and failures.
 
@@ -228,7 +229,7 @@ class _WithRuns:
     settings: dict[str, Any]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Certified(_WithRuns, Shown, Saved, Frozen):
     """Base of both certificates: `plants` under `law`, with ``runs``.
 

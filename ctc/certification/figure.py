@@ -3,7 +3,6 @@
 matplotlib is imported only when a figure is drawn.
 """
 
-import dataclasses
 import textwrap
 from typing import Any
 
@@ -14,10 +13,11 @@ from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.figures.errors import draw_band
 from ctc.verdict.evaluations import evaluate
 from plant.parts.figures import BAND, axes_of, colour_of, dressed, legend_above, literal
+from plant.parts.settings import frozen_settings
 from plant.simulation.logged_run import DivergenceError
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FigureSettings:
     """Layout of the figure of a certificate, chosen by eye.
 

@@ -24,16 +24,17 @@ from plant import Arm, Elasticity
 from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.messages import progress_bar
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import product
 
 # Numbers of the rig by which a controller reads its counts: it and the plant have the same.
 _KNOWN_TO_LAWS = ("drive.gear", "encoder.resolution")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class RefitSettings:
     """Numbers of the fits over a range of resonances, all chosen by hand.
 
@@ -60,7 +61,7 @@ SETTINGS = RefitSettings()
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Refits(Frozen):
     """Fits over a range of resonances, at `places` (K,) in its logarithm, from 0 to 1.
 
@@ -191,7 +192,7 @@ def _on_gears(
     return None if fit.covariance is None else (problem.parts(fit.values)[0], fit)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Identified:
     """Normal distribution of the k identified numbers of a plant, with roots (K, k, r) of their
     covariance.

@@ -9,6 +9,7 @@ import numpy as np
 from plant import FrictionDrift, Jitter, Presliding, QuadratureError, Rig, TorqueRipple
 from plant.parts.arguments import array, real
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
 
 # Time constant of drifting friction [s], chosen by hand: a run of seconds shows most of the drift.
 _DRIFT_TIME = 1.0
@@ -16,7 +17,7 @@ _DRIFT_TIME = 1.0
 _CYCLES = 6.0
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Drawn:
     """Sampled numbers of plants, and the numbers of their loops that follow from them.
 
@@ -29,7 +30,7 @@ class Drawn:
     derived: Floats
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Imperfection:
     """One imperfection that `certify` takes a range for.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ctc.certification.uncertainty import Uncertainty
 from plant import Arm, Law, Reference, Rig
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -22,7 +22,7 @@ from plant.simulation.population import Population
 _REPEATED = 400
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Worst(Shown):
     """The plant with the largest error: ``evaluate(worst.arm, worst.rig, law, reference)`` runs it
     again.
@@ -49,7 +49,7 @@ class Worst(Shown):
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Plants(Frozen):
     """Plants sampled from an `Uncertainty`.
 

@@ -12,7 +12,6 @@ the adaptation of rho to the acceptance rate, I. Papaioannou et al., MCMC algori
 simulation, same journal 41 (2015).
 """
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -20,11 +19,12 @@ import numpy as np
 
 from plant import Law, Reference
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
+from plant.parts.settings import frozen_settings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class SubsetSettings:
     """Numbers of the subset simulation. ``tests/benchmarks/campaign.py --rare`` shows that the
     coefficient of variation that is stated is that over 60 seeds; others were chosen by hand.
@@ -66,7 +66,7 @@ SETTINGS = SubsetSettings()
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Rare(Frozen):
     """Probability that the largest error before rounding exceeds the limit, by subset simulation.
 

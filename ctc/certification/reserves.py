@@ -17,12 +17,14 @@ from ctc.certification.plants import Plants
 from ctc.laws.model_law import ModelLaw
 from plant import Law, Resumed, Rig
 from plant.parts.arguments import real
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.parts.vector import TORQUE_ERROR
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ReserveSettings:
     """Steps of the search for reserves, all chosen by hand.
 
@@ -44,7 +46,7 @@ class ReserveSettings:
 SETTINGS = ReserveSettings()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Reserves(Shown):
     """Robustness reserves of a certificate. Print them for a table.
 

@@ -17,10 +17,11 @@ from plant.machine.elasticity import gears
 from plant.machine.motor_inertia import least_inertia_margin, shaft_inertias
 from plant.parts.arguments import array, instance
 from plant.parts.checkpoint import Checkpoint
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import product
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class RejectionSettings:
     """Numbers of the rejection of samples that are no arms, all chosen by hand.
 

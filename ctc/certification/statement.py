@@ -1,6 +1,5 @@
 """Texts of a certificate: its verdict, its advice, and the lists of sampled effects."""
 
-import dataclasses
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -10,11 +9,12 @@ import numpy as np
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.verdict.on_gears import LOWEST
 from plant.motion.everyday import slowing
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Aside, Piece, Verdict
 from plant.parts.tables import Table, by_joint
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class AdviceSettings:
     """Thresholds of the advice that a certificate gives, all chosen by hand.
 

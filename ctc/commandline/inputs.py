@@ -12,6 +12,7 @@ import numpy as np
 from identification import Identification
 from plant import Record, Reference, Robot, Spline, Table, everyday_motions, read_records
 from plant.parts.messages import warn
+from plant.parts.settings import frozen_settings
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
 
@@ -30,7 +31,7 @@ def plain_number(value: Any) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class PathSettings:
     """How a table of positions becomes a path; chosen by hand.
 

@@ -5,7 +5,6 @@ gives it, or on a new figure, returns the Axes and leaves saving to the caller:
 ``axes.flat[0].figure.savefig(...)``.
 """
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,9 +23,10 @@ from plant.parts.figures import (
     row_by_row,
 )
 from plant.parts.messages import joint_labels
+from plant.parts.settings import frozen_settings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FigureSettings:
     """Layout of the figures of errors; chosen by hand.
 

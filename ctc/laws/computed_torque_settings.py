@@ -1,6 +1,6 @@
 """Settings of computed torque that seldom need a change: thresholds of its boost and friction."""
 
-from plant.parts.part import part, structure
+from plant.parts.part import part
 from plant.parts.settings import Settings
 
 
@@ -78,20 +78,20 @@ class ComputedTorqueSettings(Settings):
     may_be_zero = ("learning_rate", "swing_dead_zone", "load_distance")
     at_most = {"predicted_stiffness": 1}  # noqa: RUF012  # declared as of the class
 
-    sliding_speed: float = structure(float, default=30.0)
-    friction_sweeps: int = structure(int, default=4)
-    learning_rate: float = structure(float, default=40.0)
-    learning_memory: float = structure(float, default=0.4)
-    standing_dead_zone: float = structure(float, default=2.5)
-    predicted_stiffness: float = structure(float, default=0.8)
-    boost_speed: float = structure(float, default=10.0)
-    boost_error: float = structure(float, default=5.0)
-    boost_limit: float = structure(float, default=0.5)
-    swing_distance: float = structure(float, default=1.0)
-    swing_dead_zone: float = structure(float, default=0.75)
-    load_distance: float = structure(float, default=0.25)
-    swing_time: float = structure(float, default=0.67)
-    swing_memory: float = structure(float, default=10.0)
+    sliding_speed: float = 30.0
+    friction_sweeps: int = 4
+    learning_rate: float = 40.0
+    learning_memory: float = 0.4
+    standing_dead_zone: float = 2.5
+    predicted_stiffness: float = 0.8
+    boost_speed: float = 10.0
+    boost_error: float = 5.0
+    boost_limit: float = 0.5
+    swing_distance: float = 1.0
+    swing_dead_zone: float = 0.75
+    load_distance: float = 0.25
+    swing_time: float = 0.67
+    swing_memory: float = 10.0
 
 
 SETTINGS = ComputedTorqueSettings()

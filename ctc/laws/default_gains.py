@@ -16,7 +16,7 @@ from identification.equation_error.regressor import linear, regressor_along
 from identification.results.summary import doubts
 from plant import Rig
 from plant.analysis.sampled_loops import SampledLoops
-from plant.parts.part import part, structure
+from plant.parts.part import part
 from plant.parts.settings import Settings
 
 
@@ -99,20 +99,20 @@ class DefaultGainSettings(Settings):
     may_be_zero = ("arm", "identified", "elastic", "friction")  # a dead zone is often zero
     at_most = {"step": 0.99}  # noqa: RUF012  # declared as of the class; 1 would never end
 
-    arm: Gains = structure(Gains, default=Gains(360.0, 0.0))
-    identified: Gains = structure(Gains, default=Gains(145.0, 0.2))
-    elastic: Gains = structure(Gains, default=Gains(100.0, 0.4))
-    friction: Gains = structure(Gains, default=Gains(120.0, 0.45, 1.0, 2.7, 40.0))
-    share: float = structure(float, default=0.28)
-    margin: float = structure(float, default=1.2)
-    period: float = structure(float, default=0.3)
-    step: float = structure(float, default=0.8)
-    smallest: float = structure(float, default=5.0)
-    samples: int = structure(int, default=100)
-    poses: int = structure(int, default=3)
-    predicted: tuple[float, ...] = structure(default=(0.9, 1.0, 1.15))
-    spare: float = structure(float, default=1.4)
-    stiffer: tuple[float, ...] = structure(default=(1.0, 1.44, 2.25, 4.0, 9.0, 25.0))
+    arm: Gains = Gains(360.0, 0.0)
+    identified: Gains = Gains(145.0, 0.2)
+    elastic: Gains = Gains(100.0, 0.4)
+    friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
+    share: float = 0.28
+    margin: float = 1.2
+    period: float = 0.3
+    step: float = 0.8
+    smallest: float = 5.0
+    samples: int = 100
+    poses: int = 3
+    predicted: tuple[float, ...] = (0.9, 1.0, 1.15)
+    spare: float = 1.4
+    stiffer: tuple[float, ...] = (1.0, 1.44, 2.25, 4.0, 9.0, 25.0)
 
 
 SETTINGS = DefaultGainSettings()

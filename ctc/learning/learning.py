@@ -13,7 +13,7 @@ from ctc.learning.path_plant import PathPlant
 from ctc.learning.settings import SETTINGS, LearnSettings
 from plant import Arm, Rig
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.saved import Saved
 from plant.parts.shown import Piece, Shown, Verdict
@@ -21,7 +21,7 @@ from plant.parts.tables import Table, by_joint
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Learning(Shown, Saved, Frozen):
     """Result of `learn`; give it in place of the law to learn on. Print it for the verdict.
 

@@ -1,6 +1,6 @@
 """Numbers of `learn`."""
 
-from plant.parts.part import part, structure
+from plant.parts.part import part
 from plant.parts.settings import Settings
 
 
@@ -76,27 +76,27 @@ class LearnSettings(Settings):
     may_be_zero = ("may_worsen", "settled", "moving_speed", "stuck_bandwidth", "stuck_lead")
     at_most = {"gain": 1}  # noqa: RUF012  # declared as of the class
 
-    gain: float = structure(float, default=0.7)
-    must_fall: float = structure(float, default=0.8)
-    may_worsen: float = structure(float, default=0.005)
-    settled: float = structure(float, default=1e-3)
-    largest_innovation: float = structure(float, default=1.25)
-    innovation_ratio: float = structure(float, default=1.3)
-    highest_frequency: float = structure(float, default=40.0)
-    largest_terms: int = structure(int, default=400)
-    moving_speed: float = structure(float, default=3.0)
-    stuck_bandwidth: float = structure(float, default=14.0)
-    stuck_lead: float = structure(float, default=0.015)
-    stuck_smoothing: float = structure(float, default=0.008)
-    f_deviation: float = structure(float, default=0.05)
-    friction_deviation: float = structure(float, default=0.2)
-    correlation_time: float = structure(float, default=0.02)
-    elastic_limit: float = structure(float, default=4.0)
-    halvings: int = structure(int, default=3)
-    smoother_bandwidth: float = structure(float, default=100.0)
-    standing_time: float = structure(float, default=0.02)
-    standing_memory: float = structure(float, default=0.05)
-    start_distance: float = structure(float, default=3.0)
+    gain: float = 0.7
+    must_fall: float = 0.8
+    may_worsen: float = 0.005
+    settled: float = 1e-3
+    largest_innovation: float = 1.25
+    innovation_ratio: float = 1.3
+    highest_frequency: float = 40.0
+    largest_terms: int = 400
+    moving_speed: float = 3.0
+    stuck_bandwidth: float = 14.0
+    stuck_lead: float = 0.015
+    stuck_smoothing: float = 0.008
+    f_deviation: float = 0.05
+    friction_deviation: float = 0.2
+    correlation_time: float = 0.02
+    elastic_limit: float = 4.0
+    halvings: int = 3
+    smoother_bandwidth: float = 100.0
+    standing_time: float = 0.02
+    standing_memory: float = 0.05
+    start_distance: float = 3.0
 
 
 SETTINGS = LearnSettings()

@@ -13,6 +13,7 @@ from identification.payload.kernel_estimate import Window
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.worker import shared_worker
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown
 from plant.realtime.running import Running
 
@@ -44,7 +45,7 @@ class PayloadEvent(Shown):
         yield f"{self.windows} windows; the last: {self.message}"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class StageSettings:
     """Times and thresholds of the stages; chosen by hand, tested by tests/benchmarks/payload.py.
 

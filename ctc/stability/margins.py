@@ -5,7 +5,6 @@ that the controller reads, its output is minus the position, in pulses, so that 
 function is 1 / (1 + L). `plant.analysis.sampled_loops` linearises the loops.
 """
 
-import dataclasses
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +27,7 @@ from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import instance, known_options
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
@@ -111,7 +111,7 @@ def opened(A: Floats, B: Floats, C: Floats, joint: int) -> tuple[Floats, Floats,
     return A + B[:, closed] @ C[closed], B[:, [joint]], C[[joint]]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Margins(Shown):
     """Stability margins of every joint with the other loops closed. Print them for a table.
 

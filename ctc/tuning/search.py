@@ -20,10 +20,12 @@ from identification import GeneticSettings, minimize_genetic
 from plant import Reference
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 from plant.simulation.population import Runs
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class SearchSettings:
     """Numbers that shape the search of `tune`. tests/benchmarks/tuning.py shows what all of them
     give together; where no other evidence is stated, a number was chosen by hand.
@@ -139,7 +141,7 @@ SETTINGS = SearchSettings()
 _RANK = operator.attrgetter("rank")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Tunings:
     """Tunings of a family on samples of the arm, each with each.
 

@@ -4,7 +4,6 @@ A tuning is a row of numbers, one per variable. `Family.numbers` converts it to 
 so that one kernel runs many tunings side by side.
 """
 
-import dataclasses
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -21,7 +20,7 @@ from ctc.stability.design import motor_gain
 from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -37,7 +36,7 @@ def _named(values: Numbers) -> Numbers:
     return {f"law.{name}": value for name, value in values.items()}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Family:
     """A law in any tuning: range of each variable, initial tunings of the search, and numbers.
 
@@ -159,7 +158,7 @@ def _feed_forward(
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Trial(Shown, Frozen):
     """A tuning on independent samples.
 
@@ -208,7 +207,7 @@ class Trial(Shown, Frozen):
         yield Verdict(f"{self._short()}; {self.tuned}", self.holds)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Tuning(Shown, Frozen):
     """Result of `tune`: the controller, the best of each family, and the certificate. Print it.
 

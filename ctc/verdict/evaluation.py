@@ -1,6 +1,5 @@
 """`Evaluation`: tracking error in encoder pulses, torque and chatter of a simulated run."""
 
-import dataclasses
 import functools
 import math
 from collections.abc import Iterator
@@ -17,11 +16,12 @@ from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import by_joint
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Evaluation(Shown):
     """Tracking error and torque of a simulated arm under a controller. Print it for a table.
 

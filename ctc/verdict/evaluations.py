@@ -1,6 +1,5 @@
 """`evaluate`: an arm under a controller, on a path or in several motions; `compare` controllers."""
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any, overload
 
@@ -12,6 +11,7 @@ from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming, of_motion
 from plant.parts.arguments import choice, instance, known_options
+from plant.parts.frozen import frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 from plant.simulation.logged_run import DivergenceError
@@ -64,7 +64,7 @@ def overview(
         )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Evaluations(Shown, Mapping[str, Evaluation]):
     """Evaluations of one arm in several motions: name -> `Evaluation`. Print it for a table."""
 
@@ -229,7 +229,7 @@ def require_laws(laws: Any) -> None:
         instance(f"law {name!r}", law, Law, "Pass {'P': p_law, ...}.")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class Comparison(Shown):
     """Evaluations of several controllers on the same arm and reference.
 

@@ -18,7 +18,7 @@ from identification import Identification
 from plant import Arm, Drive, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import instance, real
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import LANES
@@ -119,7 +119,7 @@ def on_gears(
     return lambda hz: Population(*loop, *gear_numbers(gears, rig.drive, hz), **options).run(threads)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class LowestResonance(Shown, Frozen):
     """Locked-rotor resonance above which a loop stays within its limit; `float` gives the number.
 

@@ -1,6 +1,5 @@
 """`sweep_resonance`: share of samples within a pulse limit over the resonance of the gears."""
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,12 +24,12 @@ from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
 from plant.parts.arguments import array, known_options
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class ResonanceSweep(Shown, Frozen):
     """Several controllers on gears of many resonances. Print it for a table.
 

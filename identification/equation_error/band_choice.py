@@ -19,12 +19,14 @@ import contextlib
 import functools
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from identification.equation_error.regressor import Places, System
 from plant.parts.fields import Floats, Integers
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown
 from plant.parts.sums import least, product
 
@@ -35,7 +37,7 @@ SEGMENTS = 10
 SHARES = (0.1, 0.05, 0.02, 0.01, 0.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class BandChoiceSettings:
     """When a band, or a least speed, predicts worse than a more cautious one.
 
@@ -65,7 +67,7 @@ class BandChoiceSettings:
 SETTINGS = BandChoiceSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class FitTrial(Shown):
     """One pass band, or one least speed, on trial.
 
@@ -111,7 +113,7 @@ class FitTrial(Shown):
         yield self._short()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class _Tried:
     """Equations in a band at least speeds, their fit, and the fits without each segment."""
 

@@ -13,7 +13,7 @@ in Medicine 22, 2003 (Student's t).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -36,13 +36,14 @@ from identification.equation_error.random_effects import (
     size_of,
 )
 from plant.parts.fields import Bools, Floats, Integers
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Shown
 from plant.parts.sums import norm, product, products
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class BetweenRunsSettings:
     """How runs are compared.
 
@@ -83,7 +84,7 @@ ONE_LOG = (
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class BetweenRuns(Shown, Frozen):
     """How the values of a fit differ between its logs.
 

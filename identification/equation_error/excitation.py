@@ -1,7 +1,6 @@
 """Excitation of logs before a fit: joints that do not move, parameters that stay at a prior."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,10 +12,11 @@ from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving, in_step
 from plant.motion.reference import Motion
 from plant.parts.fields import Integers
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import products
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ExcitationSettings:
     """When a motion excites a parameter; chosen by hand.
 

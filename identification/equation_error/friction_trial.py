@@ -5,7 +5,7 @@ gain, so friction is tried before these are blamed.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from identification.equation_error.band_choice import tried
 from identification.equation_error.regressor import System
 from plant import Drive, FrictionCurve
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Shown
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
@@ -29,7 +31,7 @@ _ADVICE = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FrictionTrialSettings:
     """Kinds of friction that are tried, and when one is reported; chosen by hand.
 
@@ -56,7 +58,7 @@ class FrictionTrialSettings:
 SETTINGS = FrictionTrialSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class FrictionTrial(Shown):
     """One kind of friction on trial, beside what is fitted.
 

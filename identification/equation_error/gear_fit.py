@@ -13,7 +13,7 @@ Measurement, and Control 109 (1987) (equations of motion).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,9 +28,11 @@ from identification.equation_error.two_encoders import Deflections, fit_wound
 from plant import Dynamics, Record
 from plant.motion.reference import Motion
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class GearFitSettings:
     """Bands and search of a fit of gears; chosen by hand.
 
@@ -65,7 +67,7 @@ class GearFitSettings:
 SETTINGS = GearFitSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class GearFit:
     """Gears, as two position sensors show them or as they fit best in a pass band.
 

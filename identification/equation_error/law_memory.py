@@ -7,7 +7,7 @@ that the torque shows.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ from identification.equation_error.torque_fit import weighted
 from identification.equation_error.torque_logs import law_torque
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_from, run_law
@@ -27,7 +29,7 @@ from plant.simulation.law_run import LawRun, run_from, run_law
 FADED = 30
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class LawMemorySettings:
     """How the state of a law is fitted; chosen by hand.
 
@@ -69,7 +71,7 @@ class LawMemorySettings:
 SETTINGS = LawMemorySettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Memory:
     """Directions in which a law's state before its log shows in the torque.
 

@@ -16,17 +16,17 @@ inference, Journal of Econometrics 232, 2023.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.parts.fields import Floats, Integers
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot, least, norm, product, products
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class IdentifiabilitySettings:
     """Least share of the column of an unknown that must be independent of the other columns.
 

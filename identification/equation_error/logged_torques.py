@@ -1,7 +1,7 @@
 """`fit_torque`: f and linear numbers of the drive from logged positions and torques."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,12 +33,14 @@ from plant import Dynamics, FrictionCurve, Record, Rig
 from plant.motion.reference import Motion
 from plant.parts.arguments import array, choice, instance, known_options, real, whole
 from plant.parts.fields import Bools, Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 
 # Further columns by name: (q, qd, qdd) -> torque (N, n) per unit.
 Columns = Mapping[str, Callable[..., ArrayLike]]
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class TorqueEquationSettings:
     """Bands that are tested; chosen by hand.
 
@@ -83,7 +85,7 @@ class Selection(NamedTuple):
     slowest: Floats
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class TorqueEquations:
     """The checked arguments of `fit_torque`.
 

@@ -12,7 +12,7 @@ programming approach, IEEE Transactions on Robotics 36 (2020) (the metric).
 import contextlib
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -23,7 +23,7 @@ from plant.mechanics.body import prior_changes, prior_factor
 from plant.mechanics.lumping import STANDARD
 from plant.parts.arguments import array, real
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.sums import dot, triangle
 
@@ -34,7 +34,7 @@ _OF_MODEL = 0.3
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Prior(Frozen):
     """Gaussian prior of f.
 

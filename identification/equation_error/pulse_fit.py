@@ -7,7 +7,7 @@ in the spectrum of the tracking error, then, once a first f is there, from the l
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,11 +22,12 @@ from plant.analysis.linearise import modes
 from plant.checkup.lost_rows import on_lines
 from plant.checkup.oscillation import spectrum
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class PassBandSettings:
     """How the pass band of a record is chosen; chosen by hand.
 

@@ -10,7 +10,6 @@ counted from the first sample.
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import casadi as ca
@@ -24,6 +23,7 @@ from plant.motion.reference import Motion
 from plant.parts.arguments import array, near
 from plant.parts.checked_function import evaluated
 from plant.parts.fields import Bools, Floats, Integers
+from plant.parts.frozen import frozen
 
 # Beginnings of the names of friction, in which the torque is linear, and of springs, in some of
 # whose numbers it is linear.
@@ -40,7 +40,7 @@ _AT_ONCE = 4096
 _TOGETHER = 2**18
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class System:
     """The torque equation of one log, and where in it each equation comes from.
 
@@ -59,7 +59,7 @@ class System:
     measured: Floats | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Places:
     """Where the equations that a fit uses come from, in its order of them.
 

@@ -1,6 +1,6 @@
 """Test of a stated law: its torque along a log, from the best state, against the logged torque."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,12 +8,13 @@ from identification.equation_error.law_memory import FADED, at_work, reading, st
 from identification.equation_error.torque_logs import law_torque, logged_torque, torque_of
 from plant import Record, Resumed
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import least
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class StatedLawSettings:
     """When a law began with its log; chosen by hand.
 

@@ -9,7 +9,7 @@ and decimation).
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,14 @@ from identification.equation_error.regressor import Places, System
 from plant import Dynamics
 from plant.parts.arguments import choice
 from plant.parts.fields import Floats, Integers
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned, inside
 from plant.parts.sums import norm, product
 from plant.parts.tables import Table
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class TorqueWarningSettings:
     """When a fit of the torque warns; chosen by hand.
 
@@ -54,7 +55,7 @@ class TorqueWarningSettings:
 SETTINGS = TorqueWarningSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@frozen
 class TorqueFit(Shown, Frozen):
     """Values of f and of linear numbers of the drive, fitted to torques.
 

@@ -1,6 +1,6 @@
 """Positions and torques of logs, from records or arrays: the torque that acted at each sample."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -12,6 +12,7 @@ from plant.checkup.lost_rows import bridged
 from plant.laws.replayed import commanded_torque
 from plant.parts.arguments import array, instance
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
 from plant.simulation.simulator import injected_beside
@@ -103,7 +104,7 @@ _FINE = 16.0
 _SAMPLES = 100
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class TorqueLog:
     """One log: joint positions and torques at even times.
 

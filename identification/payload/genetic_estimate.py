@@ -10,7 +10,6 @@ within a pulse for any candidate.
 Source: paper, conclusion (stages 1 and 2), and 3.7.
 """
 
-import dataclasses
 import functools
 
 import casadi as ca
@@ -23,6 +22,7 @@ from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel
@@ -30,7 +30,7 @@ from plant.simulation.loop_kernel import LANES, loop_kernel
 _ROUNDING = np.sqrt(1 / 12)  # standard deviation of a rounded count [pulses]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class GeneticEstimatorSettings:
     """Numbers of the genetic estimator beside those of its genetic algorithm.
 

@@ -19,6 +19,7 @@ from plant import Arm, Rig
 from plant.compiler.intrinsics import MapKernel
 from plant.parts.arguments import array, instance, real
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Smoothing:
         return np.column_stack([np.convolve(column, kernel, "valid") for column in x.T])
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class KernelSettings:
     """Limits of the kernel estimator.
 

@@ -1,7 +1,6 @@
 """Result of `find_load`: the load, its intervals, and warnings about them."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,11 +11,12 @@ from identification.search.problem import Problem
 from plant import Arm, Rig
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown, Verdict, Warned
 from plant.parts.tables import Table
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class LoadWarningSettings:
     """Limits above which `find_load` warns.
 

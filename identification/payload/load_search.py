@@ -5,8 +5,7 @@ that may be unknown, the start from the torque equation, and Gauss-Newton on the
 is that of the known arm plus increments, which are functions of a few numbers of the load.
 """
 
-import dataclasses
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -26,13 +25,15 @@ from identification.search.problem import Problem
 from plant import Body, Dynamics
 from plant.mechanics.base_parameters import independent_columns
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 
 # Relative change of the noise above which the priors of friction are weighed anew, and the fit is
 # repeated. Chosen by hand.
 _CHANGED = 0.05
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class AnyLoad:
     """Free increments of f, in place of those of a load."""
 
@@ -110,7 +111,7 @@ class WithLoad(WithPrior):
         return abs(self.noise / previous - 1) > _CHANGED
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class LoadSearchSettings:
     """Steps and limits of the fit of a load.
 
@@ -159,7 +160,7 @@ class LoadSearchSettings:
 SETTINGS = LoadSearchSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class UnknownLoad:
     """Unknown mass and centre of a load, and the increments of f that they cause.
 
@@ -223,7 +224,7 @@ class UnknownLoad:
         return self.matrix @ (values[0] * unit + inertia)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class FreeArm:
     """Comparison of the known arm and its load with an arm of free f.
 
@@ -240,7 +241,7 @@ class FreeArm:
     covariance: Floats | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class LoadSearch:
     """Known arm, unknown load, and prior of friction: the fit of a load.
 

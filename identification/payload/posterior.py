@@ -17,12 +17,13 @@ from plant.mechanics.lumping import STANDARD
 from plant.parts.arguments import array, real
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.sums import least
 from plant.parts.tables import Table
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class PosteriorSettings:
     """Grids of the posterior distribution of a load, and the limits of its use.
 

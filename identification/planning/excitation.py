@@ -10,7 +10,6 @@ Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Tra
 Robotics and Automation 13 (1997), for sums of harmonics.
 """
 
-import dataclasses
 import functools
 from collections.abc import Iterable, Iterator
 from typing import Any, Literal, overload
@@ -25,10 +24,11 @@ from plant.mechanics.newton_euler import lumped_torque
 from plant.mechanics.symmetric_inverse import inverse
 from plant.parts.arguments import choice, instance, known_options, real, whole
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.simulation.executors import mapped
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ExcitationSettings:
     """Numbers that shape the search for an optimal excitation.
 

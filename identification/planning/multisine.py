@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike
 from plant import Arm, Chain, Dynamics, Harmonics, Rig
 from plant.parts.arguments import array
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class MotionSettings:
     """Default limits of an experiment's motion, and numbers of the design of multisines.
 

@@ -9,7 +9,7 @@ quite like rigid gears where a joint turns back, which a log would seem to contr
 import copy
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 import casadi as ca
@@ -23,9 +23,10 @@ from plant import Dynamics, Elasticity, FrictionCurve, Law, Record
 from plant.compiler.background import cores
 from plant.parts.arguments import instance
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ExtensionSettings:
     """Numbers of a rig that stand for an effect which is absent, and limits of its size.
 

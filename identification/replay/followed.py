@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -12,10 +12,11 @@ from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FollowedSettings:
     """Which samples of a record are compared; chosen by hand.
 

@@ -13,13 +13,15 @@ from identification.equation_error.least_squares import IDENTIFIABLE, least_squa
 from identification.replay.residual import Innovations, Residual, Reweighable
 from plant.compiler.background import cores
 from plant.parts.fields import Bools, Floats, Integers
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot, norm
 
 # The usual rule; a residual with a prior has another (`Residual.dependent`).
 DEPENDENT = IDENTIFIABLE.slopes
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class GaussNewtonSettings:
     """How `descend` searches, and how its slopes are made; all numbers are chosen by hand.
 
@@ -62,7 +64,7 @@ class GaussNewtonSettings:
 SETTINGS = GaussNewtonSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Solution:
     """Least sum of squares that `gauss_newton` reached.
 

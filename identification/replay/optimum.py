@@ -7,7 +7,6 @@ and the residuals that remain orthogonal to the parameters are compared.
 import functools
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +21,8 @@ from identification.replay.gauss_newton import (
     within_bounds,
 )
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
+from plant.parts.settings import frozen_settings
 
 # The log is near its optimum before: the full step is tried alone, all shorter ones after it.
 _SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longest=True)
@@ -29,7 +30,7 @@ _SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longes
 _LENGTHS = 0.5 ** np.arange(8)  # of a step towards an estimate
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Optimum:
     """Least sum of squared innovations of an extended model.
 
@@ -185,7 +186,7 @@ def fitted(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class TrialSettings:
     """Values of compliance and backlash that are tried; all are chosen by hand.
 
@@ -216,7 +217,7 @@ class TrialSettings:
 TRIALS = TrialSettings()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Trial:
     """Some numbers that the rig leaves out, and their effect on the innovations.
 

@@ -30,11 +30,12 @@ from identification.replay.residual import Stacked, joined
 from plant import Dynamics, Record
 from plant.compiler.background import cores, shared_out
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class PredictionSettings:
     """The observer of a prediction, and how its nuisances are searched; chosen by hand.
 

@@ -8,18 +8,17 @@ Source: C. G. Broyden, A class of methods for solving nonlinear simultaneous equ
 of Computation 19 (1965) (slopes from evaluations alone).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
 from identification.replay.gauss_newton import Descent, slopes
 from identification.replay.residual import Innovations
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot, product
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ProfileSettings:
     """Effort and accuracy of a profile; chosen by hand.
 

@@ -7,7 +7,7 @@ little of damping: a ratio of 0.5 to 5 % is expected (95 %), which weighs like o
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -20,13 +20,14 @@ from identification.replay.prediction import Prediction
 from identification.replay.residual import Reparametrised, WithPrior
 from plant import Dynamics, Elasticity, Record, Rig
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot
 
 STIFFNESS = "drive.elasticity.stiffness"
 DAMPING = "drive.elasticity.damping"
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ResonanceSettings:
     """Where resonances are searched, and with which steps; chosen by hand.
 

@@ -6,7 +6,7 @@ speed, and its slope is the delay. Viscous friction or a gain that is unknown ab
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,11 @@ from identification.replay.prediction import Prediction
 from plant import Dynamics, Record
 from plant.parts.arguments import instance, known_options, real
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class TimingSettings:
     """When counts are called late; chosen by hand.
 

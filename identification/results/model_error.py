@@ -10,7 +10,6 @@ Control Systems 3, 1966 (consider covariance); G. J. Bierman, Factorization meth
 sequential estimation, 1977, ch. 8.
 """
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -29,6 +28,7 @@ from identification.results.assumed import moved
 from identification.results.with_arm import NUMBERS
 from identification.search.problem import Tolerances
 from plant.parts.fields import Floats
+from plant.parts.frozen import frozen
 from plant.parts.sums import products
 
 # Rows of the innovations that are multiplied at once, which bounds the memory of a copy of them.
@@ -37,7 +37,7 @@ _AT_ONCE = 1 << 15
 _KINDS = {number.name: number for number in NUMBERS}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Doubt:
     """The optimum of a model, and the effects of numbers that may be wrong.
 

@@ -24,9 +24,10 @@ import numpy as np
 
 from plant.mechanics.body import symmetric_basis
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class NewtonSettings:
     """Limits of Newton's method; chosen by hand.
 

@@ -9,7 +9,7 @@ Source: paper Figs. 10-11, 4.2.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,12 @@ from plant import Arm, Law, Record
 from plant.parts.arguments import array, instance, known_options
 from plant.parts.fields import Floats
 from plant.parts.frozen import Frozen, frozen
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class OscillationSettings:
     """Shape of the band-stop filter, and tolerance of the comparison with the modes of the loop.
 

@@ -20,10 +20,11 @@ from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
 from plant.checkup.signals import Signals
 from plant.machine.motor_inertia import rotors_alone, shaft_inertias
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import least, product
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class RestatedSettings:
     """Limits from which on a statement is contradicted.
 

@@ -1,7 +1,7 @@
 """Coverage of the logs: detectable resonances, range of motion, combinations of f from a prior."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,15 +9,16 @@ import numpy as np
 from identification.equation_error.excitation import unexcited
 from plant import Record, Reference
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece
 from plant.parts.tables import Table
 
 APART = 20  # samples from one position to the next for a speed
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class CoverageSettings:
     """Limits of what a log covers, and of what it leaves to a prior; chosen by hand.
 
@@ -52,7 +53,7 @@ SETTINGS = CoverageSettings()
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Seen(Frozen):
     """Coverage of a path by the logs of an identification.
 

@@ -1,7 +1,6 @@
 """Summary of an identification: values, intervals, contradictions, assumptions."""
 
 import contextlib
-import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -18,6 +17,7 @@ from identification.results.trust import pairs_of, warnings_of
 from identification.search.problem import LONG, PARTS, is_long
 from plant.mechanics.lumping import STANDARD
 from plant.parts.messages import warn
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
 from plant.parts.tables import WIDTH, Table
 
@@ -43,7 +43,7 @@ class IdentificationWarning(UserWarning):
     """
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class SummarySettings:
     """Lengths at which a summary still fits on a screen; chosen by hand.
 

@@ -8,7 +8,7 @@ also decide whether the log distinguishes a gear from a rigid one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,11 +23,12 @@ from identification.search.polish import outcome_of, start_of_fit
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ElasticSettings:
     """Grid, starts and confidence levels of the fit of elastic gears.
 

@@ -6,7 +6,7 @@ Source: paper 3.2, 3.7.
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,9 +20,10 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.polish import polished, start_of_fit, torque_fit
 from identification.search.predictive import difference_of, doubtful, predicted
 from identification.search.problem import Problem, in_parts, is_long
+from plant.parts.settings import frozen_settings
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class SeededSettings:
     """Numbers of the default method beside those of its genetic algorithm.
 

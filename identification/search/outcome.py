@@ -1,7 +1,7 @@
 """Output of a method of identification: `Fit`, `GearResonance`, `Outcome`; `Search` of a result."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Self
 
 import numpy as np
@@ -218,7 +218,7 @@ class Fit(Shown, Frozen):
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Outcome(Frozen):
     """Fit of a method, and the course of its search.
 

@@ -5,7 +5,7 @@ stopped early, and subtracts the bias by rounding.
 """
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,10 +34,11 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.parts.sums import dot, products
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FitSettings:
     """Steps of the prediction-error fit, and the conditions under which it is repeated.
 
@@ -85,7 +86,7 @@ class FitSettings:
     gain_step: float = 0.01
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class RoundingSettings:
     """Simulated logs from which the bias by the rounding of counts is estimated.
 

@@ -15,6 +15,7 @@ from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Record, replay
 from plant.checkup.oscillation import own_oscillations
+from plant.parts.settings import frozen_settings
 from plant.simulation.followed_path import is_rounded
 
 # Difference between a measured and a simulated log from rounding alone [pulses, rms].
@@ -28,7 +29,7 @@ ROUGH = ("equation_error", "output_error", "paper")
 FALSE_ALARM = 1e-3
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class CheckSettings:
     """Numbers of the posterior predictive check.
 

@@ -22,12 +22,12 @@ from plant import Arm, Dynamics, Law, Record, Resumed, Rig
 from plant.parts.arguments import real, signs
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 
 
 @kept
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Tolerances(Frozen):
     """Standard deviations of the numbers that a rig states; zero takes a number as exact.
 
@@ -109,7 +109,7 @@ _POSITIVE = re.compile(
 _TINY = 1e-9
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Problem:
     """An identification problem: records, the names of the unknowns, their ranges, and options.
 

@@ -1,6 +1,5 @@
 """Gains of P, PD and cascade laws for any arm: as low as the tracking error allows, and stable."""
 
-import dataclasses
 import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -17,11 +16,12 @@ from plant.mechanics.arm import Arm
 from plant.motion.reference import Motion, Reference
 from plant.parts.arguments import array, instance
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.simulation.cautions import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class GainSettings:
     """Numbers of the search for gains, all chosen by hand.
 

@@ -22,11 +22,12 @@ from plant.motion.fastest import require_inside
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.smooth import Harmonics, PointToPoint
 from plant.parts.arguments import instance, known_options, near
+from plant.parts.settings import frozen_settings
 
 T = TypeVar("T")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class EverydaySettings:
     """Numbers of everyday motions, chosen by hand.
 

@@ -31,9 +31,10 @@ from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.table import Table
 from plant.parts.arguments import array, instance, known_options, whole
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FastestSettings:
     """Numbers of the search for a time law, chosen by hand.
 

@@ -46,9 +46,10 @@ class Frozen:
     field_specifiers=(dataclasses.field,),
 )
 def frozen(cls: type[T]) -> type[T]:
-    """Make a result a frozen dataclass, which `Frozen` compares and `Shown` prints."""
+    """Class decorator: a frozen dataclass, which `Frozen` compares and `Shown` prints."""
     # A comparison or a text of the dataclass would take the place of those of its bases.
-    return dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
+    plain = cls.__repr__ is object.__repr__
+    return dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=plain)(cls)
 
 
 def _same(a: Any, b: Any) -> bool:

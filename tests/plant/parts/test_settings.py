@@ -49,5 +49,5 @@ def test_zero_is_refused_unless_it_is_allowed():
 
 
 def test_a_whole_number_is_asked_for():
-    with pytest.raises(ValueError, match="halvings of LearnSettings must be of type int"):
+    with pytest.raises(ValueError, match="halvings of LearnSettings must be a whole number"):
         LearnSettings(halvings=2.5)
