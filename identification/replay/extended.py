@@ -9,7 +9,7 @@ quite like rigid gears where a joint turns back, which a log would seem to contr
 import copy
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import casadi as ca
