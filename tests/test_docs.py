@@ -8,6 +8,7 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ctc
@@ -29,7 +30,10 @@ def test_the_code_of_the_architecture_page_runs():
     code = "\n".join(blocks(ROOT / "docs" / "architecture.md"))
     space = {"__name__": "page"}
     exec(code, space)  # noqa: S102 - our own page
-    assert abs(space["record"].error_pulses).max() > 0
+    record = space["record"]
+    assert abs(record.error_pulses).max() > 0
+    np.testing.assert_allclose(space["stepped"], record.torque, rtol=1e-12, atol=1e-12)  # rounding
+    assert (Path(space["folder"]) / "controller.c").stat().st_size > 0
 
 
 def test_the_readme_s_code_runs_and_keeps_its_promise(capsys):
