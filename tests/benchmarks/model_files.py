@@ -297,7 +297,7 @@ def tables(rows):
     lines = [
         (
             "| arm | joints | f | cells healthy | off | torque elsewhere [%] | law: always within"
-            " ±1, least share [%] | identify [s of all threads] | what was said, or the cause |"
+            " ±1, least share [%] | identify [s of all threads] | warning, or the cause |"
         ),
         "|---|---|---|---|---|---|---|---|---|",
     ]
