@@ -10,7 +10,7 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
 
@@ -154,6 +154,23 @@ def _seconds(motion: Reference, duration: float | None, after: float | None) -> 
     return seconds
 
 
+class Options(TypedDict, total=False):
+    """Options of `certify`, for the types of its calls."""
+
+    samples: int
+    seed: int
+    within: float
+    confidence: float
+    after: float | None
+    steps_per_sample: int
+    duration: float | None
+    threads: int | None
+    progress: bool
+    checkpoint: str | Path | Checkpoint | None
+    rare: float | None
+    executor: Any
+
+
 # The type of the result follows from that of the reference: one certificate, or a set.
 @overload
 def certify(
@@ -162,19 +179,7 @@ def certify(
     law: Law,
     reference: Reference,
     uncertainty: Uncertainty | None = ...,
-    *,
-    samples: int = ...,
-    seed: int = ...,
-    within: float = ...,
-    confidence: float = ...,
-    after: float | None = ...,
-    steps_per_sample: int = ...,
-    duration: float | None = ...,
-    threads: int | None = ...,
-    progress: bool = ...,
-    checkpoint: str | Path | Checkpoint | None = ...,
-    rare: float | None = ...,
-    executor: Any = ...,
+    **options: Unpack[Options],
 ) -> Certificate: ...
 @overload
 def certify(
@@ -183,19 +188,7 @@ def certify(
     law: Law,
     reference: Mapping[str, Reference],
     uncertainty: Uncertainty | None = ...,
-    *,
-    samples: int = ...,
-    seed: int = ...,
-    within: float = ...,
-    confidence: float = ...,
-    after: float | None = ...,
-    steps_per_sample: int = ...,
-    duration: float | None = ...,
-    threads: int | None = ...,
-    progress: bool = ...,
-    checkpoint: str | Path | Checkpoint | None = ...,
-    rare: float | None = ...,
-    executor: Any = ...,
+    **options: Unpack[Options],
 ) -> Certificates: ...
 @known_options
 def certify(

@@ -1,7 +1,7 @@
 """`evaluate`: an arm under a controller, on a path or in several motions; `compare` controllers."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, overload
+from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -113,31 +113,23 @@ class Evaluations(Shown, Mapping[str, Evaluation]):
         yield from overview("motion", self, notes)
 
 
+class Options(TypedDict, total=False):
+    """Options of `evaluate`, for the types of its calls."""
+
+    backend: str
+    duration: float | None
+    steps_per_sample: int
+    initial: ArrayLike | None
+    injected: Injected | None
+
+
 @overload
 def evaluate(
-    arm: Arm,
-    rig: Rig,
-    law: Law,
-    reference: Reference,
-    *,
-    backend: str = ...,
-    duration: float | None = ...,
-    steps_per_sample: int = ...,
-    initial: ArrayLike | None = ...,
-    injected: Injected | None = ...,
+    arm: Arm, rig: Rig, law: Law, reference: Reference, **options: Unpack[Options]
 ) -> Evaluation: ...
 @overload
 def evaluate(
-    arm: Arm,
-    rig: Rig,
-    law: Law,
-    reference: Mapping[str, Reference],
-    *,
-    backend: str = ...,
-    duration: float | None = ...,
-    steps_per_sample: int = ...,
-    initial: ArrayLike | None = ...,
-    injected: Injected | None = ...,
+    arm: Arm, rig: Rig, law: Law, reference: Mapping[str, Reference], **options: Unpack[Options]
 ) -> Evaluations: ...
 @known_options
 def evaluate(
