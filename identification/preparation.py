@@ -326,7 +326,7 @@ def _nominal(objective):
     """The unknowns (k,) as rig and law of the first record have them; NaN for f."""
     rig = objective.records[0].rig
     law = objective.records[0].law
-    stated = dict(zip(rig.number_names(), rig.number_values(), strict=True))
+    stated = rig.numbers()
     if law is not None:
-        stated |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
+        stated |= law.numbers("law.")
     return np.array([stated.get(name, np.nan) for name in objective.unknown])

@@ -149,7 +149,7 @@ class Certificate(Certified):
         if not columns:
             return None
         rig = plants.rig
-        levels = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
+        levels = rig.numbers()
         values = plants.values.copy()
         for i in columns:
             name = plants.names[i]

@@ -302,7 +302,7 @@ def _friction(uncertainty, rig, unknown):
     # A level of zero has no share to vary by.
     return {
         name: value
-        for name, value in zip(rig.number_names(), rig.number_values(), strict=True)
+        for name, value in rig.numbers().items()
         if name.startswith(_FRICTION) and name not in unknown and value > 0
     }
 

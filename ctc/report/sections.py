@@ -208,12 +208,7 @@ def _assumptions(identification: Any) -> str:
         ]
 
     # 3. All numbers of rig and controller that were not identified.
-    stated = dict(
-        zip(identification.rig.number_names(), identification.rig.number_values(), strict=True)
-    )
-    stated |= zip(
-        identification.law.number_names("law."), identification.law.number_values(), strict=True
-    )
+    stated = identification.rig.numbers() | identification.law.numbers("law.")
     rows = [
         (name, f"{value:.6g}")
         for name, value in stated.items()

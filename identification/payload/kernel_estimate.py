@@ -271,7 +271,7 @@ def uncertainty(
         root = vectors * np.sqrt(np.maximum(values, 0.0))
     # Levels of friction without a covariance are independent of all others.
     stated = [name for name in friction_names(rig) if name not in names] if friction else []
-    levels = dict(zip(rig.number_names(), rig.number_values(), strict=True))
+    levels = rig.numbers()
     deviations = np.diag([friction * abs(levels[name]) for name in stated])
     above = np.zeros((len(names), len(stated)))
     below = np.zeros((len(stated), root.shape[1]))

@@ -136,8 +136,7 @@ def pulse_budget(
     record = simulate(arm, rig, law, reference, duration=duration)
     prediction = Prediction(arm.dynamics, record, unknown, simulated=True)
     numbers = dict(zip(arm.dynamics.names, arm.f, strict=True))
-    numbers |= dict(zip(rig.number_names(), rig.number_values(), strict=True))
-    numbers |= dict(zip(law.number_names("law."), law.number_values(), strict=True))
+    numbers |= rig.numbers() | law.numbers("law.")
     values = np.array([numbers[name] for name in prediction.unknown])
 
     # 2. Sensitivities of all readings (M, k) by central differences. `slopes` shortens steps that

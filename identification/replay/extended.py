@@ -287,11 +287,12 @@ class _Log:
         # 1. Numbers of rig and law that can be changed, as they are stated. Those of a law with
         # memory cannot: its state in the log is that of the stated ones.
         law = instance("law", record.law, Law, "Give the record its law.")
-        of_rig = dict(zip(rig.number_names(), rig.number_values().tolist(), strict=True))
+        of_rig = rig.numbers()
         of_law = {}
         if not (law.replays or law.has_memory(rig.n)):
-            of_law = dict(zip(law.number_names("law."), law.number_values().tolist(), strict=True))
-            of_law = {name: value for name, value in of_law.items() if name not in unknown}
+            of_law = {
+                name: value for name, value in law.numbers("law.").items() if name not in unknown
+            }
         # Without an inertia behind the gear no resonance is defined, and so no compliance.
         numbers = [
             number for number in numbers if number.place and (links is not None or not number.gives)

@@ -198,6 +198,10 @@ class Part(Saved):
             [np.atleast_1d(np.asarray(v, float)) for _, _, _, v in self._leaves()] or [np.empty(0)]
         )
 
+    def numbers(self, prefix: str = "") -> dict[str, float]:
+        """Values of all numbers by name."""
+        return dict(zip(self.number_names(prefix), self.number_values().tolist(), strict=True))
+
     def with_numbers(self, vector: ArrayOrSymbols) -> Self:
         """Copy with its numbers from `vector` (k,): floats, or casadi symbols for equations."""
         # The position is a list of one number: parts within parts advance the same counter.
@@ -207,12 +211,8 @@ class Part(Saved):
     def filled(self, values: Mapping[str, float], prefix: str = "") -> Self:
         """Copy with some of its numbers replaced: name, as in `number_names(prefix)` -> float."""
         # Names of other numbers in the mapping are ignored: it may serve several parts.
-        names = self.number_names(prefix)
-        numbers = [
-            values.get(name, current)
-            for name, current in zip(names, self.number_values(), strict=True)
-        ]
-        return self.with_numbers(np.array(numbers))
+        changed = [values.get(name, value) for name, value in self.numbers(prefix).items()]
+        return self.with_numbers(np.array(changed))
 
     def _filled(self, vector: ArrayOrSymbols, position: list[int], symbolic: bool) -> Self:
         changes = {}

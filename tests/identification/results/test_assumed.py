@@ -41,8 +41,7 @@ def longer(log, name):
     if name.startswith("links"):
         links = (chain.links[0], dataclasses.replace(chain.links[1], a=1.01 * chain.links[1].a))
         return Dynamics.from_chain(dataclasses.replace(chain, links=links)), log
-    numbers = dict(zip(log.rig.number_names(), log.rig.number_values(), strict=True))
-    numbers |= dict(zip(log.law.number_names("law."), log.law.number_values(), strict=True))
+    numbers = log.rig.numbers() | log.law.numbers("law.")
     value = {name: 1.01 * numbers[name]}
     changed = dataclasses.replace(log, rig=log.rig.filled(value), law=log.law.filled(value, "law."))
     return Dynamics.from_chain(chain), changed

@@ -154,7 +154,9 @@ def test_numbers_are_named_by_their_path():
     assert names[:3] == ["drive.gear[0]", "drive.gear[1]", "drive.motor_inertia[0]"]
     assert names[-2:] == ["encoder.resolution[0]", "encoder.resolution[1]"]
     assert rig.number_values()[names.index("drive.coulomb[1]")] == 0.146
-    assert puma560.p_law().number_names("law.") == ["law.gain[0]", "law.gain[1]"]
+    law = puma560.p_law((0.3, 0.2))
+    assert law.number_names("law.") == ["law.gain[0]", "law.gain[1]"]
+    assert law.numbers("law.") == {"law.gain[0]": 0.3, "law.gain[1]": 0.2}
     assert puma560.arm().number_names() == [f"f[{i}]" for i in range(9)]
     assert nested().number_names()[-4:] == ["scale", "table[0]", "table[1]", "table[2]"]
     assert PointToPoint(start=(0,), goal=(1,), duration=1).number_names() == []
