@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs.isolation import LIMITS, read_isolated, read_npz
+from plant.logs.text_table import read_text
 from plant.parts.arguments import known_options, near, whole
-from plant.parts.csv_rows import read_rows
 from plant.parts.files import require_bounded
 
 _SUFFIXES = {
@@ -30,6 +30,14 @@ _SUFFIXES = {
 # kind -> what is in such a folder
 _FOLDERS = {"rosbag2": "metadata.yaml", "lerobot": "meta/info.json"}
 _OF_MESSAGES = ("mcap", "rosbag2")
+
+
+class LogTable(dict[str, NDArray[Any]]):
+    """Columns by name, and in `units` the units that the file states of them."""
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> None:
+        super().__init__(columns)
+        self.units = dict(units)
 
 
 class LoadError(ValueError):
@@ -172,8 +180,9 @@ def read_file(
         # The clock names a column, so it takes the prefix as well.
         if options.get("clock") is not None:
             options["clock"] = f"{prefix}{options['clock']}"
+        units: dict[str, str] = {}
         if kind == "csv":
-            available, columns = _csv(path, wanted, prefix)
+            available, columns, units = read_text(path, wanted, prefix)
         else:
             # Third-party libraries read in a child process; numpy archives are safe to read here.
             request = os.fspath(path), wanted, prefix, LIMITS.columns
@@ -186,7 +195,10 @@ def read_file(
                 f"must hold columns whose names begin with {prefix!r}; got {available[:5]}. Check"
                 " prefix."
             )
-        return {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()}
+        return LogTable(
+            {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()},
+            {name[len(prefix) :]: unit for name, unit in units.items()},
+        )
 
 
 def require_columns(
@@ -206,25 +218,6 @@ def require_columns(
                 else "none"
             )
             raise ValueError(f"column {name!r} must be there; got {listed:.220}. {hint}")
-
-
-def _csv(
-    path: str | Path, wanted: Collection[str] | None, prefix: str
-) -> tuple[list[str], dict[str, NDArray[Any]]]:
-    def chosen(name: str) -> bool:
-        return name.startswith(prefix) if wanted is None else name in wanted
-
-    # Only wanted columns are parsed, so that others may hold text.
-    names, rows = read_rows(path, chosen=chosen)
-    if names is None:
-        raise ValueError(
-            "must name its columns in a line above the numbers, without #; got none. Add that line."
-        )
-    read = [name for name in names if chosen(name)]
-    if len(set(read)) < len(read):
-        twice = next(name for i, name in enumerate(read) if name in read[:i])
-        raise ValueError(f"has column {twice!r} twice; each may come once. Rename one.")
-    return names, dict(zip(read, rows.T, strict=True))
 
 
 def _numbers(name: str, column: NDArray[Any]) -> NDArray[Any]:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plant.checkup.quantisation import STEP_NOTE
 from plant.logs.logfile import require_columns
+from plant.logs.stated_units import Stated, require_words, stated_units
 from plant.logs.units import (
     REFERENCE,
     TIME,
@@ -19,7 +20,6 @@ from plant.logs.units import (
     factors,
     path_through,
     require_period,
-    require_units,
 )
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
@@ -65,7 +65,7 @@ class StepSettings:
 STEPS = StepSettings()
 
 
-def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -> list[str]:
+def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Stated] | None) -> list[str]:
     """Validate a mapping and its units; names of the table's columns that it needs, in order."""
     advice = 'Give columns={"t": "time", "position": ["q1", "q2"], ...}.'
     instance("columns", columns, dict, advice)
@@ -83,7 +83,7 @@ def mapped_names(columns: Mapping[str, Any], units: Mapping[str, Unit] | None) -
         raise ValueError(
             f"columns may hold one reference; got {', '.join(commanded)}. Leave out the others."
         )
-    require_units(
+    require_words(
         columns,
         {} if units is None else instance("units", units, dict, 'Give units={"t": "s", ...}.'),
     )
@@ -105,16 +105,15 @@ def record_fields(
     *,
     rig: Rig,
     columns: Mapping[str, Any],
-    units: Mapping[str, Unit] | None,
+    units: Mapping[str, Stated] | None,
     wrap: ArrayLike | None,
     reference: Reference | None,
 ) -> dict[str, Any]:
     """Fields of a record from a table; see `Record.from_table`."""
     names = mapped_names(columns, units)
     instance("rig", rig, Rig, "Pass rig=.")
-    stated = {field: _unit(field, unit, rig.n) for field, unit in (units or {}).items()}
-    # A field with a single unit takes that one; `require_units` has refused any other omission.
-    stated = {field: stated.get(field, UNITS[field][0]) for field in columns if field in UNITS}
+    of_fields = stated_units(columns, units, table, rig.n)
+    stated = {field: of_field.unit for field, of_field in of_fields.items()}
     require_columns(names, table)
     values = {field: _block(table, field, columns[field], rig.n) for field in columns}
     N = {len(value) for value in values.values()}
@@ -133,6 +132,11 @@ def record_fields(
     measured = next(field for field in MEASURED if field in values)
     if wrap is not None:
         values[measured] = _unwrapped(values[measured], wrap, rig.joint_labels)
+    # The wrap is in the logged unit, so it comes before the constants of that unit.
+    values = {
+        field: of_fields[field].converted(value) if field in of_fields else value
+        for field, value in values.items()
+    }
     fields = {"t": t, "valid": valid, "notes": notes}
     # A step of the positions that is no whole pulse points to another gear or resolution than the
     # rig's; the checkup reads this note.
@@ -166,18 +170,6 @@ def record_fields(
             " reference=."
         )
     return fields
-
-
-def _unit(field: str, unit: Any, n: int) -> Unit:
-    """One unit, or a tuple of one per joint where they differ."""
-    if isinstance(unit, str):
-        return unit
-    if len(unit) != n:
-        raise ValueError(
-            f"units of {field!r} must be one, or {n}, one per joint; got {len(unit)}. State as"
-            " many."
-        )
-    return unit[0] if len(set(unit)) == 1 else tuple(unit)
 
 
 def _names(value):

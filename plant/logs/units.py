@@ -4,7 +4,7 @@ Fields in the units of a record, on its side of the gear: counts of angles, torq
 """
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,7 +14,6 @@ from plant.machine.rig import Rig
 from plant.machine.unlikely import SLOWEST
 from plant.motion.reference import Reference
 from plant.motion.smooth import Spline
-from plant.parts.arguments import choice
 from plant.parts.fields import Floats
 from plant.parts.messages import warn
 
@@ -23,7 +22,14 @@ Unit: TypeAlias = str | tuple[str, ...]
 
 # of them in a second: a quotient of whole numbers is rounded once
 TIME = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-ANGLE = {"rad": 1.0, "deg": np.pi / 180}  # radians of each
+# radians of each
+ANGLE = {
+    "rad": 1.0,
+    "deg": np.pi / 180,
+    "turns": 2 * np.pi,
+    "gon": np.pi / 200,
+    "mrad": 1e-3,
+}
 LENGTH = {"m": 1.0, "mm": 1e-3}  # metres of each
 CURRENT = {"A": 1.0, "mA": 1e3}
 TORQUE = ("N m", "N", "motor N m")
@@ -65,6 +71,8 @@ class UnitCheckSettings:
     step_tolerance : float
         Distance of the smallest step from one pulse [pulses] within which the stated resolution is
         merely inexact.
+    max_normalised : float
+        Largest position that may be a percentage of a joint's range; 100, and rounding.
     """
 
     max_turns: float = 10
@@ -73,6 +81,7 @@ class UnitCheckSettings:
     limit_factor: float = 2.0
     min_motion: float = 10
     step_tolerance: float = 0.02
+    max_normalised: float = 100.5
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -107,33 +116,16 @@ def factors(unit: Unit) -> float | Floats:
     )
 
 
-def require_units(columns: Collection[str], units: Mapping[str, Unit]) -> None:
-    """Refuse a unit that is unknown, missing, or for a column that is not mapped."""
-    # A misspelt key in units would otherwise show up as the missing unit of the column that it was
-    # meant for.
-    for name in units:
-        choice("units of a column that is mapped; the column", name, tuple(columns))
-    for name in columns:
-        allowed = UNITS.get(name, ("1",))
-        if name not in units:
-            # A column with a single possible unit, such as counts, needs no statement.
-            if len(allowed) > 1:
-                offered = ", ".join(map(repr, allowed))
-                raise ValueError(
-                    f"units must state that of {name!r}; got none. Give one of {offered}."
-                )
-            continue
-        stated = units[name]
-        for joint_unit in stated if isinstance(stated, (tuple, list)) else (stated,):
-            choice(f"unit of {name!r}", joint_unit, allowed)
-        # Only units of the joints themselves may differ: pulses and motor units are the same for
-        # revolute and prismatic joints.
-        if isinstance(stated, (tuple, list)) and not _PER_JOINT.issuperset(stated):
-            among = ", ".join(repr(unit) for unit in allowed if unit in _PER_JOINT) or "none"
-            got = f"got {stated!r:.60}"
-            raise ValueError(
-                f"units of {name!r} may differ between joints among {among}; {got}. State one."
-            )
+def require_unit(field: str, units: tuple[str, ...]) -> None:
+    """Refuse one unit per joint where all joints have the same."""
+    # Only units of the joints themselves may differ: pulses and motor units are the same for
+    # revolute and prismatic joints.
+    if not _PER_JOINT.issuperset(units):
+        among = ", ".join(repr(unit) for unit in UNITS[field] if unit in _PER_JOINT) or "none"
+        raise ValueError(
+            f"units of {field!r} may differ between joints among {among}; got {units!r:.60}. State"
+            " one."
+        )
 
 
 def require_period(t: Floats, unit: str, period: float) -> None:
@@ -161,8 +153,17 @@ def require_period(t: Floats, unit: str, period: float) -> None:
     )
 
 
-def require_span(name: str, q: Floats, unit: Unit, labels: Sequence[str]) -> None:
-    """Refuse joint angles [rad] and positions [m] that span more than a joint can."""
+def require_span(
+    name: str,
+    q: Floats,
+    unit: Unit,
+    labels: Sequence[str],
+    on_pulses: Callable[[], list[tuple[str, Unit]]],
+) -> None:
+    """Refuse joint angles [rad] and positions [m] that span more than a joint can.
+
+    `on_pulses` gives the columns and units as which the positions are whole pulses.
+    """
     joint_units = [unit] * len(labels) if isinstance(unit, str) else list(unit)
     for joint, (span, joint_unit) in enumerate(zip(np.ptp(q, axis=0), joint_units, strict=True)):
         limit, size, per = (
@@ -172,36 +173,18 @@ def require_span(name: str, q: Floats, unit: Unit, labels: Sequence[str]) -> Non
         )
         if span / per <= limit:
             continue
-        # Offer another unit only if the span becomes plausible in it.
-        alternative = {"rad": "deg", "m": "mm"}.get(joint_unit)
-        fits = alternative is not None and span / per * (ANGLE | LENGTH)[alternative] <= limit
+        # Offer other units only if the span becomes plausible in them; of several, those in which
+        # the positions are whole pulses.
+        scale = LENGTH if joint_unit in LENGTH else ANGLE
+        fits = [u for u in scale if span / per * scale[u] / scale[joint_unit] <= limit]
+        whole = [u for field, u in on_pulses() if field == name and u in fits]
+        fits = whole or fits
         counts = "Are they counts ('pulses')? A joint that does turn so far is logged in counts."
-        advice = f"{alternative!r} would fit." if fits else counts
+        advice = f"{' or '.join(map(repr, fits))} would fit." if fits else counts
+        if not whole and np.abs(q[:, joint]).max() <= CHECKS.max_normalised * scale[joint_unit]:
+            advice += " Normalised positions need their ranges: {'-100 to 100 of deg': ranges}."
         got = f"spans {span / per:.3g} {size} of {labels[joint]}; at most {limit:g}"
         raise ValueError(f"{name} in {joint_unit!r} {got}. {advice}")
-
-
-def require_grid(name: str, unit: Unit, readings: Mapping[tuple[str, Unit], Floats]) -> bool:
-    """Whether positions are whole pulses, up to a shift; refuse them if another unit makes them so.
-
-    `readings` are the positions in pulses (N, n) under each alternative column and unit.
-    """
-    # A log without motion agrees with every grid, and tells nothing about the unit.
-    if not (moving := np.ptp(readings[name, unit], axis=0) > 0).any():
-        return True
-    if on_grid(readings[name, unit])[1].all():
-        return True
-    # Another unit is convincing only if each moving joint covers several pulses in it: a short
-    # motion lies within the tolerance of many grids.
-    for (column, column_unit), position in readings.items():
-        moved = np.ptp(position, axis=0)[moving]
-        if (moved >= CHECKS.min_motion).all() and on_grid(position)[1].all():
-            fits = f"as {column!r} in {column_unit!r} they would be"
-            raise ValueError(
-                f"{name} in {unit!r} must be whole pulses of the rig; they are not, {fits}. State"
-                " that."
-            )
-    return False
 
 
 def on_grid(position: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -359,47 +342,72 @@ def _counted(field: str, value: NDArray[Any], unit: Unit, rig: Rig) -> Floats:
     """Counts of positions: whole pulses as they are, others as the rig's encoder counts them."""
     motor = "motor" in field
     angle = value * factors(unit)
-    # The span is checked before the conversion, so that the message speaks of the user's unit.
-    require_span(field, rig.drive.joint_angle(angle) if motor else angle, unit, rig.joint_labels)
     to_pulses = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
     position = to_pulses[motor](angle)
+
+    def on_pulses() -> list[tuple[str, Unit]]:
+        return [key for key, other in _readings(field, value, unit, rig) if _is_motion(other)]
+
+    # The span is checked before the grid, so that the message speaks of the user's unit.
+    q = rig.drive.joint_angle(angle) if motor else angle
+    require_span(field, q, unit, rig.joint_labels, on_pulses)
     # A smooth encoder does not quantise, so there is no grid to compare with.
     if rig.encoder.smooth:
         return position
     shift, grid = on_grid(position)
     # A reference may lie between pulses; only measured positions must lie on the grid.
-    if field not in REFERENCE:
-        names = {False: field.replace("motor_", ""), True: "motor_position"}
-        readings: dict[tuple[str, Unit], Any] = {(field, unit): position}
-        if unit in ANGLE:
-            # The position of a motor's shaft may have been mapped as that of the joint, or the
-            # reverse: both are tried in all units.
-            readings |= {
-                (names[m], u): to_pulses[m](value * ANGLE[u]) for m in to_pulses for u in ANGLE
-            }
-        elif unit in LENGTH:
-            readings |= {(field, u): to_pulses[motor](value * LENGTH[u]) for u in LENGTH}
-        on_pulses = require_grid(field, unit, readings)
-        if not on_pulses:
-            # The smallest step of an offending joint shows how its resolution differs from the
-            # rig's.
-            step = _smallest_step(position[:, np.argmin(grid)])
-            hint = (
-                ": state the resolution more exactly"
-                if abs(step - 1) < CHECKS.step_tolerance
-                else ""
+    # A log without motion agrees with every grid, and tells nothing about the unit.
+    if field not in REFERENCE and np.ptp(position, axis=0).any() and not grid.all():
+        if fits := on_pulses():
+            column, column_unit = fits[0]
+            raise ValueError(
+                f"{field} in {unit!r} must be whole pulses of the rig; they are not, as"
+                f" {column!r} in {column_unit!r} they would be. State that."
             )
-            text = (
-                f"{field} of {rig.joint_labels[np.argmin(grid)]} is not in whole pulses of"
-                " rig.encoder.resolution "
-            )
-            warn(
-                f"{text}(smallest step {step:.{6 if hint else 3}g} pulses{hint}); counted as that"
-                " encoder would"
-            )
+        # The smallest step of an offending joint shows how its resolution differs from the rig's.
+        step = _smallest_step(position[:, np.argmin(grid)])
+        hint = (
+            ": state the resolution more exactly" if abs(step - 1) < CHECKS.step_tolerance else ""
+        )
+        text = (
+            f"{field} of {rig.joint_labels[np.argmin(grid)]} is not in whole pulses of"
+            " rig.encoder.resolution "
+        )
+        warn(
+            f"{text}(smallest step {step:.{6 if hint else 3}g} pulses{hint}); counted as that"
+            " encoder would"
+        )
     # A shift within the tolerance of the grid is rounding, and no offset of the encoder.
     shift = np.where(np.abs(shift) < 0.1, 0.0, shift)
     return rig.encoder.quantised(np.where(grid, np.round(position - shift) + shift, position))
+
+
+def _readings(
+    field: str, value: NDArray[Any], unit: Unit, rig: Rig
+) -> Iterator[tuple[tuple[str, Unit], Floats]]:
+    """Measured positions in pulses, as they would be in other units and of the other shaft."""
+    if field in REFERENCE or rig.encoder.smooth or not isinstance(unit, str):
+        return
+    motor = "motor" in field
+    to_pulses = {False: rig.position_in_pulses, True: rig.encoder.position_in_pulses}
+    if unit in LENGTH:
+        for other in LENGTH:
+            yield (field, other), to_pulses[motor](value * LENGTH[other])
+        return
+    # The position of a motor's shaft may have been mapped as that of the joint, or the reverse:
+    # both are tried in all units, the mapped one before the other.
+    names = {motor: field, not motor: "position" if motor else "motor_position"}
+    for side, name in names.items():
+        for other in ANGLE:
+            yield (name, other), to_pulses[side](value * ANGLE[other])
+
+
+def _is_motion(position: Floats) -> bool:
+    """Whether positions in pulses (N, n) move, and are whole pulses wherever they do."""
+    moved = np.ptp(position, axis=0)
+    moving = moved > 0
+    enough = moving.any() and (moved[moving] >= CHECKS.min_motion).all()
+    return bool(enough and on_grid(position)[1].all())
 
 
 def _smallest_step(position):

@@ -1,10 +1,11 @@
 """Rows of a CSV file as numbers, read line by line; errors name the line."""
 
 import array as packed
+import contextlib
 import csv
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -37,36 +38,151 @@ class TextLimits:
 LIMITS = TextLimits()
 
 
-def read_rows(
-    path: str | Path,
-    *,
-    comment: Callable[[int, str], Any] | None = None,
-    chosen: Callable[[str], bool] | None = None,
-) -> tuple[list[str] | None, Floats]:
-    """Names in the heading of a CSV file, or None, and its numbers (N, columns).
+class Rows:
+    """Numbers of a table, packed row by row.
 
-    Errors name the line, but not the path.
-
-    `comment` is called with the number and the text of every line that starts with #. For a foreign
-    log `chosen` says whether the column of a name is read: the other cells may be anything, cells
-    may be empty (NaN), and may be separated by semicolons or tabs, as in the heading.
+    Parameters
+    ----------
+    names : sequence of str, optional
+        Names of the columns, for messages.
+    width : int
+        Cells of a row.
+    places : sequence of int
+        Columns that are read; the other cells may be anything.
+    missing : collection of str, optional
+        Words, in lower case, of cells without a value (NaN); by default no cell may be missing.
+    decimal_comma : bool
+        Decimals are written with a comma.
+    surplus, broken : str
+        Advice where a row has too many cells, or a cell that is no number.
     """
+
+    def __init__(
+        self,
+        names: Sequence[str] | None,
+        width: int,
+        places: Sequence[int],
+        *,
+        missing: Collection[str] = (),
+        decimal_comma: bool = False,
+        surplus: str,
+        broken: str,
+    ) -> None:
+        self._names = names
+        self._width = width
+        self._places = places
+        self._missing = missing
+        self._comma = decimal_comma
+        self._advice = surplus, broken
+        self._values = packed.array("d")
+        self._count = 0
+        # The least number of decimals in the last column so far.
+        self._decimals = 0
+        self._deadline = time.monotonic() + LIMITS.seconds
+
+    def append(self, line: int, text: str, cells: Sequence[str]) -> None:
+        """Take the cells of a line; the text of the last one may lack its line end."""
+        if len(cells) != self._width:
+            advice = "Complete it." if len(cells) < self._width else self._advice[0]
+            raise ValueError(
+                f"line {line} must have {self._width} cells; got {len(cells)}. {advice}"
+            )
+        try:
+            self._values.extend(self._numbers_in(text, cells))
+        except ValueError:
+            raise ValueError(f"line {line} must be numbers; {self._fault(cells)}") from None
+        # A file whose writing was interrupted ends within a number: no line end, and fewer
+        # decimals than every line before. The cut number would still be a valid one.
+        decimals = len(cells[-1].partition("," if self._comma else ".")[2])
+        cut = not text.endswith("\n") and self._count and decimals < self._decimals
+        if cut and self._width - 1 in self._places:
+            got = f"got {cells[-1]!r} without a line end, and more decimals in all lines before"
+            raise ValueError(
+                f"line {line} must be complete; {got}. Write the file again, or end that line."
+            )
+        self._decimals = min(self._decimals, decimals) if self._count else decimals
+        self._count += 1
+        # The clock is read rarely, since reading it for each row would take time itself.
+        if not self._count % 10_000 and time.monotonic() > self._deadline:
+            raise ValueError(
+                f"must be read within {LIMITS.seconds} s; row {self._count} was not. Save it as"
+                " NPZ, or cut it."
+            )
+        if len(self._values) > LIMITS.numbers:
+            raise ValueError(
+                f"must hold at most {LIMITS.numbers} numbers; got more. Cut the log into"
+                " several files."
+            )
+
+    def numbers(self) -> Floats:
+        """The numbers (N, columns) of all rows, of which there must be one."""
+        # A heading alone, or comments alone, is no log.
+        if not self._count:
+            raise ValueError(
+                "must hold samples; got no row of numbers. Check that it was written to the end."
+            )
+        return np.array(self._values).reshape(self._count, len(self._places))
+
+    def _numbers_in(self, text: str, cells: Sequence[str]) -> list[float]:
+        # `float` is fast, but also reads 1_000 and digits of other scripts: look at the line once.
+        if text.isascii() and "_" not in text and not self._comma:
+            with contextlib.suppress(ValueError):
+                return [float(cells[i]) for i in self._places]
+        return [self._number(cells[i]) for i in self._places]
+
+    def _number(self, cell: str) -> float:
+        if self._missing and cell.strip().lower() in self._missing:
+            return float("nan")
+        if self._comma:
+            # A point beside decimal commas separates thousands, or the file is of two writers.
+            if "." in cell:
+                raise ValueError
+            cell = cell.replace(",", ".")
+        return decimal(cell)
+
+    def _fault(self, cells: Sequence[str]) -> str:
+        """The cell of a row that is no number, its column, and what to do."""
+        bad = next(i for i in self._places if not self._is_sound(cells[i]))
+        cell = cells[bad].strip()
+        # From the most specific cause to the most general one.
+        if self._comma and "." in cell:
+            advice = "Write decimals with a comma in all rows, or with a point."
+        elif "," in cell and is_number(cell):
+            advice = "Write decimals with a point in all rows, or with a comma."
+        elif (
+            self._names
+            and not self._count
+            and not any(self._is_sound(cells[i]) for i in self._places if cells[i].strip())
+        ):
+            advice = "If that is a row of units, put # before it."
+        else:
+            advice = self._advice[1]
+        column = repr(self._names[bad])[:60] if self._names else bad + 1
+        return f"got {cell!r:.60} in column {column}. {advice}"
+
+    def _is_sound(self, cell: str) -> bool:
+        try:
+            self._number(cell)
+        except ValueError:
+            return False
+        return True
+
+
+def read_rows(
+    path: str | Path, *, comment: Callable[[int, str], Any] | None = None
+) -> tuple[list[str] | None, Floats]:
+    """Names in the heading of a CSV file of this library, or None, and its numbers (N, columns).
+
+    Errors name the line, but not the path. `comment` is called with the number and the text of
+    every line that starts with #.
+    """
+    rows: Rows | None = None
     names: list[str] | None = None
-    picked: list[int] = []
-    width: int | None = None
-    table = chosen is not None
-    separator = ","
-    values = packed.array("d")
-    rows = 0
-    least = 0
     # Check the size before the first line: 8 bytes of text per number, as many as in memory.
     require_bounded(path, 8 * LIMITS.numbers)
-    deadline = time.monotonic() + LIMITS.seconds
     with open(path, encoding="utf-8-sig") as file:
-        for count, line in enumerate(_lines(file), 1):
-            ended = line.endswith("\n")
-            # In a foreign log a leading tab is an empty first cell, so tabs stay.
-            line = line.strip() if not table else line.strip(" \r\n")
+        for count, text in enumerate(lines_of(file), 1):
+            line = text.strip()
             if not line:
                 continue
             # Comments of our files carry settings of the log, which `comment` reads.
@@ -74,72 +190,34 @@ def read_rows(
                 if comment is not None:
                     comment(count, line)
                 continue
-            if table and width is None:
-                # The first line of a foreign log decides: the separator that occurs most often in
-                # it.
-                separator = max(",;\t", key=line.count)
-            cells = (
-                # A plain split is enough, unless a quoted cell may hold the separator.
-                next(csv.reader([line], delimiter=separator))
-                if '"' in line
-                else line.split(separator)
-            )
-            if width is None:
-                width = len(cells)
-                names, picked = _heading(cells, chosen)
+            cells = cells_of(line, ",")
+            if rows is None:
+                words = [cell.strip().strip('"') for cell in cells]
+                # A name begins with a letter and is no number, as nan and inf are.
+                if any(word[:1].isalpha() and not is_number(word) for word in words):
+                    names = words
+                rows = Rows(
+                    names,
+                    len(cells),
+                    range(len(cells)),
+                    surplus="Correct it, or give a log: rows of numbers.",
+                    broken="Correct it; of a log, map the columns that are needed with columns=.",
+                )
                 if names is not None:
                     continue
-            if len(cells) != width:
-                # Surplus cells usually come from decimal commas, missing ones from a line cut off.
-                advice = (
-                    "Complete it."
-                    if len(cells) < width
-                    else "Correct it; decimals are written with a point."
-                )
-                advice = advice if rows or table else "Correct it, or give a log: rows of numbers."
-                raise ValueError(
-                    f"line {count} must have {width} cells; got {len(cells)}. {advice}"
-                )
-            try:
-                # which looks at every cell
-                number = float if line.isascii() and "_" not in line else decimal
-                values.extend(
-                    # An empty cell of a foreign log is a missing sample, NaN.
-                    [number(cells[i]) if not table or cells[i].strip() else np.nan for i in picked]
-                )
-            except ValueError:
-                problem = _no_number(cells, picked, names, table, heading_row=not rows)
-                raise ValueError(f"line {count} must be numbers; {problem}") from None
-            # A file whose writing was interrupted ends within a number: no line end, and fewer
-            # decimals than every line before. The cut number would still be a valid one.
-            decimals = len(cells[-1].partition(".")[2])
-            if not ended and rows and decimals < least and width - 1 in picked:
-                got = f"got {cells[-1]!r} without a line end, and more decimals in all lines before"
-                raise ValueError(
-                    f"line {count} must be complete; {got}. Write the file again, or end that line."
-                )
-            least = min(least, decimals) if rows else decimals
-            rows += 1
-            # The clock is read rarely, since reading it for each row would take time itself.
-            if not rows % 10_000 and time.monotonic() > deadline:
-                raise ValueError(
-                    f"must be read within {LIMITS.seconds} s; row {rows} was not. Save it as NPZ,"
-                    " or cut it."
-                )
-            if len(values) > LIMITS.numbers:
-                raise ValueError(
-                    f"must hold at most {LIMITS.numbers} numbers; got more. Cut the log into"
-                    " several files."
-                )
-    # A heading alone, or comments alone, is no log.
-    if not rows:
-        raise ValueError(
-            "must hold samples; got no row of numbers. Check that it was written to the end."
-        )
-    return names, np.array(values).reshape(rows, len(picked))
+            rows.append(count, text, cells)
+    return names, (rows or Rows(None, 0, (), surplus="", broken="")).numbers()
 
 
-def _lines(file: TextIO) -> Iterator[str]:
+def cells_of(line: str, separator: str | None) -> list[str]:
+    """The cells of a line; without a separator, what blanks separate."""
+    # A plain split is enough, unless a quoted cell may hold the separator.
+    if '"' not in line:
+        return line.split(separator)
+    return next(csv.reader([line], delimiter=separator or " ", skipinitialspace=True))
+
+
+def lines_of(file: TextIO) -> Iterator[str]:
     """Lines of bounded length: a file without line ends must not be read into memory as one."""
     count = 0
     try:
@@ -156,42 +234,14 @@ def _lines(file: TextIO) -> Iterator[str]:
         raise ValueError(f"must be text in UTF-8; got {got}. Save it as CSV in UTF-8.") from None
 
 
-def _heading(cells, chosen):
-    """Names in the first line, or None, and the places that are read.
-
-    A name is no number; in a file of ours, of which nothing is chosen, it begins with a letter.
-    """
-    words = [cell.strip() for cell in cells]
-    # One word that is no number makes the first line a heading; nan and inf are numbers.
-    named = any(
-        word and not _is_number(word) and (chosen is not None or word[0].isalpha())
-        for word in words
-    )
-    names = [word.strip('"') for word in words] if named else None
-    return names, [
-        i for i in range(len(words)) if names is None or chosen is None or chosen(names[i])
-    ]
-
-
-def _is_number(cell):
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or a decimal comma."""
+    text = cell.strip()
+    # One comma and no point: more of them separate thousands, or cells.
+    if text.count(",") == 1 and "." not in text:
+        text = text.replace(",", ".")
     try:
-        decimal(cell.strip())
+        decimal(text)
     except ValueError:
         return False
     return True
-
-
-def _no_number(cells, picked, names, table, heading_row):
-    """The first cell of a row that is no number, its column, and what to do."""
-    bad = next(i for i in picked if not _is_number(cells[i]) and (cells[i].strip() or not table))
-    # From the most specific cause to the most general one.
-    if "," in cells[bad] and _is_number(cells[bad].replace(",", ".")):
-        advice = "Write decimals with a point."
-    elif names and heading_row and not any(_is_number(cells[i]) for i in picked):
-        advice = "If that is a row of units, put # before it."
-    elif table:
-        advice = "Correct it, leave the cell empty, or leave out that column."
-    else:
-        advice = "Correct it; of a log, map the columns that are needed with columns=."
-    column = repr(names[bad])[:60] if names else bad + 1
-    return f"got {cells[bad].strip()!r:.60} in column {column}. {advice}"

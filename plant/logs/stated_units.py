@@ -1,0 +1,218 @@
+"""Units of logged columns as a user or a heading states them, with the constant that some need.
+
+A unit is a word, one word per joint, or a word with its constants: ``{"per mille of motor N m":
+rated}``, ``{"N m per A": constant}``, ``{"-100 to 100 of deg": ranges}``.
+"""
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.logs.unit_words import unit_named, without_unit
+from plant.logs.units import UNITS, Unit, require_unit
+from plant.parts.arguments import choice, near
+from plant.parts.fields import Floats
+from plant.parts.messages import warn
+
+# What a user may state of one field.
+Stated: TypeAlias = str | tuple[str, ...] | list[str] | Mapping[str, Any]
+
+_SHARES = {"per mille": 1e-3, "per cent": 1e-2}
+_SHARE = re.compile(r"(per mille|per cent) of (.+)")
+_RANGE = re.compile(r"(-?\d{1,9}(?:\.\d{1,9})?) to (-?\d{1,9}(?:\.\d{1,9})?) of (.+)")
+_FACTOR = re.compile(r"(.+) per (.+)")
+# Distance from whole pulses [pulses] within which converted numbers are these: single precision
+# resolves a turn of 2**20 pulses to 0.06.
+_NEAR = 0.1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StatedUnit:
+    """A unit of the library, and how a logged number becomes one in it.
+
+    Parameters
+    ----------
+    unit : str or tuple of str
+        One, or one per joint.
+    factor, offset : (n,) array
+        The value in `unit` is `factor` times the logged one plus `offset`.
+    """
+
+    unit: Unit
+    factor: Floats | None = None
+    offset: Floats | float = 0.0
+
+    def converted(self, value: NDArray[Any]) -> NDArray[Any]:
+        """The logged numbers (N, n) in `unit`."""
+        if self.factor is None:
+            return value
+        result = value * self.factor + self.offset
+        whole = np.round(result)
+        # A log of single precision holds scaled counts with an error of rounding.
+        is_whole = self.unit == "pulses" and np.nanmax(np.abs(result - whole), initial=0) < _NEAR
+        return whole if is_whole else result
+
+
+def stated_units(
+    columns: Mapping[str, Any], units: Mapping[str, Stated] | None, table: Mapping[str, Any], n: int
+) -> dict[str, StatedUnit]:
+    """The unit of each mapped field: as stated, as the heading says, or the only one there is."""
+    stated = dict(units or {})
+    headings = {field: unit for field in columns if (unit := _heading_unit(field, columns, table))}
+    for field, unit in headings.items():
+        word = _word(field, stated[field]) if field in stated else unit
+        if isinstance(word, (str, tuple)) and word != unit:
+            warn(f"units state {word!r} of {field!r}, its heading says {unit!r}; {word!r} is used")
+    stated = headings | stated
+    result = {}
+    for field in columns:
+        allowed = UNITS.get(field)
+        if allowed is None:
+            continue
+        # A field with a single possible unit, such as counts, needs no statement.
+        if field not in stated and len(allowed) > 1:
+            offered = ", ".join(map(repr, allowed))
+            raise ValueError(
+                f"units must state that of {field!r}; got none. Give one of {offered}."
+            )
+        result[field] = _stated(field, stated.get(field, allowed[0]), n)
+    return result
+
+
+def require_words(columns: Mapping[str, Any], units: Mapping[str, Stated]) -> None:
+    """Refuse a unit that is unknown, or that is stated of a column that is not mapped."""
+    # A misspelt key in units would otherwise show up as the missing unit of the column that it was
+    # meant for.
+    for field in units:
+        choice("units of a column that is mapped; the column", field, tuple(columns))
+    for field, unit in units.items():
+        _word(field, unit)
+
+
+def _heading_unit(field: str, columns: Mapping[str, Any], table: Mapping[str, Any]) -> Unit | None:
+    """The unit that a table states of all columns of a field; None where it states none."""
+    names = columns[field] if isinstance(columns[field], (list, tuple)) else [columns[field]]
+    of_table = getattr(table, "units", {})
+    units = [of_table.get(name) or without_unit(name)[1] for name in names if name is not None]
+    if field not in UNITS or not units or None in units:
+        return None
+    # "counts" of a field that has a single unit needs no words.
+    unit = units[0] if len(set(units)) == 1 else tuple(units)
+    return None if len(UNITS[field]) == 1 else unit
+
+
+def _word(field: str, stated: Stated) -> str | tuple[str, ...] | tuple[re.Match[str], Any]:
+    """The library's words of what is stated, or a match of the pattern of one with constants."""
+    allowed = UNITS.get(field, ("1",))
+    if isinstance(stated, Mapping):
+        return _with_constants(field, stated, allowed)
+    if not isinstance(stated, (tuple, list)):
+        return _one_word(field, stated, allowed)
+    words = tuple(_one_word(field, word, allowed) for word in stated)
+    require_unit(field, words)
+    return words
+
+
+def _one_word(field: str, word: Any, allowed: tuple[str, ...]) -> str:
+    name = (unit_named(word) if isinstance(word, str) else None) or word
+    if name in allowed:
+        return str(name)
+    # A number alone cannot be read in these; say what makes it one.
+    if name in _SHARES and ("A" in allowed or "N m" in allowed):
+        base = "A" if "A" in allowed else "motor N m"
+        rated = "current" if base == "A" else "torque"
+        raise ValueError(
+            f"unit {word!r} of {field!r} must state the rated {rated}; got none. Give"
+            f' {{"{name} of {base}": rated}}.'
+        )
+    if name in ("A", "mA") and "N m" in allowed:
+        raise ValueError(
+            f"unit of {field!r} must be one of torque, or have a torque constant; got {word!r}. Map"
+            f" the column as 'current', or give {{\"N m per {name}\": constant}}."
+        )
+    normalised = name in ("per cent", "-100 to 100", "0 to 100", "normalized", "normalised")
+    if normalised and "rad" in allowed:
+        raise ValueError(
+            f"unit {word!r} of {field!r} must state the ranges of the joints; got none. Give"
+            ' {"-100 to 100 of deg": [(least, most), ...]}.'
+        )
+    convert = f'Convert the column, or give {{"{allowed[0]} per {word}": constant}}.'
+    raise ValueError(
+        f"unit of {field!r} must be one of {', '.join(map(repr, allowed))}; got {word!r:.40}."
+        f" {near(word, allowed, convert)}"
+    )
+
+
+def _with_constants(
+    field: str, stated: Mapping[str, Any], allowed: tuple[str, ...]
+) -> tuple[re.Match[str], Any]:
+    """The pattern that a unit with constants follows, and the constants."""
+    advice = 'Give {"per mille of motor N m": rated}, {"N m per A": constant} or such.'
+    if len(stated) != 1:
+        raise ValueError(
+            f"unit of {field!r} must be one word with its constants; got {len(stated)}. {advice}"
+        )
+    ((text, constants),) = stated.items()
+    spelt = " ".join(str(text).split())
+    match = _SHARE.fullmatch(spelt) or _RANGE.fullmatch(spelt) or _FACTOR.fullmatch(spelt)
+    if match is None:
+        raise ValueError(
+            f"unit of {field!r} must say what its constants mean; got {text!r:.60}. {advice}"
+        )
+    choice(f"unit of {field!r}", _base(match), allowed)
+    return match, constants
+
+
+def _base(match: re.Match[str]) -> str:
+    """The unit of the library in which the constants are."""
+    text = match[1] if match.re is _FACTOR else match[match.re.groups]
+    return unit_named(text) or text
+
+
+def _stated(field: str, stated: Stated, n: int) -> StatedUnit:
+    word = _word(field, stated)
+    if isinstance(word, str):
+        return StatedUnit(unit=word)
+    if isinstance(word[0], str):
+        if len(word) != n:
+            raise ValueError(
+                f"units of {field!r} must be one, or {n}, one per joint; got {len(word)}. State as"
+                " many."
+            )
+        units = tuple(map(str, word))
+        return StatedUnit(unit=units[0] if len(set(units)) == 1 else units)
+    match, constants = word
+    if match.re is _RANGE:
+        low, high = float(match[1]), float(match[2])
+        ranges = _constants(field, constants, (n, 2), "a pair (least, most) per joint")
+        if low >= high or (ranges[:, 0] == ranges[:, 1]).any():
+            raise ValueError(
+                f"ranges of {field!r} must have two ends; got {constants!r:.60}. Give the position"
+                f" at {match[1]} and that at {match[2]}."
+            )
+        factor = (ranges[:, 1] - ranges[:, 0]) / (high - low)
+        return StatedUnit(unit=_base(match), factor=factor, offset=ranges[:, 0] - factor * low)
+    factor = _constants(field, constants, (n,), "one number, or one per joint")
+    if (factor == 0).any():
+        raise ValueError(
+            f"constants of {field!r} must not be zero; got {constants!r:.60}. Correct."
+        )
+    return StatedUnit(unit=_base(match), factor=factor * _SHARES.get(match[1], 1.0))
+
+
+def _constants(field: str, value: Any, shape: tuple[int, ...], expected: str) -> Floats:
+    """Constants of all joints, given once or per joint."""
+    try:
+        numbers = np.asarray(value, float)
+        constants = np.broadcast_to(numbers, shape)
+    except (TypeError, ValueError):
+        constants = np.full(shape, np.nan)
+    if not np.isfinite(constants).all():
+        raise ValueError(
+            f"constants of {field!r} must be {expected}; got {value!r:.60}. Give finite numbers."
+        )
+    return constants
