@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.logs.formats.columns import Block, oriented, picked
 from plant.logs.isolation import LIMITS, read_isolated, read_npz
 from plant.logs.text_table import read_text
 from plant.parts.arguments import known_options, near, whole
@@ -18,6 +19,9 @@ _SUFFIXES = {
     ".csv": "csv",
     ".txt": "csv",
     ".tsv": "csv",
+    ".dat": "csv",
+    ".log": "csv",
+    ".asc": "csv",
     ".npz": "npz",
     ".mat": "mat",
     ".h5": "hdf5",
@@ -26,10 +30,25 @@ _SUFFIXES = {
     ".pq": "parquet",
     ".mcap": "mcap",
     ".db3": "rosbag2",
+    ".bag": "rosbag2",
 }
 # kind -> what is in such a folder
 _FOLDERS = {"rosbag2": "metadata.yaml", "lerobot": "meta/info.json"}
+# Common endings that are not read -> what makes a log of such a file.
+_ADVICE = {
+    ".xlsx": "Save the sheet as CSV.",
+    ".xls": "Save the sheet as CSV.",
+    ".json": "Write one row per sample as CSV, or arrays as NPZ.",
+    ".npy": "Save its columns by name with numpy.savez.",
+    ".pkl": "Save its columns by name with numpy.savez; pickles are never opened.",
+    ".active": "Run rosbag reindex on it; its recording was interrupted.",
+    ".gz": "Unpack it.",
+    ".zip": "Unpack it.",
+    ".zst": "Unpack it.",
+}
 _OF_MESSAGES = ("mcap", "rosbag2")
+# These hold arrays of any shape; the others hold columns.
+_OF_ARRAYS = ("npz", "mat", "hdf5")
 
 
 class LogTable(dict[str, NDArray[Any]]):
@@ -88,14 +107,14 @@ def read_table(
     prefix: str = "",
     episode: int | None = None,
 ) -> dict[str, NDArray[Any]]:
-    r"""Read the columns of a log, by its ending: CSV with a line of names, NPZ, MAT version 5,
-    HDF5, Parquet, MCAP, or a bag of ROS 2; or a LeRobot data set, which is a folder, as a bag may
-    be.
+    r"""Read the columns of a log, by its ending: text with a line of names, NPZ, MAT, HDF5,
+    Parquet, MCAP, or a bag of ROS; or a LeRobot data set, which is a folder, as a bag may be.
 
-    All but CSV and NPZ are read in a child process with limits of time and memory, and all but
-    those and MAT need the extra of their name: ``hdf5``, ``parquet``, ``mcap``, ``rosbag2``,
-    ``lerobot``. Columns of a group, a structure, a topic are named ``group/name``,
-    ``structure.name`` and ``/topic.name``; one of a list ``name[1]`` or ``name.elbow``.
+    All but text and NPZ are read in a child process with limits of time and memory, and all but
+    those and MAT version 5 need the extra of their name: ``hdf5``, ``parquet``, ``mcap``,
+    ``rosbag2``, ``lerobot``. Columns of a group, a structure, a topic are named ``group/name``,
+    ``structure.name`` and ``/topic.name``; one of an array ``name[1]``, ``name.1`` or
+    ``name.elbow``. Arrays have their samples along the rows, whichever way the file has them.
 
     Parameters
     ----------
@@ -148,10 +167,21 @@ def kind_of(path: str | Path) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in _SUFFIXES:
         endings = f"{', '.join(_SUFFIXES)}, or be a folder with {' or '.join(_FOLDERS.values())}"
-        raise ValueError(
-            f"must end in one of {endings}; got {suffix!r}. Rename it, or save it as one."
-        )
+        advice = _ADVICE.get(suffix, "If it is text, let it end in .txt; otherwise convert it.")
+        raise ValueError(f"must end in one of {endings}; got {suffix!r}. {advice}")
+    if suffix == ".mat" and _is_hdf5(path):
+        return "hdf5"
     return _SUFFIXES[suffix]
+
+
+def _is_hdf5(path: str | Path) -> bool:
+    """Whether a MAT file is one of version 7.3."""
+    # Opening a pipe would wait for its writer.
+    if not Path(path).is_file():
+        return False
+    with open(path, "rb") as file:
+        head = file.read(128)
+    return head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI")
 
 
 def options_of(kind: str, episode: int | None = None, clock: str | None = None) -> dict[str, Any]:
@@ -189,6 +219,11 @@ def read_file(
             available, columns = (
                 read_npz(*request) if kind == "npz" else read_isolated(kind, *request, **options)
             )
+            if kind in _OF_ARRAYS:
+                blocks = {name: Block(array) for name, array in oriented(columns).items()}
+                available += [x for name, block in blocks.items() for x in block.elements(name)]
+                picks = {name: picked(name, blocks) for name in wanted or blocks}
+                columns = {name: column for name, column in picks.items() if column is not None}
         require_columns(wanted or (), columns, available)
         if not columns:
             raise ValueError(

@@ -11,6 +11,7 @@ from plant.checkup.quantisation import STEP_NOTE
 from plant.logs.logfile import require_columns
 from plant.logs.stated_units import Stated, require_words, stated_units
 from plant.logs.units import (
+    CHECKS,
     REFERENCE,
     TIME,
     UNITS,
@@ -53,6 +54,9 @@ class StepSettings:
     decimal_tolerance : float
         Distance of the step's decimal logarithm from an integer, in rad or deg, within which the
         step is that of a rounded decimal.
+    min_normalised : float
+        Largest position from which on all of them may be percentages of a range; radians stay
+        below.
     """
 
     min_levels: int = 50
@@ -60,6 +64,7 @@ class StepSettings:
     pulse_tolerance: float = 0.02
     max_ratio: float = 5.0
     decimal_tolerance: float = 1e-3
+    min_normalised: float = 20.0
 
 
 STEPS = StepSettings()
@@ -141,7 +146,9 @@ def record_fields(
     # A step of the positions that is no whole pulse points to another gear or resolution than the
     # rig's; the checkup reads this note.
     if measured.endswith("position") and stated[measured] != "pulses":
-        notes |= _own_steps(measured, values[measured], stated[measured], rig)
+        steps = np.array([_clean_step(column) for column in values[measured].T])
+        notes |= _own_steps(measured, steps, stated[measured], rig)
+        _warn_of_normalised(measured, values[measured], steps, rig)
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
     if (
@@ -293,14 +300,14 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
     return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
 
 
-def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, float]:
-    """Notes of joints whose positions (N, n) are multiples of a step other than whole pulses."""
+def _own_steps(field: str, steps: Floats, unit: Unit, rig: Rig) -> dict[str, float]:
+    """Notes of joints whose positions are multiples of a step (n,) other than whole pulses."""
     to_pulses = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
     notes = dict[str, float]()
     # Pulses of each joint's own motor per unit of the logged position.
     pulses = np.abs(np.diagonal(to_pulses(np.eye(rig.n) * factors(unit))))
     for i in range(0 if rig.encoder.smooth else rig.n):
-        step = _clean_step(value[:, i])
+        step = steps[i]
         step_pulses = step * pulses[i]
         # A step of 10**-k, as logged or after a conversion between rad and deg, comes from printed
         # decimals and tells nothing about the encoder.
@@ -312,6 +319,19 @@ def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, flo
         if off and np.abs(decimals - np.round(decimals)).min() > STEPS.decimal_tolerance:
             notes[STEP_NOTE.format(i)] = float(step_pulses)
     return notes
+
+
+def _warn_of_normalised(field: str, value: Floats, steps: Floats, rig: Rig) -> None:
+    """Warn of positions (N, n) that are percentages of each joint's range, and no angles."""
+    clean = steps > 0
+    pulses = steps[clean] * np.abs(rig.drive.gear * rig.encoder.resolution)[clean]
+    # One wrong resolution scales all joints alike; ranges differ from joint to joint.
+    differ = len(pulses) > 1 and max(pulses) > (1 + STEPS.pulse_tolerance) * min(pulses)
+    if differ and STEPS.min_normalised < np.abs(value).max() <= CHECKS.max_normalised:
+        warn(
+            f"{field} lies within -100 to 100 and has another step for each joint, as normalised"
+            ' positions do: if it is such, state {"-100 to 100 of pulses": ranges of the joints}'
+        )
 
 
 def _clean_step(value: Floats) -> float:

@@ -143,7 +143,7 @@ def _one_word(field: str, word: Any, allowed: tuple[str, ...]) -> str:
     convert = f'Convert the column, or give {{"{allowed[0]} per {word}": constant}}.'
     raise ValueError(
         f"unit of {field!r} must be one of {', '.join(map(repr, allowed))}; got {word!r:.40}."
-        f" {near(word, allowed, convert)}"
+        f" {near(word, allowed, convert, cutoff=0.7)}"
     )
 
 

@@ -395,10 +395,11 @@ def _readings(
             yield (field, other), to_pulses[motor](value * LENGTH[other])
         return
     # The position of a motor's shaft may have been mapped as that of the joint, or the reverse:
-    # both are tried in all units, the mapped one before the other.
+    # both are tried in all units, the mapped one before the other. The finest unit comes first:
+    # whole pulses in gradians are whole in turns, too.
     names = {motor: field, not motor: "position" if motor else "motor_position"}
     for side, name in names.items():
-        for other in ANGLE:
+        for other in sorted(ANGLE, key=lambda word: ANGLE[word]):
             yield (name, other), to_pulses[side](value * ANGLE[other])
 
 

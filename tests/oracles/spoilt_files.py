@@ -7,6 +7,8 @@ process of its own, under its limits.
 """
 
 import json
+import re
+import struct
 import subprocess
 import sys
 import tempfile
@@ -16,9 +18,10 @@ import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 import scipy.io
 
-from plant import Record, puma560
+from plant import LoadError, Record, puma560
 from plant.logs import child, isolation
 
 RIG = puma560.rig()
@@ -152,3 +155,32 @@ class WarmChildren:
         self.server.stdin.close()
         self.server.wait()
         self.server.stdout.close()
+
+
+def opaque(name, matlab_class="string"):
+    """A variable as MATLAB writes an object of its own classes, such as a string or a table: it
+    has no shape.
+    """
+
+    def element(kind, data):
+        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    text = b"".join(element(1, word) for word in (name.encode(), b"MCOS", matlab_class.encode()))
+    inner = (
+        element(6, struct.pack("<II", 9, 0))
+        + element(5, struct.pack("<ii", 1, 1))
+        + element(1, b"")
+    )
+    body = element(6, struct.pack("<II", 17, 0)) + text + element(14, inner + element(2, b"\x07"))
+    return element(14, body)
+
+
+def refused(call, *expected):
+    """The call raises one `LoadError` of one line that matches every pattern."""
+    with pytest.raises(LoadError) as refusal:
+        call()
+    text = str(refusal.value)
+    assert "\n" not in text
+    assert len(text) < 500
+    for part in expected:
+        assert re.search(part, text), text

@@ -9,10 +9,62 @@ class RefusalError(ValueError):
     """A message that is complete: what was expected, what came, what to do; without the path."""
 
 
+# One element of an array, ``name[2]`` or ``name.2``. At most 9 digits: int() of a long text of
+# digits is slow.
+_ELEMENT = re.compile(r"(.+?)(?:\[(\d{1,9})\]|\.(\d{1,9}))")
+# A class of MATLAB whose objects hide their numbers -> how to save these as arrays.
+_SAVED_AS = {
+    "timetable": (
+        "s = table2struct(timetable2table({0}), 'ToScalar', true);"
+        " s.Time = seconds(s.Time - s.Time(1)); save('log.mat', '-struct', 's')"
+    ),
+    "table": "s = table2struct({0}, 'ToScalar', true); save('log.mat', '-struct', 's')",
+    "timeseries": "t = {0}.Time; q = {0}.Data; save('log.mat', 't', 'q')",
+    "Simulink.SimulationData.Dataset": (
+        "t = {0}{{1}}.Values.Time; q = {0}{{1}}.Values.Data; save('log.mat', 't', 'q')"
+    ),
+    "datetime": "t = seconds({0} - {0}(1)); save('log.mat', 't', '-append')",
+    "duration": "t = seconds({0}); save('log.mat', 't', '-append')",
+    "char": "x = str2double(string({0})); save('log.mat', 'x', '-append')",
+    "string": "x = str2double({0}); save('log.mat', 'x', '-append')",
+}
+
+
 def choice_of(names: Collection[str] | None, prefix: str) -> Callable[[str], bool]:
-    """Predicate of the wanted columns: these names, or else all that start with the prefix."""
+    """Predicate of the wanted columns: these names, or else all that start with the prefix.
+
+    An array of which an element is wanted is wanted itself.
+    """
     # Without names the prefix chooses; the parent has put the prefix before each given name.
-    return (lambda name: name.startswith(prefix)) if names is None else set(names).__contains__
+    if names is None:
+        return lambda name: name.startswith(prefix)
+    homes = {match[1] for name in names if (match := _ELEMENT.fullmatch(name))}
+    return homes.union(names).__contains__
+
+
+def homes_of(names: Iterable[str], available: Collection[str]) -> dict[str, str]:
+    """The arrays in which wanted columns are: as the caller spells them -> as they are available.
+
+    A column may be an element of an array, and may have points in place of slashes.
+    """
+    homes = dict[str, str]()
+    for name in names:
+        match = _ELEMENT.fullmatch(name)
+        spellings = (name, match[1]) if match else (name,)
+        places = {called: called.replace(".", "/") for called in spellings}
+        places |= {called: called for called in spellings if called in available}
+        homes |= dict([pair for pair in places.items() if pair[1] in available][:1])
+    return homes
+
+
+def require_no_object(name: str, matlab_class: str) -> None:
+    """Refuse an object of MATLAB, and say what saves its numbers."""
+    saved = _SAVED_AS.get(matlab_class, "x = double({0}); save('log.mat', 'x', '-append')")
+    article = "an" if matlab_class[:1].lower() in tuple("aeiou") else "a"
+    raise RefusalError(
+        f"must hold arrays or structures; {name!r:.60} is {article} MATLAB {matlab_class:.40}."
+        f" Save arrays: {saved.format(name):.300}"
+    )
 
 
 def require_size(size: int, max_bytes: int) -> None:
@@ -72,8 +124,32 @@ def picked(wanted: str, blocks: Mapping[str, Block]) -> Any:
     # A label may hold any character, so it is compared as a whole and not parsed.
     if rest[1:] in block.labels and rest[0] == ".":
         return block.values[:, block.labels.index(rest[1:])]
-    # At most 9 digits: int() of a long text of digits is slow.
-    index = re.fullmatch(r"\[(\d{1,9})\]", rest)
-    return (
-        block.values[:, int(index[1])] if index and int(index[1]) < block.values.shape[1] else None
-    )
+    match = _ELEMENT.fullmatch(f"_{rest}")
+    index = int(match[2] or match[3]) if match is not None and match[1] == "_" else -1
+    return block.values[:, index] if 0 <= index < block.values.shape[1] else None
+
+
+def oriented(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays with their samples along the rows.
+
+    Axes of length one go where there are more than two. The length of the vectors tells which axis
+    of an array is that of the samples; without vectors it is the longer one.
+    """
+    arrays = {
+        name: column.squeeze() if column.ndim > 2 else column for name, column in columns.items()
+    }
+    # One row is a vector too, as MATLAB stores time.
+    arrays = {
+        name: array[0] if array.ndim == 2 and len(array) == 1 else array
+        for name, array in arrays.items()
+    }
+    sizes = [max(a.shape) for a in arrays.values() if 0 < a.ndim < 3 and a.size == max(a.shape) > 1]
+    samples = max(set(sizes), key=sizes.count, default=None)
+
+    def is_across(array: Any) -> bool:
+        if array.ndim != 2 or len(array) == samples:
+            return False
+        rows, width = array.shape
+        return bool(width == samples or (samples is None and width > rows))
+
+    return {name: array.T if is_across(array) else array for name, array in arrays.items()}

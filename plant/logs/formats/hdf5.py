@@ -1,10 +1,29 @@
-"""HDF5 files, by h5py; data sets are named ``group/name``."""
+"""HDF5 files, by h5py; data sets are named ``group/name``, also where MATLAB made structures.
+
+MATLAB 7.3 stores an array of structures as references to hidden data sets, one per element
+(``structure[1]/field``), and its objects as keys of a table that only MATLAB can read.
+"""
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from .columns import RefusalError, choice_of, require_real, require_size
+from .columns import (
+    RefusalError,
+    choice_of,
+    homes_of,
+    require_no_object,
+    require_real,
+    require_size,
+)
+
+# Classes of MATLAB whose values are the numbers of the data set.
+_NUMERIC = {"", "double", "single", "logical", "struct", "cell"} | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+# Elements of arrays of structures in a file, and structures inside of such; both chosen by hand.
+_MAX_ELEMENTS = 10_000
+_MAX_DEPTH = 4
 
 
 def read(
@@ -19,21 +38,24 @@ def read(
         items: dict[str, Any] = {}
         # `visititems` follows neither soft nor external links.
         file.visititems(items.__setitem__)
-        datasets = {name: item for name, item in items.items() if isinstance(item, h5py.Dataset)}
         # An external link would read a file that the user did not name; only wanted links are
         # refused.
         for link in _links(file, items):
             if chosen(link) or any(name.startswith(f"{link}/") for name in names or ()):
                 got = f"{link!r} is a link to another file"
                 raise RefusalError(f"must hold its own data; {got}. Copy it in, or choose others.")
-        wanted = {name: item for name, item in datasets.items() if chosen(name)}
-        for name, item in wanted.items():
-            # The bytes of such a data set lie in another file too.
-            if item.is_virtual or item.external:
-                raise RefusalError(
-                    f"must hold its own data; column {name!r} points into another file. Copy it in."
-                )
-            require_real(name, item.dtype, item.dtype.kind in "biuf")
+        datasets = dict(_datasets(file, items, _MAX_DEPTH))
+        homes = (
+            {name: name for name in datasets if chosen(name)}
+            if names is None
+            else homes_of(names, datasets)
+        )
+        # What is asked of an object, such as its column `tt/Time`, is no data set.
+        asked = [name.replace(".", "/") for name in names or ()]
+        for name, item in datasets.items():
+            if name in homes.values() or any(place.startswith(f"{name}/") for place in asked):
+                _require_own_numbers(name, item)
+        wanted = {name: datasets[home] for name, home in homes.items()}
         # Sizes come from the headers, so a bomb is refused before it expands.
         require_size(
             sum(math.prod(item.shape or ()) * item.dtype.itemsize for item in wanted.values()),
@@ -44,6 +66,58 @@ def read(
             n: item[()].T if "MATLAB_class" in item.attrs else item[()]
             for n, item in wanted.items()
         }
+
+
+def _datasets(file: Any, items: Mapping[str, Any], depth: int) -> Iterator[tuple[str, Any]]:
+    """Names and data sets, with those that the references of MATLAB lead to."""
+    import h5py
+
+    count = 0
+    for name, item in items.items():
+        # The hidden groups of MATLAB hold what references lead to.
+        if (
+            not isinstance(item, h5py.Dataset)
+            or name.startswith("#")
+            or "MATLAB_empty" in item.attrs
+        ):
+            continue
+        if h5py.check_ref_dtype(item.dtype) is None or not depth:
+            yield name, item
+            continue
+        group, _, field = name.rpartition("/")
+        # A cell array has its own class; a field of structures has the class of its group.
+        is_cell = "MATLAB_class" in item.attrs
+        for k, reference in enumerate(item[()].ravel()[: _MAX_ELEMENTS + 1]):
+            count += 1
+            if count > _MAX_ELEMENTS:
+                raise RefusalError(
+                    f"must hold at most {_MAX_ELEMENTS} elements of structures; {name!r:.60} has"
+                    " more. Save arrays."
+                )
+            if not reference:
+                continue
+            place = f"{name}[{k}]" if is_cell else f"{group}[{k}]/{field}"
+            element = file[reference]
+            inside: dict[str, Any] = {"": element}
+            if isinstance(element, h5py.Group):
+                inside = {}
+                element.visititems(inside.__setitem__)
+            for inner, dataset in _datasets(file, inside, depth - 1):
+                yield f"{place}/{inner}" if inner else place, dataset
+
+
+def _require_own_numbers(name: str, item: Any) -> None:
+    """Refuse a data set in another file, an object of MATLAB, and anything but real numbers."""
+    # The bytes of such a data set lie in another file.
+    if item.is_virtual or item.external:
+        raise RefusalError(
+            f"must hold its own data; column {name!r} points into another file. Copy it in."
+        )
+    matlab = item.attrs.get("MATLAB_class", b"")
+    matlab_class = matlab.decode(errors="replace") if isinstance(matlab, bytes) else str(matlab)
+    if matlab_class not in _NUMERIC or "MATLAB_object_decode" in item.attrs:
+        require_no_object(name, matlab_class)
+    require_real(name, item.dtype, item.dtype.kind in "biuf")
 
 
 def _links(file: Any, items: dict[str, Any]) -> Iterator[str]:

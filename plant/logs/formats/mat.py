@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from .columns import RefusalError, choice_of, require_size
+from .columns import RefusalError, choice_of, homes_of, require_no_object, require_size
 
 
 def read(
@@ -18,7 +18,10 @@ def read(
     from scipy.io import loadmat
 
     chosen = choice_of(names, prefix)
-    kinds = _kinds(path)
+    kinds, objects = _kinds(path)
+    for name, matlab_class in objects.items():
+        if chosen(name) or _may_hold(names, name):
+            require_no_object(name, matlab_class)
 
     def load(variables: list[str]) -> dict[str, Any]:
         contents = loadmat(path, squeeze_me=True, struct_as_record=True, variable_names=variables)
@@ -26,25 +29,39 @@ def read(
 
     # Only variables that may hold a wanted column are loaded; others may be large or unreadable.
     columns = held = load([name for name in kinds if chosen(name) or _may_hold(names, name)])
-    if not all(name in columns for name in names or ()):  # what else there is, for the message
+    # What else there is, for the message.
+    if len(homes_of(names or (), columns)) < len(names or ()):
         held = load([name for name, kind in kinds.items() if kind == "struct"])
     # Plain variables are offered in messages without being loaded.
     plain = [name for name, kind in kinds.items() if kind != "struct"]
     return [*plain, *held], {name: value for name, value in columns.items() if chosen(name)}
 
 
-def _kinds(path: str) -> dict[str, str]:
-    """Name of each variable -> its class."""
+def _kinds(path: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Name of each variable -> its class; the same of objects of MATLAB, which hold no columns."""
     from scipy.io import loadmat, whosmat
 
     try:
-        return {name: kind for name, _, kind in whosmat(path)}
+        return {name: kind for name, _, kind in whosmat(path)}, {}
     except TypeError:
         # `whosmat` fails on MATLAB objects, which have no shape; `loadmat` reads such files.
         contents = {
             name: value for name, value in loadmat(path).items() if not name.startswith("__")
         }
-        return {name: "struct" if _fields(value) else "" for name, value in contents.items()}
+    # scipy does not read the name of an object as that of its variable, but as part of its value.
+    opaque = [value for value in contents.values() if type(value).__name__ == "MatlabOpaque"]
+    objects = {_text(value["s0"]): _text(value["s2"]) for value in opaque}
+    return {
+        name: "struct" if _fields(value) else ""
+        for name, value in contents.items()
+        if type(value).__name__ != "MatlabOpaque"
+    }, objects
+
+
+def _text(value: Any) -> str:
+    """Text in a field of an object, which scipy keeps as an array of bytes."""
+    (text,) = value.ravel()[:1]
+    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
 
 
 def _fields(value: Any) -> tuple[str, ...] | None:
@@ -56,7 +73,8 @@ def _fields(value: Any) -> tuple[str, ...] | None:
 
 def _may_hold(names: Collection[str] | None, name: str) -> bool:
     """Whether something inside the structure `name` may be wanted."""
-    return names is None or any(wanted.startswith((f"{name}.", f"{name}[")) for wanted in names)
+    inside = (f"{name}.", f"{name}[", f"{name}/")
+    return names is None or any(wanted.startswith(inside) for wanted in names)
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -88,11 +106,7 @@ def _require_bounded(path: str, max_bytes: int) -> None:
     """Refuse other formats than MAT v5, and a declared or expanded size above `max_bytes`."""
     with open(path, "rb") as file:
         head = file.read(128)
-        # Bytes 124 to 127 are version and byte order; version 2 is the HDF5 of MAT 7.3.
-        if head[:4] == b"\x89HDF" or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI"):
-            raise RefusalError(
-                "must be MAT version 5; got 7.3, which is HDF5. Rename it to end in .h5."
-            )
+        # Bytes 124 to 127 are version and byte order.
         if head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
             raise RefusalError(
                 "must be MAT version 5; its first 128 bytes are not. Save it with -v7 or -v6."

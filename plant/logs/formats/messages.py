@@ -2,10 +2,13 @@
 
 Each topic has columns ``stamp``, from the header of its messages, and ``log_time``, when they were
 recorded, both in whole nanoseconds. Arrays beside a list of names (``name`` of a JointState,
-``joint_names``) are told apart by these.
+``joint_names``) are told apart by these. So are arrays of messages, such as the interfaces of the
+joints of a DynamicJointState: ``topic.interface_values.elbow.current``, or, where that means one
+column, ``topic.elbow.current``; without names, ``topic.motor_state[2].current``.
 """
 
 import array
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
@@ -13,7 +16,9 @@ import numpy as np
 
 from .columns import Block, RefusalError, home_of, picked, require_size
 
-_NAMES = ("name", "names", "joint_names")
+_NAMES = ("name", "names", "joint_names", "interface_names")
+# What a message of an array may be called by itself.
+_OWN_NAMES = ("name", "joint_name", "id")
 # Arrays with more elements hold pictures or point clouds, not joints; chosen by hand.
 _MAX_ELEMENTS = 256
 # Bound on the recursion into nested messages, JSON of any depth among them; chosen by hand.
@@ -90,7 +95,7 @@ def _sampled(
     times = {}
     for name in names:
         topic = home_of(name, blocks)
-        values = None if topic is None else picked(name[len(topic) + 1 :], blocks[topic])
+        values = None if topic is None else _column(name[len(topic) + 1 :], blocks[topic])
         if topic is not None and values is not None:
             chosen.setdefault(topic, {})[name] = values
     for topic, columns in chosen.items():
@@ -106,6 +111,23 @@ def _sampled(
         for topic in chosen.keys() - {clock_topic}:
             chosen[topic] = _held(chosen[topic], times[topic], times[clock_topic])
     return {name: columns[name] for name in names for columns in chosen.values() if name in columns}
+
+
+def _column(wanted: str, blocks: Mapping[str, Block]) -> Any:
+    """A column of a topic; also without the first part of its name, and as ``q.1`` for ``q[1]``."""
+    tails = [name.partition(".")[2] for name in blocks]
+    short = {
+        tail: block
+        for tail, block in zip(tails, blocks.values(), strict=True)
+        if tail and tails.count(tail) == 1
+    }
+    indexed = re.sub(r"\.(\d{1,9})(?=\.|$)", r"[\1]", wanted)
+    for name in (wanted, indexed):
+        for named in (blocks, short):
+            values = picked(name, named)
+            if values is not None:
+                return values
+    return None
 
 
 def _items(message: Any) -> Iterable[tuple[str, Any]]:
@@ -139,14 +161,45 @@ def _flat(
         if isinstance(value, (bool, int, float)) or getattr(value, "shape", None) == ():
             yield f"{prefix}{name}", value, ()
         elif isinstance(value, (list, tuple, array.array)) or getattr(value, "ndim", None) == 1:
-            # Lists of messages and large arrays hold no joints.
-            if 0 < len(value) <= _MAX_ELEMENTS and (
-                hasattr(value, "dtype") or isinstance(value[0], (bool, int, float))
-            ):
+            # Larger arrays hold no joints.
+            if not 0 < len(value) <= _MAX_ELEMENTS:
+                continue
+            if hasattr(value, "dtype") or isinstance(value[0], (bool, int, float)):
                 numbers = value.tolist() if hasattr(value, "tolist") else list(value)
                 yield f"{prefix}{name}", numbers, labels if len(labels) == len(numbers) else ()
+            elif not isinstance(value[0], (str, bytes, list, tuple)) and value[0] is not None:
+                yield from _of_messages(value, f"{prefix}{name}", labels, deep + 1)
         elif not isinstance(value, (str, bytes, bytearray)) and value is not None:
             yield from _flat(value, f"{prefix}{name}.", labels, deep + 1)
+
+
+def _of_messages(
+    messages: Any, prefix: str, labels: tuple[str, ...], deep: int
+) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
+    """Fields of an array of messages, each message by its name or by its index."""
+    labels = labels if len(labels) == len(messages) else _own_labels(messages)
+    for k, message in enumerate(messages):
+        place = f"{prefix}.{labels[k]}" if labels else f"{prefix}[{k}]"
+        fields = list(_flat(message, "", (), deep))
+        # A list of names and one of numbers are all that such a message is: interfaces and values.
+        is_list = len(fields) == 1
+        for name, value, inner in fields:
+            # Joints may have different interfaces, so each number is a column.
+            if inner:
+                home = place if is_list else f"{place}.{name}"
+                yield from ((f"{home}.{x}", v, ()) for x, v in zip(inner, value, strict=True))
+            else:
+                yield f"{place}.{name}", value, ()
+
+
+def _own_labels(messages: Any) -> tuple[str, ...]:
+    """Different names that messages of an array have as a field; () where they have none."""
+    for field in _OWN_NAMES:
+        labels = [dict(_items(message)).get(field) for message in messages]
+        texts = tuple(label for label in labels if isinstance(label, str) and label)
+        if len(set(texts)) == len(messages):
+            return texts
+    return ()
 
 
 def _is_stamp(name: str, value: Any, deep: int) -> bool:

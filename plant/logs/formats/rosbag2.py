@@ -1,4 +1,4 @@
-"""Bags of ROS 2: a folder with ``metadata.yaml``, or one of its files (``.db3`` or MCAP)."""
+"""Bags of ROS 2, a folder with ``metadata.yaml`` or one of its files, and of ROS 1 (``.bag``)."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path

@@ -5,7 +5,6 @@ in one line.
 import importlib.util
 import json
 import re
-import struct
 from pathlib import Path
 
 import h5py
@@ -14,22 +13,23 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from spoilt_files import COLUMNS, FORMATS, RIG, UNITS, WarmChildren, log, read, write
+from spoilt_files import (
+    COLUMNS,
+    FORMATS,
+    RIG,
+    UNITS,
+    WarmChildren,
+    log,
+    opaque,
+    read,
+    refused,
+    write,
+)
 
 from plant import LoadError, Record, puma560, read_table
 from plant.logs import isolation
 
 SUFFIX = {"csv": "csv", "npz": "npz", "mat": "mat", "hdf5": "h5", "parquet": "parquet"}
-
-
-def refused(call, *expected):
-    with pytest.raises(LoadError) as refusal:
-        call()
-    text = str(refusal.value)
-    assert "\n" not in text
-    assert len(text) < 500
-    for part in expected:
-        assert re.search(part, text), text
 
 
 @pytest.mark.parametrize("compress", [True, False])
@@ -71,24 +71,6 @@ def test_groups_structures_and_archives_are_one_prefix_away(tmp_path):
             record.counts, np.column_stack([columns["c1"], columns["c2"]])
         )
         assert set(read_table(tmp_path / name, prefix=prefix)) == set(columns)
-
-
-def opaque(name):
-    """A variable as MATLAB writes an object of its own classes, such as a string or a table: it
-    has no shape.
-    """
-
-    def element(kind, data):
-        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
-
-    text = b"".join(element(1, word) for word in (name.encode(), b"MCOS", b"string"))
-    inner = (
-        element(6, struct.pack("<II", 9, 0))
-        + element(5, struct.pack("<ii", 1, 1))
-        + element(1, b"")
-    )
-    body = element(6, struct.pack("<II", 17, 0)) + text + element(14, inner + element(2, b"\x07"))
-    return element(14, body)
 
 
 @pytest.mark.parametrize("objects", [False, True])
@@ -329,12 +311,6 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch):
             rf"needs {library}.*pip install 'onepulse\[{kind}\]'",
         )
     assert importlib.util.find_spec("h5py")
-
-
-def test_matlab_7_3_is_sent_to_the_right_reader(tmp_path):
-    path = tmp_path / "new.mat"
-    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
-    refused(lambda: read("mat", path), "got 7.3, which is HDF5. Rename it to end in .h5")
 
 
 def test_hdf5_that_points_into_another_file_is_refused(tmp_path):

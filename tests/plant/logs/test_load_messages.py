@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from mcap.writer import Writer as PlainWriter
 from message_files import COLUMNS, COMMANDS, FORMATS, JOINTS, START, UNITS, log, read, spoilt, write
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.typesys import Stores, get_typestore
 from spoilt_files import RIG, WarmChildren
 
 from plant import LoadError, Record, read_records, read_table
@@ -153,6 +155,82 @@ def test_json_in_mcap_is_read_and_other_encodings_are_named(tmp_path, children):
         match=r"column '/a.axis.current.z' must be there; .* Did you mean '/a.axis.current",
     ):
         read_table(tmp_path / "a.mcap", names=["/a.axis.current.z"])
+
+
+def test_arrays_of_messages_are_columns_by_joint_and_interface(tmp_path, children):
+    """By the names beside them, by their own names, or by their index; joints in any order."""
+    with open(tmp_path / "a.mcap", "wb") as file:
+        writer = PlainWriter(file)
+        writer.start()
+        schema = writer.register_schema("states", "jsonschema", b"{}")
+        channel = writer.register_channel("/states", "json", schema)
+        for k in range(7):
+            joints = {
+                "wrist": {"interface_names": ["position", "amps"], "values": [k, 0.5 * k]},
+                "waist": {"interface_names": ["amps", "position", "heat"], "values": [-k, 9, 21]},
+            }
+            names = list(joints)[:: (-1) ** k]
+            message = {
+                "joint_names": names,
+                "interface_values": [joints[name] for name in names],
+                "motors": [{"id": name, "q": ord(name[1]) + k, "raw": [1, k]} for name in names],
+                "cells": [{"volt": 3.7, "amp": i * k} for i in range(3)],
+            }
+            writer.add_message(channel, k, json.dumps(message).encode(), k)
+        writer.finish()
+    k = np.arange(7)
+    for name, values in {
+        "interface_values.wrist.amps": 0.5 * k,
+        "interface_values.waist.amps": -k,
+        "wrist.position": k,
+        "waist.heat": np.full(7, 21),
+        "motors.wrist.q": ord("r") + k,
+        "motors.waist.raw[1]": k,
+        "motors.waist.raw.1": k,
+        "cells[2].amp": 2 * k,
+        "cells.2.amp": 2 * k,
+    }.items():
+        column = read_table(tmp_path / "a.mcap", names=[f"/states.{name}"])[f"/states.{name}"]
+        np.testing.assert_array_equal(column, values)
+    assert "/states.interface_values.waist.heat" in read_table(tmp_path / "a.mcap")
+    # Two arrays have a column of this short name, so it means neither.
+    with pytest.raises(LoadError, match=r"column '/states.wrist.heat' must be there"):
+        read_table(tmp_path / "a.mcap", names=["/states.wrist.heat"])
+
+
+def test_a_bag_of_ros_1_is_read_by_the_names_of_its_joints(tmp_path, children):
+    """The last bit of positions that another library wrote, and every nanosecond."""
+    types = get_typestore(Stores.ROS1_NOETIC)
+    state, header, time = (
+        types.types[f"{package}/msg/{name}"]
+        for package, name in (
+            ("sensor_msgs", "JointState"),
+            ("std_msgs", "Header"),
+            ("builtin_interfaces", "Time"),
+        )
+    )
+    columns = log(40)
+    q = RIG.to_angle(columns["counts"])
+    with Ros1Writer(tmp_path / "run.bag") as bag:
+        connection = bag.add_connection("/js", state.__msgtype__, typestore=types)
+        for k, ns in enumerate(columns["ns"]):
+            seconds, nanoseconds = divmod(int(ns) + START, 10**9)
+            message = state(
+                header=header(k, time(seconds, nanoseconds), ""),
+                name=["elbow", "shoulder"],
+                position=q[k, ::-1].copy(),
+                velocity=np.zeros(2),
+                effort=np.zeros(0),
+            )
+            bag.write(connection, int(ns), types.serialize_ros1(message, state.__msgtype__))
+    record = Record.read(
+        tmp_path / "run.bag",
+        rig=RIG,
+        columns={"t": "/js.stamp", "position": ["/js.position.shoulder", "/js.position.elbow"]},
+        units={"t": "ns", "position": "rad"},
+    )
+    np.testing.assert_array_equal(record.counts, columns["counts"])
+    np.testing.assert_array_equal(record.t, columns["ns"] / 1e9)
 
 
 def test_two_publishers_of_one_topic_are_not_mixed(tmp_path, children):

@@ -1,0 +1,138 @@
+"""Units with a constant: per mille of a rated torque, ampere with a torque constant, positions as a
+share of a joint's range; and what is said of a unit that needs one.
+"""
+
+import numpy as np
+import pytest
+
+from plant import Drive, Encoder, Record, Rig
+
+GEAR = np.array([64.0, -25.0, 90.0])
+RIG = Rig(
+    drive=Drive(
+        gear=GEAR,
+        motor_inertia=(1e-4,) * 3,
+        viscous=(0,) * 3,
+        coulomb=(0,) * 3,
+        motor_gain=(0.2, 0.3, 0.1),
+        current_limit=(10, 8, 9),
+    ),
+    encoder=Encoder(resolution=(4096, 2000, 1024)),
+    period=1e-3,
+)
+N = 300
+PHASE = np.arange(N)[:, None] / [23, 41, 37]
+COUNTS = np.round(4000 * np.sin(PHASE))
+Q = RIG.to_angle(COUNTS)
+TORQUE = 5 * np.cos(PHASE)
+
+
+def record(value, unit, field="torque", **columns):
+    table = {"c": COUNTS, "x": value} | columns
+    mapping = {"counts": "c", field: "x"} if field in ("torque", "current") else {field: "x"}
+    return Record.from_table(table, rig=RIG, columns=mapping, units={field: unit})
+
+
+@pytest.mark.parametrize(
+    ("word", "turn"),
+    [
+        ("turns", 1), ("rev", 1), ("Revolutions", 1), ("gon", 400), ("gradians", 400),
+        ("mrad", 2000 * np.pi), ("milliradians", 2000 * np.pi), ("°", 360), ("degrees", 360),
+    ],
+)  # fmt: skip
+def test_any_unit_of_angle_gives_the_counts(word, turn):
+    for field, angle in (("position", Q), ("motor_position", Q * GEAR)):
+        found = record(angle * turn / (2 * np.pi), word, field)
+        np.testing.assert_array_equal(found.counts, COUNTS)
+
+
+@pytest.mark.parametrize("stated", ["rad", "deg", "gon", "mrad"])
+@pytest.mark.parametrize(("true", "turn"), [("turns", 1), ("gon", 400), ("deg", 360)])
+def test_angles_in_another_unit_than_stated_are_refused_with_theirs(stated, true, turn):
+    if stated != true:
+        with pytest.raises(ValueError, match=f"in '{stated}'.*'{true}'"):
+            record(Q * turn / (2 * np.pi), stated, "position")
+
+
+def test_a_span_that_fits_several_units_names_them_all():
+    """Positions on no grid: 5.1 turns read as degrees or as gradians are both a joint's."""
+    with pytest.raises(ValueError, match=r"'deg' or 'gon' or 'mrad' would fit"):
+        record(1.37 * np.degrees(Q), "rad", "position")
+
+
+RATED = np.array([1.5, 2.25, 0.75])
+
+
+@pytest.mark.parametrize(
+    ("unit", "logged", "field"),
+    [
+        ({"per mille of motor N m": RATED}, 1000 * TORQUE / GEAR / RATED, "torque"),
+        ({"per cent of N m": 40.0}, 100 * TORQUE / 40.0, "torque"),
+        ({"N m per A": RATED}, TORQUE / RATED, "torque"),
+        ({"motor N m per mA": 2e-4}, TORQUE / GEAR / 2e-4, "torque"),
+        ({"N m per unit": -0.01}, -100 * TORQUE, "torque"),
+        ({"per mille of A": RATED}, 1000 * TORQUE / RATED, "current"),
+    ],
+)
+def test_torques_and_currents_with_their_constant(unit, logged, field):
+    found = record(logged, unit, field)
+    np.testing.assert_allclose(getattr(found, field), TORQUE, rtol=1e-13)
+
+
+def test_normalised_positions_with_the_ranges_of_their_joints():
+    """As LeRobot stores them, in single precision: -100 and 100 are the ends of the range."""
+    ranges = np.array([[-5000, 4500], [-4100, 4900], [6000, -4700]])  # the last one turned round
+    share = 200 * (COUNTS - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0]) - 100
+    found = record(share.astype("f4"), {"-100 to 100 of pulses": ranges}, "position")
+    np.testing.assert_array_equal(found.counts, COUNTS)
+    angles = RIG.to_angle(ranges.T).T
+    found = record((share + 100) / 200, {"0 to 1 of rad": angles}, "position")
+    np.testing.assert_array_equal(found.counts, COUNTS)
+
+
+def test_steps_that_differ_in_normalised_positions_are_called_so():
+    """A slow motion shows them; the same motion in degrees, on the rig's pulses, is no such."""
+    counts = np.round(900 * np.sin(np.arange(2000)[:, None] / [410, 370, 450]))
+    ranges = np.array([[-1000, 1500], [-1300, 950], [-1700, 1600]])
+    share = 200 * (counts - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0]) - 100
+    table = {"x": share, "deg": np.degrees(RIG.to_angle(counts))}
+    with pytest.warns(UserWarning) as noted:
+        for name in table:
+            columns = {"position": name}
+            Record.from_table(table, rig=RIG, columns=columns, units={"position": "deg"})
+    texts = [str(note.message) for note in noted if "normalised" in str(note.message)]
+    assert len(texts) == 1
+    assert '{"-100 to 100 of pulses": ranges of the joints}' in texts[0]
+    with pytest.raises(ValueError, match=r"Normalised positions need their ranges: .*-100 to 100"):
+        Record.from_table(table, rig=RIG, columns={"position": "x"}, units={"position": "rad"})
+
+
+@pytest.mark.parametrize(
+    ("unit", "field", "message"),
+    [
+        ("per mille", "torque", 'must state the rated torque; got none. Give {"per mille of motor'),
+        ("%", "current", 'the rated current; got none. Give {"per cent of A": rated}'),
+        ("A", "torque", "must be one of torque, or have a torque constant; got 'A'. Map"),
+        (
+            "normalised",
+            "position",
+            'the ranges of the joints; got none. Give {"-100 to 100 of deg"',
+        ),
+        ("furlong", "position", "got 'furlong'. Convert the column, or give {\"rad per furlong\""),
+        ("rpm", "position", "must be one of 'rad', .*got 'rpm'"),
+        ({"per mille of motor N m": (1, 2)}, "torque", "must be one number, or one per joint; got"),
+        ({"per mille of A": 2.0}, "torque", "unit of 'torque' must be one of .*got 'A'"),
+        ({"N m per A": np.nan}, "torque", "must be one number, or one per joint; got nan"),
+        ({"N m per A": 0}, "torque", "must not be zero; got 0"),
+        ({"per mille of N m": "ten"}, "torque", "must be one number, or one per joint; got 'ten'"),
+        ({}, "torque", "must be one word with its constants; got 0"),
+        ({"rated": 3}, "torque", "must say what its constants mean; got 'rated'"),
+        ({"-100 to 100 of deg": (5, 5)}, "position", "must have two ends; got"),
+        ({"-100 to 100 of deg": (5, 6, 7)}, "position", "a pair .least, most. per joint"),
+        ({"100 to -100 of deg": (5, 6)}, "position", "must have two ends"),
+    ],
+)
+def test_a_unit_without_what_it_needs_is_refused(unit, field, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        record(TORQUE, unit, field)
+    assert "\n" not in str(caught.value)
