@@ -288,7 +288,10 @@ def _heading(
     names = line.cells
     # Names that repeat, such as q1 q2 q1 q2, belong to groups that the line above names.
     if len(set(names)) < len(names) and at + 1 < len(fitting) and fitting[at + 1].is_words:
-        groups = itertools.accumulate(fitting[at + 1].cells, lambda last, cell: cell or last)
+        groups = list[str]()
+        # A spreadsheet names a group above its first column only.
+        for cell in fitting[at + 1].cells:
+            groups.append(cell or (groups[-1] if groups else ""))
         names = [
             f"{group}.{name}" if group else name for group, name in zip(groups, names, strict=False)
         ]
@@ -303,9 +306,10 @@ def _heading(
     return labels, {name: unit for name, unit in stated.items() if unit is not None}, skip
 
 
-def _trimmed(cells: list[str], width: int) -> list[str]:
+def _trimmed(cells: Sequence[str], width: int) -> list[str]:
     """Cells without the empty one that follows a separator at the end of a line."""
-    return cells[:-1] if len(cells) == width + 1 and not cells[-1].strip() else cells
+    surplus = len(cells) == width + 1 and not cells[-1].strip()
+    return list(cells[:-1] if surplus else cells)
 
 
 def _fits(cells: Sequence[str], layout: _Layout) -> bool:

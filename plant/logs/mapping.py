@@ -146,9 +146,7 @@ def record_fields(
     # A step of the positions that is no whole pulse points to another gear or resolution than the
     # rig's; the checkup reads this note.
     if measured.endswith("position") and stated[measured] != "pulses":
-        steps = np.array([_clean_step(column) for column in values[measured].T])
-        notes |= _own_steps(measured, steps, stated[measured], rig)
-        _warn_of_normalised(measured, values[measured], steps, rig)
+        notes |= _own_steps(measured, values[measured], stated[measured], rig)
     for field in values.keys() - {"valid"}:
         fields |= converted(field, values[field], stated[field], rig)
     if (
@@ -300,38 +298,29 @@ def _unwrapped(value: NDArray[Any], wrap: Any, labels: Sequence[str]) -> NDArray
     return value + np.vstack([np.zeros((1, n), np.int64), turns]) * wrap
 
 
-def _own_steps(field: str, steps: Floats, unit: Unit, rig: Rig) -> dict[str, float]:
-    """Notes of joints whose positions are multiples of a step (n,) other than whole pulses."""
+def _own_steps(field: str, value: Floats, unit: Unit, rig: Rig) -> dict[str, float]:
+    """Notes of joints whose positions (N, n) are multiples of a step other than whole pulses."""
+    if rig.encoder.smooth:
+        return {}
     to_pulses = rig.encoder.position_in_pulses if "motor" in field else rig.position_in_pulses
-    notes = dict[str, float]()
+    steps = np.array([_clean_step(column) for column in value.T])
     # Pulses of each joint's own motor per unit of the logged position.
-    pulses = np.abs(np.diagonal(to_pulses(np.eye(rig.n) * factors(unit))))
-    for i in range(0 if rig.encoder.smooth else rig.n):
-        step = steps[i]
-        step_pulses = step * pulses[i]
-        # A step of 10**-k, as logged or after a conversion between rad and deg, comes from printed
-        # decimals and tells nothing about the encoder.
-        decimals = np.log10(max(step, 1e-300) * np.array((1, np.pi / 180, 180 / np.pi)))
-        off = (
-            np.abs(step_pulses - np.round(step_pulses)) > STEPS.pulse_tolerance
-            and 1 / STEPS.max_ratio < step_pulses < STEPS.max_ratio
-        )
-        if off and np.abs(decimals - np.round(decimals)).min() > STEPS.decimal_tolerance:
-            notes[STEP_NOTE.format(i)] = float(step_pulses)
-    return notes
-
-
-def _warn_of_normalised(field: str, value: Floats, steps: Floats, rig: Rig) -> None:
-    """Warn of positions (N, n) that are percentages of each joint's range, and no angles."""
-    clean = steps > 0
-    pulses = steps[clean] * np.abs(rig.drive.gear * rig.encoder.resolution)[clean]
-    # One wrong resolution scales all joints alike; ranges differ from joint to joint.
-    differ = len(pulses) > 1 and max(pulses) > (1 + STEPS.pulse_tolerance) * min(pulses)
+    pulses = steps * np.abs(np.diagonal(to_pulses(np.eye(rig.n) * factors(unit))))
+    # A step of 10**-k, as logged or after a conversion between rad and deg, comes from printed
+    # decimals and tells nothing about the encoder.
+    scales = np.array((1, np.pi / 180, 180 / np.pi))
+    decimals = np.log10(np.maximum(steps, 1e-300)[:, None] * scales)
+    printed = np.abs(decimals - np.round(decimals)).min(axis=1) <= STEPS.decimal_tolerance
+    off = (np.abs(pulses - np.round(pulses)) > STEPS.pulse_tolerance) & ~printed
+    # One wrong resolution scales all joints alike; ranges of joints differ.
+    differ = off.sum() > 1 and np.ptp(pulses[off]) > STEPS.pulse_tolerance * pulses[off].min()
     if differ and STEPS.min_normalised < np.abs(value).max() <= CHECKS.max_normalised:
         warn(
             f"{field} lies within -100 to 100 and has another step for each joint, as normalised"
             ' positions do: if it is such, state {"-100 to 100 of pulses": ranges of the joints}'
         )
+    geared = off & (pulses > 1 / STEPS.max_ratio) & (pulses < STEPS.max_ratio)
+    return {STEP_NOTE.format(i): float(pulses[i]) for i in np.flatnonzero(geared)}
 
 
 def _clean_step(value: Floats) -> float:

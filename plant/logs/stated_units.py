@@ -97,12 +97,12 @@ def _heading_unit(field: str, columns: Mapping[str, Any], table: Mapping[str, An
     """The unit that a table states of all columns of a field; None where it states none."""
     names = columns[field] if isinstance(columns[field], (list, tuple)) else [columns[field]]
     of_table = getattr(table, "units", {})
-    units = [of_table.get(name) or without_unit(name)[1] for name in names if name is not None]
-    if field not in UNITS or not units or None in units:
+    named = [name for name in names if name is not None]
+    units = [unit for x in named if (unit := of_table.get(x) or without_unit(x)[1]) is not None]
+    # A field with a single unit, such as counts, needs no words.
+    if len(UNITS.get(field, ())) < 2 or not units or len(units) < len(named):
         return None
-    # "counts" of a field that has a single unit needs no words.
-    unit = units[0] if len(set(units)) == 1 else tuple(units)
-    return None if len(UNITS[field]) == 1 else unit
+    return units[0] if len(set(units)) == 1 else tuple(units)
 
 
 def _word(field: str, stated: Stated) -> str | tuple[str, ...] | tuple[re.Match[str], Any]:

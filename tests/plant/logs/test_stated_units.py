@@ -2,6 +2,8 @@
 share of a joint's range; and what is said of a unit that needs one.
 """
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -96,10 +98,11 @@ def test_steps_that_differ_in_normalised_positions_are_called_so():
     ranges = np.array([[-1000, 1500], [-1300, 950], [-1700, 1600]])
     share = 200 * (counts - ranges[:, 0]) / (ranges[:, 1] - ranges[:, 0]) - 100
     table = {"x": share, "deg": np.degrees(RIG.to_angle(counts))}
-    with pytest.warns(UserWarning) as noted:
-        for name in table:
-            columns = {"position": name}
-            Record.from_table(table, rig=RIG, columns=columns, units={"position": "deg"})
+    degrees = {"rig": RIG, "units": {"position": "deg"}}
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always")
+        Record.from_table(table, columns={"position": "x"}, **degrees)
+        Record.from_table(table, columns={"position": "deg"}, **degrees)
     texts = [str(note.message) for note in noted if "normalised" in str(note.message)]
     assert len(texts) == 1
     assert '{"-100 to 100 of pulses": ranges of the joints}' in texts[0]
