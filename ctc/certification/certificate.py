@@ -84,8 +84,9 @@ class Certificate(Certified):
 
     @functools.cached_property
     def on_gears(self) -> LowestResonance | None:
-        """Elastic gears on which the nominal arm stays within the limit; None where the gears are
-        elastic already.
+        """Lowest resonance of elastic gears on which the nominal arm keeps the limit.
+
+        None if the gears of the rig are elastic.
 
         Stated delay, lag and other imperfections are at the end of their ranges that is farther
         from zero.
@@ -102,8 +103,9 @@ class Certificate(Certified):
 
     @functools.cached_property
     def from_rest(self) -> FromRest | None:
-        """Run of the nominal arm from rest, where the path begins in motion and it exceeds the
-        limit.
+        """Run of the nominal arm from rest along a path that begins in motion.
+
+        None if the path begins at rest, or if the arm keeps the limit.
         """
         return from_rest(*self._loop)
 
@@ -136,8 +138,7 @@ class Certificate(Certified):
 
     @functools.cached_property
     def friction_known(self) -> float | None:
-        """Share of 400 samples that exceed the limit with friction known as the log would identify
-        it.
+        """Share of 400 samples that exceed the limit with friction identified from the log.
 
         None where all sampled friction was identified, or there is no log.
         """
@@ -170,8 +171,9 @@ class Certificate(Certified):
 
     @property
     def _loop(self) -> Any:
-        """Arguments of the nominal loop: arm, rig, law, reference, limit, duration in whole
-        periods, and steps per sample, as an `Evaluation` has them.
+        """Arguments of the nominal loop, in the order of an `Evaluation`.
+
+        Arm, rig, law, reference, limit, duration in whole periods, and steps per sample.
         """
         # Without the offsets that are sampled about zero: they belong to the samples.
         rig = self.plants.nominal
@@ -188,8 +190,10 @@ class Certificate(Certified):
 
     @property
     def holds(self) -> bool:
-        """Whether neither a sample nor the nominal arm from rest exceeds the limit, and failures
-        are as `rare` as required.
+        """Whether all samples keep the limit, also from rest, and failures are rare enough.
+
+        False if a sample exceeds the limit, if the nominal arm does so from rest, or if failures
+        are more frequent than `rare` requires.
         """
         # The count of failures first: it is known, the run from rest is a simulation.
         return (
@@ -198,15 +202,17 @@ class Certificate(Certified):
 
     @property
     def lowest_resonance(self) -> float | None:
-        """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on
-        gears; see `on_gears`.
+        """Locked-rotor resonance [Hz] above which the nominal arm keeps the limit.
+
+        See `on_gears`.
         """
         return None if self.on_gears is None else self.on_gears.hz
 
     @property
     def worst(self) -> Worst:
-        """The sample with the largest encoder error; among equals, with the largest before
-        rounding.
+        """The sample with the largest encoder error.
+
+        Among equal errors it is the sample with the largest error before rounding.
         """
         # Whole pulses tie often; the error before rounding decides among equals.
         peak = self.runs.peak.max(axis=1)
@@ -260,8 +266,9 @@ class Certificate(Certified):
         return held(self, samples)
 
     def plot(self, ax: Any = None) -> NDArray[Any]:
-        """Draw peak errors, worst loop and sensitivities on (3,) Axes, (4,) where resonances
-        were stated.
+        """Draw peak errors, worst loop and sensitivities on (3,) Axes.
+
+        A stated range of resonances adds a fourth Axes.
         """
         return plot_certificate(self, ax)
 

@@ -84,8 +84,9 @@ class Certificates(Certified, Mapping[str, Certificate]):
 
     @property
     def lowest_resonance(self) -> float | None:
-        """Locked-rotor resonance [Hz] above which the nominal arm stays within the limit on
-        gears, in all motions.
+        """Locked-rotor resonance [Hz] above which the arm keeps the limit in all motions.
+
+        The arm is the nominal one.
         """
         # All motions are on the same gears, so none or all of them have a number.
         numbers = [certificate.lowest_resonance for certificate in self.values()]

@@ -120,8 +120,9 @@ def cells(
     values: Floats,
     outside: NDArray[np.bool_],
 ) -> list[Cell]:
-    """The ranges of resonance and damping in cells of at most 10 %, for each joint where several
-    are stated.
+    """Cells of at most 10 % in the ranges of resonance and damping.
+
+    If several ranges of resonance are stated, each joint has its own cells.
 
     Names (K) and values (P, K) are those of the plants that vary; plants `outside` (P,) exceed the
     limit.
@@ -178,8 +179,9 @@ class Influence(NamedTuple):
 
     @property
     def sense(self) -> str:
-        """Direction in which the peak error grows with the number; empty where it explains nearly
-        nothing.
+        """Direction in which the peak error grows with the number.
+
+        Empty if the share of the variance is negligible.
         """
         if self.share < SETTINGS.negligible_share:
             return ""
@@ -276,8 +278,9 @@ class Certified(_WithRuns, Shown, Saved, Frozen):
 
     @property
     def upper(self) -> float:
-        """One-sided upper bound of that probability at the confidence; where resonances are stated,
-        that of their worst cell.
+        """One-sided upper bound of that probability at the confidence.
+
+        If resonances are stated, it is the bound of their worst cell.
         """
         # Resonances are known as a range without a distribution, so no average over it is a bound.
         if self.worst_cell is not None:

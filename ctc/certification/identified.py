@@ -1,5 +1,6 @@
-"""Distribution of the identified numbers of a plant; on gears of a stated range, as a function of
-their resonance.
+"""Distribution of the identified numbers of a plant.
+
+On gears of a stated range it is a function of their resonance.
 
 A log of an elastic arm, identified with rigid gears, gives an f that compensates for the gears, off
 by many of its standard deviations. Where a range of resonances is stated, the fit of the log
@@ -96,8 +97,9 @@ def refits(
     progress: bool = False,
     checkpoint: Checkpoint | None = None,
 ) -> Refits | None:
-    """Fits of an identification's records on gears over the range; None where no resonance of it
-    can be fitted.
+    """Fits of an identification's records on gears over the range of resonances.
+
+    None if the records cannot be fitted at any of these resonances.
 
     They are made once for each range, middle of the damping ratios, and pose [rad] at which the
     gears have the resonances [Hz], and stored with the identification.
@@ -163,9 +165,7 @@ def _fitted(
 def _on_gears(
     identification: Identification, arm: Arm, hz: Any, ratio: float, pose: ArrayLike
 ) -> tuple[Arm, Fit] | None:
-    """Arm and fit of the records on gears with this resonance [Hz]; None where they cannot be
-    fitted.
-    """
+    """Arm and fit of the records on gears with this resonance [Hz]; None if no fit exists."""
     try:
         gears = Elasticity.from_resonance(arm, hz, ratio, drive=identification.rig.drive, q=pose)
         records = [
@@ -194,8 +194,9 @@ def _on_gears(
 
 @frozen
 class Identified:
-    """Normal distribution of the k identified numbers of a plant, with roots (K, k, r) of their
-    covariance.
+    """Normal distribution of the k identified numbers of a plant.
+
+    The roots (K, k, r) of their covariance give it its spread.
 
     With K refits on gears of the stated resonances, the arm is that of the middle of the range;
     without, K is 1.

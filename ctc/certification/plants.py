@@ -24,8 +24,9 @@ _REPEATED = 400
 
 @frozen
 class Worst(Shown):
-    """The plant with the largest error: ``evaluate(worst.arm, worst.rig, law, reference)`` runs it
-    again.
+    """The plant with the largest error.
+
+    ``evaluate(worst.arm, worst.rig, law, reference)`` runs it again.
 
     `arm`, `rig`: the rig with its friction, phase, delay and lost samples; the arm with its load.
     `peak`: largest encoder error [pulses]; inf if the loop diverged. `index`: among the plants.
@@ -128,8 +129,9 @@ class Plants(Frozen):
         )
 
     def lost(self, block: int, width: int, steps: int) -> NDArray[np.bool_]:
-        """Whether the counts of each controller step are lost, (steps, width), in a block of
-        `width` loops.
+        """Whether the counts of each controller step are lost, (steps, width).
+
+        A block has `width` loops side by side.
         """
         return _lost(self.seed, self.dropped, block, width, steps)
 

@@ -1,5 +1,6 @@
-"""Probability of a rare failure by subset simulation, a product of conditional probabilities that
-are not rare.
+"""Subset simulation: a rare failure as a product of conditional probabilities.
+
+None of the conditional probabilities is small.
 
 Failures lie within ever higher levels of the response g(u) of independent standard normal numbers
 u, and P(failure) = P(g > b_1) P(g > b_2 | g > b_1) ... Each level b_i is a quantile of the
@@ -26,8 +27,10 @@ from plant.parts.settings import frozen_settings
 
 @frozen_settings
 class SubsetSettings:
-    """Numbers of the subset simulation. ``tests/benchmarks/campaign.py --rare`` shows that the
-    coefficient of variation that is stated is that over 60 seeds; others were chosen by hand.
+    """Numbers of the subset simulation.
+
+    ``tests/benchmarks/campaign.py --rare`` shows that the stated coefficient of variation is that
+    over 60 seeds. The other numbers were chosen by hand.
 
     Parameters
     ----------
@@ -198,8 +201,10 @@ def _population(
     width: float,
     random: Any,
 ) -> tuple[Floats, Floats, float, int]:
-    """States (P, numbers) and responses (P,) of Markov chains beyond a level, step by step, none
-    where the chains are stuck; the final width of their steps; the number of responses.
+    """States (P, numbers) and responses (P,) of Markov chains beyond a level.
+
+    The states of the chains follow each other; chains that are stuck give none. Also returns the
+    final width of their steps and the number of responses.
     """
     states = list[Floats]()
     responses = list[Floats]()
@@ -231,8 +236,9 @@ def _population(
 
 
 def _square(beyond: Any, steps: int) -> float:
-    """Squared coefficient of variation of a share, with the correlation along chains of so many
-    steps (eq. (29)).
+    """Squared coefficient of variation of a share estimated by Markov chains (eq. (29)).
+
+    It includes the correlation along chains of so many steps.
     """
     # Rows are steps of the chains, columns the chains.
     chains = beyond.reshape(steps, -1).astype(float)
@@ -246,8 +252,9 @@ def _square(beyond: Any, steps: int) -> float:
 
 
 def _bound(squares: float, quantile: float) -> float:
-    """Ratio of the upper bound to a log-normal estimate with this squared coefficient of
-    variation.
+    """Ratio of the upper bound to a log-normal estimate.
+
+    The estimate has this squared coefficient of variation.
     """
     return float(np.exp(quantile * np.sqrt(np.log1p(squares))))
 
@@ -291,8 +298,9 @@ def rare_failure(
     rare: float,
     confidence: float,
 ) -> Rare:
-    """Probability that the error before rounding exceeds the limit in any motion, over the
-    samples of a task.
+    """Probability that the error before rounding exceeds the limit in any motion.
+
+    The probability is over the samples of a task.
     """
     # A response must be a function of u alone, else a chain could not return to a state.
     for name in _NOT_NUMBERS:

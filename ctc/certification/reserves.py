@@ -1,5 +1,6 @@
-"""Robustness reserves: samples of a certificate at lower bandwidths, longer periods, or from a
-hold.
+"""Robustness reserves: a certificate's samples at lower bandwidths and longer periods.
+
+The same samples also run from a hold.
 
 The lowest bandwidth and the longest period at which the certificate holds are its reserves. The
 sampling period is that of rig and controller together: the controller is designed for it, with its

@@ -135,8 +135,10 @@ def _require_possible(uncertainty: Uncertainty, rig: Rig) -> None:
 
 
 class _Arms(NamedTuple):
-    """Sampled arms: `names` (K) and `values` (P, K) of their numbers, and `f` (P, p) with the load;
-    how many draws were rejected, and how many samples projected.
+    """Sampled arms, with their numbers and inertial parameters.
+
+    `names` (K) and `values` (P, K) are the numbers, and `f` (P, p) includes the load. The counts
+    are those of rejected draws and of projected samples.
     """
 
     names: tuple[str, ...]
@@ -220,8 +222,9 @@ def _arms(uncertainty, distribution, rig, random, places):
 
 
 def _projected(values, middle, arms):
-    """Draws, name -> (count,), moved on straight lines towards the identified arm until they are
-    arms.
+    """Draws, name -> (count,), projected to arms.
+
+    Each draw moves on a straight line towards the identified arm until it is an arm.
     """
     # All numbers move together, so that a projected sample keeps their correlation.
     share = 1.0
@@ -267,8 +270,9 @@ def _with_middle(uncertainty, arm, rig, pose):
 
 
 def _gears(uncertainty, random, arm, rig, f, pose, places):
-    """Gears and drives of arms with these f (P, p), at these places (P, m + 1) of the ranges of
-    resonance and damping.
+    """Gears and drives of arms with these f (P, p).
+
+    Their places (P, m + 1) are those in the ranges of resonance and damping.
     """
     count = len(f)
     n = rig.n
@@ -345,8 +349,9 @@ def _possible(dynamics, rig, plants):
 def statement(
     uncertainty: Uncertainty, rig: Rig, distribution: Identified
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Effects that are sampled from an `Uncertainty` with these identified numbers, and those that
-    are not.
+    """Effects of an `Uncertainty` that are sampled, and effects that are not.
+
+    A number that was identified needs no stated spread.
     """
     # 1. What stands for the arm.
     u = uncertainty

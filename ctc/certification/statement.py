@@ -343,9 +343,7 @@ def _friction(certificate: Any) -> float | None:
 
 
 def _against_the_log(certificate: Any) -> Iterator[str]:
-    """Where the path of a certificate exceeds the log, and the gears that the log would have
-    shown.
-    """
+    """Statements about a path that exceeds the log, and about gears that the log excludes."""
     seen = certificate.seen
     if seen.beyond:
         ranges = "; ".join(seen.beyond)

@@ -1,5 +1,6 @@
-"""Search of one family: the tuning with the least chatter that keeps the limit, by the genetic
-algorithm of 3.7.
+"""Search of one family for the tuning with the least chatter that keeps the limit.
+
+The genetic algorithm of 3.7 searches it.
 
 The search simulates few samples, the check of its best tunings many. Samples that exceed the limit
 in a check join the next search, so a failure that a check has shown cannot be missed again.
@@ -27,8 +28,10 @@ from plant.simulation.population import Runs
 
 @frozen_settings
 class SearchSettings:
-    """Numbers that shape the search of `tune`. tests/benchmarks/tuning.py shows what all of them
-    give together; where no other evidence is stated, a number was chosen by hand.
+    """Numbers that shape the search of `tune`.
+
+    tests/benchmarks/tuning.py shows the effect of all of them together. A number without stated
+    evidence was chosen by hand.
 
     Parameters
     ----------
@@ -185,8 +188,10 @@ class Tunings:
         return Runs.joined(runs), shape
 
     def costs(self, values: Floats, plants: Floats, aim: float) -> Floats:
-        """Cost (T,) of tunings: mean chatter, the share of failing samples, and their peak error
-        beyond the limit, or beyond a share `aim` of it.
+        """Cost (T,) of tunings from chatter, failing samples and peak error.
+
+        The terms are the mean chatter, the share of failing samples, and their peak error beyond
+        the limit, or beyond a share `aim` of it.
         """
         settings = self.settings
         runs, shape = self.runs(values, plants, settings.search_steps)
@@ -211,8 +216,10 @@ class Tunings:
     def best(
         self, plants: Floats, seed: int, show: Callable[[], Any], beat: float = np.inf
     ) -> Trial:
-        """The tuning with the least chatter under which no more samples exceed the limit than may,
-        or the fewest.
+        """The tuning with the least chatter among those with few enough failures.
+
+        If no tuning has at most the allowed number of failing samples, it is the one with the
+        fewest.
 
         The search begins with plants (P, L), and calls `show` once per generation. `beat` is the
         noise of the best tuning of another family: a tuning that still fails and is noisier ends
@@ -227,8 +234,9 @@ class Tunings:
         hard = self.checkpoint.stage("hardest", initial)
 
         def checked(values: Floats) -> Trial:
-            """The best of a check. Its failing samples join the search, and so do the motions in
-            which they fail.
+            """The best tuning of a check.
+
+            Its failing samples join the search, and so do the motions in which they fail.
             """
             nonlocal plants, hard
             check = functools.partial(self._checked, values)
@@ -281,8 +289,9 @@ class Tunings:
         return np.asarray((runs.chatter / self.scale).mean(axis=1))
 
     def _hardest(self, values: Floats, plants: Floats) -> list[int]:
-        """The motions in which most samples fail under initial tunings (T, k), the hardest
-        first.
+        """The motions in which most samples fail under initial tunings (T, k).
+
+        The hardest motion is first.
         """
         settings = self.settings
         order = list(range(len(self.motions)))
@@ -369,8 +378,10 @@ class Tunings:
             yield np.exp(start + shares[:, None] * (end - start))
 
     def _checked(self, values: Floats) -> tuple[list[Trial], list[Floats], list[int]]:
-        """Trials of tunings (T, k) until one holds, the failing samples with the largest errors
-        under each, and the motions in which samples fail.
+        """Check tunings (T, k) in turn until one holds.
+
+        Returns the trials, the failing samples with the largest errors under each, and the motions
+        in which samples fail.
         """
         plants = self.plants.numbers()[1]
         screening = self.settings.screening_samples
@@ -423,8 +434,10 @@ class Tunings:
         )
 
     def _allowed(self, samples: int) -> int:
-        """How many of the samples may fail so that a controller chosen beforehand keeps the
-        allowed share with 95 % confidence.
+        """Number of samples that may fail.
+
+        With at most so many failures, a controller that was chosen beforehand keeps the allowed
+        share with 95 % confidence.
         """
         counts = range(1, int(self.allowed * samples) + 1)
         # A two-sided interval of 90 % has the one-sided upper bound of 95 %.

@@ -1,6 +1,4 @@
-"""Search for the controller with the least torque chatter that keeps a pulse limit under stated
-uncertainty.
-"""
+"""Search for the controller with the least chatter that keeps a limit under uncertainty."""
 
 import contextlib
 import warnings

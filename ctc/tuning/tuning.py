@@ -58,8 +58,9 @@ class Family:
 
 
 def families(found: Any, arm: Arm, rig: Rig, reference: Reference) -> list[Family]:
-    """Computed torque with observer and with PID, and feed-forward with PD, about an identified
-    arm.
+    """The families of laws that `tune` searches, for an identified arm.
+
+    They are computed torque with observer, computed torque with PID, and feed-forward with PD.
 
     Computed torque with observer has the dead zone and the boost of the default for what was
     `found`, and its search begins with the default. At the reference's first pose the PD gains of
@@ -182,8 +183,9 @@ class Trial(Shown, Frozen):
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Smaller is better: the share of the samples that fails beyond those that may, then the
-        noise.
+        """Rank of a trial; a smaller one is better.
+
+        The share of failing samples beyond the allowed ones comes first, then the noise.
         """
         # A share, since a check that ends early has fewer samples.
         return max(self.left - self.allowed, 0) / self.of, self.noise
@@ -234,15 +236,18 @@ class Tuning(Shown, Frozen):
 
     @property
     def holds(self) -> bool:
-        """Whether one was found that keeps its limit on all validation samples but those that
-        may exceed it.
+        """Whether a controller was found that keeps its limit on the validation samples.
+
+        At most the allowed number of samples may exceed it.
         """
         return any(trial.holds for trial in self.trials)
 
     @property
     def table(self) -> str:
-        """The best tuning of each family: share of the validation samples that exceeds the
-        limit, chatter, numbers.
+        """The best tuning of each family.
+
+        Each row has the share of the validation samples that exceeds the limit, the chatter, and
+        the numbers.
         """
         return "\n".join(self._table().lines())
 
