@@ -1,6 +1,5 @@
 """Named columns as the fields of a `Record`: units, encoder wrap, missing cells, counts."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,6 +26,7 @@ from plant.motion.reference import Reference
 from plant.parts.arguments import choice, instance, real
 from plant.parts.fields import Floats
 from plant.parts.messages import warn
+from plant.parts.settings import frozen_settings
 
 MEASURED = ("position", "motor_position", "counts", "error_pulses")
 _PATH_FIELDS = ("reference_position", "reference_motor_position")
@@ -36,7 +36,7 @@ _PARTIAL = ("link_position",)  # of some joints: None in place of the name of th
 _FIELDS = (*UNITS, "valid", *_NOTED)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class StepSettings:
     """Detection of a position step that disagrees with the rig's resolution; chosen by hand.
 

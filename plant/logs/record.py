@@ -21,7 +21,7 @@ from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats, Vector
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 
 _LEFT_OUT: Any = None
@@ -30,7 +30,7 @@ NUMBERS = ("temperature",)  # notes that are numbers
 
 @kept
 @known_options
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Record(FromFiles, Frozen):
     """Samples of one experiment.
 

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ResamplingSettings:
     """Limits of resampling; all chosen by hand.
 

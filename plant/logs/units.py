@@ -3,7 +3,6 @@
 Fields in the units of a record, on its side of the gear: counts of angles, torques of the joints.
 """
 
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -16,6 +15,7 @@ from plant.motion.reference import Reference
 from plant.motion.smooth import Spline
 from plant.parts.fields import Floats
 from plant.parts.messages import warn
+from plant.parts.settings import frozen_settings
 
 # Of a field: one unit, or one per joint where some joints turn and others slide.
 Unit: TypeAlias = str | tuple[str, ...]
@@ -51,7 +51,7 @@ UNITS = {
 _PER_JOINT = {*ANGLE, *LENGTH, "N m", "N"}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class UnitCheckSettings:
     """Limits beyond which a logged column is in another unit than stated; all chosen by hand.
 
@@ -84,7 +84,7 @@ class UnitCheckSettings:
     max_normalised: float = 100.5
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class PathSettings:
     """Commanded positions that become the path of a record; all chosen by hand.
 

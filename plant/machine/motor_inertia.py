@@ -6,7 +6,6 @@ for all q, with Jm_min the smallest rotor inertia of such a motor (of coupled mo
 their shafts).
 """
 
-import dataclasses
 import functools
 
 import casadi as ca
@@ -21,12 +20,13 @@ from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.lumping import STANDARD
 from plant.mechanics.symmetric_inverse import eliminated
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 # jm_min over the drive's motor inertia. Source: paper 3.6, 1e-4 of 2e-4 kg m^2.
 LEAST_MOTOR_INERTIA = 0.5
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class PoseSettings:
     """Poses at which the inertia matrix of candidates is checked.
 

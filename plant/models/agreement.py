@@ -11,12 +11,13 @@ import numpy as np
 
 from plant.models.hypotheses import Inertial, Shape
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 HEAVIEST = 23000.0
 """Density [kg/m^3] of nothing that links are made of: above that of osmium."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class AgreementSettings:
     """Weights of the evidence for an inertial, chosen by hand.
 

@@ -43,10 +43,11 @@ from plant.models.hypotheses import (
 )
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
+from plant.parts.settings import frozen_settings
 from plant.parts.shown import Piece, Shown, Verdict
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class RepairSettings:
     """Evidence that a mistake or a repair needs [logarithms of odds], chosen by hand.
 

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,7 +17,7 @@ from plant.models.new_robot import drive_table, per_joint_table, require_complet
 from plant.models.tables import class_of, part_of, table_of, toml_lines, unit_of
 from plant.parts.arguments import choice, instance, known_options
 from plant.parts.files import require_new, write_whole
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.part import Part
 
 # Bytes of a robot file: a larger file is none, and is refused before it is read.
@@ -31,7 +31,7 @@ FOLDER = Path(__file__).parent / "robots"  # robot files of the package
 
 
 @known_options
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Robot(Frozen):
     """A robot as its file describes it: arm, rig, law, and the columns of its logs.
 

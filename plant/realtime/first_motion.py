@@ -1,6 +1,5 @@
 """First motion of an arm: a small torque on each motor in turn shows wires turned or swapped."""
 
-import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,10 +9,11 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.parts.arguments import array, instance, known_options, real
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.realtime.guards import Guards
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class FirstMotionSettings:
     """Numbers of the first motion; all are chosen by hand.
 

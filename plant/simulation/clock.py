@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 
 
-@dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class ClockSettings:
     """Tolerances of time stamps, in periods of the rig, chosen by hand.
 

@@ -20,13 +20,14 @@ from plant.motion.reference import Motion, Reference
 from plant.motion.smooth import Spline
 from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
+from plant.parts.settings import frozen_settings
 from plant.simulation.clock import Clock
 
 # Samples of a path that are evaluated at once: a motion takes much memory meanwhile.
 _AT_ONCE = 1 << 16
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@frozen_settings
 class PathSettings:
     """Numbers by which a motion is rebuilt from commanded counts, chosen by hand.
 

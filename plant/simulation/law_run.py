@@ -3,7 +3,6 @@
 A law steps at its own period; one without a period is stepped four times per sample.
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -12,12 +11,12 @@ import numpy as np
 from plant.laws.resumed import FAST, AlongLog
 from plant.logs.record import Record
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged, path_of
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class LawRun(Frozen):
     """Steps of a law along a log."""
 

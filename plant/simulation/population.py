@@ -7,7 +7,7 @@ import functools
 import math
 import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import casadi as ca
@@ -21,7 +21,7 @@ from plant.mechanics.arm import Arm
 from plant.motion.reference import Reference
 from plant.parts.checkpoint import Checkpoint
 from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen
+from plant.parts.frozen import Frozen, frozen
 from plant.parts.kinds import kept
 from plant.parts.messages import progress_bar
 from plant.parts.vector import Fields, per_joint, scalars
@@ -104,7 +104,7 @@ def tally(rig: Rig) -> ca.Function:
 
 
 @kept
-@dataclass(frozen=True, kw_only=True, eq=False)
+@frozen
 class Runs(Frozen):
     """Results of P runs of n joints, (P, n) or (P,), of which `samples` count.
 
