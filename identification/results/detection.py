@@ -216,13 +216,23 @@ class Detection(Shown, Frozen):
                 "freedom": sign.freedom,
                 "threshold": sign.threshold,
             }
-            message = ". ".join(part for part in (hypothesis.sentence, hypothesis.remedy) if part)
+            sentence = hypothesis.sentence
+            remedy = hypothesis.remedy
+            if sign.absorbing:
+                # A correction that the log cannot tell from an unknown would move that instead.
+                remedy = (
+                    f"This log hardly distinguishes that from another {', '.join(sign.absorbing)}:"
+                    f" {hypothesis.telling}"
+                )
+            elif hypothesis.biased:
+                sentence += ", which biases f"
+            message = f"{sentence}. {remedy}." if remedy else f"{sentence}."
             rivals = ""
             if sign.rivals:
                 rivals = f" Another cause explains nearly as much: {', '.join(sign.rivals)}."
             # Each gear with backlash has a line of its own.
             for size in sizes if hypothesis.gears else [{}]:
-                yield f"{message}.{rivals}".format(**fields, **size)
+                yield f"{message}{rivals}".format(**fields, **size)
 
     def _sizes(self, sign: Sign) -> Iterator[dict[str, Any]]:
         """Fields of the text of each size of a cause."""
@@ -276,7 +286,8 @@ class Detection(Shown, Frozen):
             if stated.get(name)
         }
         if hypothesis.falling:
-            return f"{hypothesis.title} (detectable below {_span([*sizes.values()])} {hypothesis.unit})"
+            span = _span([*sizes.values()])
+            return f"{hypothesis.title} (detectable below {span} {hypothesis.unit})"
         # A joint that would show an effect only when it is huge is listed apart.
         largest = SETTINGS.blind_factor * min(sizes.values(), default=0.0)
         if hypothesis.unit == "%":

@@ -10,6 +10,7 @@ from identification.equation_error.naming import misread
 from identification.replay.timing import is_late
 from identification.results.restated import of_rotors, restated
 from identification.results.seen import APART, contradicted, motion_of
+from identification.results.with_arm import BY_NAME
 from identification.search.predictive import FALSE_ALARM, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
 from plant.checkup.law_delay import law_delays
@@ -288,24 +289,35 @@ def _timing(case):
     # Another cause can look like a delay; it is reported instead.
     explained = names and "delay" not in names
     if not case.replayed and is_late(delay, diagnostics.delay_std) and not explained:
+        absorbing = _absorbing_delay(case)
         advice = f"Identify without_delay(record, {delay:.3g}) and compare"
+        if absorbing:
+            advice = (
+                f"This log hardly distinguishes that from another {', '.join(absorbing)}:"
+                f" {BY_NAME['delay'].telling}"
+            )
         # More than a sample is rather an effect of wrong friction or gains.
-        if abs(delay) > 1:
+        elif abs(delay) > 1:
             advice = "Ask record.check(); friction or gains other than stated look so, too"
+        biased = "" if absorbing else ", which biases f"
         yield (
-            f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}, which"
-            f" biases f. {advice}."
+            f"the counts are {abs(delay):.2f} samples {'late' if delay > 0 else 'early'}{biased}."
+            f" {advice}."
         )
 
 
-def _absorbed_delay(case):
-    """Unknowns that take a delay over, in any log."""
-    # Viscous friction and gains shift the phase of the loop as a delay does.
-    absorbing = [
+def _absorbing_delay(case):
+    """Unknowns that shift the phase of the loop as a delay does."""
+    return [
         name
         for name in case.identification.fit.unknown
         if name.startswith(("drive.viscous", "law.gain"))
     ]
+
+
+def _absorbed_delay(case):
+    """Unknowns that take a delay over, in any log."""
+    absorbing = _absorbing_delay(case)
     if absorbing and case.always and not case.replayed:
         yield (
             f"a delay of the log is not separately identifiable from {', '.join(absorbing)}; be"

@@ -65,16 +65,17 @@ def _torque_per_speed(torque, speed):
     return torque / speed
 
 
-# A cause "biases f" where the unknowns take a part of its effect over. The sizes at which effects
-# are taken were chosen by hand: the effects are linear there, and well above rounding.
+# The sizes at which effects are taken were chosen by hand: the effects are linear there, and well
+# above rounding.
 HYPOTHESES = (
     # A rigid model takes the deflection of a gear for inertia. In 1 / Hz^2, zero of a rigid gear;
     # a resonance of 200 Hz stands for all of them.
     ArmHypothesis(
         name="compliance",
-        sentence="the joints are elastic: locked-rotor resonance near {each} ({chance}), which"
-        " biases f",
+        sentence="the joints are elastic: locked-rotor resonance near {each} ({chance})",
         remedy="Give the drive an Elasticity, and identify its stiffness too",
+        telling="a motion with faster reversals shows the springs, a slow one the rest",
+        biased=True,
         title="compliance",
         each="{size:.0f} {unit} at {joint}",
         unit="Hz",
@@ -108,6 +109,7 @@ HYPOTHESES = (
         name="friction",
         sentence="friction is not the rig's{scaled} ({chance}): {each}",
         remedy="Add these numbers to unknown (drive.viscous[0] and so on)",
+        telling="log slower and faster motion as well",
         title="other friction",
         each="{kind} of {joint} {total:.3g} {per}, stated {stated:.3g}",
         between="; ",
@@ -139,10 +141,11 @@ HYPOTHESES = (
     ),
     ArmHypothesis(
         name="offset",
-        sentence="torques have an offset that the rig lacks, {each}, motor side ({chance}), which"
-        " biases f",
+        sentence="torques have an offset that the rig lacks, {each}, motor side ({chance})",
         remedy="Give the drive a FrictionCurve(offset=0 of each joint), and add"
         " drive.curve.offset[0] and so on to unknown",
+        telling="log the same motion in both directions",
+        biased=True,
         title="an offset of the torque",
         each="{size:.3g} {unit} at {joint}",
         unit="N m",
@@ -162,9 +165,10 @@ HYPOTHESES = (
     # Wrong lengths and counts per turn scale a motion as a wrong gear does.
     ArmHypothesis(
         name="gear",
-        sentence="gears (or lengths, or counts per turn) are not the rig's: {each} ({chance}),"
-        " which biases f",
+        sentence="gears (or lengths, or counts per turn) are not the rig's: {each} ({chance})",
         remedy="Check them, or add drive.gear[0] and so on to unknown",
+        telling="turn the motor by whole turns, and measure the joint",
+        biased=True,
         title="another gear",
         unit="%",
         convert=_percent,
@@ -183,6 +187,7 @@ HYPOTHESES = (
         name="lag",
         sentence="torques lag behind commands by {each} ({chance})",
         remedy="Give the drive current_lag, and compare",
+        telling="log the current beside the command",
         title="lag",
         each="{size:.2g} {unit}",
         unit="ms",
@@ -207,8 +212,10 @@ HYPOTHESES = (
     ),
     ArmHypothesis(
         name="delay",
-        sentence="the counts are {each} ({chance}), which biases f",
+        sentence="the counts are {each} ({chance})",
         remedy="Identify without_delay(record, {value:.2g}) and compare",
+        telling="log the torque as well, whose timing shows without it",
+        biased=True,
         title="delay",
         each="{distance:.2g} {unit} {late}",
         unit="samples",
@@ -235,9 +242,10 @@ HYPOTHESES = (
     # A derivative in the law advances its torque by the ratio of the gains.
     ArmHypothesis(
         name="lead",
-        sentence="the stated law lacks the rate of its error: torques lead by {each} ({chance}),"
-        " which biases f",
+        sentence="the stated law lacks the rate of its error: torques lead by {each} ({chance})",
         remedy="Check the law; a PD has such a lead, its derivative per gain",
+        telling="log the torque as well, which shows the law without a model of the arm",
+        biased=True,
         title="a derivative in the law",
         each="{size:.2g} {unit} at {joint}",
         unit="ms",
@@ -267,8 +275,10 @@ HYPOTHESES = (
     ),
     ArmHypothesis(
         name="length",
-        sentence="the arm's lengths are not the chain's: {each} ({chance}), which biases f",
+        sentence="the arm's lengths are not the chain's: {each} ({chance})",
         remedy="Measure them, and correct the chain",
+        telling="measure them",
+        biased=True,
         title="another length",
         each="{size:+.2g} {unit} before {joint}",
         unit="%",

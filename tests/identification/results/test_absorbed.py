@@ -1,0 +1,60 @@
+"""A delay that an unknown can produce as well: both are named, and the correction is not advised."""
+
+import dataclasses
+
+import numpy as np
+
+from identification import identify, without_delay
+from plant import Cascade, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, puma560, simulate
+
+GEAR = 2 * np.pi / 0.01  # motor angle per travel of the slide [rad/m]
+DYNAMICS = Dynamics.from_chain(
+    Chain(links=(Link(name="slide", prismatic=True),), gravity=(0.0, 0.0, 0.0))
+)
+RIG = Rig(
+    drive=Drive(
+        gear=(GEAR,),
+        motor_inertia=(0.0,),
+        motor_gain=(1.0,),
+        current_limit=(10.0,),
+        viscous=(120.0 / GEAR**2,),
+        coulomb=(9.0 / GEAR,),
+    ),
+    encoder=Encoder(resolution=(20_000.0,)),
+    period=1e-3,
+)
+PATH = Harmonics(period=3.0, offset=(0.1,), cosine=((-0.06, 0.01),), sine=((0.02, 0.02),))
+
+
+def slide(delay):
+    """A slide of 40 kg whose counts are late by so many samples."""
+    stiffness = 40.0 * 50.0 * (0.01 / 20_000) / GEAR
+    law = Cascade(position=(15.0,), speed=(stiffness,), integral=(0.0,), difference=2, period=1e-3)
+    record = simulate(DYNAMICS.arm([40.0]), RIG, law, PATH, duration=4.0, steps_per_sample=16)
+    record = dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
+    return without_delay(record, -delay)
+
+
+def delay_of(found):
+    """The test of the delay that was accepted as a cause."""
+    (sign,) = (sign for sign in found.diagnostics.detection.named if sign.name == "delay")
+    return sign
+
+
+def test_a_delay_that_viscous_friction_can_produce_is_not_corrected():
+    unknown = ("drive.viscous[0]", "drive.coulomb[0]", *DYNAMICS.names)
+    found = identify(
+        DYNAMICS, slide(0.6), unknown=unknown, method="prediction_error", progress=False
+    )
+    assert delay_of(found).absorbing == ("drive.viscous[0]",)
+    assert "another drive.viscous[0]" in found.warnings[0]
+    assert not any("without_delay" in text for text in found.warnings)
+
+
+def test_a_delay_is_corrected_where_no_unknown_can_produce_it():
+    record = simulate(puma560.arm(), puma560.rig(), puma560.p_law((0.1, 0.08)), puma560.reference())
+    record = dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
+    late = without_delay(record, -0.2)
+    found = identify(puma560.dynamics(), late, method="prediction_error", progress=False)
+    assert any("Identify without_delay(record, 0.2" in text for text in found.warnings)
+    assert not any(sign.absorbing for sign in found.diagnostics.detection.named)
