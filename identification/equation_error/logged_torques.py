@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from identification.equation_error.arm_check import FittedArm
 from identification.equation_error.band_choice import SHARES, choose_band, choose_speed
 from identification.equation_error.filters import derivatives
 from identification.equation_error.friction_trial import (
@@ -18,7 +19,11 @@ from identification.equation_error.friction_trial import (
     friction_trials,
 )
 from identification.equation_error.friction_trial import SETTINGS as FRICTION
-from identification.equation_error.least_squares import NotIdentifiableError, dependent_columns
+from identification.equation_error.least_squares import (
+    NotIdentifiableError,
+    covariance_of,
+    dependent_columns,
+)
 from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, speed_noise, without_known
 from identification.equation_error.regressor import (
     LINEAR,
@@ -384,7 +389,18 @@ def fit_torque(
     try:
         fit = weighted(task.dynamics, names, systems, stated, task.seconds, **report)
         friction = _friction(task, fit, selection._replace(every=None))
-        return replace(fit, friction=friction)
+        log = task.logs[0]
+        arm = FittedArm(
+            dynamics=task.dynamics,
+            rig=log.rig,
+            f=fit.f,
+            covariance=covariance_of(dynamics.names, fit.names, fit.covariance),
+            q=log.q,
+            fitted=fit.names,
+            # Torques are biased in bands with fast motion, which no deviation covers.
+            rough=True,
+        )
+        return replace(fit, friction=friction, doubts=tuple(arm.doubts()))
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.
         advice = _advice(names, systems, left_out)

@@ -103,6 +103,8 @@ class TorqueFit(Shown, Frozen):
     friction : tuple of FrictionTrial
         Kinds of friction beside the fitted ones, by their prediction of blocks kept aside, best
         first; none where no Coulomb friction is unknown. They are reported, not fitted.
+    doubts : tuple of str
+        Why these f are those of no arm, or of another rig; see `FittedArm`.
     """
 
     dynamics: Dynamics
@@ -125,6 +127,7 @@ class TorqueFit(Shown, Frozen):
     least_speeds: tuple[FitTrial, ...] = ()
     between: BetweenRuns | None = None
     friction: tuple[FrictionTrial, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def f(self) -> Floats:
@@ -177,14 +180,14 @@ class TorqueFit(Shown, Frozen):
     @property
     def warnings(self) -> list[str]:
         """Doubts about the fit, one line each."""
-        # 1. The fit as a whole.
+        # 1. The fit as a whole: an arm that cannot be explains all that follows.
         # Friction brakes: a negative level means a wrong sign or unit, not a weak brake.
         negative = [
             name
             for name, value in zip(self.names, self.values, strict=True)
             if name.startswith(("drive.viscous", "drive.coulomb")) and value < 0
         ]
-        lines = []
+        lines = list(self.doubts)
         if negative:
             lines.append(
                 f"friction must not be negative; check signs and units ({', '.join(negative)})"

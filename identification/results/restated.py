@@ -1,4 +1,4 @@
-"""Contradictions between model and log: the sign of gravity or of one joint, and rotors.
+"""Contradictions between model and log: the sign of gravity or of one joint.
 
 The signs follow from least squares of the smoothed torques on the smoothed motion, with base
 parameters and friction of any value. Where the torque of a sampled law was not logged, the law is
@@ -7,19 +7,15 @@ run along the log, and its initial integral is a constant.
 
 import dataclasses
 import functools
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from identification.equation_error.law_memory import along_log
 from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.torque_logs import torque_of
-from identification.search.predictive import ROUGH
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
 from plant.checkup.signals import Signals
-from plant.machine.motor_inertia import rotors_alone, shaft_inertias
 from plant.parts.settings import frozen_settings
 from plant.parts.sums import least, product
 
@@ -35,20 +31,10 @@ class RestatedSettings:
         reported. Measured: at most 0.74 for wrong signs, at least 1.33 for right ones.
     rows : int
         Samples of a log that are compared; chosen by hand.
-    deviations : float
-        Standard deviations by which an inertia contradicts a stated rotor; chosen by hand.
-    below : float
-        Share of a rotor's inertia by which that of its joint must be smaller; chosen by hand.
-    differing : float
-        Share of a rotor's inertia by which the identified one must differ, because the parts that
-        turn with it in the gear are seldom stated; chosen by hand.
     """
 
     closer: float = 0.8
     rows: int = 400
-    deviations: float = 4.0
-    below: float = 0.05
-    differing: float = 0.2
 
 
 SETTINGS = RestatedSettings()
@@ -134,46 +120,3 @@ def _left(
     A = A / np.maximum(np.abs(A).max(axis=0), 1e-300)
     residual = b - product(A, least(A, b, rcond=IDENTIFIABLE.equations))
     return float(np.sqrt(np.mean(residual**2)))
-
-
-def of_rotors(identification: Any) -> Iterator[str]:
-    """A line for each joint whose stated rotor the identified inertias contradict.
-
-    D at the shafts of the motors is at least diag(Jm k^2), whatever the links are: the rotor turns
-    with its joint. Where a base parameter is the inertia of one rotor and nothing else, it is the
-    stated one.
-    """
-    rig = identification.rig
-    dynamics = identification.arm.dynamics
-    f = identification.f
-    # At the pose in which the first log begins.
-    rows = shaft_inertias(
-        dynamics, rig, identification.records[0].rig.to_angle(identification.records[0].counts[0])
-    )
-    inertia = f @ rows
-    rotors = rig.drive.reflected_inertia()
-    # Deviations of rough methods do not cover their own errors.
-    alone = {}
-    if identification.covariance is not None and identification.search.method not in ROUGH:
-        alone = rotors_alone(dynamics)
-    covariance = identification.fit.covariance_of(dynamics.names)
-    # Standard deviation of each inertia, which is linear in f.
-    std = np.sqrt(np.einsum("ki,kl,li->i", rows, covariance, rows))
-    for i, label in enumerate(dynamics.chain.joint_labels):
-        unit = "kg" if dynamics.chain.links[i].prismatic else "kg m^2"
-        stated = f"Jm k^2 = {rotors[i]:.3g} {unit}"
-        if inertia[i] + SETTINGS.deviations * std[i] + SETTINGS.below * rotors[i] < rotors[i]:
-            yield (
-                f"the inertia of {label}, {inertia[i]:.3g} {unit}, is below that of its rotor as"
-                f" stated, {stated}: check motor_inertia and gear."
-            )
-        elif i in alone and dynamics.names[alone[i]] in identification.fit.unknown:
-            k = alone[i]
-            rotor_std = np.sqrt(covariance[k, k])
-            limit = SETTINGS.deviations * rotor_std + SETTINGS.differing * rotors[i]
-            if abs(f[k] - rotors[i]) > limit > 0:  # 0: known, and no rotor is stated
-                yield (
-                    f"the rotor of {label} is not as stated: {dynamics.names[k]} is {f[k]:.3g}"
-                    f" {unit}, {stated}. The law has what was found; what is said of elastic joints"
-                    " has what is stated. Check motor_inertia and gear."
-                )

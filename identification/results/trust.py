@@ -6,12 +6,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from identification.equation_error.arm_check import FittedArm
 from identification.equation_error.naming import misread
 from identification.replay.timing import is_late
-from identification.results.restated import of_rotors, restated
+from identification.results.restated import restated
 from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME
-from identification.search.predictive import FALSE_ALARM, ROUNDINGS, doubtful
+from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
 from plant.checkup.law_delay import law_delays
 from plant.checkup.lost_rows import BRIDGED, short_gaps
@@ -163,8 +164,20 @@ def _range_ends(case):
 
 
 def _rotors(case):
-    if not case.fits:
-        yield from of_rotors(case.identification)
+    result = case.identification
+    if case.fits:
+        return
+    record = result.records[0]
+    yield from FittedArm(
+        dynamics=result.arm.dynamics,
+        rig=result.rig,
+        f=result.f,
+        covariance=result.fit.covariance_of(result.arm.dynamics.names),
+        q=record.rig.to_angle(record.counts),
+        fitted=result.fit.unknown,
+        # Deviations of rough methods do not cover their own errors.
+        rough=result.covariance is None or result.search.method in ROUGH,
+    ).of_rotors()
 
 
 def _torque_bands(case):

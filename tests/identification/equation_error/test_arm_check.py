@@ -1,0 +1,86 @@
+"""A fit of the torque says where its parameters are those of no arm, or of another drive."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from identification import fit_torque
+from plant import Body, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig
+
+CHAIN = Chain(
+    links=(Link(name="lift", alpha=-np.pi / 2), Link(name="swing", a=0.3)),
+    bodies=(
+        Body(mass=3.0, com=(0.15, 0.0, 0.02), inertia=(0.01, 0.0, 0.0, 0.04, 0.0, 0.04)),
+        Body(mass=1.2, com=(0.12, 0.02, 0.0), inertia=(0.002, 0.0, 0.0, 0.01, 0.0, 0.01)),
+    ),
+)
+ROTOR = np.array([4e-5, 2e-5])
+RIG = Rig(
+    drive=Drive(
+        gear=(80.0, 60.0),
+        motor_inertia=ROTOR,
+        viscous=(0.0, 0.0),
+        coulomb=(0.0, 0.0),
+        motor_gain=(0.11, 0.07),
+        current_limit=(50.0, 50.0),
+    ),
+    encoder=Encoder(resolution=(2.0**18, 2.0**18)),
+    period=4e-3,
+)
+DYNAMICS = Dynamics.from_chain(CHAIN.with_rotors(RIG.drive))
+ARM = DYNAMICS.arm(DYNAMICS.f())
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """Positions (N, n) of a motion, and the torques (N, n) of the arm with a little noise."""
+    path = Harmonics(
+        period=6.0,
+        offset=(0.2, -0.3),
+        cosine=((0.3, -0.2, 0.1), (0.2, 0.3, -0.1)),
+        sine=((-0.2, 0.1, 0.1), (0.3, -0.1, 0.1)),
+    )
+    times = RIG.period * np.arange(3000)
+    q, qd, qdd = path(times)[:3]
+    torque = np.array([np.ravel(ARM.inverse(*state)) for state in zip(q, qd, qdd, strict=True)])
+    return q, torque + 0.02 * np.random.default_rng(1).standard_normal(torque.shape)
+
+
+def test_the_torques_of_an_arm_are_doubted_by_nothing(motion):
+    q, torque = motion
+    assert fit_torque(DYNAMICS, q, torque, rig=RIG).doubts == ()
+
+
+def test_torques_of_the_other_sign_are_those_of_no_arm(motion):
+    q, torque = motion
+    (doubt,) = fit_torque(DYNAMICS, q, -torque, rig=RIG).doubts
+    assert "D(q) is negative" in doubt
+    assert "Change the sign of the torque" in doubt
+
+
+def test_a_joint_of_the_other_sign_is_no_matter_of_all_torques(motion):
+    q, torque = motion
+    (doubt,) = fit_torque(DYNAMICS, q, torque * (1, -1), rig=RIG).doubts
+    assert "D(q) is negative" in doubt
+    assert "Change the sign of the torque" not in doubt
+
+
+def test_currents_that_are_taken_for_torques_contradict_the_rotors(motion):
+    """N m per ampere at the joint: 8.8 and 4.2, so the inertias look smaller than the rotors'."""
+    q, torque = motion
+    current = RIG.drive.current(torque)
+    fit = fit_torque(DYNAMICS, q, current, rig=RIG)
+    assert [label in doubt for label, doubt in zip(("lift", "swing"), fit.doubts, strict=True)] == [
+        True,
+        True,
+    ]
+    assert all("below that of its rotor" in doubt for doubt in fit.doubts)
+    assert fit.warnings[:2] == list(fit.doubts)
+
+
+def test_a_rotor_that_is_stated_too_large_is_named(motion):
+    q, torque = motion
+    drive = dataclasses.replace(RIG.drive, motor_inertia=ROTOR * (1, 30))
+    (doubt,) = fit_torque(DYNAMICS, q, torque, rig=dataclasses.replace(RIG, drive=drive)).doubts
+    assert doubt.startswith("the inertia of joint swing (q[1])")
