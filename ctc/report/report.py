@@ -22,7 +22,9 @@ def write_report(
     title: str = "Identification of a robot arm",
     overwrite: bool = False,
 ) -> None:
-    """Write one self-contained HTML page: verdict, parameters, fit, logs, assumptions, controller,
+    """Write a self-contained HTML page about an identification and its controller.
+
+    It has the verdict, the parameters, the fit, the logs, the assumptions, the controller and the
     provenance.
 
     It needs no network and no script, and is readable on a phone and on paper.

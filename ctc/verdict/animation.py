@@ -258,8 +258,9 @@ class _Scene:
 
 
 def _plane(points: Floats, up: Floats) -> Floats:
-    """Rows of a view: both axes of the plane through the base that holds all points, or the
-    identity.
+    """Rows of a view: both axes of the plane through the base that holds all points.
+
+    If no plane does, the identity.
 
     The second axis is upwards where the plane is not level, the first one towards positive x, or y.
     """

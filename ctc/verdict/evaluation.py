@@ -156,8 +156,9 @@ class Evaluation(Shown):
 
     @property
     def lowest_resonance(self) -> float | None:
-        """Locked-rotor resonance [Hz] above which this run stays within ±1 pulse on elastic
-        gears; see `on_gears`.
+        """Locked-rotor resonance [Hz] above which this run stays within ±1 pulse.
+
+        See `on_gears`.
         """
         return None if self.on_gears is None else self.on_gears.hz
 
@@ -203,8 +204,9 @@ class Evaluation(Shown):
         return self.fraction_within(k) == 1.0
 
     def plot(self, ax: Any = None, *, phase: bool = False) -> NDArray[Any]:
-        """Draw error and torque of every joint on (n, 2) Axes, or the true error's `phase` plot on
-        (n,).
+        """Draw error and torque of every joint on (n, 2) Axes.
+
+        With `phase`, draw the phase plot of the true error on (n,) Axes.
         """
         return plot_phase(self, ax) if phase else plot_evaluation(self, ax)
 

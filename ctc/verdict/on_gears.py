@@ -81,8 +81,9 @@ def with_gears(rig: Rig, elasticity: Any) -> Rig:
 
 
 def gear_numbers(gears: Any, drive: Drive, hz: ArrayLike) -> tuple[list[str], NDArray[np.float64]]:
-    """Names and values (P, 2 n) of stiffness and damping for resonances (P,) [Hz], all joints
-    alike.
+    """Names and values (P, 2 n) of stiffness and damping for resonances (P,) [Hz].
+
+    All joints have the same resonance.
     """
     names = [
         f"drive.elasticity.{name}[{i}]" for name in ("stiffness", "damping") for i in range(drive.n)
@@ -289,8 +290,9 @@ def from_rest(
     duration: float,
     steps_per_sample: int,
 ) -> FromRest | None:
-    """The same loop from rest at the path's first position, simulated for a second; None where the
-    path begins at rest or the arm stays within the limit.
+    """The same loop from rest at the path's first position, simulated for a second.
+
+    None if the path begins at rest, or if the arm stays within the limit.
     """
     # A speed of 1e-9 of the largest is the rounding error of a path that begins at rest.
     qd = reference(np.linspace(0, duration, 101)).qd

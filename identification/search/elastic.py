@@ -266,8 +266,9 @@ def _deflection(problem):
 
 
 def _starts(problem, view, fits):
-    """Starts that follow the log: the best elastic fits, then the rigid one; of known gears, the
-    best.
+    """Starts that follow the log: the best elastic fits, then the rigid one.
+
+    With known gears it is the best start alone.
 
     Raises
     ------

@@ -201,8 +201,10 @@ class Record(FromFiles, Frozen):
         return self.reference_pulses - self.error_pulses
 
     def column(self, field: str, joint: int) -> str:
-        """What messages call the column of a field ("counts", "reference", "torque", ...) and a
-        joint.
+        """Name of the column of a field and a joint, for messages.
+
+        The field is "counts", "reference", "torque" or another one. The name is the one in the
+        file, if one was mapped, and the field; otherwise it is the field alone.
 
         Its name in the file, if one was mapped, and the field; otherwise the field alone.
         """
@@ -236,8 +238,9 @@ class Record(FromFiles, Frozen):
         )
 
     def cut(self, begin: float, end: float = np.inf) -> Self:
-        """The stretch from `begin` to before `end` [s], on its own time from 0; its reference goes
-        on.
+        """The record from `begin` to before `end` [s], with its own time from 0.
+
+        Its reference continues from there.
 
         Raises
         ------
@@ -273,12 +276,12 @@ class Record(FromFiles, Frozen):
 
     @known_options
     def resampled(self, period: float) -> Self:
-        """The same experiment at uniform times, its counts interpolated linearly and rounded to
-        whole pulses.
+        """The same experiment at uniform times.
 
-        The true motion likewise. Torques and current are means over each new period, of a
-        zero-order hold, or of a line across a gap (above 1.5 median intervals). A sample between
-        two has their smaller weight, and none in a gap.
+        Counts are interpolated linearly and rounded to whole pulses. The true motion is
+        interpolated likewise. Torques and currents are means over each new period, of a zero-order
+        hold, or of a line across a gap (above 1.5 median intervals). A new sample has the smaller
+        weight of its two neighbours, and no weight in a gap.
 
         Parameters
         ----------

@@ -154,8 +154,9 @@ def finished(
     executor: Executor,
     retries: int = 0,
 ) -> Iterator[tuple[T, Any, BaseException | None]]:
-    """(key, result, error) of each call (key, (function, args, kwargs)), in the order in which they
-    end.
+    """(key, result, error) of each call, in the order in which they end.
+
+    A call is (key, (function, args, kwargs)).
 
     Calls are taken as there is room for them. One that raises, or kills its worker, is tried again
     `retries` times.
