@@ -88,11 +88,8 @@ def learn(
     1 ()
     """
     previous = law if isinstance(law, Learning) else None
-    run_law: Any = law
-    if previous is not None:
-        run_law = previous.law
-    else:
-        instance("law", law, Law, "Give the law that made the logs.")
+    run_law: Any = getattr(previous, "law", law)
+    instance("law", run_law, Law, "Give the law that made the logs.")
     instance("rig", rig, Rig, _ORDER)
     instance("reference", reference, Reference, _ORDER)
     if settings is None:
@@ -142,8 +139,7 @@ def learn(
     # 3. The next torque: corrected, or with half of the last correction, if that did not help.
     wanted = _terms(mean, terms).ravel()
     following = _next(previous, learnt_terms.ravel(), wanted, rms, errors, rig, settings)
-    start = following.start
-    wanted = following.wanted
+    start, wanted = following.start, following.wanted
 
     # The whole missing torque is explained here, not only the part `gain` of it that is added.
     # 4. The part of it that is f and friction, for other paths.
@@ -151,8 +147,6 @@ def learn(
     explained = _torque(whole_torque.reshape(terms, -1), count)
     prior = _prior(found, arm, rig, settings.friction_deviation)
     mending = mended(arm, rig, plant, explained, moves, speed, prior, settings)
-    p = len(arm.f)
-    std = np.sqrt(np.diag(mending.covariance))
     added = start + following.gain * wanted
     return Learning(
         law=LearntTorque(
@@ -164,8 +158,8 @@ def learn(
         ),
         arm=mending.arm,
         rig=mending.rig,
-        covariance=mending.covariance[:p, :p],
-        friction_std=std[p:].reshape(2, -1),
+        covariance=mending.covariance,
+        friction_std=mending.friction_std,
         missing=following.missing,
         beyond=following.beyond,
         peak=following.peak,

@@ -150,13 +150,14 @@ def share(missing: Floats, rig: Rig) -> float:
 class Mending(NamedTuple):
     """Arm and rig corrected by a learnt torque.
 
-    `covariance` of f, viscous and Coulomb friction, joint side; `rest` is the torque that neither
-    explains, rms [N m].
+    `covariance` (p, p) of f, `friction_std` (2, n) of viscous and Coulomb friction, joint side;
+    `rest` is the torque that neither explains, rms [N m].
     """
 
     arm: Arm
     rig: Rig
     covariance: Floats
+    friction_std: Floats
     rest: float
 
 
@@ -221,4 +222,7 @@ def mended(
         coulomb=np.maximum(drive.coulomb + change[p + n :] / np.abs(drive.gear), 0),
     )
     mended_rig = dataclasses.replace(rig, drive=corrected)
-    return Mending(arm.dynamics.arm(values[:p]), mended_rig, covariance, variance**0.5)
+    friction_std = np.sqrt(np.diag(covariance)[p:]).reshape(2, -1)
+    return Mending(
+        arm.dynamics.arm(values[:p]), mended_rig, covariance[:p, :p], friction_std, variance**0.5
+    )
