@@ -16,6 +16,9 @@ from plant.parts.settings import frozen_settings
 HEAVIEST = 23000.0
 """Density [kg/m^3] of nothing that links are made of: above that of osmium."""
 
+STEEL = 8000.0
+"""Density [kg/m^3] that no whole link has."""
+
 
 @frozen_settings
 class AgreementSettings:
@@ -33,7 +36,17 @@ class AgreementSettings:
     slack : float
         Share by which a link may be larger than its shape in the file.
     slack_of_proof : float
-        The same for a proof: shapes for collisions leave parts out.
+        The same for a proof beside a repair: shapes for collisions leave parts out.
+    slack_alone : float
+        The same for a proof without a repair: nine times the shape, since the balls under a foot
+        are its shape in some files.
+    thinnest : float
+        Share of its shape's second moments below which a link is thinner than its shape, in a
+        repair: motors in a shell have a third.
+    smallest : float
+        Radius of gyration [m] that any link may have.
+    farthest : float
+        Distance of a centre of mass from the joint [m] that any link may have.
     faithful : int
         Links that have to fit their shapes before shapes are taken for the links themselves.
     outside : float
@@ -55,6 +68,10 @@ class AgreementSettings:
     lightest: float = 1.0
     slack: float = 0.05
     slack_of_proof: float = 1.0
+    slack_alone: float = 4.0
+    thinnest: float = 0.1
+    smallest: float = 0.3
+    farthest: float = 1.0
     faithful: int = 3
     outside: float = 15.0
     same: float = 1e-4
@@ -76,16 +93,31 @@ class CheckedLink:
     shape: Shape | None
     joints: Floats
     partners: Sequence[tuple[Inertial, Floats]] = ()
+    way: float = 0.0
+    """Sum of the lengths of the links from the base to this one [m]."""
+    formed: bool = False
+    """Whether the file has a geometry of the link."""
+    whole: bool = True
+    """Whether no mesh shows more of the link than its shape."""
 
 
 Links: TypeAlias = dict[str, CheckedLink]
 """The links of a file by name."""
 
 
-def mirrored(inertial: Inertial, plane: Floats) -> Inertial:
-    """The inertial on the other side of a plane."""
+def mirrored(inertial: Inertial, motion: Floats) -> Inertial:
+    """The inertial after a rotation or a reflection."""
     in_link = inertial.rotation @ inertial.inertia @ inertial.rotation.T
-    return Inertial(inertial.mass, plane @ inertial.com, np.eye(3), plane @ in_link @ plane)
+    return Inertial(inertial.mass, motion @ inertial.com, np.eye(3), motion @ in_link @ motion.T)
+
+
+def thinner(inertial: Inertial, shape: Shape | None) -> bool:
+    """Whether a body is much thinner than its shape."""
+    if shape is None:
+        return False
+    return bool(
+        np.trace(inertial.spread / inertial.mass) < SETTINGS.thinnest * np.trace(shape.spread)
+    )
 
 
 def coincides(inertial: Inertial, link: CheckedLink) -> bool:
@@ -113,32 +145,45 @@ def uniform(inertial: Inertial, shape: Shape | None) -> bool:
     return bool(off < SETTINGS.uniform * size and shift < SETTINGS.uniform * np.sqrt(size))
 
 
-def impossible(inertial: Inertial, link: CheckedLink, links: Links) -> bool:
+def impossible(inertial: Inertial, link: CheckedLink, links: Links, *, alone: bool = False) -> bool:
     """Whether no body within the robot, or within the link's shape, can have this inertial.
 
     The shape may be a third of the link, as shapes for collisions are; but it counts as large as it
-    is where all other links of the file (at least `faithful`) are as large as theirs.
+    is where all other links of the file (at least `faithful`) are as large as theirs. With `alone`
+    it may be a ninth, since there is no other evidence.
     """
     spread = inertial.spread / inertial.mass
     # No matter is so dense: that needs no shape.
     if inertial.density() > HEAVIEST:
         return True
-    if link.shape is None:
-        # Without a shape the body must lie within all links in a row, twice.
-        reach = sum(_length(one) for one in links.values() if len(one.joints))
-        size = max(np.linalg.norm(inertial.com), np.sqrt(np.trace(spread)))
-        return bool(reach) and bool(size > 2.0 * reach)
-    if not SETTINGS.lightest < inertial.mass / link.shape.volume < HEAVIEST:
+    if link.shape is None or (alone and not link.whole):
+        # Without a shape a link is no wider than the longest one of the robot, or half of the
+        # longest way through it; and its mass is not farther away than that way.
+        longest = _reach(links)
+        way = max(one.way for one in links.values())
+        if not way:
+            return False
+        width = float(np.sqrt(np.trace(spread)))
+        too_wide = width > max(SETTINGS.smallest, longest, way / 2)
+        return too_wide or bool(np.linalg.norm(inertial.com) > max(SETTINGS.farthest, way))
+    slack = SETTINGS.slack_alone if alone else _slack(link, links)
+    # All of the link is in the larger shape.
+    volume = link.shape.volume * (1 + 2 * slack) ** 3
+    if inertial.mass < SETTINGS.lightest * link.shape.volume or inertial.mass > HEAVIEST * volume:
         return True
-    # Do the other links fit their shapes? The link itself is what is in question.
+    return not link.shape.holds(inertial.com, spread, slack)
+
+
+def _slack(link: CheckedLink, links: Links) -> float:
+    """Share of its shape by which a link may be larger, from how the other links fit theirs."""
     fits = [
         one.shape.holds(one.stated.com, one.stated.spread / one.stated.mass, SETTINGS.slack)
         for one in links.values()
+        # The link itself is what is in question.
         if one is not link and one.shape is not None and one.stated and one.stated.physical()
     ]
     faithful = len(fits) >= SETTINGS.faithful and all(fits)
-    slack = 2 * SETTINGS.slack if faithful else SETTINGS.slack_of_proof
-    return not link.shape.holds(inertial.com, spread, slack)
+    return 2 * SETTINGS.slack if faithful else SETTINGS.slack_of_proof
 
 
 def cost_of(inertial: Inertial, link: CheckedLink, links: Links) -> float:

@@ -9,7 +9,7 @@ inertial without the mistake is exactly the link on the other side, or exactly t
 filled, which does not happen by chance.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -17,11 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from plant.mechanics.body import Body, inertia_matrix
-from plant.mechanics.model_tree import MOVING
+from plant.mechanics.model_tree import MOVING, SLIP, deferred
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
 from plant.models.agreement import (
     HEAVIEST,
+    STEEL,
     CheckedLink,
     Links,
     coincides,
@@ -29,18 +30,22 @@ from plant.models.agreement import (
     distance,
     impossible,
     mirrored,
-    same,
+    thinner,
     uniform,
 )
 from plant.models.edits import urdf_inertial
 from plant.models.hypotheses import (
+    PARALLEL_AXIS,
     Inertial,
     joint_positions,
     mirrors,
     partner_of,
+    primitive,
     shape_of,
+    ways,
     without_mistakes,
 )
+from plant.models.joints_stated import mistakes_of_joints
 from plant.parts.arguments import known_options
 from plant.parts.files import require_new, write_whole
 from plant.parts.settings import frozen_settings
@@ -61,16 +66,42 @@ class RepairSettings:
     margin : float
         Evidence that a mistake needs beside its proof.
     likely : float
-        Evidence that a repair needs against the others, where no body can have what is stated.
+        Evidence that a repair needs against every other one: odds of e^4.
+    usual : float
+        Cost that an inertial without any mistake may have, if the other links of the file have no
+        higher ones: a repair is no worse.
     difference : float
         Relative difference of a link from its repair below which there is no finding: CAD models of
         two sides differ as much.
+    rounding : float
+        Share by which moments may miss the triangle inequality without a finding.
+    dust : float
+        Radius of gyration [m] below which the inertia is zero.
+    signs : int
+        Links with negative moments from which on turned signs explain them by more than chance:
+        3^-4 are odds of e^-4.4.
+    alike : float
+        Relative difference up to which inertias that the other side leaves open are one.
+    negligible : float
+        Share of the file's larger masses and inertias (the upper tenth) below which a link does no harm.
+    heavy : tuple of float
+        Mass over that of all other links of a link with the mass of the whole robot: least, most.
+    denser : float
+        Least density of such a link over the median of the others.
     """
 
     rare: float = 4.0
     margin: float = 6.0
-    likely: float = 3.0
+    likely: float = 4.0
+    usual: float = 6.0
     difference: float = 0.006
+    rounding: float = 1e-3
+    dust: float = 1e-5
+    signs: int = 4
+    alike: float = 0.03
+    negligible: float = 1e-3
+    heavy: tuple[float, float] = (0.8, 1.5)
+    denser: float = 10.0
 
 
 SETTINGS = RepairSettings()
@@ -81,13 +112,14 @@ class ModelFinding(Shown):
     """A mistake in the inertial of a link, and its repair in the link's frame, if one is certain.
 
     `evidence`: logarithm of the odds of the repair against the stated inertial; infinite where no
-    body can have that.
+    body can have that. `joint`: the joint that carries the link, if the mistake is in its numbers.
     """
 
     link: str
     mistake: str
     evidence: float
     repair: Body | None
+    joint: str = ""
 
     def _short(self) -> str:
         return f"link {self.link}{', repaired' * (self.repair is not None)}"
@@ -96,7 +128,8 @@ class ModelFinding(Shown):
         repair = "no repair is certain"
         if self.repair is not None:
             repair = f"repaired: mass {self.repair.mass:.4g} kg"
-        yield f"link {self.link}: {self.mistake}; {repair}"
+        place = f"joint {self.joint}" if self.joint else f"link {self.link}"
+        yield f"{place}: {self.mistake}; {repair}"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -135,12 +168,14 @@ class ModelCheck(Shown):
 
 
 def check_model(path: str | Path) -> ModelCheck:
-    """Find the mistakes in the inertials of a URDF file, and their repairs.
+    """Find the mistakes in the inertials and joints of a URDF file, and repairs of inertials.
 
-    Units (g for kg, mm for m), signs and order of the products of inertia, inertia about the link's
-    frame, mirrored links, missing inertials, and what no body can have. Meshes are not read: links
-    whose geometry is not made of boxes, cylinders and spheres are judged by their joints and the
-    other links alone.
+    Units (g for kg, mm for m, degrees), signs and order of the products of inertia, inertia about
+    the link's frame, mirrored links, missing inertials, placeholders, the mass of the whole robot
+    on one link, and what no body can have. A finding has a repair only where one mistake explains
+    all that the file states of the link, and every other one is e^4 times less likely. Meshes are
+    not read: links whose geometry is not made of boxes, cylinders and spheres are judged by their
+    joints and the other links alone.
 
     Parameters
     ----------
@@ -171,40 +206,71 @@ def check_model(path: str | Path) -> ModelCheck:
     False
     """
     robot, _ = parsed(path, "robot", "URDF")
-    # 1. What the file states of each link.
-    links = _checked_links(robot)
+    # 1. What the file states of each link, and what of it cannot be read.
+    links, unread = _checked_links(robot)
     joints = [joint for joint in robot.all("joint") if joint.attributes.get("type") in MOVING]
-    moving = {end.attributes.get("link") for joint in joints for end in joint.all("child")}
+    moving = {end.attributes.get("link", "") for joint in joints for end in joint.all("child")}
     # 2. Each link by itself, beside its partner.
-    findings = {}
+    placeholders = _placeholders(links)
+    findings: dict[str, ModelFinding] = {}
     for name, link in links.items():
+        if name in placeholders or name in unread or _negligible(link, links):
+            continue
         # A link that moves needs an inertial; a fixed one may do without.
         missing = link.stated is None and name in moving
-        finding = _missing(link, links) if missing else _judged(link, links)
+        finding = _missing(link, links) if missing else None
+        finding = finding or _of_all(link, links, moving) or _judged(link, links)
         if finding is not None:
             findings[name] = finding
-    # 3. A mistake on one side makes the other side look wrong, too.
+    # 3. A mistake on one side makes the other side look wrong, too; one mistake in several links
+    # explains them all.
     _keep_one_side(findings, links)
-    return ModelCheck(path=Path(path), findings=tuple(findings.values()))
+    _name_common(findings, links)
+    findings |= placeholders | {
+        name: _unrepaired(name, why, np.inf) for name, why in unread.items()
+    }
+    of_joints = [
+        ModelFinding(link=link, mistake=mistake, evidence=np.inf, repair=None, joint=joint)
+        for link, joint, mistake in mistakes_of_joints(robot)
+    ]
+    # In the order of the file.
+    of_links = [findings[name] for name in links if name in findings]
+    return ModelCheck(path=Path(path), findings=(*of_links, *of_joints))
 
 
-def _checked_links(robot: Element) -> Links:
-    """The links of a file by name, each with its partner on the other side."""
-    links = {}
+def _unrepaired(link: str, mistake: str, evidence: float) -> ModelFinding:
+    return ModelFinding(link=link, mistake=mistake, evidence=evidence, repair=None)
+
+
+def _checked_links(robot: Element) -> tuple[Links, dict[str, str]]:
+    """The links of a file by name, each with its partner on the other side; what is unreadable."""
+    links: Links = {}
+    unread: dict[str, str] = {}
     for element in robot.all("link"):
         name = element.attributes.get("name", "")
-        joints = joint_positions(robot, name)
-        links[name] = CheckedLink(name, _stated(element, name), shape_of(element), joints)
+        stated, reason = deferred(None, _stated, element, name)
+        if reason:
+            unread[name] = reason
+        shape, _ = deferred(None, shape_of, element)
+        formed = any(element.find(tag) is not None for tag in ("visual", "collision"))
+        joints, _ = deferred(np.empty((0, 3)), joint_positions, robot, name)
+        whole = all(primitive(visual) for visual in element.all("visual"))
+        links[name] = CheckedLink(name, stated, shape, joints, formed=formed, whole=whole)
+    for name, way in ways(robot).items():
+        if name in links:
+            links[name].way = way
+    # A link that no body can be is no evidence about the other side.
+    sound = {name for name, link in links.items() if not _proof(link, links)}
     for name, link in links.items():
         # Partners need the links of the whole file, hence a second pass.
         partner_name = partner_of(name, list(links))
         if partner_name is None:
             continue
         partner = links[partner_name]
-        if partner.stated is not None:
-            planes = mirrors((link.shape, partner.shape), (link.joints, partner.joints))
-            link.partners = [(partner.stated, plane) for plane in planes]
-    return links
+        if partner.stated is not None and partner_name in sound:
+            motions = mirrors((link.shape, partner.shape), (link.joints, partner.joints))
+            link.partners = [(partner.stated, motion) for motion in motions]
+    return links, unread
 
 
 def _keep_one_side(findings: dict[str, ModelFinding], links: Links) -> None:
@@ -213,24 +279,36 @@ def _keep_one_side(findings: dict[str, ModelFinding], links: Links) -> None:
         partner = partner_of(name, list(links))
         if partner is None or name not in findings or partner not in findings:
             continue
-        finding = findings[name]
-        other_finding = findings[partner]
-        # An impossible inertial is wrong whatever the other side states.
-        if not np.isfinite([finding.evidence, other_finding.evidence]).all():
+        # What has a proof of its own is wrong whatever the other side states.
+        if _proof(links[name], links) or _proof(links[partner], links):
             continue
-        if finding.mistake == other_finding.mistake and _alike(links[name]):
-            continue  # the same mistake in both
-        # The finding that the link alone supports less is the one to remove.
+        # The finding that the link alone supports less is the one to remove. Without clear evidence
+        # for one of them the two differ, and neither is repaired.
         gains = {side: _gain_alone(links[side], findings[side], links) for side in (name, partner)}
-        del findings[min((name, partner), key=gains.__getitem__)]
+        less, more = sorted((name, partner), key=gains.__getitem__)
+        del findings[less]
+        if gains[more] - gains[less] < SETTINGS.likely:
+            mistake = f"{findings[more].mistake}, here or in {less}"
+            findings[more] = _unrepaired(more, mistake, findings[more].evidence)
 
 
-def _alike(link: CheckedLink) -> bool:
-    """Whether a link states what the other side states, mirrored."""
-    stated = link.stated
-    return stated is not None and any(
-        same(stated, mirrored(partner, plane)) for partner, plane in link.partners
-    )
+def _name_common(findings: dict[str, ModelFinding], links: Links) -> None:
+    """Name the one mistake that explains all links that no body can be, if there is one."""
+    open_links = [
+        name
+        for name, finding in findings.items()
+        if finding.repair is None and finding.mistake == NO_BODY
+    ]
+    # The two sides of a robot come from one macro, and are one witness.
+    witnesses = {min(name, partner_of(name, list(links)) or name) for name in open_links}
+    if len(witnesses) < 2:
+        return
+    explained = [{trial.mistake for trial in _possible(links[name], links)} for name in open_links]
+    common = set.intersection(*explained)
+    if len(common) == 1:
+        mistake = f"{common.pop()}, as in {len(open_links)} links"
+        for name in open_links:
+            findings[name] = _unrepaired(name, mistake, findings[name].evidence)
 
 
 def _gain_alone(link: CheckedLink, finding: ModelFinding, links: Links) -> float:
@@ -268,80 +346,194 @@ class _Trial(NamedTuple):
     inertial: Inertial
 
 
+NO_BODY = "an inertia that no body has"
+
+
+def _proof(link: CheckedLink, links: Links) -> str:
+    """Why no link can have the stated inertial, in words; empty if one can."""
+    stated = link.stated
+    if stated is None:
+        return ""
+    if not stated.mass > 0:
+        return "no mass" if not stated.mass else "a negative mass"
+    # Programs write dust of 1e-20 for zero.
+    if np.abs(stated.inertia).max() < SETTINGS.dust**2 * stated.mass:
+        return "no inertia"
+    if not stated.physical():
+        excess = stated.excess()
+        if excess > SLIP:
+            return NO_BODY
+        # Below this, numbers of few digits are rounded.
+        if excess > SETTINGS.rounding:
+            return f"an inertia that misses the triangle inequality by {100 * excess:.2g} %"
+        return ""
+    if stated.density() > HEAVIEST:
+        return "denser than any matter"
+    if impossible(stated, link, links, alone=True):
+        size = float(np.sqrt(np.trace(stated.spread) / stated.mass))
+        return f"an inertial that does not fit the link (radius of gyration {size:.2g} m)"
+    return ""
+
+
+def _possible(link: CheckedLink, links: Links) -> list[_Trial]:
+    """The inertials without one mistake that a link can have, with their costs."""
+    trials = []
+    stated = link.stated
+    # Zeros say nothing about what they should be.
+    if stated is None or np.abs(stated.inertia).max() < SETTINGS.dust**2 * abs(stated.mass):
+        return []
+    signs = _signs_explain(links)
+    for mistake, inertial in without_mistakes(stated):
+        if mistake == PARALLEL_AXIS and signs:
+            continue
+        # Any mistake competes with none, which is more frequent.
+        cost = cost_of(inertial, link, links) + SETTINGS.rare
+        sound = np.isfinite(cost) and not impossible(inertial, link, links)
+        if sound and not thinner(inertial, link.shape):
+            trials.append(_Trial(cost, mistake, inertial))
+    return trials
+
+
+def _signs_explain(links: Links) -> bool:
+    """Whether turned signs explain all negative moments of the file, which are many.
+
+    Moments that are negative for another reason are those of a body without their signs in one link
+    of three, by chance.
+    """
+    negative = [
+        link.stated
+        for link in links.values()
+        if link.stated is not None and (np.diag(link.stated.inertia) < 0).any()
+    ]
+    turned = [dict(without_mistakes(stated))["a negative moment of inertia"] for stated in negative]
+    return len(turned) >= SETTINGS.signs and all(inertial.physical() for inertial in turned)
+
+
 def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     """The mistake that explains the inertial better than none, if there is one with a proof."""
     stated = link.stated
     if stated is None:
         return None
-    trials = [
-        # Any mistake competes with none, which is more frequent.
-        _Trial(cost_of(inertial, link, links) + SETTINGS.rare, mistake, inertial)
-        for mistake, inertial in without_mistakes(stated)
-    ]
-    if not stated.physical() or stated.density() > HEAVIEST:
-        return _impossible(link, links, trials)
-    best = min(trials, key=lambda trial: trial.cost)
-    # A proof, a visible difference and a possible repair: evidence alone names no mistake, since
-    # weights of evidence are rough.
-    exact = np.isfinite(best.cost) and coincides(best.inertial, link)
-    proven = (exact and not coincides(stated, link)) or impossible(stated, link, links)
-    differs = distance(stated, best.inertial) > SETTINGS.difference
+    proof = _proof(link, links)
+    trials = _possible(link, links)
+    best = min(trials, key=lambda trial: trial.cost, default=None)
+    exact = best is not None and coincides(best.inertial, link)
+    # A repair is unrivalled. A slip of the triangle inequality is of any number; and an inertia that
+    # is too small for its centre of mass leaves open which of the two is wrong.
+    certain = (
+        best is not None
+        and _unrivalled(trials, best)
+        and best.cost - SETTINGS.rare <= _usual(link, links)
+    )
+    if "triangle" in proof or (best is not None and best.mistake == PARALLEL_AXIS):
+        certain = certain and exact
+    if proof:
+        if best is not None and certain:
+            evidence = cost_of(stated, link, links) - best.cost
+            repair = _body(best.inertial)
+            return ModelFinding(
+                link=link.name, mistake=best.mistake, evidence=evidence, repair=repair
+            )
+        guess = _guess(link, links)
+        return ModelFinding(link=link.name, mistake=proof, evidence=np.inf, repair=guess)
+    # Exactly the other side, or the filled shape, is a proof by itself; that all other links are as
+    # large as their shapes is one beside a repair.
+    exact = exact and not coincides(stated, link)
+    if best is None or not (exact or (certain and impossible(stated, link, links))):
+        return None
     evidence = cost_of(stated, link, links) - best.cost
-    if not proven or not differs or impossible(best.inertial, link, links):
+    if evidence <= SETTINGS.margin or distance(stated, best.inertial) <= SETTINGS.difference:
         return None
-    if evidence <= SETTINGS.margin:
-        return None
-    repair = _body(best.inertial)
+    repair = _body(best.inertial) if certain else None
     return ModelFinding(link=link.name, mistake=best.mistake, evidence=evidence, repair=repair)
 
 
-def _impossible(link: CheckedLink, links: Links, trials: list[_Trial]) -> ModelFinding:
-    """The finding about an inertial that no body has: which mistake it is, if that is certain."""
-    best = min(trials, key=lambda trial: trial.cost)
-    possible = np.isfinite(best.cost)
-    mistake = "an inertia that no body has"
-    if link.stated is not None and link.stated.physical():
-        # Only too dense: of the mistakes, those count that leave a possible body.
-        mistake = "denser than any matter"
-        remaining = [
-            trial
-            for trial in trials
-            if np.isfinite(trial.cost) and not impossible(trial.inertial, link, links)
-        ]
-        possible = len(remaining) > 0
-        trials = remaining or trials
-        # If every mistake leaves a body that is too dense, none of them has a name.
-        no_mistake = _Trial(np.inf, "", best.inertial)
-        best = min(remaining, key=lambda trial: trial.cost, default=no_mistake)
-    # A negative number is its own proof; otherwise the repair must be exact or far ahead.
-    exact = possible and coincides(best.inertial, link)
-    negative = possible and best.mistake.startswith("a negative")
-    certain = exact or negative or _unrivalled(trials, best.inertial)
-    return ModelFinding(
-        link=link.name,
-        mistake=best.mistake if certain else mistake,
-        evidence=np.inf,
-        repair=_body(best.inertial) if certain else _guess(link, links),
-    )
-
-
-def _unrivalled(trials: list[_Trial], best: Inertial) -> bool:
-    """Whether all other bodies that one mistake leaves agree with the file much less."""
-    # Several mistakes may leave the same body.
+def _usual(link: CheckedLink, links: Links) -> float:
+    """Cost up to which the sound inertials of the file agree with it."""
     costs = [
-        trial.cost
-        for trial in trials
-        if not np.allclose(trial.inertial.spread, best.spread, rtol=1e-3, atol=0)
+        cost_of(one.stated, one, links)
+        for one in links.values()
+        if one is not link and one.stated is not None and not _proof(one, links)
     ]
-    # The distance in costs is the logarithm of the odds.
-    least = min(trial.cost for trial in trials)
-    return bool(np.isfinite(least) and min(costs, default=np.inf) - least > SETTINGS.likely)
+    finite = [cost for cost in costs if np.isfinite(cost)]
+    return max(SETTINGS.usual, float(np.quantile(finite, 0.9))) if finite else SETTINGS.usual
+
+
+def _unrivalled(trials: list[_Trial], best: _Trial) -> bool:
+    """Whether all other bodies that one mistake leaves agree with the file much less."""
+    # Several mistakes may leave the same body. The distance in costs is the logarithm of the odds.
+    rivals = [trial.cost for trial in trials if distance(trial.inertial, best.inertial) > 1e-3]
+    return min(rivals, default=np.inf) - best.cost > SETTINGS.likely
+
+
+def _placeholders(links: Links) -> dict[str, ModelFinding]:
+    """Findings about inertias that nobody computed: a power of ten, or the same in all links."""
+    stated = {name: link.stated for name, link in links.items() if link.stated is not None}
+    findings = {}
+    for name, inertial in stated.items():
+        link = links[name]
+        if (
+            inertial.placeholder()
+            and not _negligible(link, links)
+            and not uniform(inertial, link.shape)
+        ):
+            moment = inertial.inertia[0, 0]
+            text = f"a placeholder for the inertia ({moment:.3g} kg m^2 about every axis)"
+            evidence = np.inf if _proof(links[name], links) else SETTINGS.margin
+            findings[name] = _unrepaired(name, text, evidence)
+    # Links of different masses have different inertias.
+    masses = {inertial.mass for inertial in stated.values()}
+    inertias = {tuple(inertial.inertia.ravel()) for inertial in stated.values()}
+    if len(stated) >= 3 and len(masses) >= 3 and len(inertias) == 1:
+        text = f"a placeholder for the inertia (the same in all {len(stated)} links)"
+        for name in stated:
+            findings.setdefault(name, _unrepaired(name, text, SETTINGS.margin))
+    return findings
+
+
+def _negligible(link: CheckedLink, links: Links) -> bool:
+    """Whether a link hardly weighs: many files have such ones for the sake of simulators."""
+    if link.stated is None:
+        return False
+    masses = [abs(one.stated.mass) for one in links.values() if one.stated is not None]
+    sizes = [_about_joint(one.stated) for one in links.values() if one.stated is not None]
+    # Half of a file may be such links.
+    heavy, large = np.quantile(masses, 0.9), np.quantile(sizes, 0.9)
+    light = abs(link.stated.mass) <= SETTINGS.negligible * heavy
+    return bool(light and _about_joint(link.stated) <= SETTINGS.negligible * large)
+
+
+def _about_joint(inertial: Inertial) -> float:
+    """Size of the inertia about the link's frame [kg m^2]."""
+    c = inertial.com
+    return float(abs(np.trace(inertial.inertia)) + abs(inertial.mass) * (c @ c))
+
+
+def _of_all(link: CheckedLink, links: Links, moving: Collection[str]) -> ModelFinding | None:
+    """The finding about a link with the mass of the whole robot, and an inertia of its own."""
+    stated = link.stated
+    if stated is None or link.name not in moving or not stated.physical():
+        return None
+    others = [
+        one.stated
+        for one in links.values()
+        if one is not link and one.stated is not None and one.stated.physical()
+    ]
+    total = sum(other.mass for other in others)
+    least, most = SETTINGS.heavy
+    if len(others) < 3 or not least * total < stated.mass < most * total:
+        return None
+    density = float(np.median([other.density() for other in others]))
+    if stated.density() < min(STEEL, SETTINGS.denser * density):
+        return None
+    text = f"the mass of the whole robot ({stated.mass:.3g} kg; all others have {total:.3g} kg)"
+    return _unrepaired(link.name, text, SETTINGS.margin)
 
 
 def _missing(link: CheckedLink, links: Links) -> ModelFinding | None:
-    """The finding about a link with a shape or a partner, and without an inertial."""
-    # Without a shape or a partner the link may be a frame, which has no mass.
-    if link.shape is None and not link.partners:
+    """The finding about a link with a geometry or a partner, and without an inertial."""
+    # Without them the link may be a frame, which has no mass.
+    if not link.formed and not link.partners:
         return None
     return ModelFinding(
         link=link.name, mistake="no inertial", evidence=np.inf, repair=_guess(link, links)
@@ -349,11 +541,41 @@ def _missing(link: CheckedLink, links: Links) -> ModelFinding | None:
 
 
 def _guess(link: CheckedLink, links: Links) -> Body | None:
-    """The partner's body mirrored; or the link's shape filled, if all others are filled alike."""
-    for partner, plane in link.partners:
-        if partner.physical():
-            # The link on the other side is better evidence than any density.
-            return _body(mirrored(partner, plane))
+    """The partner's inertia after the motion that the link states; or that of the filled shape.
+
+    The shape is filled if all other links of the file are filled alike. What the link states of
+    mass and centre stays: a body that does not have it is no repair.
+    """
+    stated = link.stated
+    bodies = [mirrored(partner, motion) for partner, motion in link.partners if partner.physical()]
+    if stated is not None:
+        bodies = [body for body in bodies if _same_place(body, stated)]
+    filled = _filled(link, links)
+    if not bodies and filled is not None and (stated is None or _same_place(filled, stated)):
+        bodies = [filled]
+    if not bodies:
+        return None
+    # Motions that differ in small products alone leave these open: they are zero on average.
+    inertias = np.array([body.rotation @ body.inertia @ body.rotation.T for body in bodies])
+    mean = inertias.mean(axis=0)
+    if np.abs(inertias - mean).max() > SETTINGS.alike * np.abs(mean).max():
+        return None
+    if stated is None and np.ptp([body.com for body in bodies], axis=0).max() > 0:
+        return None
+    mass, com = (bodies[0].mass, bodies[0].com) if stated is None else (stated.mass, stated.com)
+    return _body(Inertial(mass, com, np.eye(3), mean))
+
+
+def _same_place(body: Inertial, stated: Inertial) -> bool:
+    """Whether a body has the stated mass, and its centre where it is stated."""
+    if abs(stated.mass - body.mass) > SETTINGS.difference * body.mass:
+        return False
+    size = float(np.sqrt(np.trace(body.spread) / body.mass))
+    return bool(np.linalg.norm(stated.com - body.com) < SETTINGS.difference * size)
+
+
+def _filled(link: CheckedLink, links: Links) -> Inertial | None:
+    """The link's shape filled, if all others are filled alike."""
     densities = []
     for one in links.values():
         if one is link or one.stated is None or one.shape is None:
@@ -368,7 +590,7 @@ def _guess(link: CheckedLink, links: Links) -> Body | None:
     mass = float(np.median(densities)) * link.shape.volume
     spread = mass * link.shape.spread
     inertia = np.trace(spread) * np.eye(3) - spread
-    return _body(Inertial(mass, link.shape.centre, np.eye(3), inertia))
+    return Inertial(mass, link.shape.centre, np.eye(3), inertia)
 
 
 def _body(inertial: Inertial) -> Body:

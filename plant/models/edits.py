@@ -32,7 +32,7 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
             text = f'<{tag} {name}="{_text(value)}"/>'
             edits.append(inertial.child_edit(data, text, first=tag == "origin"))
         else:
-            edits.append(element.attribute_edit(data, name, _text(value)))
+            edits += _changed(data, element, name, value)
     # 2. The inertia, in the axes that the file states.
     placement = Placement(rotation=origin_of(inertial, "inertial").rotation)
     turned = body.seen_from(placement.inverse())
@@ -41,8 +41,24 @@ def urdf_inertial(data: bytes, link: Element, body: Body) -> list[Edit]:
         edits.append(inertial.child_edit(data, _matrix(turned)))
     else:
         pairs = zip(INERTIA, turned.inertia, strict=True)
-        edits += [matrix.attribute_edit(data, key, _text(value)) for key, value in pairs]
+        # Rounding of the turn is no change of a small product.
+        size = 1e-13 * float(np.abs(turned.inertia).max())
+        for key, value in pairs:
+            edits += _changed(data, matrix, key, value, size)
     return edits
+
+
+def _changed(data, element, name, value, slack=0.0):
+    """The edit of an attribute whose numbers in the file are others; the right ones stay."""
+    words = element.attributes.get(name, "").split()
+    try:
+        stated = np.array([float(word) for word in words])
+    except ValueError:
+        stated = np.empty(0)
+    value = np.atleast_1d(value)
+    if stated.shape == value.shape and np.allclose(stated, value, rtol=1e-12, atol=slack):
+        return []
+    return [element.attribute_edit(data, name, _text(value))]
 
 
 def _matrix(body):

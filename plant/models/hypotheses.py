@@ -39,6 +39,22 @@ class Inertial:
         radius = np.sqrt(5 / 3 * np.trace(self.spread) / self.mass)
         return float(self.mass / (4 / 3 * np.pi * radius**3))
 
+    def excess(self) -> float:
+        """Share by which the largest moment exceeds the sum of the others; infinite if negative."""
+        moments = np.linalg.eigvalsh(self.inertia)
+        if not moments[0] > 0:
+            return np.inf
+        return max(0.0, float((moments[2] - moments[0] - moments[1]) / moments[2]))
+
+    def placeholder(self) -> bool:
+        """Whether the inertia is one power of ten about every axis, as no computation gives it."""
+        moments = np.diag(self.inertia)
+        products = self.inertia - np.diag(moments)
+        if products.any() or not moments[0] > 0 or np.ptp(moments) > 1e-9 * moments[0]:
+            return False
+        power = np.log10(moments[0])
+        return bool(abs(power - np.round(power)) < 1e-9)
+
     def physical(self) -> bool:
         """Whether a body can have it: positive mass and no negative second moment."""
         # Files round their numbers, so flat bodies have slightly negative moments.
@@ -63,6 +79,9 @@ _UNITS = (
     ("centimetres for metres (centre of mass)", 1.0, 1e-2, 1.0),
     ("kg cm^2 for kg m^2 (inertia)", 1.0, 1.0, 1e-4),
 )
+
+# The inertia was about the centre of mass already, so that it became too small, or negative.
+PARALLEL_AXIS = "the parallel-axis term taken off twice"
 
 _PRODUCTS = ((0, 1), (0, 2), (1, 2))  # places of the products of inertia in the matrix
 
@@ -97,6 +116,7 @@ def without_mistakes(stated: Inertial) -> Iterator[tuple[str, Inertial]]:
             "inertia about the link's frame, not the centre of mass",
             replace(stated, inertia=I - steiner),
         )
+        yield PARALLEL_AXIS, replace(stated, inertia=I + steiner)
 
     # 4. Signs, order and size of single entries.
     products = np.array([I[entry] for entry in _PRODUCTS])
@@ -152,9 +172,15 @@ _SIDES = (
     ("lf", "rf"),
     ("lh", "rh"),
 )
-# Reflections of a link on the other side. The last is the identity, for frames that are mirrored
-# themselves.
-_PLANES = tuple(np.diag(signs) for signs in ((1, -1, 1), (-1, 1, 1), (1, 1, -1), (1, 1, 1)))
+# Motions that take a link to that on the other side, in the frames of the two: the frames may be
+# mirrored themselves (the identity), turned by half a turn, as those of two fingers, or have their
+# axes in another order. Of those that fit equally well the earlier ones are more frequent.
+_SIGNS = [np.diag(signs) for signs in itertools.product((1.0, -1.0), repeat=3)]
+_MOTIONS = [
+    signs @ np.eye(3)[list(order)]
+    for order in itertools.permutations(range(3))
+    for signs in sorted(_SIGNS, key=lambda signs: -np.trace(signs))
+]
 
 
 @dataclass(frozen=True)
@@ -198,6 +224,16 @@ def shape_of(link: Element) -> Shape | None:
         if shapes and len(shapes) == len(elements):
             return _united(shapes)
     return None
+
+
+def primitive(element: Element) -> bool:
+    """Whether a geometry is a box, a cylinder or a sphere, or there is none."""
+    geometry = element.find("geometry")
+    return geometry is None or not geometry.children or geometry.children[0].tag in _PRIMITIVES
+
+
+# Shapes that need no other file.
+_PRIMITIVES = ("box", "cylinder", "sphere")
 
 
 def _united(shapes):
@@ -263,6 +299,31 @@ def joint_positions(robot: Element, name: str) -> Floats:
     return np.array(positions).reshape(-1, 3)
 
 
+def ways(robot: Element) -> dict[str, float]:
+    """Sum of the distances of the joints from the base to each link, by the name of the link [m]."""
+    parents: dict[str, tuple[str, float]] = {}
+    for joint in robot.all("joint"):
+        ends = [joint.find(tag) for tag in ("parent", "child")]
+        parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)
+        try:
+            position = origin_of(joint, "joint").position
+        except ValueError:
+            position = (0.0, 0.0, 0.0)
+        parents[child] = parent, float(np.linalg.norm(position))
+    result = {}
+    for link in {*parents, *(parent for parent, _ in parents.values())}:
+        total = 0.0
+        name = link
+        passed = set()
+        # A loop of links ends where it began.
+        while name in parents and name not in passed:
+            passed.add(name)
+            name, length = parents[name]
+            total += length
+        result[link] = total
+    return result
+
+
 def partner_of(name: str, names: list[str]) -> str | None:
     """The link on the other side, by its name: left and right, l and r."""
     for sides in _SIDES:
@@ -281,20 +342,24 @@ def partner_of(name: str, names: list[str]) -> str | None:
 def mirrors(
     shapes: tuple[Shape | None, Shape | None], joints: tuple[Floats, Floats]
 ) -> list[Floats]:
-    """Reflections (3, 3) that take the partner's shape and joints to the link's own.
+    """Rotations and reflections (3, 3) that take the partner's shape and joints to the link's own.
 
-    There are several where neither shape nor joints decide.
+    There are several where neither shape nor joints decide. Axes are exchanged only where nothing
+    else fits.
     """
     shape, partner = shapes
-    planes = []
-    for plane in _PLANES:
+    motions: list[Floats] = []
+    for motion in _MOTIONS:
+        # The signs of all axes come first, in one order after the other.
+        if len(motions) and not np.array_equal(np.abs(motion), np.eye(3)):
+            break
         # Positions agree within 0.1 mm, second moments within a thousandth.
         same = joints[0].shape == joints[1].shape
-        same = same and np.allclose(joints[0], joints[1] @ plane, atol=1e-4)
+        same = same and np.allclose(joints[0], joints[1] @ motion.T, atol=1e-4)
         if shape is not None and partner is not None:
-            spread = plane @ partner.spread @ plane
-            same = same and np.allclose(shape.centre, plane @ partner.centre, atol=1e-4)
+            spread = motion @ partner.spread @ motion.T
+            same = same and np.allclose(shape.centre, motion @ partner.centre, atol=1e-4)
             same = same and np.allclose(shape.spread, spread, rtol=1e-3, atol=1e-9)
         if same:
-            planes.append(plane)
-    return planes
+            motions.append(motion)
+    return motions
