@@ -430,9 +430,11 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     if proof:
         if best is not None and certain:
             evidence = cost_of(stated, link, links) - best.cost
-            repair = _body(best.inertial)
             return ModelFinding(
-                link=link.name, mistake=best.mistake, evidence=evidence, repair=repair
+                link=link.name,
+                mistake=best.mistake,
+                evidence=evidence,
+                repair=_body(best.inertial),
             )
         guess = _guess(link, links)
         return ModelFinding(link=link.name, mistake=proof, evidence=np.inf, repair=guess)
