@@ -8,7 +8,7 @@ that the torque shows.
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -84,6 +84,11 @@ class Memory:
     state: Floats
     directions: Floats
     usual: Floats
+
+    @classmethod
+    def known(cls, state: Floats) -> Self:
+        """A state (s,) that is not in doubt, beside a start of the arm that is."""
+        return cls(state=state, directions=np.zeros((len(state), 0)), usual=np.empty(0))
 
     def at(self, coordinates: Floats) -> Floats:
         """State (s,) at coordinates (r,) [N m]."""

@@ -45,6 +45,9 @@ class IdentifiabilitySettings:
         Differences of simulations with rounding, which are exact to a few digits.
     with_prior : float
         Differences of simulations beside a prior of f, which determines what a log does not.
+    remembered : float
+        Differences beside the expected state of a law before its log, whose weak directions are
+        simulated: exact but for rounding.
     optimum : float
         Differences of an extended model, where a dependent unknown is left out and not refused.
     certain : float
@@ -60,6 +63,7 @@ class IdentifiabilitySettings:
     sensitivities: float = 1e-7
     slopes: float = 1e-4
     with_prior: float = 1e-5
+    remembered: float = 1e-13
     optimum: float = 1e-3
     certain: float = 1e-6
     run: float = 1e-9

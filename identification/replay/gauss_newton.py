@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
 from identification.replay.residual import Innovations, Residual, Reweighable
+from identification.replay.weak_directions import with_weak_directions
 from plant.compiler.background import cores
 from plant.parts.fields import Bools, Floats, Integers
 from plant.parts.frozen import frozen
@@ -70,7 +71,8 @@ class Solution:
 
     `values` (k,). `covariance` (k, k). `residual` (M,). `rms_innovation`: root mean square of the
     innovations, weights divided out [pulses]. `varied` (v,): places of the unknowns that were
-    varied. `slopes` (M, v): of the weighted and scaled innovations, by these.
+    varied. `slopes` (M, v): of the weighted and scaled innovations, by these. `undetermined` (u,
+    k): directions of the values that expected values determine alone, and no reading.
     """
 
     values: Floats
@@ -79,6 +81,7 @@ class Solution:
     rms_innovation: float
     varied: Integers
     slopes: Floats
+    undetermined: Floats
 
 
 @dataclass
@@ -136,16 +139,37 @@ def gauss_newton(
         columns = slopes if moving.all() else slopes[:, moving]
         return least_squares(moving_names, columns, innovations, dependent=residual.dependent)[0]
 
+    def measured(values: Floats, slopes: Floats) -> Floats:
+        return with_weak_directions(residual, values, step, varied, slopes).slopes
+
     # 1. Search.
+    # Expected values far below the accuracy of a slope need directions that are exact.
+    weak = residual.dependent < IDENTIFIABLE.products
     settings = replace(SETTINGS, rounds=rounds, tolerance=tolerance)
     point = Descent(values, innovations, np.empty((0, 0)))
     del innovations  # The point replaces them; a long log has no room for both.
-    descend(residual, point, step, bounds, solve, settings, shorten_jumps=True)
+    descend(
+        residual,
+        point,
+        step,
+        bounds,
+        solve,
+        settings,
+        shorten_jumps=True,
+        measured=measured if weak else None,
+    )
 
     # 2. Covariance, from slopes at the values that the search ended with.
     if point.moved:
         point.slopes = np.empty((0, 0))
         point.slopes = slopes(residual, point.values, step, varied, point.innovations)
+    undetermined = np.zeros((0, len(values)))
+    if weak:
+        point.slopes, directions = with_weak_directions(
+            residual, point.values, step, varied, point.slopes
+        )
+        undetermined = np.zeros((len(directions), len(values)))
+        undetermined[:, varied] = directions * step[varied]
     # An unknown that was not varied is exact: its row is zero.
     covariance = np.zeros((len(values), len(values)))
     # In pulses, so that solutions with other weights can be compared.
@@ -165,6 +189,7 @@ def gauss_newton(
         rms_innovation=rms,
         varied=varied,
         slopes=point.slopes,
+        undetermined=undetermined,
     )
 
 
@@ -178,13 +203,15 @@ def descend(
     *,
     shorten_jumps: bool,
     fixed_slopes: bool = False,
+    measured: Callable[[Floats, Floats], Floats] | None = None,
 ) -> None:
     """Move a point to the least sum of squares in its bounds, by Gauss-Newton with an active set.
 
     `step` (k,): of the central differences, which may be shortened in place. `solve`: slopes (M,
     v), innovations (M,) and which of the varied unknowns move (v,) -> their least squares, in
     steps, to be subtracted. `shorten_jumps`: shorten differences across a jump, too.
-    `fixed_slopes`: keep the slopes that the point has.
+    `fixed_slopes`: keep the slopes that the point has. `measured`: values (k,) and slopes (M, v) at
+    them -> slopes whose weak directions are simulated.
     """
     varied = np.flatnonzero(step)
     # Halved steps: innovations are not linear in the unknowns, and the full one may end too far.
@@ -196,6 +223,8 @@ def descend(
             point.slopes = slopes(
                 residual, point.values, step, varied, point.innovations if shorten_jumps else None
             )
+            if measured is not None:
+                point.slopes = measured(point.values, point.slopes)
 
         # 2. Solve, with the unknowns that would leave their bounds held on them.
         change = within_bounds(

@@ -21,6 +21,7 @@ from typing import Self
 import numpy as np
 
 from identification.equation_error.law_memory import Memory, Resumption
+from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.naming import of_each, record_label
 from identification.equation_error.prior import ROUNDING, Prior, PriorRows
 from identification.replay.experiment import as_records
@@ -59,6 +60,8 @@ class PredictionSettings:
         Steps of the position [rad] and of the speed [rad/s] at the start.
     state_deviation : float
         Expected magnitude of a law's state, relative to its magnitude in the log.
+    unlimited : float
+        Largest such ratio where no reading determines the state, and the amplifier has no limit.
     unequal : float
         Ratio of RMS innovations from which on records and joints are weighted by them.
     """
@@ -74,6 +77,7 @@ class PredictionSettings:
     begin_step: float = 1e-6
     speed_step: float = 1e-4
     state_deviation: float = 2.0
+    unlimited: float = 100.0
     unequal: float = 1.5
 
 
@@ -251,6 +255,10 @@ class Prediction(Stacked):
         super().__init__(PriorRows(prior, unknown), weights, len(self._expected))
         self.threads = int(threads or cores())
         self.dependent = self.prior.own(DEPENDENT)
+        # The state of a law before its log has expected magnitudes, which count little beside
+        # thousands of readings; but they are all that determines what no reading does.
+        if len(self._expected):
+            self.dependent = IDENTIFIABLE.remembered
         self.evaluations = 0
 
     def _each(self, values):
@@ -272,6 +280,21 @@ class Prediction(Stacked):
         None where that is known.
         """
         return tuple(followed.resumption(part) for followed, part in self._each(values))
+
+    def widest(self, direction: Floats) -> Floats:
+        """A direction (k,) of values that readings do not determine, one standard deviation long.
+
+        An integral can hold any torque that the amplifier gives, whatever it held in the log.
+        """
+        shares = []
+        for followed, memory in zip(self._followed, self._memories, strict=True):
+            if followed.memory is None:
+                continue
+            usual = followed.memory.usual
+            limit = followed.record.rig.drive.torque_limit().max() / np.sqrt(3)  # uniform
+            largest = np.minimum(limit, SETTINGS.unlimited * usual)
+            shares.append(np.abs(direction[memory][: usual.size]) / largest)
+        return direction / np.concatenate(shares).max()
 
     def lost(self, values: Floats) -> str:
         """Label of the first record whose run with these values diverges; "" of a single record."""

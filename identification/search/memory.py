@@ -15,15 +15,16 @@ from identification.equation_error.law_memory import Memory, Resumption, along_l
 from identification.equation_error.naming import each_named
 from identification.equation_error.stated_law import begun
 from identification.replay.experiment import with_zeros
+from identification.replay.gauss_newton import gauss_newton, variance_inflation
 from identification.replay.objective import Objective
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
+from plant.parts.sums import dot
 
-# Standard deviations of a chi-square by which a fit with more unknowns must be better than chance
-# explains. Chosen by hand, far above chance: the simpler hypothesis stays until a log refutes it.
-_BY_CHANCE = 5.0
+# Steps of the differences, in standard deviations of the unknowns: small beside their likelihood.
+_STEP = 0.05
 
 
 def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outcome:
@@ -58,18 +59,51 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
     resumed = _or_none(fitted, problem_resumed)
     if resumed is None:
         return began
-    if began.fit.rms_innovation is None or resumed.fit.rms_innovation is None:
+    if began.fit.covariance is None or resumed.fit.gains is None:
         return resumed
 
-    # 3. By chance, the sum of squares falls by a chi-square of as many degrees of freedom as there
-    # are further unknowns: the states, and position and speed of each joint.
-    freedom = sum(
-        memory.usual.size + 2 * problem.dynamics.n for memory in memories if memory is not None
+    # 3. The simpler hypothesis stays until the log refutes it. In both the arm's position and speed
+    # at the first sample are unknown, within a count.
+    stated = tuple(
+        None if memory is None else Memory.known(record.law.state)
+        for record, memory in zip(problem.records, memories, strict=True)
     )
-    # Sum of squares in units of the variance of the better fit.
-    readings = sum(record.error_pulses.size for record in problem.records)
-    gain = readings * (began.fit.rms_innovation**2 / resumed.fit.rms_innovation**2 - 1)
-    return resumed if gain > freedom + _BY_CHANCE * np.sqrt(2 * freedom) else began
+    began_near = replace(problem, memories=stated)
+    return resumed if _refuted(began_near, began.fit, resumed.fit, memories) else began
+
+
+def _refuted(fresh, began, resumed, memories):
+    """Whether a log refutes that its laws started with it.
+
+    Both hypotheses are compared at the same observer gains: these are searched, and may end
+    elsewhere for a reason that is not the state of the law.
+
+    Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
+    """
+    try:
+        simple = _at_gains(fresh, began, resumed.gains)
+    except ValueError:  # with these gains it does not follow the log
+        return True
+    freedom = sum(memory.usual.size for memory in memories if memory is not None)
+    # The rows in which the state of the law acts at once are left out of both.
+    readings = np.count_nonzero(simple.residual)
+    unit = resumed.rms_innovation**2 * variance_inflation(simple.residual)
+    gain = readings * (simple.rms_innovation**2 - resumed.rms_innovation**2)
+    return gain > unit * freedom * np.log(readings)
+
+
+def _at_gains(problem, fit, gains):
+    """The solution of a problem near a fit, with these observer gains (2n,)."""
+    prediction = problem.prediction(zeros=problem.zeros, memories=problem.memories)
+    k = len(fit.values)
+    place = slice(k, k + len(gains))
+    start = np.append(fit.values, prediction.nuisances)
+    start[place] = gains
+    steps = np.append(_STEP * fit.std, prediction.nuisance_steps)
+    # A step of zero keeps the gains.
+    steps[place] = 0
+    bounds = np.vstack([problem.bounds, prediction.nuisance_bounds])
+    return gauss_newton(prediction, start, steps, bounds)
 
 
 def _or_none(fitted, problem):

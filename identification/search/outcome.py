@@ -139,6 +139,8 @@ class Fit(Shown, Frozen):
     resumptions : tuple of Resumption or None
         State of the law, and of the arm, at the first sample of each record whose law was running
         before it.
+    undetermined : tuple of tuple of str
+        Unknowns that act on the log like the state that the law had before it, in groups.
     gains : (2n,) numpy.ndarray or None
         Fitted observer gains of the innovations, of position and of speed.
     resonance : GearResonance or None
@@ -160,6 +162,7 @@ class Fit(Shown, Frozen):
     # Nuisance values that were estimated beside the unknowns.
     zeros: Floats | None = None
     resumptions: tuple[Resumption | None, ...] = ()
+    undetermined: tuple[tuple[str, ...], ...] = ()
     gains: Floats | None = None
     # Elastic gears, and prior knowledge.
     resonance: GearResonance | None = None

@@ -216,8 +216,32 @@ def polished(
         resumptions=prediction.resumptions(solution.values) if problem.memories else (),
         gains=None if gains is None else solution.values[gains],
     )
+    outcome = _with_undetermined(outcome, prediction, solution)
     grouped = _grouped(prediction, solution, k) if any(map(is_long, problem.records)) else None
     return replace(outcome, rounding=rounding, grouped=grouped)
+
+
+def _with_undetermined(outcome, prediction, solution):
+    """An outcome whose covariance has the directions that no reading determines, as wide as they are.
+
+    The expected magnitude of a state keeps the search near the log; it is no knowledge.
+    """
+    if not len(solution.undetermined):
+        return outcome
+    k = len(outcome.fit.values)
+    covariance = outcome.fit.covariance.copy()
+    names = []
+    for direction in solution.undetermined:
+        wide = prediction.widest(direction)[:k]
+        covariance += np.outer(wide, wide)
+        # Other unknowns turn a little with the direction: within their deviation by noise.
+        parts = np.abs(wide) > np.sqrt(np.diag(outcome.fit.covariance))
+        names.append(
+            tuple(name for name, part in zip(outcome.fit.unknown, parts, strict=True) if part)
+        )
+    return replace(
+        outcome, fit=replace(outcome.fit, covariance=covariance, undetermined=tuple(names))
+    )
 
 
 def _searched(

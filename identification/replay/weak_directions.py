@@ -1,0 +1,134 @@
+"""Directions of the unknowns that the readings of a log determine hardly, or not at all.
+
+The weight of a vertical slide and the integral of its controller before the log act as one number:
+a change of one is undone by a change of the other. The slopes of single unknowns are differences of
+simulations, which are exact to a few digits. Where such slopes cancel, their errors remain, and
+would pass for knowledge. Therefore a weak direction is simulated as a whole: what cancels in the
+machine then cancels in the simulation. What remains below the accuracy of a slope is no knowledge.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from identification.equation_error.least_squares import IDENTIFIABLE, NotIdentifiableError
+from identification.replay.residual import Residual
+from plant.parts.fields import Bools, Floats, Integers
+from plant.parts.sums import norm, products
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeakDirectionSettings:
+    """Shares of the slopes of the unknowns that remain in a direction; chosen by hand.
+
+    Parameters
+    ----------
+    measured : float
+        Share below which the slope of a direction is simulated: slopes of single unknowns are exact
+        to about a thousandth.
+    determined : float
+        Share below which a direction is not determined by the readings; the share that the slope of
+        an unknown must have, too.
+    agreement : float
+        Change of the slope of a weak direction, as a share of `determined`, below which the search
+        for weak directions ends.
+    rounds : int
+        Searches for weak directions, each with the slopes of the previous one.
+    """
+
+    measured: float = 1e-2
+    determined: float = IDENTIFIABLE.slopes
+    agreement: float = 0.1
+    rounds: int = 5
+
+
+SETTINGS = WeakDirectionSettings()
+
+
+class Slopes(NamedTuple):
+    """Slopes (M, v) of the innovations per step, and undetermined directions (u, v) in steps."""
+
+    slopes: Floats
+    undetermined: Floats
+
+
+def with_weak_directions(
+    residual: Residual, values: Floats, step: Floats, varied: Integers, slopes: Floats
+) -> Slopes:
+    """Slopes whose weak directions are simulated; those that readings do not determine are zero.
+
+    Rows that are no readings stay as they are: an expected value determines what the readings do
+    not.
+
+    Parameters
+    ----------
+    residual : Residual
+    values : (k,) numpy.ndarray
+        The unknowns at which the slopes were made.
+    step : (k,) numpy.ndarray
+        Steps of the differences.
+    varied : (v,) numpy.ndarray
+        Places of the unknowns that are varied.
+    slopes : (M, v) numpy.ndarray
+        Change of the innovations per step.
+
+    Raises
+    ------
+    NotIdentifiableError
+        No row determines a direction.
+    """
+    readings = residual.weights > 0
+    lengths = np.sqrt(np.einsum("mi,mi->i", slopes[readings], slopes[readings]))
+    # An unknown that does not act at all is named by the least squares.
+    if not lengths.all():
+        return Slopes(slopes, np.empty((0, len(varied))))
+    scaled = slopes / lengths
+    # 1. Simulate the weak directions. Better slopes turn them, so this is repeated.
+    for _ in range(SETTINGS.rounds):
+        squares, axes = np.linalg.eigh(products(scaled[readings]))
+        settled = True
+        for axis in axes.T[squares < SETTINGS.measured**2]:
+            slope = _along(residual, values, step, varied, axis / lengths)
+            # Where the arm leaves the log the differences of single unknowns stay.
+            if not np.isfinite(slope).all():
+                continue
+            change = slope - scaled @ axis
+            scaled += np.outer(change, axis)
+            settled &= norm(change[readings]) < SETTINGS.agreement * SETTINGS.determined
+        if settled:
+            break
+
+    # 2. What is below the accuracy of a slope is no slope.
+    squares, axes = np.linalg.eigh(products(scaled[readings]))
+    undetermined = []
+    for axis in axes.T[squares < SETTINGS.determined**2]:
+        _require_expectation(residual, varied, axis, scaled @ axis, readings)
+        scaled[readings] -= np.outer(scaled[readings] @ axis, axis)
+        undetermined.append(axis / lengths)
+    return Slopes(scaled * lengths, np.reshape(undetermined, (-1, len(varied))))
+
+
+def _along(residual, values, step, varied, direction):
+    """Slope (M,) of a direction (v,) in steps, by a central difference."""
+    # The longest way on which no unknown moves further than its own difference.
+    length = 1 / np.abs(direction).max()
+    move = np.zeros(len(values))
+    move[varied] = step[varied] * direction * length
+    up, down = residual.all_innovations([values + move, values - move])
+    return (up - down) / (2 * length)
+
+
+def _require_expectation(
+    residual: Residual, varied: Integers, axis: Floats, slope: Floats, readings: Bools
+) -> None:
+    """Raise where no expected value determines a direction."""
+    if slope[~readings].any():
+        return
+    names = [residual.unknown[i] for i in varied[np.abs(axis) > IDENTIFIABLE.share]]
+    raise NotIdentifiableError(
+        f"unknowns must be separately identifiable; {names[0]} is a combination of"
+        f" {', '.join(names[1:])}. Fix one of them, log a motion that excites more"
+        " (design_motion), or give identify a prior=.",
+        names[0],
+    )
