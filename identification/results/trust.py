@@ -149,6 +149,18 @@ def _prior(case):
     return contradicted(case.identification)
 
 
+def _undetermined(case):
+    result = case.identification
+    names = dict(zip(result.fit.unknown, result.short_names, strict=True))
+    for group in result.fit.undetermined:
+        yield (
+            f"{' and '.join(names[name] for name in group)} and the state of the controller before"
+            " the log are not separately identifiable: what one adds to the torque the other takes"
+            " away. Log the torque, log from the start of the controller, or state the law as"
+            " Resumed with its state."
+        )
+
+
 def _range_ends(case):
     result = case.identification
     if result.search.ranges is None:
@@ -471,6 +483,7 @@ _CHECKS: tuple[tuple[str, Callable[[_Case], _Lines]], ...] = (
     ("effect that the rig does not model", _detected),
     ("method that fell back", _fallback),
     # 3. The values themselves.
+    ("unknowns that act like the state of the controller", _undetermined),
     ("range too narrow", _range_ends),
     ("wrong rotor", _rotors),
     ("torques biased in high bands", _torque_bands),

@@ -21,7 +21,6 @@ from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem
 from plant import Arm, Law, Record, Resumed, Rig, replay
 from plant.laws.resumed import AlongLog
-from plant.parts.sums import dot
 
 # Steps of the differences, in standard deviations of the unknowns: small beside their likelihood.
 _STEP = 0.05

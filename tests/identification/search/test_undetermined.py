@@ -1,0 +1,74 @@
+"""A vertical slide under a controller with an integral: its weight and the integral are one number."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from identification import identify
+from plant import Cascade, Chain, Drive, Dynamics, Encoder, Harmonics, Link, Rig, simulate
+
+GEAR = 2 * np.pi / 0.01  # motor angle per travel [rad/m]
+CHAIN = Chain(links=(Link(name="slide", prismatic=True),), gravity=(0.0, 0.0, -9.81))
+DYNAMICS = Dynamics.from_chain(CHAIN)
+ROTOR = 1.1e-5  # of the motor [kg m^2]
+MASS = 4.2  # [kg]
+TRUE = np.array([{"m_slide": MASS, "J_slide": ROTOR * GEAR**2}[name] for name in DYNAMICS.names])
+RIG = Rig(
+    drive=Drive(
+        gear=(GEAR,),
+        motor_inertia=(ROTOR,),
+        motor_gain=(1.0,),
+        current_limit=(1.2,),
+        viscous=(25 / GEAR**2,),
+        coulomb=(5 / GEAR,),
+    ),
+    encoder=Encoder(resolution=(8192.0,)),
+    period=1e-3,
+)
+# The speed loop has a bandwidth of 110 rad/s, its integral of 15 rad/s.
+SPEED = 110 * TRUE.sum() * 0.01 / 8192 / GEAR
+LAW = Cascade(
+    position=(22.0,), speed=(SPEED,), integral=(15 * SPEED,), difference=2, period=RIG.period
+)
+PATH = Harmonics(
+    period=3.0, offset=(0.1,), cosine=((-0.03, 0.004, 0.002),), sine=((0.01, -0.006, 0.0),)
+)
+
+
+def log(begin):
+    """Six seconds without torque, from this instant of the run."""
+    record = simulate(DYNAMICS.arm(TRUE), RIG, LAW, PATH, duration=6 + begin, steps_per_sample=16)
+    record = record.cut(begin) if begin else record
+    return dataclasses.replace(record, torque=None, current=None, true_q=None, true_qd=None)
+
+
+def deviations(estimate):
+    return (estimate.fit.values - TRUE) / estimate.fit.std
+
+
+def test_a_log_from_the_start_of_the_controller_determines_the_weight():
+    estimate = identify(DYNAMICS, log(0.0), progress=False)
+    assert np.abs(estimate.fit.values / TRUE - 1).max() < 1e-3
+    assert np.abs(deviations(estimate)).max() < 3
+    assert estimate.fit.undetermined == ()
+
+
+@pytest.mark.parametrize("begin", [0.83, 2.0])
+def test_a_log_from_the_middle_leaves_the_weight_open_and_says_so(begin):
+    """The sum of both is known, the weight is not: the integral could carry any part of it."""
+    estimate = identify(DYNAMICS, log(begin), progress=False)
+    assert np.abs(deviations(estimate)).max() < 3
+    assert estimate.fit.undetermined == (DYNAMICS.names,)
+    assert estimate.fit.std[0] > 0.1 * MASS
+    assert estimate.fit.values.sum() == pytest.approx(TRUE.sum(), rel=1e-3)
+    assert any("state of the controller" in warning for warning in estimate.warnings)
+
+
+def test_a_logged_torque_determines_the_weight_of_a_log_from_the_middle():
+    record = simulate(DYNAMICS.arm(TRUE), RIG, LAW, PATH, duration=8.0, steps_per_sample=16).cut(2.0)
+    estimate = identify(
+        DYNAMICS, dataclasses.replace(record, true_q=None, true_qd=None), progress=False
+    )
+    assert np.abs(estimate.fit.values / TRUE - 1).max() < 0.02
+    assert estimate.fit.undetermined == ()
