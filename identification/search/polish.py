@@ -222,7 +222,7 @@ def polished(
 
 
 def _with_undetermined(outcome, prediction, solution):
-    """An outcome whose covariance has the directions that no reading determines, as wide as they are.
+    """An outcome whose covariance is as wide as the directions that no reading determines.
 
     The expected magnitude of a state keeps the search near the log; it is no knowledge.
     """
