@@ -66,7 +66,9 @@ def test_a_log_from_the_middle_leaves_the_weight_open_and_says_so(begin):
 
 
 def test_a_logged_torque_determines_the_weight_of_a_log_from_the_middle():
-    record = simulate(DYNAMICS.arm(TRUE), RIG, LAW, PATH, duration=8.0, steps_per_sample=16).cut(2.0)
+    record = simulate(DYNAMICS.arm(TRUE), RIG, LAW, PATH, duration=8.0, steps_per_sample=16).cut(
+        2.0
+    )
     estimate = identify(
         DYNAMICS, dataclasses.replace(record, true_q=None, true_qd=None), progress=False
     )
