@@ -63,9 +63,10 @@ def with_memory(problem: Problem, fitted: Callable[[Problem], Outcome]) -> Outco
 
     # 3. The simpler hypothesis stays until the log refutes it. In both the arm's position and speed
     # at the first sample are unknown, within a count.
+    laws: list[Any] = [record.law for record in problem.records]
     stated = tuple(
-        None if memory is None else Memory.known(record.law.state)
-        for record, memory in zip(problem.records, memories, strict=True)
+        None if memory is None else Memory.known(law.state)
+        for law, memory in zip(laws, memories, strict=True)
     )
     began_near = replace(problem, memories=stated)
     return resumed if _refuted(began_near, began.fit, resumed.fit, memories) else began
