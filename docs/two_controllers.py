@@ -21,7 +21,7 @@ TIP = (0.0, -0.43, 0.0)  # end of link 3 in its own frame [m]
 MAGNIFIED = 300  # a count moves the tip by some 0.06 mm: nobody sees that at its true size
 SLOWER = 2.2  # seconds of the picture per second of the motion
 FRAME = 0.08  # [s], a multiple of 10 ms as GIF files need it
-PAUSE = 1.6  # of the last frame [s]
+PAUSE = 1.6  # of the finished drawing [s]
 COLOURS = 48  # of the palette, which all frames share
 JOINT_2, JOINT_3, BAND = "#0072b2", "#d55e00", "#e6e1d3"
 
@@ -57,7 +57,7 @@ class Side:
         (self.links,) = upper.plot(
             [], [], "-o", color="0.35", linewidth=6, markersize=9, solid_capstyle="round", alpha=0.9
         )
-        upper.set(xlim=(-0.5, 1.0), ylim=(-0.22, 0.98), aspect="equal")
+        upper.set(xlim=(-0.5, 1.0), ylim=(-0.06, 0.95), aspect="equal")
         upper.axis("off")
 
         peak = int(np.abs(self.error).max())
@@ -67,7 +67,9 @@ class Side:
             lower.plot([], [], drawstyle="steps-post", color=colour, linewidth=0.8, label=label)[0]
             for colour, label in ((JOINT_2, "joint 2"), (JOINT_3, "joint 3"))
         ]
-        lower.set(xlim=(0, self.t[-1]), ylim=(-11, 11), xlabel="time [s]", yticks=(-10, -1, 1, 10))
+        lower.set(
+            xlim=(0, self.t[-1]), ylim=(-11, 11), xlabel="time [s]", yticks=(-10, -5, 0, 5, 10)
+        )
         lower.spines[["top", "right"]].set_visible(False)
 
     def show(self, sample):
@@ -81,10 +83,10 @@ class Side:
 def frames():
     """Every frame as an image of true colours."""
     figure, axes = plt.subplots(
-        2, 2, figsize=(8, 5.4), dpi=90, height_ratios=(2.1, 1), layout="constrained"
+        2, 2, figsize=(8.3, 4.1), dpi=100, height_ratios=(1.8, 1), layout="constrained"
     )
     sides = [Side(*column, *item) for column, item in zip(axes.T, runs().items(), strict=True)]
-    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.1)
+    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
     axes[1, 0].set_ylabel("error [counts]")
     axes[1, 1].legend(loc="upper right", ncols=2, frameon=False, fontsize=9)
     figure.supxlabel(
@@ -104,10 +106,12 @@ def frames():
 
 def main():
     shown = list(frames())
-    # The last frame has every colour: its palette serves all, and equal pixels stay equal.
-    palette = shown[-1].quantize(COLOURS, dither=Image.Dither.NONE)
+    # The finished drawing comes first, since a page that does not move shows the first frame alone.
+    shown = [shown[-1], *shown[:-1]]
+    # It has every colour: its palette serves all frames, and equal pixels stay equal.
+    palette = shown[0].quantize(COLOURS, dither=Image.Dither.NONE)
     images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in shown]
-    durations = [round(1000 * FRAME)] * (len(images) - 1) + [round(1000 * PAUSE)]
+    durations = [round(1000 * PAUSE)] + [round(1000 * FRAME)] * (len(images) - 1)
     images[0].save(
         PICTURE,
         save_all=True,
