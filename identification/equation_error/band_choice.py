@@ -23,6 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.regressor import Places, System
 from plant.parts.fields import Floats, Integers
 from plant.parts.frozen import frozen
@@ -340,4 +341,4 @@ def _solved(rows: Floats, target: Floats) -> Floats:
     lengths = np.sqrt((rows * rows).sum(axis=0))
     # A column of zeros stays one, and gets the value zero.
     lengths = np.where(lengths > 0, lengths, 1.0)
-    return least(rows / lengths, target, 1e-9) / lengths
+    return least(rows / lengths, target, IDENTIFIABLE.equations) / lengths

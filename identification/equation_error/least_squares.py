@@ -39,8 +39,8 @@ class IdentifiabilitySettings:
         Columns of linear equations, exact but for rounding.
     products : float
         Least share that the products of columns resolve: they lose half of all digits.
-    sensitivities : float
-        Differences of simulations without rounding.
+    smooth : float
+        Differences of simulations without rounding, and increments of f by a load.
     slopes : float
         Differences of simulations with rounding, which are exact to a few digits.
     with_prior : float
@@ -60,7 +60,7 @@ class IdentifiabilitySettings:
 
     equations: float = 1e-9
     products: float = 1e-5
-    sensitivities: float = 1e-7
+    smooth: float = 1e-7
     slopes: float = 1e-4
     with_prior: float = 1e-5
     remembered: float = 1e-13

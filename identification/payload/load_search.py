@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from identification.equation_error.least_squares import NotIdentifiableError
+from identification.equation_error.least_squares import IDENTIFIABLE, NotIdentifiableError
 from identification.equation_error.naming import each_named
 from identification.equation_error.prior import ROUNDING
 from identification.equation_error.pulse_fit import pass_band, system_of
@@ -119,9 +119,6 @@ class LoadSearchSettings:
 
     Parameters
     ----------
-    dependent : float
-        Share of its own length that a column of increments must have outside the span of the
-        others, for mass and centre to be separately identifiable.
     mass_step : float
         Step of the central differences of the mass [kg].
     centre_step : float
@@ -142,8 +139,6 @@ class LoadSearchSettings:
         Largest coordinate of the centre of mass in the link's frame [m].
     """
 
-    # What counts as identifiable.
-    dependent: float = 1e-7
     # Steps of central differences: small against the uncertainty of a load.
     mass_step: float = 0.01
     centre_step: float = 0.002
@@ -196,7 +191,7 @@ class UnknownLoad:
         count = 0
         if moments.any():
             columns = range(len(shown) + 1)
-            count = len(independent_columns(moments, columns, SETTINGS.dependent)[0])
+            count = len(independent_columns(moments, columns, IDENTIFIABLE.smooth)[0])
         if count <= len(shown):
             raise ValueError(
                 "mass and centre of the load must be separately identifiable; on this arm or link"

@@ -148,7 +148,7 @@ def pulse_budget(
     # 3. The inverse of their squares, times the variance of rounding. Columns in steps keep the
     # matrix well scaled; values of the readings do not matter, so any column serves as such.
     covariance = least_squares(
-        prediction.unknown, change * step, change[:, 0], dependent=IDENTIFIABLE.sensitivities
+        prediction.unknown, change * step, change[:, 0], dependent=IDENTIFIABLE.smooth
     )[1]
     # Standard deviation of rounding, uniform within a cell [pulses].
     cell = 1 / np.sqrt(12)
