@@ -362,7 +362,7 @@ def scale(write):
         "",
         "| bytes | |",
         "|---|---|",
-        *(f"| {name} | {size / 1e3:.3g} kB |" for name, size in sizes.items()),
+        *(f"| {name} | {float(f'{size / 1e3:.3g}'):,g} kB |" for name, size in sizes.items()),
     ]
     lines += [
         "",
@@ -374,7 +374,7 @@ def scale(write):
     ]
     for (name, hour), task in zip(hours.items(), (each + motion, motion), strict=True):
         lines.append(
-            f"| {name} | {hour:.3g} | {PRICE * hour:.3g} | {task / overhead['processes']:.0f} |"
+            f"| {name} | {hour:.3g} | {PRICE * hour:.3g} | {round(task / overhead['processes'], -2):,.0f} |"
         )
     text = "\n".join(lines)
     print(text)

@@ -125,8 +125,8 @@ def engines(rounds):
         ratios = np.array(times) / ours
         low, high = np.quantile(ratios, (0.25, 0.75))
         yield (
-            f"| {name} | {statistics.median(times) * 1e3:.4f} | {np.median(ratios):.2f} | {low:.2f}"
-            f" to {high:.2f} |"
+            f"| {name} | {statistics.median(times) * 1e3:.3g} | {np.median(ratios):.3g} | {low:.3g}"
+            f" to {high:.3g} |"
         )
     many = experiment.candidates(3200, seed=1)
     one, two = Engine(experiment, 1), Engine(experiment, 2)
@@ -299,7 +299,7 @@ def more_joints(*, cpp):
     yield f"| this engine, 1 thread | a whole sub-step of the closed loop | {step * 1e6:.3f} | 1 |"
     for name, spent in six_joints.aba_times(chain, bodies, cpp=cpp).items():
         yield (
-            f"| {name} | forward dynamics alone (`aba`) | {spent * 1e6:.3f} | {spent / step:.1f} |"
+            f"| {name} | forward dynamics alone (`aba`) | {spent * 1e6:.3g} | {spent / step:.3g} |"
         )
 
 
