@@ -143,12 +143,12 @@ def record_fields(
         for field, value in values.items()
     }
     fields = {"t": t, "valid": valid, "notes": notes}
+    for field in values.keys() - {"valid"}:
+        fields |= converted(field, values[field], stated[field], rig)
     # A step of the positions that is no whole pulse points to another gear or resolution than the
     # rig's; the checkup reads this note.
     if measured.endswith("position") and stated[measured] != "pulses":
         notes |= _own_steps(measured, values[measured], stated[measured], rig)
-    for field in values.keys() - {"valid"}:
-        fields |= converted(field, values[field], stated[field], rig)
     if (
         reference is None
         and path_field is not None
