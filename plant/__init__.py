@@ -34,6 +34,7 @@ from plant.laws.law import Law, StatelessLaw, state_of
 from plant.laws.pid import PD, PID, Cascade, P
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.laws.resumed import Resumed
+from plant.logs.contents import LogContents
 from plant.logs.logfile import LoadError, read_table
 from plant.logs.record import Record
 from plant.logs.several import read_records
@@ -111,6 +112,7 @@ __all__ = [
     "Link",
     "LinkReference",
     "LoadError",
+    "LogContents",
     "LoggedCurrent",
     "LoggedTorque",
     "Lumping",

@@ -15,6 +15,7 @@ from ctc.certification.uncertainty import Uncertainty
 from ctc.commandline.demo import demo
 from ctc.commandline.inputs import (
     Answer,
+    described,
     motions_asked,
     new_place,
     path_of,
@@ -107,10 +108,11 @@ def run_check(options: Namespace) -> Answer:
     """Logs examined before anything is identified."""
     # Without a robot file the records hold their own rig.
     robot = None if options.robot is None else read_robot(options.robot)
-    texts = []
     data = {}
     good = True
-    for record in records_of(options.logs, robot, options.cut):
+    logs, contents = described(options.logs, robot)
+    texts = [description.toml() for description in contents]
+    for record in records_of(logs, robot, options.cut) if logs else ():
         checkup = record.check()
         texts.append(f"{record}\n{checkup}")
         findings = [
@@ -122,7 +124,20 @@ def run_check(options: Namespace) -> Answer:
         ]
         # One bad log makes the answer negative.
         good &= checkup.ok
-    return Answer("\n\n".join(texts), {"good": good, "logs": data}, good)
+    answer: dict[str, Any] = {"good": good if logs else None, "logs": data}
+    if contents:
+        texts.append("Nothing was checked of a log without a mapping.")
+        answer["contents"] = {
+            description.path: {
+                "samples": description.samples,
+                "time": description.rate,
+                "likely": {name: str(role) for name, role in description.roles.items()},
+                "columns": dict(description.columns),
+                "units": dict(description.units),
+            }
+            for description in contents
+        }
+    return Answer("\n\n".join(texts), answer, good)
 
 
 def run_identify(options: Namespace) -> Answer:

@@ -10,7 +10,20 @@ from typing import Any
 import numpy as np
 
 from identification import Identification
-from plant import Record, Reference, Robot, Spline, Table, everyday_motions, read_records
+from plant import (
+    LoadError,
+    LogContents,
+    Record,
+    Reference,
+    Robot,
+    Spline,
+    Table,
+    everyday_motions,
+    read_records,
+)
+from plant.logs.contents import contents_of
+from plant.logs.record_csv import is_own
+from plant.logs.several import files_of
 from plant.parts.messages import warn
 from plant.parts.settings import frozen_settings
 from plant.simulation.clock import Clock
@@ -66,6 +79,32 @@ def records_of(
         options = {name: getattr(robot, name) for name in ("rig", "law", "columns", "units")}
     records = read_records(paths, **options)
     return records if cut is None else tuple(record.cut(*cut) for record in records)
+
+
+def described(paths: Sequence[str], robot: Robot | None) -> tuple[list[str], list[LogContents]]:
+    """Logs that can be read as they are, and descriptions of those that need a mapping.
+
+    A log needs one if neither a robot file maps its columns nor `Record.to_csv` wrote it.
+    """
+    if robot is not None and robot.columns is not None:
+        return list(paths), []
+    readable = list[str]()
+    contents = list[LogContents]()
+    for path in (str(file) for pattern in paths for file in files_of(pattern)):
+        if is_own(path) or (robot is not None and _is_plain(path, robot)):
+            readable.append(path)
+        else:
+            contents.append(contents_of(path, n=None if robot is None else robot.rig.n))
+    return readable, contents
+
+
+def _is_plain(path: str, robot: Robot) -> bool:
+    """Whether a file has the plain columns t, references and errors of a robot."""
+    try:
+        Record.from_csv(path, rig=robot.rig, law=robot.law)
+    except LoadError:
+        return False
+    return True
 
 
 def path_of(identification: Identification, file: str | None = None) -> Reference:

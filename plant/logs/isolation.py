@@ -21,7 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.logs import child
-from plant.logs.formats.columns import choice_of, require_real, require_size
+from plant.logs.formats.columns import (
+    choice_of,
+    refusals_left_out,
+    require_real,
+    require_size,
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,7 +82,8 @@ def read_isolated(
 
     The `kind` (mat, hdf5, parquet, lerobot, mcap or rosbag2) is a file of `plant.logs.formats`;
     without `names` all columns that start with `prefix` are read. They must fit into `max_bytes`.
-    Options are those of that reader: ``episode`` of lerobot, ``clock`` of mcap and rosbag2.
+    Options are those of that reader: ``episode`` of lerobot, ``clock`` of mcap and rosbag2;
+    ``numbers_only`` leaves out columns of anything but real numbers.
     """
     # A missing library is reported here, where the message can name the extra that installs it.
     for library in _LIBRARIES.get(kind, ()):
@@ -138,7 +144,11 @@ def read_isolated(
 
 
 def read_npz(
-    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
+    path: str,
+    names: Collection[str] | None,
+    prefix: str,
+    max_bytes: int,
+    numbers_only: bool = False,
 ) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """Names and columns of an NPZ archive, as `read_isolated` gives them of other formats."""
     # This comes before `zipfile` lists the directory, whose size the file itself declares.
@@ -156,7 +166,11 @@ def read_npz(
                 )
         # The sizes that the directory declares are checked before anything is expanded.
         require_size(sum(info.file_size for info in wanted.values()), max_bytes)
-        return list(members), {name: _array(archive, name, info) for name, info in wanted.items()}
+        arrays = dict[str, NDArray[Any]]()
+        for name, info in wanted.items():
+            with refusals_left_out(numbers_only):
+                arrays[name] = _array(archive, name, info)
+        return list(members), arrays
 
 
 def _require_small_directory(path: str) -> None:

@@ -49,14 +49,33 @@ _ADVICE = {
 _OF_MESSAGES = ("mcap", "rosbag2")
 # These hold arrays of any shape; the others hold columns.
 _OF_ARRAYS = ("npz", "mat", "hdf5")
+_OF_ANYTHING = (*_OF_ARRAYS, "parquet")
 
 
 class LogTable(dict[str, NDArray[Any]]):
-    """Columns by name, and in `units` the units that the file states of them."""
+    """Columns by name, the `units` that the file states, and all names `available` in it."""
 
-    def __init__(self, columns: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        columns: Mapping[str, NDArray[Any]],
+        units: Mapping[str, str],
+        available: Sequence[str],
+    ) -> None:
         super().__init__(columns)
         self.units = dict(units)
+        self.available = tuple(available)
+
+    def elements(self, name: str) -> list[str]:
+        """Names of the columns of a block (N, k)."""
+        width = self[name].shape[1]
+        labels = [other for other in self.available if other.startswith((f"{name}.", f"{name}["))]
+        return labels if len(labels) == width else [f"{name}[{i}]" for i in range(width)]
+
+    def text(self) -> tuple[str, ...]:
+        """Names in the file that are neither a column of numbers nor an element of one."""
+        blocks = tuple(f"{name}{mark}" for name in self for mark in ".[")
+        names = (name for name in self.available if name not in self)
+        return tuple(name for name in names if not name.startswith(blocks))
 
 
 class LoadError(ValueError):
@@ -199,9 +218,18 @@ def options_of(kind: str, episode: int | None = None, clock: str | None = None) 
 
 
 def read_file(
-    kind: str, path: str | Path, names: Iterable[str] | None, prefix: str, **options: Any
-) -> dict[str, NDArray[Any]]:
-    """Read columns of a file of this kind, as `read_table` does, with `options` of `options_of`."""
+    kind: str,
+    path: str | Path,
+    names: Iterable[str] | None,
+    prefix: str,
+    *,
+    numbers_only: bool = False,
+    **options: Any,
+) -> LogTable:
+    """Read columns of a file of this kind, as `read_table` does, with `options` of `options_of`.
+
+    With `numbers_only` columns of anything else, or without samples, are left out.
+    """
     with load_errors(path):
         # The size of a folder says nothing: readers open some of its files only.
         if not (kind in _FOLDERS and Path(path).is_dir()):
@@ -212,27 +240,38 @@ def read_file(
             options["clock"] = f"{prefix}{options['clock']}"
         units: dict[str, str] = {}
         if kind == "csv":
-            available, columns, units = read_text(path, wanted, prefix)
+            available, columns, units = read_text(path, wanted, prefix, numbers_only)
         else:
             # Third-party libraries read in a child process; numpy archives are safe to read here.
             request = os.fspath(path), wanted, prefix, LIMITS.columns
+            # Readers of messages and data sets give numbers alone.
+            options |= {"numbers_only": True} if numbers_only and kind in _OF_ANYTHING else {}
             available, columns = (
-                read_npz(*request) if kind == "npz" else read_isolated(kind, *request, **options)
+                read_npz(*request, **options)
+                if kind == "npz"
+                else read_isolated(kind, *request, **options)
             )
             if kind in _OF_ARRAYS:
                 blocks = {name: Block(array) for name, array in oriented(columns).items()}
                 available += [x for name, block in blocks.items() for x in block.elements(name)]
                 picks = {name: picked(name, blocks) for name in wanted or blocks}
                 columns = {name: column for name, column in picks.items() if column is not None}
+        if numbers_only:
+            columns = {n: c for n, c in columns.items() if np.size(c) and np.ndim(c) < 3}
         require_columns(wanted or (), columns, available)
+        if numbers_only and not columns:
+            # The refusal of what there is says more than that there are no numbers.
+            return read_file(kind, path, names, prefix, **options | {"numbers_only": False})
         if not columns:
             raise ValueError(
                 f"must hold columns whose names begin with {prefix!r}; got {available[:5]}. Check"
                 " prefix."
             )
+        cut = len(prefix)
         return LogTable(
-            {name[len(prefix) :]: _numbers(name, column) for name, column in columns.items()},
-            {name[len(prefix) :]: unit for name, unit in units.items()},
+            {name[cut:]: _numbers(name, column) for name, column in columns.items()},
+            {name[cut:]: unit for name, unit in units.items()},
+            [name[cut:] for name in available if name.startswith(prefix)],
         )
 
 

@@ -15,6 +15,8 @@ from plant.parts.csv_rows import read_rows
 from plant.parts.fields import Floats
 from plant.parts.plain import from_plain
 
+# How a file of `write` begins.
+_BEGIN = b'# {"onepulse":'
 # Field of a record with a number per joint -> what its columns are called, and their unit.
 COLUMNS = {
     "reference_pulses": ("reference", "pulses"),
@@ -55,6 +57,14 @@ def write(record: Any, path: str | Path) -> None:
         for row in np.hstack(columns):
             # 17 digits restore each float64 exactly.
             file.write(",".join(f"{x:.17g}" for x in row) + "\n")
+
+
+def is_own(path: str | Path) -> bool:
+    """Whether `write` wrote a file."""
+    if not Path(path).is_file():
+        return False
+    with open(path, "rb") as file:
+        return file.read(len(_BEGIN)) == _BEGIN
 
 
 def read(

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.laws.law import Law
 from plant.logs import record_csv
+from plant.logs.contents import LogContents, contents_of
 from plant.logs.logfile import kind_of, load_errors, options_of, read_file
 from plant.logs.mapping import MEASURED, mapped_names, record_fields
 from plant.machine.rig import Rig
@@ -119,8 +120,8 @@ class FromFiles:
             fields = record_csv.read(path, rig=rig, law=law, reference=reference, initial=initial)
             return cls(**fields | {"name": str(path)})
 
+    @overload
     @classmethod
-    @known_options
     def read(
         cls,
         path: str | Path,
@@ -134,11 +135,47 @@ class FromFiles:
         law: Law | None = None,
         reference: Reference | None = None,
         initial: ArrayLike | None = None,
-    ) -> Self:
+    ) -> Self: ...
+
+    @overload
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        rig: Rig | None = None,
+        columns: None = None,
+        units: None = None,
+        wrap: None = None,
+        prefix: str = "",
+        episode: int | None = None,
+        law: Law | None = None,
+        reference: Reference | None = None,
+        initial: ArrayLike | None = None,
+    ) -> "Self | LogContents": ...
+
+    @classmethod
+    @known_options
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        rig: Rig | None = None,
+        columns: Mapping[str, Any] | None = None,
+        units: Mapping[str, Any] | None = None,
+        wrap: ArrayLike | None = None,
+        prefix: str = "",
+        episode: int | None = None,
+        law: Law | None = None,
+        reference: Reference | None = None,
+        initial: ArrayLike | None = None,
+    ) -> "Self | LogContents":
         """Read mapped columns of a log in any format that `read_table` knows by its ending, or a
         folder's contents.
 
-        Of messages, columns of other topics than the measured one hold their last value.
+        Without `columns` it prints what the file holds, with a mapping to begin with, and returns
+        that as a `LogContents`; of a file of `to_csv` it returns the record. Of messages, columns
+        of other topics than the measured one hold their last value.
 
         Parameters
         ----------
@@ -154,6 +191,13 @@ class FromFiles:
         LoadError
             A file that cannot be read, or that does not hold what is mapped.
         """
+        if columns is None:
+            if record_csv.is_own(path):
+                return cls.from_csv(path, rig=rig, law=law, reference=reference, initial=initial)
+            n = None if rig is None else instance("rig", rig, Rig, "Pass rig=.").n
+            contents = contents_of(path, n=n, prefix=prefix, episode=episode)
+            print(contents)
+            return contents
         with load_errors(path):
             # The suffix chooses the reader; a folder is known by its contents.
             kind = kind_of(path)

@@ -74,7 +74,7 @@ def read_records(
     ['run_0.csv', 'run_1.csv']
     """
     listed = [paths] if isinstance(paths, (str, Path)) else list(paths)
-    files = [file for path in listed for file in _matches(path)]
+    files = [file for path in listed for file in files_of(path)]
     if not files:
         raise ValueError(
             "paths must name at least one file; got none. Give files, or a pattern such as"
@@ -146,7 +146,7 @@ def _with_notes(record: Record, notes: Any, file: str | Path) -> Record:
     return dataclasses.replace(record, notes={**(record.notes or {}), **notes_of(notes, file)})
 
 
-def _matches(path: str | Path) -> list[str | Path]:
+def files_of(path: str | Path) -> list[str | Path]:
     """Files that match a pattern, sorted by name; a path without wildcards stands for itself."""
     # A file whose own name has brackets is no pattern.
     if not glob.has_magic(str(path)) or Path(path).exists():

@@ -14,7 +14,7 @@ from plant.parts.files import require_bounded
 
 
 def read_text(
-    path: str | Path, wanted: Collection[str] | None, prefix: str
+    path: str | Path, wanted: Collection[str] | None, prefix: str, numbers_only: bool = False
 ) -> tuple[list[str], dict[str, NDArray[Any]], dict[str, str]]:
     """Names of all columns, the wanted ones (without names all that start with the prefix), and
     the units that the file states of them.
@@ -27,7 +27,11 @@ def read_text(
     names = list(dialect.names)
     # What a column is called by the caller -> its name in the file.
     called = (
-        {name: name for name in names if name.startswith(prefix)}
+        {
+            name: name
+            for name in (dialect.numeric if numbers_only else names)
+            if name.startswith(prefix)
+        }
         if wanted is None
         else {name: home for name in wanted if (home := home_of(name, names)) is not None}
     )

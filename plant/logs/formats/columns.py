@@ -1,5 +1,6 @@
 """Blocks of columns, and elements of them: ``block``, ``block[2]``, ``block.elbow``."""
 
+import contextlib
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
@@ -7,6 +8,16 @@ from typing import Any, NamedTuple
 
 class RefusalError(ValueError):
     """A message that is complete: what was expected, what came, what to do; without the path."""
+
+
+@contextlib.contextmanager
+def refusals_left_out(numbers_only: bool) -> Iterator[None]:
+    """Ignore the refusal of a column where only columns of numbers are asked for."""
+    try:
+        yield
+    except RefusalError:
+        if not numbers_only:
+            raise
 
 
 # One element of an array, ``name[2]`` or ``name.2``. At most 9 digits: int() of a long text of

@@ -12,6 +12,7 @@ from .columns import (
     RefusalError,
     choice_of,
     homes_of,
+    refusals_left_out,
     require_no_object,
     require_real,
     require_size,
@@ -27,7 +28,11 @@ _MAX_DEPTH = 4
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
+    path: str,
+    names: Collection[str] | None,
+    prefix: str,
+    max_bytes: int,
+    numbers_only: bool = False,
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of an HDF5 file, or of a MAT file of version 7.3."""
     # The child limits its memory before a library is loaded.
@@ -54,7 +59,10 @@ def read(
         asked = [name.replace(".", "/") for name in names or ()]
         for name, item in datasets.items():
             if name in homes.values() or any(place.startswith(f"{name}/") for place in asked):
-                _require_own_numbers(name, item)
+                with refusals_left_out(numbers_only):
+                    _require_own_numbers(name, item)
+                    continue
+                del homes[name]
         wanted = {name: datasets[home] for name, home in homes.items()}
         # Sizes come from the headers, so a bomb is refused before it expands.
         require_size(

@@ -44,13 +44,12 @@ def read(
         labels = _labels(features.get(name))
         fits = block.values.ndim == 2 and len(labels) == block.values.shape[1]
         chosen[name] = Block(block.values[rows], labels if fits else ())
-    if names is None:
-        return available, {name: chosen[name].values for name in numeric if name in chosen}
     # Elements of lists are names that a message may offer.
-    available = [
-        *available,
-        *(element for name, block in chosen.items() for element in block.elements(name)),
-    ]
+    elements = [element for name, block in chosen.items() for element in block.elements(name)]
+    if names is None:
+        columns = {name: chosen[name].values for name in numeric if name in chosen}
+        return [*columns, *elements], columns
+    available = [*available, *elements]
     columns = {name: picked(name, chosen) for name in names}
     return available, {name: values for name, values in columns.items() if values is not None}
 

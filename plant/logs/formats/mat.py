@@ -10,17 +10,22 @@ from .columns import RefusalError, choice_of, homes_of, require_no_object, requi
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
+    path: str,
+    names: Collection[str] | None,
+    prefix: str,
+    max_bytes: int,
+    numbers_only: bool = False,
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of a MAT file; ``structure[k].field`` in an array of structures."""
     # The size is bounded before scipy expands anything.
     _require_bounded(path, max_bytes)
+    import numpy as np
     from scipy.io import loadmat
 
     chosen = choice_of(names, prefix)
     kinds, objects = _kinds(path)
     for name, matlab_class in objects.items():
-        if chosen(name) or _may_hold(names, name):
+        if (chosen(name) or _may_hold(names, name)) and not numbers_only:
             require_no_object(name, matlab_class)
 
     def load(variables: list[str]) -> dict[str, Any]:
@@ -34,7 +39,11 @@ def read(
         held = load([name for name, kind in kinds.items() if kind == "struct"])
     # Plain variables are offered in messages without being loaded.
     plain = [name for name, kind in kinds.items() if kind != "struct"]
-    return [*plain, *held], {name: value for name, value in columns.items() if chosen(name)}
+    wanted = {name: value for name, value in columns.items() if chosen(name)}
+    if numbers_only:
+        # scipy gives text as str and a scalar as a number of Python, with squeezed axes.
+        wanted = {n: v for n, v in wanted.items() if np.asarray(v).dtype.kind in "biuf"}
+    return [*plain, *held], wanted
 
 
 def _kinds(path: str) -> tuple[dict[str, str], dict[str, str]]:

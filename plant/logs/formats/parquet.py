@@ -6,14 +6,27 @@ from typing import Any
 
 import numpy as np
 
-from .columns import Block, RefusalError, choice_of, home_of, picked, require_real, require_size
+from .columns import (
+    Block,
+    RefusalError,
+    choice_of,
+    home_of,
+    picked,
+    refusals_left_out,
+    require_real,
+    require_size,
+)
 
 
 def read(
-    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
+    path: str,
+    names: Collection[str] | None,
+    prefix: str,
+    max_bytes: int,
+    numbers_only: bool = False,
 ) -> tuple[list[str], dict[str, Any]]:
     """Names and wanted columns of a Parquet file; ``name[i]`` is one column of a list."""
-    available, blocks = read_blocks(path, names, prefix, max_bytes)
+    available, blocks = read_blocks(path, names, prefix, max_bytes, numbers_only)
     if names is None:
         return available, {name: block.values for name, block in blocks.items()}
     columns = {name: picked(name, blocks) for name in names}
@@ -22,7 +35,11 @@ def read(
 
 
 def read_blocks(
-    path: str, names: Collection[str] | None, prefix: str, max_bytes: int
+    path: str,
+    names: Collection[str] | None,
+    prefix: str,
+    max_bytes: int,
+    numbers_only: bool = False,
 ) -> tuple[list[str], dict[str, Block]]:
     """Names of all columns, and those of which something is wanted."""
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more than they need
@@ -37,16 +54,16 @@ def read_blocks(
         wanted = [
             name for name in schema.names if (chosen(name) if names is None else name in homes)
         ]
-        for name in wanted:
+        for name in tuple(wanted):
             type_ = schema.field(name).type
             # The type of a list is that of its elements.
             kind = type_.value_type if _is_list(pa, type_) else type_
             types = pa.types
-            require_real(
-                name,
-                type_,
-                types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind),
-            )
+            is_real = types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
+            with refusals_left_out(numbers_only):
+                require_real(name, type_, is_real)
+                continue
+            wanted.remove(name)
         # The footer declares the sizes, so a bomb is refused before it expands.
         require_size(max(_size(file.metadata, wanted), 0), max_bytes)
         # Threads would count against the address space of the child.

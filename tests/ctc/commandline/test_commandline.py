@@ -504,7 +504,7 @@ WRONG = {
     "an unknown key": (("check", "log.csv", "--robot", "key.toml"), "Did you mean 'viscous'"),
     "an unknown unit": (("check", "log.csv", "--robot", "unit.toml"), "'rads'"),
     "another column": (("check", "own.csv", "--robot", "arm.toml"), "own.csv"),
-    "an unreadable log": (("check", "arm.toml"), "give a log: rows of numbers."),
+    "an unreadable log": (("check", "arm.toml"), "must end in one of .csv"),
     "no number": (
         ("check", "nan.csv"),
         "line 43 must have finite numbers; got nan in column 'error_1",
@@ -586,6 +586,20 @@ def test_whatever_is_wrong_is_one_line_and_writes_nothing(folder, capsys, monkey
     assert err.count("\n") == 1
     assert expected in err
     assert sorted(folder.iterdir()) == before
+
+
+def test_a_log_without_a_mapping_is_described_and_not_checked(folder, capsys, monkeypatch):
+    """Without a robot file, and with one that maps no columns; the tables complete that file."""
+    monkeypatch.chdir(folder)
+    assert main(["check", "log.csv"]) == 0
+    text = capsys.readouterr().out
+    assert "every 700 us" in text
+    assert 'counts = ["c1", "c2"]' in text
+    assert "Nothing was checked" in text
+    assert main(["check", "log.csv", "own.csv", "--json"]) in (0, 1)
+    answer = json.loads(capsys.readouterr().out)
+    assert list(answer["logs"]) == ["own.csv"]
+    assert answer["contents"]["log.csv"]["units"]["t"] == "s"
 
 
 def test_robots_of_the_package_are_written_with_their_models(tmp_path, capsys):

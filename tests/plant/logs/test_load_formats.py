@@ -374,7 +374,7 @@ def test_checksums_of_parquet_pages_are_compared(tmp_path):
 
 def test_wrong_calls_are_refused_before_the_file_is_opened():
     for call, message in (
-        (lambda: Record.read("log.npz", columns=COLUMNS), "missing a required argument: 'rig'"),
+        (lambda: Record.read("log.npz", columns=COLUMNS), "rig must be of type Rig"),
         (
             lambda: Record.read("log.npz", rig=RIG, columns=COLUMNS, unit=UNITS),
             "Did you mean 'units'",

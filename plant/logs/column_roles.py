@@ -1,0 +1,263 @@
+"""What the columns of a foreign log likely are, by the words in their names, units and values."""
+
+import dataclasses
+import re
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from plant.logs.unit_words import without_unit
+from plant.logs.units import TIME
+from plant.parts.fields import Floats
+
+# Quantity -> words of names that mean it. Of several quantities in a name the upper one counts:
+# `joint_position_error` is an error, `motor_current_position` is no position of a current.
+_QUANTITIES = {
+    "time": "t time times timestamp stamp zeit clock",
+    "valid": "valid",
+    "temperature": "temp temps temperature temperatures temperatur",
+    "acceleration": "qdd ddq qddot acc accel acceleration accelerations",
+    "speed": "qd dq qdot vel vels velocity velocities speed speeds omega rpm drehzahl",
+    "torque": "tau torque torques trq effort efforts moment moments drehmoment",
+    "error": "error errors err deviation schleppfehler following",
+    "current": "current currents cur curr amps iq strom i",
+    "counts": "c count counts enc encoder encoders pulses ticks inc increments",
+    "position": "q qm ql qg pos position positions angle angles theta phi lage joint joints qpos",
+}
+_WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
+_ORDER = tuple(_QUANTITIES)
+_COMMANDED = frozenset(
+    [
+        "target",
+        "ref",
+        "reference",
+        "cmd",
+        "command",
+        "commanded",
+        "commands",
+        "desired",
+        "des",
+        "set",
+        "setpoint",
+        "soll",
+        "action",
+        "goal",
+        "demand",
+    ]
+)
+_MEASURED = frozenset(
+    [
+        "actual",
+        "act",
+        "measured",
+        "meas",
+        "feedback",
+        "state",
+        "observation",
+        "ist",
+        "motor",
+        "link",
+    ]
+)
+# A unit says more than a name.
+_OF_UNITS = {
+    "time": ("s", "ms", "us", "ns"),
+    "position": ("rad", "deg", "turns", "gon", "mrad"),
+    "counts": ("pulses",),
+    "torque": ("N m", "mN m", "motor N m"),
+    "current": ("A", "mA"),
+    "speed": ("rpm", "rad/s", "deg/s", "turns/s", "m/s", "mm/s"),
+    "acceleration": ("rad/s2", "deg/s2"),
+    "temperature": ("degC", "K"),
+    "other": ("V", "mV", "W", "Hz"),
+}
+_UNIT_QUANTITIES = {unit: quantity for quantity, units in _OF_UNITS.items() for unit in units}
+# Start of Unix time in each unit: the year 1973 and later.
+_UNIX = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 1e8}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RoleSettings:
+    """Sizes of values that decide between units; all chosen by hand.
+
+    Parameters
+    ----------
+    periods : tuple of pair of float
+        Usual sampling periods [s], and those that occur.
+    max_radians : float
+        Largest angle that is likely in rad; two turns.
+    max_turns : float
+        Largest angle that may as well be in turns.
+    max_normalised : float
+        Largest value of a percentage.
+    max_amperes : float
+        Largest current that is likely in ampere.
+    max_torque : float
+        Largest torque [N m] that is no per mille.
+    min_counts : float
+        Range of whole numbers from which on they are counts.
+    """
+
+    periods: tuple[tuple[float, float], ...] = ((2e-4, 0.05), (5e-6, 2.0))
+    max_radians: float = 4 * np.pi
+    max_turns: float = 2.0
+    max_normalised: float = 100.0
+    max_amperes: float = 100.0
+    max_torque: float = 900.0
+    min_counts: float = 100.0
+
+
+SETTINGS = RoleSettings()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Role:
+    """What a column likely is.
+
+    Parameters
+    ----------
+    quantity : str
+        Of `_QUANTITIES`, or "other".
+    commanded : bool
+        The value was asked for, not measured.
+    units : tuple of str
+        Likely units, the likeliest at the front; none where the quantity has no unit or no field.
+    group : tuple of str
+        Its folder or topic, and the words of its name that the same quantity of the other joints
+        has as well.
+    """
+
+    quantity: str
+    commanded: bool
+    units: tuple[str, ...]
+    group: tuple[str, ...]
+
+    def __str__(self) -> str:
+        name = f"commanded {self.quantity}" if self.commanded else self.quantity
+        return f"{name} [{' or '.join(self.units)}]" if self.units else name
+
+
+def role_of(name: str, values: Floats, unit: str | None) -> Role:
+    """The likely role of a column (N,) or block (N, k), whose unit the file may state."""
+    words = _words(name)
+    quantities = {_WORDS[word] for word in words if word in _WORDS}
+    if {"observation", "state"} <= set(words) or words == ["action"]:
+        quantities |= {"position"}
+    quantity = next((q for q in _ORDER if q in quantities), "other")
+    # A single letter such as i numbers joints as often as it means a current.
+    if quantity == "current" and "position" in quantities and not {"q", "pos"}.isdisjoint(words):
+        quantity = "position" if "i" in words else quantity
+    quantity = _UNIT_QUANTITIES.get(unit or "", quantity)
+    if quantity == "position" and unit is None and _are_counts(values):
+        quantity = "counts"
+    known = _WORDS.keys() | _COMMANDED | _MEASURED
+    return Role(
+        quantity=quantity,
+        commanded=not _COMMANDED.isdisjoint(words),
+        units=(unit,) if unit is not None else _likely_units(quantity, words, values),
+        group=(folder_of(name), *(word for word in words if word in known)),
+    )
+
+
+def folder_of(name: str) -> str:
+    """The topic of a column of messages, the group of one of HDF5; empty of others."""
+    return name.partition(".")[0] if name.startswith("/") else name.rpartition("/")[0]
+
+
+def time_unit(values: Floats) -> str:
+    """The likely unit of times (N,)."""
+    start = float(np.nanmin(values)) if np.isfinite(values).any() else 0.0
+    unix = next((unit for unit, least in _UNIX.items() if start > least), None)
+    if unix is not None:
+        return unix
+    steps = np.diff(values)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    for shortest, longest in SETTINGS.periods:
+        for unit, per in TIME.items():
+            if shortest <= step / per <= longest:
+                return unit
+    return "s"
+
+
+def _words(name: str) -> list[str]:
+    """Words of a name, in lower case: ``actualQ_1`` and ``actual.q[1]`` have actual and q."""
+    plain = re.sub(r"([a-z])([A-Z])", r"\1 \2", without_unit(name)[0])
+    return [word.lower() for word in re.findall(r"[^\W\d_]+", plain)]
+
+
+def _are_counts(values: Floats) -> bool:
+    present = values[np.isfinite(values)]
+    whole = len(present) > 0 and bool((present == np.round(present)).all())
+    return whole and float(np.ptp(present)) > SETTINGS.min_counts
+
+
+def _likely_units(quantity: str, words: Iterable[str], values: Floats) -> tuple[str, ...]:
+    """Units that values of this size may have."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if quantity == "time":
+        return (time_unit(values),) if values.ndim == 1 else ()
+    if quantity == "position":
+        stated = {"rad": "rad", "deg": "deg", "rev": "turns", "turns": "turns"}
+        named = [unit for word, unit in stated.items() if word in set(words)]
+        if named:
+            return (named[0],)
+        if largest > SETTINGS.max_radians:
+            shares = ("-100 to 100 of a range",) if largest <= SETTINGS.max_normalised else ()
+            return ("deg", *shares)
+        return ("rad", "turns") if largest <= SETTINGS.max_turns else ("rad",)
+    if quantity == "torque":
+        if "motor" in set(words):
+            return ("motor N m", "N m")
+        # Drivers of ROS publish currents, or a share of a rated torque, as an effort.
+        return (
+            ("N m",) if largest <= SETTINGS.max_torque else ("N m", "per mille of a rated torque")
+        )
+    if quantity == "current":
+        return ("A",) if largest <= SETTINGS.max_amperes else ("mA",)
+    return ("pulses",) if quantity in ("counts", "error") else ()
+
+
+def groups_of(
+    roles: Mapping[str, Role],
+) -> dict[tuple[str, bool, tuple[str, ...]], list[str]]:
+    """Columns that differ by their joint alone."""
+    groups = dict[tuple[str, bool, tuple[str, ...]], list[str]]()
+    for name, role in roles.items():
+        groups.setdefault((role.quantity, role.commanded, role.group), []).append(name)
+    return groups
+
+
+def fields_of(roles: Mapping[str, Role], n: int | None) -> dict[str, list[str]]:
+    """Field of a record -> its likely columns, one per joint; the fields that a mapping needs.
+
+    `roles` are of single columns, in the order of the file; `n` is the number of joints, if it is
+    known.
+    """
+    groups = groups_of(roles)
+
+    def best(*quantities: str, commanded: bool = False, size: int | None = None) -> list[str]:
+        """The largest group of a quantity, the measured one before others."""
+        candidates = [
+            (
+                size is not None and len(names) == size,
+                not _MEASURED.isdisjoint(key[2]),
+                len(names),
+                names,
+            )
+            for key, names in groups.items()
+            if key[0] in quantities and key[1] == commanded and size in (None, len(names))
+        ]
+        return max(candidates, key=lambda c: c[:3], default=(0, 0, 0, []))[3]
+
+    measured = best("counts", size=n) or best("position", size=n)
+    size = len(measured) or n
+    fields = {
+        "t": best("time")[:1],
+        "counts" if measured and roles[measured[0]].quantity == "counts" else "position": measured,
+        "reference_position": best("position", "counts", commanded=True, size=size),
+        "torque": best("torque", size=size),
+        "current": best("current", size=size),
+    }
+    if "motor" in (roles[measured[0]].group if measured else ()) and "position" in fields:
+        fields["motor_position"] = fields.pop("position")
+    return {field: names for field, names in fields.items() if names}

@@ -1,0 +1,136 @@
+"""A log without a mapping is described, and the mapping that the description gives reads it."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant import Drive, Encoder, LoadError, LogContents, Record, Rig, puma560, simulate
+
+N, n = 400, 3
+RIG = Rig(
+    drive=Drive(
+        gear=(50.0, -101.0, 80.0),
+        motor_inertia=(1e-4,) * n,
+        viscous=(0,) * n,
+        coulomb=(0,) * n,
+        motor_gain=(0.2,) * n,
+        current_limit=(10,) * n,
+    ),
+    encoder=Encoder(resolution=(4096, 1024, 2000)),
+    period=2e-3,
+)
+COUNTS = np.round(9000 * np.sin(np.arange(N)[:, None] / [31, 47, 59]) + [4000, 0, 900])
+Q = RIG.to_angle(COUNTS)
+T = RIG.period * np.arange(N)
+
+# How loggers name the columns of joint 1, 2, 3: time, position, torque, current, reference.
+STYLES = {
+    "rtde": ("timestamp", "actual_q_{}", "actual_torque_{}", "actual_current_{}", "target_q_{}"),
+    "short": ("t", "q{}", "tau{}", "i{}", "q_ref{}"),
+    "brackets": ("Time", "pos[{}]", "trq[{}]", "cur[{}]", "cmd_pos[{}]"),
+    "joints": ("time_s", "j{}_position", "j{}_effort", "j{}_amps", "j{}_position_desired"),
+    "camel": (
+        "stamp",
+        "jointPosition{}",
+        "jointTorque{}",
+        "motorCurrent{}",
+        "jointPositionSetpoint{}",
+    ),
+}
+UNITS = {"s": 1, "ms": 1e3, "us": 1e6}
+
+
+def exported(path, style, time_unit, degrees, start):
+    time, *names = STYLES[style]
+    scale = 180 / np.pi if degrees else 1.0
+    values = (scale * Q, 5 * np.cos(Q), 3 * np.sin(Q), scale * (Q + 1e-3))
+    columns = {time: (start + T) * UNITS[time_unit]}
+    for name, value in zip(names, values, strict=True):
+        columns |= {name.format(i + 1): value[:, i] for i in range(n)}
+    np.savetxt(
+        path,
+        np.column_stack(list(columns.values())),
+        "%.15g",
+        "\t",
+        comments="",
+        header="\t".join(columns),
+    )
+
+
+@settings(derandomize=True, max_examples=40, deadline=None)
+@given(
+    style=st.sampled_from(sorted(STYLES)),
+    time_unit=st.sampled_from(sorted(UNITS)),
+    degrees=st.booleans(),
+    start=st.sampled_from([0.0, 17.5, 1.7e9]),
+)
+def test_the_mapping_of_a_description_reads_the_log(
+    tmp_path_factory, style, time_unit, degrees, start
+):
+    path = tmp_path_factory.mktemp("log") / "run.csv"
+    exported(path, style, time_unit, degrees, start)
+    contents = Record.read(path)
+    assert set(contents.columns) == {"t", "position", "torque", "current", "reference_position"}
+    assert contents.units["t"] == time_unit
+    assert contents.units["position"] == ("deg" if degrees else "rad")
+    record = Record.read(path, rig=RIG, columns=contents.columns, units=contents.units)
+    np.testing.assert_array_equal(record.counts, COUNTS)
+    np.testing.assert_allclose(record.torque, 5 * np.cos(Q), rtol=1e-12)
+
+
+def test_a_description_names_rate_gaps_and_what_is_no_number(tmp_path, capsys):
+    t = np.delete(T, slice(100, 140))
+    np.savez(
+        tmp_path / "a.npz", stamp=1e3 * t, enc=np.delete(COUNTS, slice(100, 140), 0), note=["a"]
+    )
+    contents = Record.read(tmp_path / "a.npz")
+    printed = capsys.readouterr().out
+    assert printed == f"{contents}\n"
+    assert "every 2 ms (500 Hz) for 0.798 s, 1 gap of up to 82 ms" in printed
+    assert "note" in printed
+    assert "no numbers" in printed
+    assert contents.columns == {"t": "stamp", "counts": ["enc[0]", "enc[1]", "enc[2]"]}
+    record = Record.read(
+        tmp_path / "a.npz", rig=RIG, columns=contents.columns, units=contents.units
+    )
+    np.testing.assert_array_equal(record.counts, np.delete(COUNTS, slice(100, 140), 0))
+
+
+def test_the_number_of_joints_chooses_between_columns(tmp_path):
+    """Two encoders per joint, and one more: those of the rig's joints are mapped."""
+    table = {"t": T, "q": Q, "motor_q": np.column_stack([Q, Q[:, :1]])}
+    scipy.io.savemat(tmp_path / "a.mat", table)
+    assert Record.read(tmp_path / "a.mat", rig=RIG).columns["position"] == [
+        "q[0]",
+        "q[1]",
+        "q[2]",
+    ]
+
+
+def test_a_log_whose_words_say_nothing_has_no_mapping(tmp_path, capsys):
+    np.savetxt(tmp_path / "a.csv", np.column_stack([T, Q]), header="a,b,c,d", delimiter=",")
+    contents = Record.read(tmp_path / "a.csv")
+    assert contents.columns == {}
+    assert 'columns = {"t": "a", "position": [...]}' in capsys.readouterr().out
+
+
+def test_the_library_s_own_file_needs_no_mapping(tmp_path):
+    log = simulate(puma560.arm(), puma560.rig(), puma560.p_law(), puma560.reference(), duration=0.1)
+    log.to_csv(tmp_path / "own.csv")
+    assert Record.read(tmp_path / "own.csv") == log
+    with pytest.raises(LoadError, match="must be a file; there is none"):
+        Record.read(tmp_path / "none.csv")
+
+
+def test_the_tables_of_a_robot_file_are_those_of_the_description(tmp_path):
+    import tomllib
+
+    exported(tmp_path / "run.csv", "rtde", "ms", False, 0.0)
+    contents = Record.read(tmp_path / "run.csv")
+    assert isinstance(contents, LogContents)
+    tables = tomllib.loads(contents.toml().partition("robot file:\n")[2])
+    assert tables == json.loads(json.dumps({"columns": contents.columns, "units": contents.units}))
