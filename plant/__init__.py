@@ -31,7 +31,9 @@ from plant.analysis.linearise import linearise, modes
 from plant.analysis.p_gains import cascade_gains, p_gains
 from plant.fmu.export import to_fmu
 from plant.laws.law import Law, StatelessLaw, state_of
+from plant.laws.mit_drive import MitDrive
 from plant.laws.pid import PD, PID, Cascade, P
+from plant.laws.position_servo import PositionServo
 from plant.laws.replayed import LoggedCurrent, LoggedTorque
 from plant.laws.resumed import Resumed
 from plant.logs.contents import LogContents
@@ -116,11 +118,13 @@ __all__ = [
     "LoggedCurrent",
     "LoggedTorque",
     "Lumping",
+    "MitDrive",
     "P",
     "Part",
     "Phase",
     "Placement",
     "PointToPoint",
+    "PositionServo",
     "Presliding",
     "QuadratureError",
     "Record",

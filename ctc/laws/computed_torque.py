@@ -58,26 +58,30 @@ class ComputedTorque(ModelLaw):
         Magnitude of the regulator's poles [rad/s]. Default with an arm, whose accuracy is unknown:
         360; with an identification: 145; with friction identified too: 120, or more where counts
         are finer than f and friction are known; with stated gears: 100. At most 0.3 over the
-        period, and less on elastic gears.
+        period, and less on elastic gears. Above an inner loop, to whose stiffness the regulator's
+        is added: 120, at most 0.45 over the period.
     observer_ratio : float, optional
         Bandwidth of the observer over that of the regulator. Default: 1.3; with friction
-        identified and rigid gears: 1.
+        identified and rigid gears, but not above an inner loop: 1.
     dead_zone : float, optional
         Share of the quantisation cell, 0 to 1, within which an innovation corrects nothing; 2.5
         times as wide where the reference stands. A larger one reduces torque chatter but delays
         the disturbance estimate. Default with an arm: 0; with an identification: 0.2; with friction
-        identified too: 0.45, less with a higher bandwidth; with stated gears: 0.4.
+        identified too: 0.45, less with a higher bandwidth; with stated gears: 0.4; above an inner
+        loop: 0.2.
     friction : bool
         Whether the model has the friction of the rig: it is fed forward, and predicted.
     learn_friction, learnable : bool, float
         Whether to learn, where joints turn back, the shares by which Coulomb and viscous friction
         differ from the rig's, and the largest such share (0 to 0.99). `Running.friction` has the
-        learnt friction, and `start` takes it.
+        learnt friction, and `start` takes it. Above an inner loop none is learnt by default where
+        the bandwidth is below the rate of learning: the observer is then too slow to tell friction
+        from what else changes while a joint turns back.
     start_boost, start_time : float, optional
         Factor on the regulator's bandwidth where a joint begins to move or turns back, or where
         counts show a model error, and the time constant with which it decays [s]; the observer's
         bandwidth is raised by the square root. Default: 4, and 10 over the bandwidth; with friction
-        identified and rigid gears: 2.7 and 40. The boost is disabled after two detected
+        identified and rigid gears: 2.7 and 40; above an inner loop: 2 and 10. The boost is disabled after two detected
         oscillations, and always with elastic gears in the model.
     measured : bool
         Whether to evaluate D-hat and h-hat at the observed q and qd instead of the reference.
@@ -118,7 +122,7 @@ class ComputedTorque(ModelLaw):
     start_boost: float = number((), default=None)
     start_time: float = number((), default=None)
     friction: bool = structure(bool, default=True)
-    learn_friction: bool = structure(bool, default=True)
+    learn_friction: bool = structure(bool, default=None)
     learnable: float = number((), default=0.4)
     measured: bool = structure(bool, default=False)
     delay: int = structure(default=0)
@@ -135,6 +139,9 @@ class ComputedTorque(ModelLaw):
         object.__setattr__(self, "gear_gains", None)
         super().__post_init__()
         signs(self, positive=("bandwidth", "observer_ratio", "start_boost"))
+        if self.learn_friction is None:
+            slow = self.rig.inner is not None and self.bandwidth < self.settings.learning_rate
+            object.__setattr__(self, "learn_friction", not slow)
         if self.start_time is None:
             object.__setattr__(self, "start_time", defaults.start_time / self.bandwidth)
         signs(self, positive=("start_time",), not_negative=("dead_zone", "learnable"))

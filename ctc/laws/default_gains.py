@@ -53,6 +53,9 @@ class DefaultGainSettings(Settings):
         For one of f and friction, on rigid gears. Unmodelled gears of 60 Hz become unstable with a
         faster observer or a larger boost. The dead zone falls with the square root of more
         bandwidth.
+    inner : Gains
+        Above an inner loop. The bandwidth is what the law adds to the loop's own stiffness;
+        tests/benchmarks/servos.py has other ones.
     share : float
         Error [pulses] that one standard deviation of unmodelled acceleration may cause.
     margin : float
@@ -60,6 +63,10 @@ class DefaultGainSettings(Settings):
         stays: unmodelled gears of 60 Hz become unstable above.
     period : float
         Largest product of bandwidth and period. Chosen by hand.
+    inner_period : float
+        The same above an inner loop, whose own stiffness has no delay: 0.3 leaves twice the error
+        where the servo's gain is 20 % off, and 0.6 rings where goals come a sample late.
+        tests/benchmarks/servos.py --bandwidths.
     step : float
         Factor by which a bandwidth is reduced until it is stable. Chosen by hand.
     smallest : float
@@ -96,16 +103,18 @@ class DefaultGainSettings(Settings):
     True
     """
 
-    may_be_zero = ("arm", "identified", "elastic", "friction")  # a dead zone is often zero
+    may_be_zero = ("arm", "identified", "elastic", "friction", "inner")  # a dead zone is often zero
     at_most = {"step": 0.99}  # noqa: RUF012  # declared as of the class; 1 would never end
 
     arm: Gains = Gains(360.0, 0.0)
     identified: Gains = Gains(145.0, 0.2)
     elastic: Gains = Gains(100.0, 0.4)
     friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
+    inner: Gains = Gains(120.0, 0.2, 1.3, 2.0, 10.0)
     share: float = 0.28
     margin: float = 1.2
     period: float = 0.3
+    inner_period: float = 0.45
     step: float = 0.8
     smallest: float = 5.0
     samples: int = 100
@@ -139,13 +148,15 @@ def default_gains(
 
 def known_gains(source: Any, rig: Any = None, settings: DefaultGainSettings = SETTINGS) -> Gains:
     """Gains from the knowledge of the arm alone, whatever the period and the gears allow."""
+    if rig is None and isinstance(source, Identification):
+        rig = source.rig
+    if isinstance(rig, Rig) and rig.inner is not None:
+        return settings.inner
     if not isinstance(source, Identification) or source.covariance is None:
         return settings.arm
     friction = ("drive.viscous", "drive.coulomb")
     if not any(name.startswith(friction) for name in source.fit.unknown):
         return settings.identified
-    if rig is None:
-        rig = source.rig
     if isinstance(rig, Rig) and rig.drive.elasticity is not None:
         return settings.elastic
     gains = settings.friction
@@ -194,7 +205,8 @@ def _bandwidth(
         rig = source.rig
     if not isinstance(rig, Rig):  # the law refuses it, with its other fields
         return bandwidth
-    bandwidth = min(bandwidth, settings.period / rig.period)
+    most = settings.period if rig.inner is None else settings.inner_period
+    bandwidth = min(bandwidth, most / rig.period)
     gears = rig.drive.elasticity
     if gears is None:
         return bandwidth

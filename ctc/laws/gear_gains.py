@@ -29,7 +29,8 @@ def gear_gains(
 ) -> Floats | None:
     """Table of `ElasticGears`, or None where the model takes gears for rigid.
 
-    That is so for gears without elasticity, too stiff for the period, or whose rotors are all of D.
+    That is so for gears without elasticity, too stiff for the period, whose rotors are all of D, and
+    above an inner loop.
     Gains of each joint alone, with the inertia 1 / (D^-1)_jj that it feels at a pose: Kalman filter
     and linear-quadratic regulator of motor, link and their speeds, the filter with a disturbance
     torque on the motor. Noise of the torque, on both, and cost are those for which rigid gears give
@@ -80,7 +81,8 @@ def gear_gains(
 def _followed(rig: Rig) -> Any:
     """Elasticity of the gears, or None where counts do not determine the motion of the links."""
     elasticity: Any = rig.drive.elasticity
-    if elasticity is None or rig.encoder.side == "link":
+    # An inner loop holds the motors by itself; the law above it takes gears for rigid.
+    if elasticity is None or rig.encoder.side == "link" or rig.inner is not None:
         return None
     return elasticity if elasticity.backlash is None or not elasticity.backlash.any() else None
 

@@ -47,6 +47,35 @@ class Deviation(NamedTuple):
         return self._replace(angle=change(self.angle), link_angle=link_angle)
 
 
+class Restoring(NamedTuple):
+    """Inner loop of a servo or drive below the law: a spring and a damper to the reference.
+
+    `stiffness` [N m/rad] and `damping` [N m s/rad] (n,) on the shafts.
+    """
+
+    stiffness: Any
+    damping: Any
+
+    @classmethod
+    def of(cls, rig: Rig) -> "Restoring | None":
+        """That of a rig, or None where the torque is the law's own."""
+        inner = rig.inner
+        return None if inner is None else cls(inner.stiffness_of(rig), inner.damping_of(rig))
+
+    def inertia(self, dt: ca.SX) -> ca.SX:
+        """Inertia by which it resists a change of rate within a sample (n, 1) [kg m^2].
+
+        Its torque is that of the mean angle, to which the rate after the sample adds dt/4, and of
+        that rate: so the step is stable for any stiffness.
+        """
+        return dt * (self.damping + dt / 4 * self.stiffness)
+
+    def push(self, deviation: "Deviation", time: ca.SX) -> ca.SX:
+        """Torque (n, 1) [N m] against a deviation, with the rest of what `inertia` took ahead."""
+        ahead = deviation.angle + time / 2 * deviation.rate
+        return self.stiffness * ahead + self.damping * deviation.rate
+
+
 class _Model(NamedTuple):
     """The arm at one pose: torques on the joints, the rest on the shafts."""
 
@@ -74,16 +103,25 @@ class RigidGears:
     fields = Fields()
     needed: ca.SX
 
-    def __init__(self, D: ca.SX, drag: ca.SX, observer: ca.SX, dt: ca.SX, limit: ca.SX) -> None:
+    def __init__(
+        self,
+        D: ca.SX,
+        drag: ca.SX,
+        observer: ca.SX,
+        dt: ca.SX,
+        limit: ca.SX,
+        inner: Restoring | None = None,
+    ) -> None:
         # Implicit viscous friction: M rate' = M rate + dt (push - drag rate') adds dt times the
         # friction to the inertia.
-        inertia = D + ca.diag(drag)
+        inertia = D + ca.diag(drag if inner is None else drag + inner.inertia(dt))
         self.mobility = inverse(inertia)
         # L of D = L P L^T, by which a joint's torque is carried to the joints after it.
         self._carried, _ = eliminated(inertia)
         self._observer = observer
         self._dt = dt
         self._limit = ca.fabs(limit)
+        self._inner = inner
 
     @classmethod
     def at(cls, law: Any, setpoint: Setpoint, state: Any, dt: ca.SX) -> "RigidGears":
@@ -100,7 +138,8 @@ class RigidGears:
         model = _model_at(law, q, qd, dt)
         # The observer's poles are a multiple of the regulator's, both in rad/s.
         observer = law.observer_ratio * law.bandwidth
-        gears = cls(model.inertia, model.drag, observer, dt, law.rig.drive.torque_limit())
+        limit = law.rig.drive.torque_limit()
+        gears = cls(model.inertia, model.drag, observer, dt, limit, Restoring.of(law.rig))
         # The torque of the reference's motion: D qdd_r + h. Friction is added by its own block.
         gears.needed = model.D @ setpoint.qdd + model.h
         return gears
@@ -117,6 +156,8 @@ class RigidGears:
         self, deviation: Deviation, push: ca.SX, friction: Friction, time: ca.SX
     ) -> tuple[Deviation, ca.SX]:
         """Deviation after `time` under a push (n, 1) [N m], and friction's impulse [N m s]."""
+        if self._inner is not None:
+            push = push + self._inner.push(deviation, time)
         # A push drives the deviation down: deviation is reference minus arm.
         free = deviation.rate - time * self.mobility.solve(push)
         impulse = friction(self.mobility, free)
@@ -143,6 +184,7 @@ class RigidGears:
     def feedback(self, deviation: Deviation, bandwidth: ca.SX, planned: ca.SX) -> ca.SX:
         """Torque (n, 1) [N m] against a deviation, of a regulator with this bandwidth [rad/s].
 
+        An inner loop adds its own to it: that needs no room here, since it is faster than samples.
         Each joint gets the torque for itself alone, and that which the joints before it need it to
         add (D = L P L'): a shoulder then does not shake the wrist. The torque for which the
         amplifier has no room beside what is `planned` (n, 1) [N m] does not act, and carries no

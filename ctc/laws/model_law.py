@@ -12,6 +12,7 @@ from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.laws.law import Block
+from plant.machine.inner_loop import InnerLoop
 from plant.machine.motor_inertia import require_inertia
 from plant.machine.rig import sliding_rig
 from plant.parts.arguments import array, instance
@@ -79,6 +80,10 @@ class ModelLaw(Law):
     def period(self) -> float | None:  # type: ignore[override]  # declared, and here the rig's
         """Once per sample of the rig [s]."""
         return self.rig.period
+
+    def inner_of(self, rig: Rig) -> InnerLoop | None:
+        """That of the law's own rig: what it takes the servo's gain for is in its goals."""
+        return self.rig.inner
 
     def sliding(self) -> Law:
         """With a rig without dry friction."""
@@ -155,5 +160,11 @@ class ModelLaw(Law):
                 "gears of rig and law must turn the same way; that of"
                 f" {rig.joint_labels[i]} is {rig.drive.gear[i]:g}, the law's"
                 f" {self.rig.drive.gear[i]:g}. Correct the sign, or make the law for this rig."
+            )
+        if type(rig.inner) is not type(self.rig.inner):
+            got, own = (type(r.inner).__name__ if r.inner else "none" for r in (rig, self.rig))
+            raise ValueError(
+                f"rig and law must have the same inner loop, {own}; got {got}. Make the law for"
+                " this rig: ComputedTorque(found, rig)."
             )
         return super().block(rig)

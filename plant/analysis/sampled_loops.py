@@ -66,9 +66,10 @@ class SampledLoops:
         following = loop.substep(state, loop.time_with(), numbers)[0]
         moving = loop.moving_states()
         self._moving = moving
-        rows = [*moving, *loop.state_fields.at(n)["torque"]]
-        # The torque applied last moves the arm: its rows and columns are kept beside those of the
-        # motion.
+        places = loop.state_fields.at(n)
+        rows = [*moving, *(places["torque"] if block.sent is None else places["sent"])]
+        # What the law commands moves the arm, the torque applied last or the frame sent last: its
+        # rows and columns are kept beside those of the motion.
         jacobian = ca.jacobian(following, state)[rows, rows]
         self._slope = ca.Function("slope", [state, numbers], [jacobian])
 
@@ -81,6 +82,13 @@ class SampledLoops:
         )
         slopes = ca.Function("law", [s, t, p], [ca.jacobian(step, x) for x in (s, t, p)])
         self._law = [slope.full() for slope in slopes(law_state, self._torque, pulses)]
+        # An inner loop moves the arm by the frame that the torque becomes.
+        self._sent = None
+        self._by_torque = np.eye(n)
+        if block.sent is not None:
+            frame = block.sent(q_r, 0, 0, pulses, t, block.values)
+            sent = ca.Function("sent", [t], [frame, ca.jacobian(frame, t)])(self._torque)
+            self._sent, self._by_torque = (matrix.full() for matrix in sent)
 
     def matrices(self, numbers: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
         """A (m, m), B (m, n), C (n, m), from the counts of the law to the positions [pulses].
@@ -103,8 +111,13 @@ class SampledLoops:
         at_rest[places["torque"]] = self._torque
         if places["driven"]:
             at_rest[places["driven"]] = self._torque
+        if self._sent is not None:
+            at_rest[places["sent"]] = self._sent[:, 0]
+            # The memory of the inner loop at rest is the one that a step leaves.
+            after = loop.substep(at_rest, loop.time_with(), values)[0].full()[:, 0]
+            at_rest[places["inner"]] = after[places["inner"]]
         moved = np.linalg.matrix_power(self._slope(at_rest, values).full(), loop.steps_per_law)[:m]
-        by_torque = moved[:, m:]
+        by_torque = moved[:, m:] @ self._by_torque
 
         # 2. Together with the law, whose torque (n rows first, then its state) acts on the arm. The
         # torque applied last is a state of its own, since the law may depend on it.
@@ -145,6 +158,11 @@ def held(
     s = ca.SX.sym("own", len(block.initial))
     weight = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) - rig.spring_torque(q)
     torque = weight + rig.drive.friction(ca.SX.zeros(n))
+    # An inner loop bears a part of the weight by its distance from the pose.
+    inner = law.inner_of(rig)
+    if inner is not None:
+        coupling = rig.drive.coupling
+        torque = torque - coupling.joint_torque(inner.stiffness_of(rig) * coupling.shaft(pose - q))
     counts = rig.counts(pose)
     pulses = rig.position_in_pulses(q)
     commanded, following = block.step(

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plant.machine.inner_loop import Frame, InnerLoop
 from plant.machine.rig import Rig
 from plant.parts.arguments import known_options
 from plant.parts.part import Part, declared
@@ -50,6 +51,10 @@ class Block:
     commanded torque, before that limit [N m]. A law that replays its record has one more input,
     `logged`. `names` and `values` (k,) belong to the numbers: first the law's (``law.``), then the
     rig's. `initial` (s,) is the state at the start.
+
+    Above an inner loop `asked` is what the frame adds that is sent, after rounding and limits, and
+    `sent` gives that frame: (q, qd, qdd, pulses, asked, numbers) -> (3 n,), the rows of
+    `plant.machine.inner_loop.Frame`.
     """
 
     step: ca.Function
@@ -57,6 +62,7 @@ class Block:
     names: list[str]
     values: NDArray[np.float64]
     period: float | None
+    sent: ca.Function | None = None
 
 
 class Law(Part, abc.ABC):
@@ -134,6 +140,14 @@ class Law(Part, abc.ABC):
         torque, state : casadi SX (n, 1), (s, 1)
             Commanded joint torque, before the amplifier's limit [N m]; the state of the next step.
         """
+
+    def inner_of(self, rig: Rig) -> InnerLoop | None:
+        """The inner loop for which this law makes its frames: by default that of the rig.
+
+        A law around a law asks the inner one.
+        """
+        around = getattr(self, "law", None)
+        return around.inner_of(rig) if isinstance(around, Law) else rig.inner
 
     def has_memory(self, n: int) -> bool:
         """Whether the torque depends on more than the present counts and reference."""
@@ -322,7 +336,17 @@ class Law(Part, abc.ABC):
                 " of the rig."
             )
 
-        # 3. A function of these symbols, and the values for which they stand.
+        # 3. Above an inner loop the torque becomes a frame, which may give less of it.
+        sent = None
+        inner = law.inner_of(symbolic_rig)
+        if inner is not None:
+            self._require_frames()
+            frame, commanded = _sent(inner, symbolic_rig, setpoint, pulses, commanded)
+            frame, _ = _sent(inner, symbolic_rig, setpoint, pulses, torque)
+            sent_inputs = [q, qd, qdd, pulses, torque, numbers]
+            sent = ca.Function("sent", sent_inputs, [ca.densify(ca.vertcat(*frame))])
+
+        # 4. A function of these symbols, and the values for which they stand.
         names = ["state", *joint_inputs, "dt", "numbers", "logged"]
         inputs = [state, q, qd, qdd, reference_pulses, pulses, torque, dt, numbers, *logged]
         step = ca.Function(
@@ -334,7 +358,35 @@ class Law(Part, abc.ABC):
             ["asked", "following"],
         )
         values = np.append(self.number_values(), rig.number_values())
-        return Block(step, initial, law_names + rig_names, values, self.period)
+        return Block(step, initial, law_names + rig_names, values, self.period, sent)
+
+    def _require_frames(self) -> None:
+        """Refuse a law that cannot send frames to an inner loop."""
+        kind = type(self).__name__
+        rule = "a rig with an inner loop needs a law that sends goals or frames once per period"
+        if isinstance(self, InnerLoop):
+            raise ValueError(f"{rule}; {kind} is such a loop itself. Leave inner out of the rig.")
+        if self.replays is not None:
+            raise ValueError(
+                f"{rule}; {kind} repeats the motors' own {self.replays}. Leave inner out of the rig."
+            )
+        if self.period is None:
+            raise ValueError(
+                f"{rule}; {kind} is fast hardware, which writes torques. Give it a period, or leave"
+                " inner out of the rig."
+            )
+
+
+def _sent(
+    inner: InnerLoop, rig: Rig, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX
+) -> tuple[Frame, ca.SX]:
+    """The frame of a joint torque (n, 1) beside the reference, and the torque that it adds."""
+    # A frame holds until the next: it is that of the reference in the middle of the period.
+    half = rig.period / 2
+    q = setpoint.q + half * setpoint.qd + half * half / 2 * setpoint.qdd
+    qd = setpoint.qd + half * setpoint.qdd
+    frame = inner.frame(rig, q, qd, torque, pulses)
+    return frame, inner.added(rig, q, qd, frame)
 
 
 def _checked_step(law: Law, arguments: tuple[Any, ...]) -> Step:

@@ -17,6 +17,11 @@ def fix(x: ArrayOrSymbols) -> ArrayOrSymbols:
     return ca.copysign(ca.floor(ca.fabs(x)), x) if isinstance(x, ca.SX) else np.trunc(x)
 
 
+def nearest(x: ArrayOrSymbols) -> ArrayOrSymbols:
+    """Round to the nearest whole number, halves up: the same in numpy and casadi."""
+    return ca.floor(x + 0.5) if isinstance(x, ca.SX) else np.floor(x + 0.5)
+
+
 @part
 class Phase(Part):
     """Offset of the counters' zero within a pulse, added before rounding; unknown to a controller.
@@ -192,6 +197,11 @@ class Encoder(Part):
         return self.to_angle(
             counts + 0.5 * (ca.sign(counts) if isinstance(counts, ca.SX) else np.sign(counts))
         )
+
+    @property
+    def centre(self) -> float:
+        """Middle of a cell beyond its count [pulses]; of ``"fix"`` that of the widest, around 0."""
+        return 0.5 if self.rounding == "floor" and not self.smooth else 0.0
 
     def half_cell(self, counts: ArrayOrSymbols) -> ArrayOrSymbols:
         """Half the width of the cell of these counts [pulses]: 0.5, or 1 around zero of `fix`."""

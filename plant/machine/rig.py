@@ -8,6 +8,7 @@ from casadi import SX
 
 from plant.machine.drive import Drive
 from plant.machine.encoder import Encoder
+from plant.machine.inner_loop import InnerLoop
 from plant.machine.known_torque import KnownTorque, require_torques, total_torque
 from plant.mechanics.chain import Chain
 from plant.parts.arguments import per_joint, real, signs
@@ -178,6 +179,9 @@ class Rig(Part):
     springs : KnownTorque or tuple of KnownTorque, optional
         `JointSpring`, `Counterbalance`, `CosineTorque` or another `KnownTorque`, on the links; none
         by default.
+    inner : InnerLoop, optional
+        `PositionServo` or `MitDrive`: the position loop inside the motors, which takes goals or
+        frames in place of torques. None by default: the torque is the law's.
 
     See Also
     --------
@@ -201,6 +205,7 @@ class Rig(Part):
     transport: Transport | None = structure(Transport, default=None)
     jitter: Jitter | None = structure(Jitter, default=None)
     springs: KnownTorque | tuple[KnownTorque, ...] | None = structure(default=None, several=True)
+    inner: InnerLoop | None = structure(InnerLoop, default=None)
 
     def __post_init__(self) -> None:
         real("period", self.period, "Give seconds; the paper logs every 0.7e-3.", positive=True)
@@ -221,6 +226,20 @@ class Rig(Part):
         if isinstance(self.springs, (tuple, list)):
             object.__setattr__(self, "springs", tuple(self.springs) or None)
         require_torques(self._springs, self.n)
+        if self.inner is not None:
+            self._require_inner(self.inner)
+
+    def _require_inner(self, inner: InnerLoop) -> None:
+        """Refuse an inner loop for other joints, or one that is slower than the rig's samples."""
+        inner = inner.for_joints(self.n)
+        inner.require_joints(self.n, "inner.")
+        object.__setattr__(self, "inner", inner)
+        # It would hold a goal while the next one comes. 1e-9: a period that was divided.
+        if inner.period > self.period * (1 + 1e-9):
+            raise ValueError(
+                f"the rig's period must be at least that of its inner loop, {inner.period:g} s; got"
+                f" {self.period:g} s. Send goals less often."
+            )
 
     @property
     def _springs(self) -> tuple[KnownTorque, ...]:
@@ -260,6 +279,13 @@ class Rig(Part):
         Of casadi's (n, 1), or for each row of an array (..., n).
         """
         return total_torque(self._springs, q) if self._springs else 0.0
+
+    def limited(self, torque: ArrayOrSymbols) -> ArrayOrSymbols:
+        """A law's torque [N m], joint side, within the amplifiers' limit (`Drive.limited`).
+
+        Above an inner loop the frame has limited it already.
+        """
+        return torque if self.inner is not None else self.drive.limited(torque)
 
     def counts(self, q: ArrayOrSymbols) -> ArrayOrSymbols:
         """Counts at a joint position [rad], with the motor's sign, without the phase."""

@@ -180,7 +180,8 @@ class Part(Saved):
     def require_joints(self, n: int, prefix: str = "") -> None:
         """Refuse this part if one of its numbers per joint is for another number of joints."""
         for name, _, field, value in self._leaves(prefix):
-            if field.metadata["number"] == ("n",) and len(value) != n:
+            # A number for all joints alike fits any.
+            if field.metadata["number"] == ("n",) and np.ndim(value) and len(value) != n:
                 raise ValueError(
                     f"{name} must have {n} joints; got {len(value)}. Give one number per joint."
                 )

@@ -127,7 +127,7 @@ def pieces_of(law: Any, rig: Rig, block: Any, without: Sequence[str] = ()) -> di
         "slowing": dict(zip(_MOTION, _slowing(memory), strict=True)),
         "law": {
             "commanded": commanded,
-            "limited": rig.drive.limited(commanded),
+            "limited": rig.limited(commanded),
             "following": following,
         },
         "monitored": _monitored(rig, memory),

@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from plant.machine.inner_loop import Frame
 from plant.machine.rig import Rig
 from plant.parts.arguments import choice, instance
 from plant.parts.fields import Floats
 from plant.realtime.c_running import write_running
 from plant.realtime.compiled_step import compensates_gravity, compiled
 from plant.realtime.guards import Guards, limited
-from plant.realtime.memory import RUNNING, view
+from plant.realtime.memory import HOLDING, RUNNING, view
 from plant.realtime.status import ARGUMENTS, RunLog, Status, clock, numbers, refuse, whole_counts
 
 _FLOAT = np.dtype(float)
@@ -44,6 +45,13 @@ class Running:
     status : Status
         A str: "running", with the last bridged sample, or "safe stop" and why; ``status.brake``
         asks for the brakes.
+    goal : (n,) numpy.ndarray
+        Goals [counts], whole numbers, of the last call, to be sent to position servos: a rig with a
+        `PositionServo` inside. In a stop without the law, goals at the counts, that give the stop's
+        torque. Of other rigs a ValueError.
+    frame : (5, n) numpy.ndarray
+        Likewise the MIT frames (q, qd, kp, kd, tau) of the last call, as their fields round them,
+        of a rig with a `MitDrive` inside.
     friction : (2, n) numpy.ndarray
         Coulomb [N m] and viscous [N m s/rad] friction, motor side, as a law that learns it has it
         now; to be saved, and given to its next start. Of other laws a ValueError.
@@ -71,6 +79,7 @@ class Running:
         self.guards = guards
         self.n = rig.n
         self.period = block.period or rig.period
+        self._block = block
         counts = whole_counts(pulses, self.rig)
         self.core = compiled(law, rig, block, guards, without)
         self.without = without
@@ -233,6 +242,34 @@ class Running:
     @property
     def state(self) -> Floats:
         return self.core.law_state(self.n).copy()
+
+    @property
+    def goal(self) -> NDArray[np.int_]:
+        return np.round(self._sent("goal")).astype(int)
+
+    @property
+    def frame(self) -> Floats:
+        return self._sent("frame")
+
+    def _sent(self, name: str) -> Floats:
+        """What an inner loop of the rig gets of the last call, by its name."""
+        inner = self.law.inner_of(self.rig)
+        if inner is None or inner.sends != name:
+            kind = "none" if inner is None else f"a {type(inner).__name__}, which takes a"
+            takes = (
+                "running.torque" if inner is None else f"{inner.sends}: take running.{inner.sends}"
+            )
+            raise ValueError(
+                f"{name} needs a rig with an inner loop that takes it; this one has {kind} {takes}."
+            )
+        counts = self.pulses
+        motion = [self._row(field) for field in ("q", "qd", "qdd")]
+        # A stop without the law has no reference, and before the first call there is none yet.
+        if self._run.released != HOLDING or not self._run.calls:
+            motion = [self.rig.cell_centre(counts), np.zeros(self.n), np.zeros(self.n)]
+        sent = self._block.sent(*motion, counts, self._row("torque"), self._block.values)
+        values: Floats = inner.values(self.rig, *np.split(sent.full()[:, 0], len(Frame._fields)))
+        return values
 
     @property
     def friction(self) -> Floats:

@@ -19,7 +19,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from plant.laws.law import Setpoint
 from plant.machine.drive_effects import lagging
+from plant.machine.inner_loop import Frame
 from plant.simulation.layout import Layout
 from plant.simulation.sub_step import FrictionStep, elastic, rigid
 
@@ -77,6 +79,8 @@ class ClosedLoop(Layout):
             evaluated, finite = self._with_law(position, ca.SX(self.h))
             torque = evaluated.torque
             ok = _if(finite, ok)
+        if rig.inner is not None:
+            torque = state.made
         # The log has the torque that acts, hence with the injected part.
         torque = self._with_injected(torque)
         ok = _if(bounded(ca.vertsplit(ca.vertcat(state.q, state.qd))), ok)
@@ -126,13 +130,17 @@ class ClosedLoop(Layout):
         link_middle = state.link + h / 2 * state.link_speed if self.elastic else middle
         following = state
 
-        # 1. The torque: the law's, late by the transport, and what the drive makes of it.
+        # 1. The torque: the law's, late by the transport, or that of the inner loop below it; and
+        # what the drive makes of it.
         if not self.steps_per_law:
             at_law = link_middle if rig.encoder.side == "link" else middle
             following, _ = self._with_law(at_law, h)
         torque = following.torque
         if rig.transport is not None:
             torque = rig.transport.acting(torque, state.before, self._time.place, h)
+        if rig.inner is not None:
+            following = self._with_inner(state)
+            torque = following.made
         torque = self._with_injected(torque)
         # Behind the amplifier's limit, currents follow their command late, and the torque ripple of
         # the motors adds to it.
@@ -200,7 +208,31 @@ class ClosedLoop(Layout):
         # The law of a loop reads the torque applied last, before the transport delays it.
         command, law = self._block.step(*inputs)
         finite = ca.sum1(ca.fabs(command)) < ca.inf
-        return following._replace(law=law, torque=rig.drive.limited(command)), finite
+        following = following._replace(law=law, torque=rig.limited(command))
+        if rig.inner is not None:
+            sent = self._block.sent(*setpoint[:3], pulses, command, numbers)
+            following = following._replace(sent=sent, sent_before=state.sent)
+        return following, finite
+
+    def _with_inner(self, state):
+        """The state after a sub-step's begin of the inner loop, with the torque that it makes."""
+        rig = self._symbolic_rig
+        inner = rig.inner
+        sent = state.sent
+        if rig.transport is not None:
+            sent = rig.transport.acting(sent, state.sent_before, self._time.place, self._time.h)
+        frame = Frame(*ca.vertsplit(sent, self.n))
+        pulses = inner.counts(rig, self.encoded(state))
+        setpoint = Setpoint(frame.pulses, frame.qd, ca.SX.zeros(self.n), frame.pulses)
+        # Derivatives take the loop as continuous; otherwise it runs where a period of it begins.
+        dt = self._time.h if self.smooth else self._time.h * self.steps_per_inner
+        own, memory = inner.equations(rig, state.inner, setpoint, pulses, state.made, dt)
+        made = rig.drive.limited(own + frame.torque)
+        if not self.smooth:
+            due = self._time.due
+            made = ca.if_else(due, made, state.made)
+            memory = ca.if_else(due, memory, state.inner)
+        return state._replace(made=made, inner=memory)
 
     def _with_injected(self, torque):
         """Torque of the motors within the amplifier's limit: the law's and the injected one."""

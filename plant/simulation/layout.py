@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from plant.laws.law import Law
+from plant.machine.inner_loop import Frame, InnerLoop
 from plant.machine.rig import DRY_FRICTION, Rig, punctual_rig, smooth_rig
 from plant.mechanics.dynamics import Dynamics
 from plant.parts.arguments import whole
@@ -25,7 +26,10 @@ from plant.parts.vector import Fields, per_joint, scalars
 _PASSES = 20
 
 # Fields that hold one number whatever the loop is; their names have no index.
-_SINGLE = "score", "ok", "place", "lost", "draw", "h"
+_SINGLE = "score", "ok", "place", "lost", "draw", "due", "h"
+
+# Rows of a frame, one number per joint each.
+_FRAME = len(Frame._fields)
 
 
 @part
@@ -78,6 +82,7 @@ class Layout:
         # A law that repeats a log reads no counts, so their instant has no effect.
         if self.law.replays and self.rig.jitter is not None:
             object.__setattr__(self, "rig", dataclasses.replace(self.rig, jitter=None))
+        object.__setattr__(self, "steps_per_sample", self._steps_for_loops())
         self.steps_per_law  # noqa: B018 - refuses a period that does not fit
         # A torque that is later than the next step of the law would need a longer memory.
         transport = self.rig.transport
@@ -115,6 +120,23 @@ class Layout:
             )
         return steps
 
+    @property
+    def steps_per_inner(self) -> int:
+        """Sub-steps per step of the rig's inner loop; 0 where there is none."""
+        inner = self.rig.inner
+        return 0 if inner is None else round(inner.period_in(self.rig.period) / self.h)
+
+    def _steps_for_loops(self):
+        """Sub-steps per sample: at least those stated, so that each step of a servo has whole ones.
+
+        A servo's loop, be it the law of a log or the loop below a law, is faster than the samples.
+        """
+        fast = self.law if isinstance(self.law, InnerLoop) else self.rig.inner
+        if fast is None:
+            return self.steps_per_sample
+        loops = round(self.rig.period / fast.period_in(self.rig.period))
+        return -(-self.steps_per_sample // loops) * loops
+
     @cached_property
     def follows_motion(self) -> bool:
         """Whether the law reads q, qd or qdd of its setpoint, beside the commanded counts."""
@@ -132,6 +154,7 @@ class Layout:
     def state_fields(self) -> Fields:
         """Fields of the state, in order."""
         drive = self.rig.drive
+        inner = self.rig.inner
         transport = _per_joint_if(self.rig.transport)
         return Fields(
             # Position [rad] and velocity [rad/s] of the motors, as joints on rigid gears have them.
@@ -145,6 +168,12 @@ class Layout:
             # With a transport the torque before that one, and the counts that the law read last.
             before=transport,
             seen=transport,
+            # With an inner loop the frame that was sent last, and with a transport the one before;
+            # the state of that loop, and the torque that it makes [N m].
+            sent=per_joint(0 if inner is None else _FRAME),
+            sent_before=per_joint(0 if inner is None else _FRAME),
+            inner=scalars(0 if inner is None else inner.fields.length(self.n)),
+            made=_per_joint_if(inner),
             # With elastic gears the motion of the joints themselves.
             link=_per_joint_if(self.elastic),
             link_speed=_per_joint_if(self.elastic),
@@ -181,6 +210,8 @@ class Layout:
             lost=transport,
             # Random draw of the instant at which the law reads its counts.
             draw=_single_if(self.rig.jitter),
+            # 1 where a step of the inner loop begins, otherwise 0.
+            due=_single_if(self.rig.inner is not None and not self.smooth),
             # Length of the coming sub-step [s].
             h=scalars(start=self.h),
         )
@@ -359,7 +390,7 @@ class Layout:
     def moving_states(self) -> list[int]:
         """Places of the states of a moving arm: positions, speeds and currents that lag."""
         places = self.state_fields.at(self.n)
-        names = "q", "qd", "link", "link_speed", "driven"
+        names = "q", "qd", "link", "link_speed", "driven", "inner"
         return [place for name in names for place in places[name]]
 
     def encoded(self, state: Any) -> Any:

@@ -117,6 +117,8 @@ def in_blocks(
             inputs["lost"] = words[places // every]
         if jitter is not None:
             inputs["draw"] = draws[places // every]
+        if loop.steps_per_inner:
+            inputs["due"] = places % loop.steps_per_inner == 0
         # Inputs that this loop does not have are no columns.
         rows = np.column_stack([inputs[name] for name in loop.time_fields.fields if name in inputs])
         return rows if columns is None else rows[:, [*columns[table], -1]]

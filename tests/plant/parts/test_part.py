@@ -31,11 +31,13 @@ from plant import (
     LoggedCurrent,
     LoggedTorque,
     Lumping,
+    MitDrive,
     P,
     Part,
     Phase,
     Placement,
     PointToPoint,
+    PositionServo,
     Presliding,
     QuadratureError,
     Resumed,
@@ -105,6 +107,10 @@ EXAMPLES = {
     "PID": PID(
         gain=(0.2, 0.15), integral=(2, 0), derivative=(1e-3, 0), filter=2000.0, period=0.7e-3
     ),
+    "PositionServo": PositionServo(
+        gain=(0.2, 1 / 3), damping=1e-4, speed=(np.inf, 3400), supply=0.9
+    ),
+    "MitDrive": MitDrive(kp=(80, 10 / 3), kd=2, limits=((12.5, 12), 30, 500, 5, 10)),
     "Cascade": Cascade(position=(50, 60), speed=(2e-3, 1e-3), integral=(0.1, 0), filter=2000.0),
     "Resumed": Resumed(law=puma560.p_law(), state=()),
     "AlongLog": AlongLog(
@@ -266,6 +272,8 @@ MISSPELT = {
     "Encoder": "smoth",
     "Rig": "priod",
     "P": "gian",
+    "PositionServo": "dead_zon",
+    "MitDrive": "bit",
     "Harmonics": "cosin",
     "PointToPoint": "gaol",
     "Spline": "point",

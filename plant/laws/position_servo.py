@@ -1,0 +1,150 @@
+"""A servo that takes goal positions: its own loop turns goal minus count into a motor torque."""
+
+import dataclasses
+from typing import Any
+
+import casadi as ca
+
+from plant.laws.law import Block, Law, Setpoint, Step
+from plant.machine.encoder import nearest
+from plant.machine.inner_loop import Frame, InnerLoop
+from plant.machine.rig import Rig
+from plant.parts.arguments import signs
+from plant.parts.fields import Floats, Vector
+from plant.parts.part import number, part, structure
+from plant.parts.vector import Fields, per_joint, scalars
+
+# Pulses per second that no servo makes: as good as at once.
+_AT_ONCE = 1e12
+
+
+@part
+class PositionServo(InnerLoop, Law):
+    """The position loop of a servo, on its own counts and with a period of its own.
+
+    Motor torque = supply (gain e - damping rate), e being goal minus count: none within the dead
+    zone, and at least `start` beyond it. The amplifier's limit is the drive's; back-EMF of a motor
+    that is fed by a voltage is the drive's viscous friction, kt^2 / R.
+
+    As the ``law`` of a log, the reference is the goal that was sent. As the ``inner`` loop of a
+    `Rig`, a law above it sends the goals: `Running.goal`.
+
+    Parameters
+    ----------
+    gain : (n,) array_like or float
+        Motor torque per pulse [N m]. Where it is not known, 1: all torques are then in pulses of
+        goal. Such a log does not tell the gain; f and friction are found as shares of it, and no
+        law needs more.
+    damping : (n,) array_like or float, optional
+        Motor torque per pulse per second [N m s], on the speed of the counts.
+    dead_zone : (n,) array_like or float, optional
+        Error up to which there is no torque [pulses].
+    start : (n,) array_like or float, optional
+        Smallest torque beyond the dead zone [N m].
+    speed : (n,) array_like or float, optional
+        Speed at which the servo's own goal follows the one that was sent [pulses/s]; at once by
+        default.
+    supply : (n,) array_like or float, optional
+        Voltage over that at which the gain holds.
+    period : float, optional
+        Of the servo's loop [s]. A sample of the rig has a whole number of the nearest such periods.
+
+    Raises
+    ------
+    ValueError
+        A gain, a speed or a supply that is not above zero; other numbers below zero.
+
+    See Also
+    --------
+    plant.MitDrive, plant.Rig, plant.P
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> from plant import PositionServo, puma560
+    >>> rig = dataclasses.replace(puma560.rig(), inner=PositionServo(gain=0.2))
+    >>> rig.inner.gain, rig.inner.stiffness_of(rig).round(0)
+    (array([0.2, 0.2]), array([80108., 36633.]))
+    """
+
+    gain: Vector = number(("n",), alike=True)
+    damping: Vector = number(("n",), default=0.0, alike=True)
+    dead_zone: Vector = number(("n",), default=0.0, alike=True)
+    start: Vector = number(("n",), default=0.0, alike=True)
+    speed: Vector = number(("n",), default=float("inf"), finite=False, alike=True)
+    supply: Vector = number(("n",), default=1.0, alike=True)
+    period: float = structure(float, default=1e-3)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        signs(
+            self,
+            positive=("gain", "speed", "supply"),
+            not_negative=("damping", "dead_zone", "start"),
+            advice="Leave out what is not known; a gain of 1 gives torques in pulses.",
+        )
+
+    sends = "goal"
+
+    # The servo's own goal, the counts of its last step, and 1 once there was one.
+    fields = Fields(goal=per_joint(), pulses=per_joint(), begun=scalars())
+
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
+        """Tau = k supply (gain (goal - pulses) - damping pulses')."""
+        before = self.fields.read(state, rig.n)
+        # 1. The servo's own goal runs after the one that was sent; it begins there.
+        change = setpoint.pulses - before.goal
+        # An infinite speed would be NaN times a step of no length.
+        most = ca.fmin(self.speed, _AT_ONCE) * dt
+        goal = before.goal + ca.if_else(
+            before.begun > 0, ca.fmin(ca.fmax(change, -most), most), change
+        )
+        error = goal - pulses
+        motor = self.gain * error
+        if not rig.encoder.smooth:
+            # Start and dead zone are steps, which have no derivative.
+            size = ca.fmax(ca.fabs(motor), self.start)
+            motor = ca.if_else(ca.fabs(error) > self.dead_zone, ca.copysign(size, error), 0)
+        # 2. Damping by the difference of two counts, as a servo takes its speed.
+        rate = before.begun * (pulses - before.pulses) / dt
+        motor = self.supply * (motor - self.damping * rate)
+        following = self.fields.write(rig.n, goal=goal, pulses=pulses, begun=1)
+        return rig.drive.joint_torque(motor), following
+
+    def block(self, rig: Rig) -> Block:
+        """With a period of which a sample of the rig has a whole number."""
+        return dataclasses.replace(super().block(rig), period=self.period_in(rig.period))
+
+    def stiffness_of(self, rig: Rig) -> Any:
+        """The gain across the gear: torque of a shaft per angle."""
+        return self.supply * self.gain * self._per_radian(rig)
+
+    def damping_of(self, rig: Rig) -> Any:
+        """The damping across the gear: torque of a shaft per speed."""
+        return self.supply * self.damping * self._per_radian(rig)
+
+    def frame(self, rig: Rig, q: ca.SX, qd: ca.SX, torque: ca.SX, pulses: ca.SX) -> Frame:
+        """The goal, a whole count, by which the servo gives this torque on the reference."""
+        drive = rig.drive
+        # The servo's damping holds the joint back on the reference, too, which a goal knows
+        # nothing of.
+        damped = self.supply * self.damping * rig.position_in_pulses(qd)
+        beside = (drive.motor_torque(torque) + damped) / (self.supply * self.gain)
+        goal = rig.position_in_pulses(q) - rig.encoder.centre + beside
+        # Beyond the amplifier's limit a goal further off gives no more, and is a danger once the
+        # joint comes free.
+        most = drive.motor_gain * drive.current_limit / (self.supply * self.gain)
+        goal = ca.fmin(ca.fmax(goal, pulses - most), pulses + most)
+        zero = ca.SX.zeros(rig.n)
+        return Frame(goal if rig.encoder.smooth else nearest(goal), zero, zero)
+
+    def values(self, rig: Rig, pulses: Floats, qd: Floats, torque: Floats) -> Floats:
+        """The goals (n,) [counts]."""
+        return pulses
+
+    def _per_radian(self, rig):
+        """Motor torque on the shaft of one pulse per angle: both cross the gear."""
+        gear = rig.drive.gear
+        return gear * rig.encoder.position_in_pulses(gear)
