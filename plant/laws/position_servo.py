@@ -70,7 +70,7 @@ class PositionServo(InnerLoop, Law):
     gain: Vector = number(("n",), alike=True)
     damping: Vector = number(("n",), default=0.0, alike=True)
     dead_zone: Vector = number(("n",), default=0.0, alike=True)
-    start: Vector = number(("n",), default=0.0, alike=True)
+    start: Vector = number(("n",), default=0.0, alike=True)  # type: ignore[assignment]  # in place of the method: a servo is started by its maker
     speed: Vector = number(("n",), default=float("inf"), finite=False, alike=True)
     supply: Vector = number(("n",), default=1.0, alike=True)
     period: float = structure(float, default=1e-3)

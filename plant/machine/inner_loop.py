@@ -36,6 +36,7 @@ class InnerLoop(Part, abc.ABC):
     """
 
     period: float = declared("Period of the loop [s].")
+    fields: Any = declared("Names of its state (`plant.parts.vector.Fields`).")
     sends: str = declared("What a controller sends it: the attribute of `Running`.")
 
     @abc.abstractmethod
