@@ -151,11 +151,25 @@ def test_the_contents_name_every_page():
     assert pages - index == {"index"}
 
 
+def test_the_front_page_is_found_by_the_words_of_the_field():
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").lower()
+    words = """inverse dynamics, gravity compensation, inertial parameters, friction identification,
+        feed-forward, disturbance observer, hand guiding"""
+    for word in words.split(","):
+        assert word.strip() in text, word
+    for door in ("Simulate", "Identify", "Control", "Verify"):
+        assert f"{{grid-item-card}} {door.lower()}\n" in text, door
+
+
 def test_every_tutorial_can_be_downloaded():
     for page in sorted((ROOT / "docs" / "tutorials").glob("*.md")):
         text = page.read_text(encoding="utf-8")
         assert f"{{nb-download}}`{page.stem}.ipynb`" in text
         assert f"{{script-download}}`{page.stem}.py`" in text
+        # How long it takes, and what one has then, before anything else.
+        assert re.search(
+            r"^# .+\n\n\*Time: \d+ minutes,.* Result: ", text, re.MULTILINE | re.DOTALL
+        )
 
 
 def test_the_script_of_a_tutorial_holds_its_cells_and_its_prose(monkeypatch):
