@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ctc import ComputedTorque
+from identification import identify
 from identification.payload.kernel_estimate import KernelEstimator, Window, uncertainty
 from identification.payload.posterior import LoadShape
 from plant import Body, Harmonics, puma560, simulate
@@ -109,6 +110,27 @@ def test_a_load_that_comes_within_the_window_is_not_believed():
 def test_friction_that_is_uncertain_widens_the_interval():
     sure, unsure = (estimator(friction=share)(window(log(3.0), 1000)) for share in (0.0, 0.1))
     assert unsure.std > 1.5 * sure.std
+
+
+def test_the_uncertainty_of_an_identification_is_its_covariance_and_that_of_other_friction():
+    record = simulate(puma560.arm(), RIG, puma560.p_law(), PATH, duration=0.7)
+    names = (*puma560.dynamics().names, "drive.coulomb[0]")
+    found = identify(
+        puma560.dynamics(), record, unknown=names, method="output_error", progress=False
+    )
+    unknown, root = uncertainty(found.arm, found.rig, found, 0.05)
+    assert unknown == (*names, "drive.viscous[0]", "drive.viscous[1]", "drive.coulomb[1]")
+    covariance = root @ root.T
+    scale = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_allclose(
+        covariance[:10, :10] / np.outer(scale, scale), found.fit.correlation, atol=1e-9
+    )
+    levels = [found.rig.numbers()[name] for name in unknown[10:]]
+    np.testing.assert_allclose(covariance[10:, 10:], np.diag((0.05 * np.array(levels)) ** 2))
+    assert not covariance[:10, 10:].any()
+    fit = dataclasses.replace(found.fit, covariance=None, fallback_reason="rough")
+    with pytest.raises(ValueError, match="found must have a covariance"):
+        uncertainty(found.arm, found.rig, dataclasses.replace(found, fit=fit), 0.05)
 
 
 def test_what_is_refused():
