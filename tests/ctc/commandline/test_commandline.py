@@ -644,6 +644,10 @@ def test_a_new_robot_file_is_completed_to_the_same_chain(tmp_path, capsys, monke
         " encoder.resolution, law.gain. Replace each '?'" in err
     )
     filled = (tmp_path / "files" / "arm.toml").read_text()
+    lines = {line.split(" = ")[0]: line for line in filled.splitlines() if " = " in line}
+    # What is missing stands with its meaning, what the file states with its numbers.
+    assert all("#" in lines[key] for key in UNFINISHED)
+    assert "# the file's 0.5, 0.5 N m s/rad, on the joints" in lines["viscous"]
     for key, value in UNFINISHED.items():
         filled = filled.replace(f'{key} = "?"', f"{key} = {value}")
     (tmp_path / "files" / "arm.toml").write_text(filled)
