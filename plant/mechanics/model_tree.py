@@ -295,6 +295,7 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
         # Several branches: the file does not say which one is meant.
         chosen = _ordered(tree, moving)
         if chosen is None:
+            _require_placed(moving)
             raise ValueError(
                 "joints must be named where the file has a tree; it has"
                 f" {several(j.name for j in moving)}. Pass tip='name of a link', and base= where it"
@@ -321,8 +322,10 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
             raise ValueError(f"joints must be named once each; {twice} comes twice. Leave one out.")
         # The order of the names has to be that of the tree: the order of q would otherwise be a
         # surprise.
-        chosen = _ordered(tree, [tree[name] for name in names])
+        moving = [tree[name] for name in names]
+        chosen = _ordered(tree, moving)
         if chosen is None or [joint.name for joint in chosen] != names:
+            _require_placed(moving)
             do = "Reorder." if chosen else "They are on two branches: leave out those of one."
             raise ValueError(
                 f"joints must lie behind each other, base first; got {several(names)}. {do}"
@@ -337,6 +340,13 @@ def _chosen(tree: dict[str, ModelJoint], names: Sequence[str] | None) -> list[Mo
     start = None if names is None else chosen[0].parent
     _require_own(_path(_parents(tree), start, chosen[-1]))
     return chosen
+
+
+def _require_placed(joints: list[ModelJoint]) -> None:
+    """Refuse joints whose links are missing: they are on no branch."""
+    for joint in joints:
+        if joint.misplaced:
+            raise ValueError(joint.misplaced)
 
 
 def _require_own(path: list[ModelJoint]) -> None:

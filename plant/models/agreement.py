@@ -177,10 +177,12 @@ def impossible(inertial: Inertial, link: CheckedLink, links: Links, *, alone: bo
 def _slack(link: CheckedLink, links: Links) -> float:
     """Share of its shape by which a link may be larger, from how the other links fit theirs."""
     fits = [
-        one.shape.holds(one.stated.com, one.stated.spread / one.stated.mass, SETTINGS.slack)
+        # What no body has does not fit either, and says nothing of the others.
+        one.stated.physical()
+        and one.shape.holds(one.stated.com, one.stated.spread / one.stated.mass, SETTINGS.slack)
         for one in links.values()
         # The link itself is what is in question.
-        if one is not link and one.shape is not None and one.stated and one.stated.physical()
+        if one is not link and one.shape is not None and one.stated is not None
     ]
     faithful = len(fits) >= SETTINGS.faithful and all(fits)
     return 2 * SETTINGS.slack if faithful else SETTINGS.slack_of_proof

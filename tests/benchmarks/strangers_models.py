@@ -9,6 +9,8 @@ with one mistake each (package example-robot-data, the extra `robots`).
 """
 
 import argparse
+import os
+import re
 import sys
 import tempfile
 import warnings
@@ -18,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plant import check_model
+from plant import Chain, Dynamics, Placement, check_model
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -172,8 +174,6 @@ def public_arms():
     """Name -> (root of the file, names of the links of the chain)."""
     from model_files import ARMS, file_of
 
-    from plant import Chain
-
     arms = {}
     for name, (_, base, tip) in ARMS.items():
         path = file_of(name)
@@ -283,11 +283,458 @@ def wrongly(check, source, kind, name, old):
     return rows
 
 
-if __name__ == "__main__":
+# -- files as strangers write them ---------------------------------------------------------------
+class Arm:
+    """Three joints and a gripper with drawn numbers, as URDF and as MJCF."""
+
+    JOINTS = ("turn", "lift", "bend")
+
+    def __init__(self, random):
+        self.random = random
+        self.mass = random.uniform(0.4, 6, 5)
+        self.com = random.uniform(-0.15, 0.15, (5, 3))
+        # Principal moments of boxes: any such are those of a body.
+        edges = random.uniform(0.04, 0.4, (5, 3)) ** 2
+        self.moments = (self.mass / 12)[:, None] * (edges.sum(axis=1)[:, None] - edges)
+        self.place = random.uniform(-0.4, 0.4, (4, 3))
+        self.rpy = random.uniform(-3, 3, (4, 3))
+        self.axis = random.normal(size=(4, 3))
+        self.effort = random.uniform(5, 90, 4)
+
+    def urdf(
+        self, more="", head="", names=("base", "one", "two", "three", "finger"), **joint_texts
+    ):
+        """The file; `joint_texts` replace the limits of joints."""
+        text = f'{head}<robot name="r">'
+        for i, name in enumerate(names):
+            x, y, z = map(float, self.moments[i])
+            text += (
+                f'<link name="{name}"><inertial><origin xyz="{text_of(self.com[i])}"/><mass'
+                f' value="{text_of(self.mass[i])}"/><inertia ixx="{x!r}" ixy="0" ixz="0"'
+                f' iyy="{y!r}" iyz="0" izz="{z!r}"/></inertial></link>\n'
+            )
+        for i, joint in enumerate((*self.JOINTS, "grip")):
+            limit = f'<limit lower="-1" upper="2" effort="{float(self.effort[i])!r}" velocity="3"/>'
+            kind = "prismatic" if joint == "grip" else "revolute"
+            text += (
+                f'<joint name="{joint}" type="{kind}"><parent link="{names[i]}"/><child'
+                f' link="{names[i + 1]}"/><origin xyz="{text_of(self.place[i])}"'
+                f' rpy="{text_of(self.rpy[i])}"/><axis xyz="{text_of(self.axis[i])}"/>'
+                f"{joint_texts.get(joint, limit)}</joint>\n"
+            )
+        return f"{text}{more}</robot>"
+
+    def mjcf(
+        self, compiler="", within="", of_finger="", of_body="", of_joint="", world="", more=""
+    ):
+        def body(i, name, joint, inner, extra):
+            x, y, z = map(float, self.moments[i + 1])
+            kind = "slide" if joint == "grip" else "hinge"
+            return (
+                f'<body name="{name}" pos="{text_of(self.place[i])}" euler="{text_of(self.rpy[i])}"'
+                f' {of_body if i == 1 else ""}><inertial pos="{text_of(self.com[i + 1])}"'
+                f' mass="{text_of(self.mass[i + 1])}" diaginertia="{x!r} {y!r} {z!r}"/><joint'
+                f' name="{joint}" type="{kind}" axis="{text_of(self.axis[i])}" {extra}/><site'
+                f' name="at_{name}"/>{inner}</body>'
+            )
+
+        finger = body(3, "finger", "grip", "", of_finger)
+        inner = body(2, "three", "bend", finger + within, of_joint)
+        arm = body(0, "one", "turn", body(1, "two", "lift", inner, ""), "")
+        return (
+            f'<mujoco><compiler angle="radian" {compiler}/><worldbody><site name="hook"'
+            f' pos="0 0 2"/>{world}{arm}</worldbody>{more}</mujoco>'
+        )
+
+
+def text_of(values):
+    return " ".join(repr(float(value)) for value in np.atleast_1d(values))
+
+
+LINK = '<link name="{}"><inertial><mass value="{}"/><inertia ixx="{}" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>'
+JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>{}</joint>'
+XACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+BODY = (
+    '<body name="{}" {}><inertial pos="0 0 0.1" mass="{}" diaginertia="2e-3 2e-3 1e-3"/>{}</body>'
+)
+
+
+def same(arm, folder, text, data=None, joints=Arm.JOINTS, expected=None, **given):
+    """The file gives the chain of the plain one."""
+    path = folder / "robot.urdf"
+    path.write_text(arm.urdf())
+    expected = expected or Chain.from_urdf(path, joints)
+    path = folder / "strange.urdf"
+    path.write_bytes(text.encode() if data is None else data)
+    chain = Chain.from_urdf(path, None if given else joints, **given)
+    assert [link.name for link in chain.links] == list(joints)
+    assert chain == expected, "another chain"
+
+
+def refused(folder, text, word, read=None, joints=Arm.JOINTS, name="strange.urdf"):
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    refusal = refusal_of(read or Chain.from_urdf, path, joints)
+    assert "\n" not in refusal, "several lines"
+    assert re.search(word, refusal), f"refused with: {refusal}"
+
+
+def refusal_of(read, *arguments):
+    try:
+        read(*arguments)
+    except ValueError as error:
+        return str(error)
+    raise AssertionError("read")
+
+
+def as_mujoco(arm, folder, text, joints=Arm.JOINTS, **given):
+    """Torques of MuJoCo at a random state, and of the chain."""
+    import mujoco
+
+    path = folder / "strange.xml"
+    path.write_text(text)
+    chain = Chain.from_mjcf(path, None if given else joints, **given)
+    dynamics = Dynamics.from_chain(chain)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, states = mujoco.MjData(model), arm.random.uniform(-1, 1, (3, len(joints)))
+    dofs = [model.joint(name).dofadr[0] for name in joints]
+    data.qpos[[model.joint(name).qposadr[0] for name in joints]] = states[0]
+    data.qvel[dofs], data.qacc[dofs] = states[1:]
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
+    model.body_gravcomp[:] = 0  # a controller's
+    mujoco.mj_inverse(model, data)
+    expected = data.qfrc_inverse[dofs]
+    got = dynamics.arm(dynamics.f()).inverse(*states)
+    assert np.abs(got - expected).max() < 1e-9 * np.abs(expected).max(), "other torques"
+    return chain
+
+
+def coded(encoding, word):
+    def variant(arm, folder):
+        names = ("base", "one", "two", "three", word)
+        text = arm.urdf(head=f'<?xml version="1.0" encoding="{encoding}"?>', names=names)
+        same(arm, folder, "", text.encode(encoding))
+
+    return variant
+
+
+def slip(share):
+    """The largest moment of a link of the chain misses the triangle inequality by a share of it."""
+
+    def variant(arm, folder):
+        x, y, _ = arm.moments[2]
+        arm.moments[2, 2] = (x + y) / (1 - share)
+        path = folder / "strange.urdf"
+        path.write_text(arm.urdf())
+        if share > 0.1:
+            return refused(folder, arm.urdf(), "triangle inequality")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            chain = Chain.from_urdf(path, Arm.JOINTS)
+        assert any("triangle" in str(w.message) for w in caught), "not said"
+        np.testing.assert_allclose(chain.bodies[1].mass, arm.mass[2], rtol=1e-8)
+        return None
+
+    return variant
+
+
+def unused_slip(arm, folder):
+    """Of a link on another branch."""
+    more = LINK.format("mast", 2.0, 5.0) + JOINT.format("fix", "fixed", "base", "mast", "")
+    same(arm, folder, arm.urdf(more))
+
+
+def urdf_with(make):
+    return lambda arm, folder: same(arm, folder, make(arm))
+
+
+def urdf_refused(make, word):
+    return lambda arm, folder: refused(folder, make(arm), word)
+
+
+def floating(arm, folder):
+    more = LINK.format("hull", arm.random.uniform(1, 9), 1e-3)
+    more += JOINT.format("sea", "floating", "hull", "base", "")
+    same(arm, folder, arm.urdf(more), base="base", tip="three")
+    refused(
+        folder, arm.urdf(more), "it is floating", lambda path, _: Chain.from_urdf(path, tip="three")
+    )
+
+
+def mimicked(arm, folder):
+    more = LINK.format("other", 0.1, 1e-3)
+    more += JOINT.format("follow", "prismatic", "three", "other", '<mimic joint="grip"/>')
+    path = folder / "mimic.urdf"
+    path.write_text(arm.urdf(more))
+    chain = Chain.from_urdf(path)
+    assert [link.name for link in chain.links] == list(Arm.JOINTS)
+    assert abs(chain.bodies[2].mass - arm.mass[3] - arm.mass[4] - 0.1) < 1e-9
+
+
+def xacro(place, depth=1, mesh=""):
+    """Macros in other files, read from another working directory."""
+
+    def variant(arm, folder):
+        package = folder / "its_arm"
+        parts = package / "urdf" / "parts"
+        parts.mkdir(parents=True, exist_ok=True)
+        (package / "package.xml").write_text("<package><name>its_arm</name></package>")
+        inner = arm.urdf().removeprefix('<robot name="r">').removesuffix("</robot>")
+        inner = inner.replace("</link>", f"{mesh}</link>", 2)
+        mass = text_of(arm.mass[1])
+        inner = inner.replace(f'"{mass}"', '"${m}"')
+        text = f'{XACRO}<xacro:property name="m" value="{mass}"/>{inner}</robot>'
+        for i in range(depth):
+            (parts / f"{i}.xacro").write_text(text)
+            text = f'{XACRO}<xacro:include filename="{i}.xacro"/></robot>'
+        path = package / "urdf" / "strange.urdf.xacro"
+        path.write_text(text.replace(f"{depth - 1}.xacro", f"{place}/{depth - 1}.xacro"))
+        plain = folder / "robot.urdf"
+        plain.write_text(arm.urdf())
+        before = Path.cwd()
+        os.chdir("/")
+        try:
+            assert Chain.from_urdf(path, Arm.JOINTS) == Chain.from_urdf(plain, Arm.JOINTS)
+        finally:
+            os.chdir(before)
+
+    return variant
+
+
+def mjcf_with(make, joints=Arm.JOINTS, **given):
+    return lambda arm, folder: as_mujoco(arm, folder, arm.mjcf(**make(arm)), joints, **given)
+
+
+def mjcf_refused(make, word):
+    return lambda arm, folder: refused(
+        folder, arm.mjcf(**make(arm)), word, Chain.from_mjcf, name="strange.xml"
+    )
+
+
+def nested_includes(arm, folder):
+    (folder / "parts").mkdir(exist_ok=True)
+    (folder / "parts" / "a.xml").write_text(
+        '<mujocoinclude><include file="b.xml"/></mujocoinclude>'
+    )
+    (folder / "parts" / "b.xml").write_text(
+        f"<mujocoinclude>{BODY.format('eye', '', 0.2, '')}</mujocoinclude>"
+    )
+    as_mujoco(arm, folder, arm.mjcf(within='<include file="parts/a.xml"/>'))
+
+
+def efforts(arm, folder):
+    low, high, gear = arm.random.uniform(1, 50, 3)
+    text = arm.mjcf(
+        more=f'<actuator><general joint="turn" forcerange="-{low} {high}"/><motor joint="lift"'
+        f' gear="{gear}" ctrlrange="-{low} {low}"/></actuator>'
+    )
+    chain = as_mujoco(arm, folder, text)
+    np.testing.assert_allclose(
+        chain.limits.effort, [max(low, high), gear * low, np.inf], rtol=1e-12
+    )
+
+
+def parallel_rows(arm, folder):
+    """A calibrated table: the same tool as by the definition of the table."""
+    tilt, offset = arm.random.uniform(5e-4, 5e-3), arm.random.uniform(60, 900)
+    rows = [
+        {"theta": 1e-3, "alpha": np.pi / 2 + 3e-4, "a": 2e-4, "d": 0.1},
+        {"theta": 0.3, "alpha": tilt, "a": -0.4, "d": offset},
+        {"theta": -0.2, "alpha": -2 * tilt, "a": -0.35, "d": -1.6 * offset},
+        {"theta": 0.1, "alpha": np.pi / 2, "a": 1e-4, "d": 0.1 + 0.6 * offset},
+        {"theta": 0.0, "alpha": 0.0, "a": 0.0, "d": 0.09},
+    ]
+    chain, q = Chain.standard(rows), arm.random.uniform(-2, 2, 5)
+    pose, expected = Placement(), Placement()
+    for link, row, angle in zip(chain.links, rows, q, strict=True):
+        near = Placement.of_row(alpha=link.alpha, a=link.a, d=link.d, theta=link.theta + angle)
+        pose = pose @ link.before @ near
+        expected = expected @ Placement.of_row(theta=row["theta"] + angle, d=row["d"])
+        expected = expected @ Placement.of_row(alpha=row["alpha"], a=row["a"])
+        assert np.abs(link.before.position).max() < 20, "a frame far away"
+    difference = np.subtract((pose @ chain.links[-1].frame).position, expected.position)
+    assert np.abs(difference).max() < 1e-9, "another tool"
+
+
+def rows_in_mm(arm, folder):
+    d = arm.random.uniform(80, 400)
+    for rows in (
+        [{"alpha": 1.57, "a": 0.0, "d": d}, {"alpha": 0.0, "a": d, "d": 0.0}],
+        [{"alpha": 1.0, "a": 0.1, "d": 0.1}, {"alpha": 0.5, "a": 0.0, "d": d}],
+    ):
+        assert "mm" in refusal_of(Chain.standard, rows)
+
+
+WORLD = JOINT.format("weld", "fixed", "world", "base", "")
+PAD = '<link name="pad"/>'
+LATER = '<link name="pad"><inertial><mass value="{}"/></inertial></link>' + JOINT.format(
+    "glue", "fixed", "base", "pad", ""
+)
+MESH = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+COMMA = re.compile(r'(mass\s+value="\d+)\.')
+
+VARIANTS = {
+    "urdf: the world is not declared": urdf_with(lambda arm: arm.urdf(WORLD)),
+    "urdf: latin-1": coded("iso-8859-1", "Griff_für_Gerät"),
+    "urdf: windows-1250": coded("windows-1250", "chwytak_ściskający"),
+    "urdf: utf-16": coded("utf-16", "käsi"),
+    "urdf: gb2312": coded("gb2312", "夹爪"),
+    "urdf: shift_jis": coded("shift_jis", "グリッパ"),
+    "urdf: an encoding that it has not": lambda arm, folder: refused(
+        folder, arm.urdf(head='<?xml version="1.0" encoding="utf-16"?>'), "encoding"
+    ),
+    "urdf: effort inf": lambda arm, folder: infinite(arm, folder),
+    "urdf: negative friction beside the chain": urdf_with(
+        lambda arm: arm.urdf(grip=f'<dynamics damping="-{arm.random.uniform(1, 9)}"/>')
+    ),
+    "urdf: negative friction in the chain": urdf_refused(
+        lambda arm: arm.urdf(bend=f'<dynamics friction="-{arm.random.uniform(1, 9)}"/>'),
+        "joint bend must not have negative friction",
+    ),
+    "urdf: limits turned beside the chain": urdf_with(
+        lambda arm: arm.urdf(grip='<limit lower="3" upper="-3"/>')
+    ),
+    "urdf: no number beside the chain": urdf_with(lambda arm: arm.urdf(LATER.format("nan"))),
+    "urdf: a planar joint beside the chain": urdf_with(
+        lambda arm: arm.urdf(PAD + JOINT.format("slide", "planar", "base", "pad", ""))
+    ),
+    "urdf: a joint of another program": urdf_with(
+        lambda arm: arm.urdf(PAD + JOINT.format("screw", "screw", "base", "pad", ""))
+    ),
+    "urdf: a floating base": floating,
+    "urdf: a gripper that mimics": mimicked,
+    "urdf: meshes of no package": urdf_with(
+        lambda arm: arm.urdf().replace("</link>", MESH.format("package://x/a.dae") + "</link>")
+    ),
+    "urdf: a slip of the triangle inequality": slip(0.03),
+    "urdf: no body": slip(0.3),
+    "urdf: no body beside the chain": unused_slip,
+    "urdf: a link that is not declared": urdf_refused(
+        lambda arm: arm.urdf().replace('child link="two"', 'child link="tow"'),
+        r"'tow'.*'two'.*missing",
+    ),
+    "urdf: decimal commas": urdf_refused(
+        lambda arm: COMMA.sub(r"\1,", arm.urdf()), "decimals with a point"
+    ),
+    "xacro: include beside the file": xacro("parts"),
+    "xacro: include of an include": xacro("parts", depth=3),
+    "xacro: a package around the file": xacro("$(find its_arm)/urdf/parts"),
+    "xacro: meshes of no package": xacro("parts", mesh=MESH.format("package://none/a.stl")),
+    "xacro: meshes of $(find)": xacro("parts", mesh=MESH.format("$(find none)/a.stl")),
+    "xacro: an include of no package": lambda arm, folder: refused(
+        folder,
+        f'{XACRO}<xacro:include filename="$(find its_parts)/a.xacro"/></robot>',
+        "Put the folder of its_parts",
+    ),
+    "mjcf: tendon and equality of a gripper": mjcf_with(
+        lambda arm: {
+            "more": '<tendon><fixed name="t"><joint joint="grip" coef="1"/></fixed></tendon>'
+            '<equality><tendon tendon1="t"/></equality>'
+        }
+    ),
+    "mjcf: a tendon within the hand": mjcf_with(
+        lambda arm: {
+            "more": f'<tendon><spatial stiffness="{arm.random.uniform(1, 9)}"><site site="at_three"'
+            '/><site site="at_finger"/></spatial></tendon>'
+        }
+    ),
+    "mjcf: a tendon to the world": mjcf_refused(
+        lambda arm: {
+            "more": '<tendon><spatial name="rope"><site site="at_three"/><site site="hook"/>'
+            "</spatial></tendon>"
+        },
+        "<tendon> rope must not act on the chain",
+    ),
+    "mjcf: an equality of the arm": mjcf_refused(
+        lambda arm: {"more": '<equality><joint joint1="lift" joint2="bend"/></equality>'},
+        "<equality> must not act on the chain.*bend, lift",
+    ),
+    "mjcf: a spring of a finger": mjcf_with(
+        lambda arm: {"of_finger": f'stiffness="{arm.random.uniform(1, 99)}"'}
+    ),
+    "mjcf: a spring of the arm": mjcf_refused(
+        lambda arm: {"of_joint": f'stiffness="{arm.random.uniform(1, 99)}"'}, "stiffness of <joint>"
+    ),
+    "mjcf: gravity compensation": mjcf_with(lambda arm: {"of_body": 'gravcomp="1"'}),
+    "mjcf: frames": mjcf_with(
+        lambda arm: {
+            "within": f'<frame euler="{text_of(arm.random.uniform(-1, 1, 3))}"><frame pos="0.1 0 0">'
+            f"{BODY.format('camera', '', arm.random.uniform(0.1, 1), '')}</frame></frame>"
+        }
+    ),
+    "mjcf: a free body": mjcf_with(
+        lambda arm: {"world": BODY.format("ball", 'pos="1 1 1"', 0.2, "<freejoint/>")}
+    ),
+    "mjcf: two joints of a thumb": mjcf_with(
+        lambda arm: {
+            "within": BODY.format(
+                "thumb", 'pos="0 0.1 0"', arm.random.uniform(0.1, 1),
+                '<joint name="out" axis="1 0 0"/><joint name="curl" axis="0 1 0" pos="0 0 0.05"/>',
+            )
+        },
+        (*Arm.JOINTS, "out", "curl"),
+    ),
+    "mjcf: balanced inertia": mjcf_with(
+        lambda arm: {
+            "compiler": 'balanceinertia="true"',
+            "within": BODY.format("plate", "", 0.3, "").replace("2e-3 2e-3 1e-3", "1e-3 1e-3 5e-3"),
+        }
+    ),
+    "mjcf: least masses": mjcf_with(
+        lambda arm: {
+            "compiler": f'boundmass="{arm.random.uniform(1, 4)}" boundinertia="{arm.random.uniform(1e-3, 0.1)}"'
+        }
+    ),
+    "mjcf: includes of includes": nested_includes,
+    "mjcf: efforts of actuators": efforts,
+    "mjcf: a controller's plugin": mjcf_with(
+        lambda arm: {"more": '<extension><plugin plugin="mujoco.pid"/></extension>'}
+    ),
+    "mjcf: base and tip": mjcf_with(lambda arm: {}, ("lift", "bend"), base="one", tip="three"),
+    "DH: nearly parallel axes": parallel_rows,
+    "DH: millimetres": rows_in_mm,
+}  # fmt: skip
+
+
+def infinite(arm, folder):
+    path = folder / "strange.urdf"
+    path.write_text(
+        arm.urdf(lift='<limit lower="-inf" upper="inf" effort="inf" velocity="Infinity"/>')
+    )
+    limits = Chain.from_urdf(path, Arm.JOINTS).limits
+    assert np.isinf([limits.effort[1], limits.upper[1], limits.velocity[1]]).all()
+    np.testing.assert_allclose(limits.effort[[0, 2]], arm.effort[[0, 2]])
+
+
+def variants(seed=0):
+    """Name -> what went wrong with this variant, empty if nothing did."""
+    results = {}
+    for i, (name, variant) in enumerate(VARIANTS.items()):
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                variant(Arm(np.random.default_rng((seed, i))), Path(folder))
+                results[name] = ""
+            except Exception as error:  # of any kind: that is what is counted
+                results[name] = f"{type(error).__name__}: {error}"
+    return results
+
+
+def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--public", action="store_true")
     parser.add_argument("--versions", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     if options.public:
-        public(options.versions, options.seed)
+        return public(options.versions, options.seed)
+    results = variants(options.seed)
+    for name, failure in results.items():
+        if failure:
+            print(f"{name}: {failure}")
+    print(f"{sum(not failure for failure in results.values())} of {len(results)} as they should be")
+    return None
+
+
+if __name__ == "__main__":
+    main()
