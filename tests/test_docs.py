@@ -60,6 +60,10 @@ def test_links_and_files_are_there(page):
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[\w-]*)?\)", text):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+    # Pictures of directives, whose options stand one a line.
+    pictures = re.findall(r"^(?::img-top:|```{figure}) (\S+)$", text, re.MULTILINE)
+    assert len(pictures) == text.count(":img-top:") + text.count("{figure}")
+    assert all((page.parent / picture).exists() for picture in pictures)
     for path in re.findall(
         r"`((?:tests|examples|docs|plant|identification|ctc|\.ci)/[\w./]*\w)`", text
     ):
