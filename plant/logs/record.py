@@ -280,8 +280,9 @@ class Record(FromFiles, Frozen):
 
         Counts are interpolated linearly and rounded to whole pulses. The true motion is
         interpolated likewise. Torques and currents are means over each new period, of a zero-order
-        hold, or of a line across a gap (above 1.5 median intervals). A new sample has the smaller
-        weight of its two neighbours, and no weight in a gap.
+        hold, or of a line across a step above 1.5 median intervals. A new sample has the smaller
+        weight of its two neighbours, and no weight in a gap: a step above 1.5 median intervals in
+        which the motion may leave the straight line by a thousandth of its range.
 
         Parameters
         ----------

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from plant.checkup.innovation import longest_line
 from plant.parts.fields import Floats
 from plant.parts.settings import frozen_settings
 
@@ -15,15 +16,16 @@ class ResamplingSettings:
 
     Parameters
     ----------
-    gap : float
-        Step of t above which samples are missing [nominal intervals].
+    held : float
+        Step of t [nominal intervals] up to which a torque was held; across longer ones it changes
+        along a line.
     max_ratio : int
         Largest ratio of the new period and the nominal interval, in either direction.
     max_samples : int
         Largest number of new samples.
     """
 
-    gap: float = 1.5
+    held: float = 1.5
     max_ratio: int = 20
     max_samples: int = 1 << 25
 
@@ -57,7 +59,10 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     # at a sample, within rounding
     share = np.where(share < 1e-9, 0.0, np.where(share > 1 - 1e-9, 1.0, share))
 
-    gap = np.diff(t, append=t[-1]) > SETTINGS.gap * nominal
+    steps = np.diff(t, append=t[-1])
+    long = steps > SETTINGS.held * nominal
+    # Late stamps lose nothing of a slow motion.
+    gap = long & (steps > longest_line(t, record.counts))
 
     def between(value: Floats) -> Floats:
         return value[earlier] + share[:, None] * (value[later] - value[earlier])
@@ -83,13 +88,13 @@ def resampled_fields(record: Any, period: float) -> dict[str, Any]:
     }
     # Torques act throughout a period: means preserve their impulse, samples would not.
     torques = [name for name in ("torque", "current", "injected") if fields[name] is not None]
-    fields |= {name: _means(t, fields[name], gap, times, period) for name in torques}
+    fields |= {name: _means(t, fields[name], long, times, period) for name in torques}
     return fields
 
 
-def _means(t, value, gap, times, period):
-    """Means over each new period of a zero-order hold; across gaps, of a straight line."""
-    # Between neighbouring instants, old or new, the torque is constant, or linear in a gap.
+def _means(t, value, long, times, period):
+    """Means over each new period of a zero-order hold; across long steps, of a straight line."""
+    # Between neighbouring instants, old or new, the torque is constant, or linear in a long step.
     edges = np.union1d(t, np.append(times, times[-1] + period))
     edges = edges[edges <= times[-1] + period]
     # The value at the middle times the length is the exact integral of such a piece.
@@ -97,7 +102,7 @@ def _means(t, value, gap, times, period):
     lengths = np.diff(edges)[:, None]
     row = np.searchsorted(t, middle, side="right") - 1
     following = np.minimum(row + 1, len(t) - 1)
-    share = np.where(gap[row], (middle - t[row]) / np.diff(t, append=np.inf)[row], 0.0)
+    share = np.where(long[row], (middle - t[row]) / np.diff(t, append=np.inf)[row], 0.0)
     pieces = value[row] + share[:, None] * (value[following] - value[row])
     starts = np.searchsorted(edges, times)
     return np.add.reduceat(pieces * lengths, starts) / np.add.reduceat(lengths, starts)
