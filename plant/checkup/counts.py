@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.checkup.finding import Check, Finding
+from plant.checkup.innovation import innovation, stopped
 from plant.checkup.signals import LEAST_MOTION, Signals
 from plant.parts.fields import Bools, Floats
 from plant.parts.sums import products
@@ -21,10 +22,6 @@ class CountSettings:
 
     Parameters
     ----------
-    spike : float
-        Innovation of an outlier, both in pulses and in 98 % quantiles of the innovations.
-    mistimed : float
-        Jitter [samples] of the instant at which a count is read.
     equal_jumps : int
         Jumps above which those of one size are steps of a coarse grid.
     hunting_range : float
@@ -41,15 +38,13 @@ class CountSettings:
         Range of torque [twice the Coulomb friction] that no joint at rest can hold.
     long_standstill : float
         Standstill [s] under such torques that is more than the turning point of a motion.
-    resting_share : float
-        Share of the log that a joint may rest without a reason while others move.
     plateau : int
-        Samples at an extreme that make a clipped peak. Half of it is the least speed [counts per
-        sample] on both sides.
+        Samples at an extreme that make a clipped peak.
+    clipped_speed : float
+        Speed [full speeds of the joint] on both sides of a clipped peak: of a sine that is cut off
+        at 99 % of its height it is 0.14.
     """
 
-    spike: float = 4.0
-    mistimed: float = 0.2
     equal_jumps: int = 20
     hunting_range: float = 10
     hunting_error: float = 3.0
@@ -58,8 +53,8 @@ class CountSettings:
     stuck_error: float = 3.0
     stiction: float = 2.5
     long_standstill: float = 0.1
-    resting_share: float = 0.2
     plateau: int = 5
+    clipped_speed: float = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,18 +216,9 @@ def _jumps(bridged, i, joint, rows_left_out):
 
 def events(signals: Signals, i: int) -> Events:
     """Find the outliers among the counts of joint i."""
-    # 1. Innovations beyond the local speed that neither noise nor timing explains.
-    speed = signals.local_speed[:, i]
-    spans = np.diff(signals.t)
-    innovation = np.diff(signals.counts[:, i]) - speed * spans
-    # The 98 % quantile is the noise of the log and leaves out its outliers.
-    usual = np.quantile(np.abs(innovation), 0.98)
-    # A stamp that is off shows in its own interval and in its neighbours.
-    odd = np.abs(np.pad(spans, 1, mode="edge") - signals.interval)
-    odd = np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
-    timing = np.abs(speed) * (SETTINGS.mistimed * signals.interval + odd)
-    limit = SETTINGS.spike * max(signals.least_count[i], usual) + timing
-    outliers = np.flatnonzero(np.abs(innovation) > limit)
+    # 1. Innovations that neither noise, timing nor the arm explain.
+    innovation = signals.innovation.size[:, i]
+    outliers = np.flatnonzero(signals.innovation.outlier[:, i])
 
     # 2. Many jumps of one size are no accident: a grid that is coarse in places.
     sizes = np.abs(innovation[outliers])
@@ -269,17 +255,17 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     # Beside a gap the local speed is wrong, so it is taken some rows away on both sides.
     padded = np.pad(signals.local_speed, ((reach, reach), (0, 0)), mode="edge")
     speed = (padded[: -2 * reach] + padded[2 * reach :]) / 2
-    excess = np.diff(signals.counts, axis=0) - speed * spans[:, None]
+    # The usual excess is large where a loop oscillates.
+    steps = np.abs(np.diff(signals.counts, axis=0) - speed * spans[:, None])
+    excess, limit, _ = innovation(signals, speed, np.quantile(steps, 0.9, axis=0) / 2.33)
 
     # 2. The gap [s] that fits the excess of all joints, which must lie along the motion.
     power = np.maximum((speed**2).sum(axis=1), 1e-300)
     gap = (excess * speed).sum(axis=1) / power
     across = ((excess - gap[:, None] * speed) ** 2).sum(axis=1)
     along = across < LEFT_OUT.across * (excess**2).sum(axis=1)
-    # The usual excess is large where a loop oscillates.
-    usual = np.maximum(signals.least_count, np.quantile(np.abs(excess), 0.9, axis=0))
     # One joint alone may have jumped by itself.
-    several = (np.abs(excess) > SETTINGS.spike * usual).sum(axis=1) > 1
+    several = (np.abs(excess) > limit).sum(axis=1) > 1
 
     # 3. Stamps that hide it are even. What was only late comes back in the next rows, so the sum of
     # the gaps over these rows must lack the time, too.
@@ -328,18 +314,11 @@ def _stuck(signals, i):
         )
         return check.graded(stuck, advice, look=0, wrong=0)
 
-    # Without a reference and such torques, rest alone is no proof: look, never wrong.
-    elsewhere = np.delete(signals.counts, i, axis=1)
-    resting = SETTINGS.resting_share * (signals.t[-1] - signals.t[0])
-    for run in runs:
-        long = elsewhere.size and seconds(run) > resting
-        if long and np.ptp(elsewhere[run], axis=0).max() > 10 * LEAST_MOTION:
-            stuck = max(stuck, seconds(run))
-    advice = (
-        "The joint rests for a large part of the log while others move; does it stick, or its"
-        " encoder?"
-    )
-    return check.graded(stuck, advice, look=0)
+    # Rest alone is no fault.
+    longest = max(map(seconds, runs), default=0.0)
+    if longest > SETTINGS.long_standstill:
+        return check.unknown("neither reference nor torque tells why it rests", longest)
+    return check.fine(0.0)
 
 
 def _against_reference(signals, i, runs):
@@ -375,7 +354,11 @@ def _clipped(signals, i):
     """Time at an extreme that was reached at full speed [s]."""
     counts = signals.counts[:, i]
     t = signals.t
-    fast = SETTINGS.plateau / 2 * signals.least_count[i]
+    # An ordinary motion slows down before it turns; its rounding is half a count at each end.
+    fast = max(
+        SETTINGS.clipped_speed * signals.full_speed[i] * signals.interval,
+        2 * signals.least_count[i] + stopped(signals.rig, signals.interval)[i],
+    )
     runs = [run for run in _runs(counts) if run.stop - run.start >= SETTINGS.plateau]
     clipped = 0.0
     for extreme in (counts.min(), counts.max()):

@@ -1,18 +1,33 @@
-"""How the counts of a log may change: the acceleration of its motion, apart from their rounding."""
+"""How far the counts of a log deviate from their motion, and how far an arm lets them.
+
+Rounding, the usual deviations of the log, the timing of its samples and ordinary accelerations
+explain a deviation. What exceeds them all is a fault of the log.
+"""
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant.parts.fields import Floats
+from plant.parts.fields import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionSettings:
-    """Numbers of the estimate of a motion's acceleration, and of the lines that replace samples.
+    """Numbers of the deviations of counts, of a motion's acceleration, and of lines in gaps.
 
     Parameters
     ----------
+    spike : float
+        Deviation [standard deviations] that rounding and the usual noise do not cause. They are
+        no white noise: twenty right logs reach 9.
+    mistimed : float
+        Jitter [median intervals] of the instant at which a count is read.
+    ordinary : float
+        Acceleration [rad/s^2, or m/s^2 of a joint that slides] with which any arm may start or
+        stop within a sample, however calm the rest of the log is. Robots' data sheets have 5 to 20.
+    full_speed : float
+        Quantile of the speeds that is the full speed of a joint; faults may be faster.
     quantile : float
         Share of the deviations that are the motion's; the others may be faults of the log.
     visible : float
@@ -24,6 +39,10 @@ class MotionSettings:
         sweep of 0.65 rad at 0.1 Hz (rms 0.5 rad/s^2) lines of 0.1 s keep within it.
     """
 
+    spike: float = 9.5
+    mistimed: float = 0.2
+    ordinary: float = 5.0
+    full_speed: float = 0.98
     quantile: float = 0.98
     visible: float = 8.0
     moving: float = 20.0
@@ -31,6 +50,52 @@ class MotionSettings:
 
 
 SETTINGS = MotionSettings()
+
+
+class Innovation(NamedTuple):
+    """Steps of the counts beyond those of the local speed, each (M - 1, n) [pulses].
+
+    `limit`: what rounding, the usual deviations and ordinary accelerations explain. `timing`: what
+    the instants of the samples explain besides.
+    """
+
+    size: Floats
+    limit: Floats
+    timing: Floats
+
+    @property
+    def outlier(self) -> Bools:
+        """Steps (M - 1, n) that no arm makes."""
+        return np.abs(self.size) > self.limit + self.timing
+
+
+def innovation(signals: Any, speed: Floats, usual: Floats | None = None) -> Innovation:
+    """Innovation of the counts, with their speeds (M - 1, n) [pulses/s] in each interval.
+
+    `usual` (n,): standard deviation of what is no fault; by default that of this innovation.
+    """
+    spans = np.diff(signals.t)[:, None]
+    size = np.diff(signals.counts, axis=0) - speed * spans
+    if usual is None:
+        # The quantile leaves out the faults; it is that many deviations of a normal distribution.
+        usual = np.quantile(np.abs(size), SETTINGS.quantile, axis=0) / 2.33
+    # Both counts of a step are rounded.
+    std = np.maximum(signals.least_count / np.sqrt(6), usual)
+    # A stamp that is off shows in its own interval and in its neighbours.
+    odd = np.abs(np.pad(spans, ((1, 1), (0, 0)), mode="edge") - signals.interval)
+    odd = np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
+    timing = np.abs(speed) * (SETTINGS.mistimed * signals.interval + odd)
+    return Innovation(size, SETTINGS.spike * std + stopped(signals.rig, spans), timing)
+
+
+def stopped(rig: Any, seconds: Any) -> Floats:
+    """Motion [pulses] of each joint that an ordinary acceleration starts or stops within a time.
+
+    The speed is the median of seven intervals, which a short start misses by up to three intervals
+    of acceleration.
+    """
+    pulses = np.abs(rig.drive.gear * rig.encoder.resolution) / (2 * np.pi)
+    return 3 * SETTINGS.ordinary * pulses * seconds**2
 
 
 def acceleration(t: Floats, counts: Floats, least: float = 1.0) -> Floats:
@@ -72,7 +137,8 @@ def longest_line(t: Floats, counts: Floats) -> float:
 
     Zero where no joint moves, or the log is too short to tell.
     """
-    span = np.ptp(counts, axis=0)
+    # Fewer samples show no curvature.
+    span = np.ptp(counts, axis=0) if len(t) > 8 else np.zeros(counts.shape[1])
     moves = span >= SETTINGS.moving
     if not moves.any():
         return 0.0

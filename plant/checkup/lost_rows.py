@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plant.checkup.counts import events
+from plant.checkup.innovation import stopped
 from plant.checkup.quantisation import grid
 from plant.checkup.signals import Signals
 from plant.parts.fields import Bools, Floats
@@ -32,7 +33,8 @@ class LostRowSettings:
     Parameters
     ----------
     fast : float
-        Motion [steps of the counts per row] from which on two rows cannot be equal.
+        Motion [steps of the counts per row], beyond what the arm stops in a row, from which on two
+        rows cannot be equal.
     follows : float
         Relative deviation from the motion up to which the next count catches up.
     neighbours : int
@@ -95,8 +97,11 @@ def lost_rows(record) -> LostRows:
     t = record.t[rows] / np.median(np.diff(record.t))
     repeated = np.zeros(columns.shape, bool)
     fast = np.zeros(columns.shape, bool)
+    arm = np.tile(stopped(record.rig, np.median(np.diff(record.t))), 2)
     for j, column in enumerate(columns.T):
-        repeated[:, j], fast[:, j] = _repeats(column / grid(column), t)
+        step = grid(column)
+        limit = SETTINGS.fast + arm[j] / step
+        repeated[:, j], fast[:, j] = _repeats(column / step, t, limit)
     packet = repeated[:, n:].any(axis=1)
     packet |= (repeated == fast).all(axis=1) & repeated.any(axis=1)
     # Off the stated reference the row is old if the reference repeats; otherwise its stamp is late.
@@ -212,10 +217,10 @@ def on_lines(record, rows: Bools) -> Any:
     )
 
 
-def _repeats(column, t):
+def _repeats(column, t, limit):
     """Rows (M,) of a column that repeat the previous one although it moves; rows of fast motion.
 
-    `t` (M,): their times [median intervals].
+    `t` (M,): their times [median intervals]; `limit`: fast motion per row.
     """
     # 1. The speed before and after each jump between two stretches of equal values.
     reach = SETTINGS.neighbours
@@ -233,11 +238,9 @@ def _repeats(column, t):
 
     # 2. A stretch repeats its value if the motion is fast on both sides, and the jump at its end
     # is that of its whole length rather than that of one row.
-    fast = (np.minimum(np.abs(incoming), np.abs(outgoing)) >= SETTINGS.fast) & (
-        incoming * outgoing > 0
-    )
+    fast = (np.minimum(np.abs(incoming), np.abs(outgoing)) >= limit) & (incoming * outgoing > 0)
     off = np.abs(jump - length * mean)
-    tolerance = SETTINGS.fast + SETTINGS.follows * np.abs(length * mean)
+    tolerance = limit + SETTINGS.follows * np.abs(length * mean)
     follows = (off <= tolerance) & (off < np.abs(jump - mean))
 
     # 3. Back to rows; the first row of a stretch is a measurement.

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from plant.checkup.innovation import SETTINGS as MOTION
+from plant.checkup.innovation import Innovation, innovation, longest_line
 from plant.checkup.torque_regression import AveragedRegression, TorqueRegression
 from plant.laws.replayed import commanded_torque
 from plant.parts.fields import Bools, Floats
@@ -26,7 +28,7 @@ LEAST_MOTION = 20
 
 @dataclass(frozen=True, kw_only=True)
 class SignalSettings:
-    """Numbers of the filters of a log and of the comparison of rows with stamps, chosen by hand.
+    """Numbers of the filters of a log, chosen by hand.
 
     Parameters
     ----------
@@ -34,25 +36,16 @@ class SignalSettings:
         Length of the smoothing window [s].
     window_samples : int
         Least length of the smoothing window [samples].
-    gap : float
-        Interval [median intervals] above which samples are missing.
+    late : float
+        Interval [median intervals] above which a sample of an even clock is missing.
     angles : float
         Range [counts] from which on broken numbers are scaled counts rather than angles.
-    shifts : int
-        Rows to each side by which stamps may be shifted against counts.
-    shift_evidence : float
-        Sum of squared deviations [noise^2] of the intervals, from which on a shift is significant.
-    outlier : float
-        Deviation of a count [noise] that no error of timing causes.
     """
 
     window: float = 0.02
     window_samples: int = 21
-    gap: float = 1.5
+    late: float = 1.5
     angles: float = 2000
-    shifts: int = 2
-    shift_evidence: float = 400.0
-    outlier: float = 5.0
 
 
 SETTINGS = SignalSettings()
@@ -64,16 +57,6 @@ class Motion(NamedTuple):
     counts: Floats
     speed: Floats
     acceleration: Floats
-
-
-class RowShift(NamedTuple):
-    """Rows by which counts lag behind their stamps; the regression coefficient (0 to 1) there.
-
-    NaN rows: the intervals are too alike to show a shift.
-    """
-
-    rows: float
-    coefficient: float
 
 
 class Signals:
@@ -193,7 +176,7 @@ class Signals:
         times = self._times
         present = np.ones(len(times))
         # Interpolated values in a gap are no measurement.
-        for i in np.flatnonzero(np.diff(self.t) > SETTINGS.gap * self.interval):
+        for i in np.flatnonzero(np.diff(self.t) > self.longest_line):
             present[(times > self.t[i]) & (times < self.t[i + 1])] = 0
         # A row is clear if its whole window is.
         share = np.convolve(present, np.ones(self.window) / self.window, mode="same")
@@ -248,33 +231,20 @@ class Signals:
         return np.median(np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0), axis=2)
 
     @functools.cached_property
-    def row_shift(self) -> RowShift:
-        """Shift of the counts against their time stamps, from intervals of odd length.
+    def innovation(self) -> Innovation:
+        """Innovation of the counts, with the local speed."""
+        return innovation(self, self.local_speed)
 
-        The steps of the counts, beyond those of the mean speed, are regressed on the steps that
-        intervals of odd length predict.
-        """
-        # 1. Measured and predicted excess of each step, in units of the usual deviation.
-        longer = (np.diff(self.t) - self.interval)[:, None]
-        excess = np.diff(self.counts, axis=0) - self.local_speed * self.interval
-        # At least the noise of rounding, so that a perfect log does not divide by zero.
-        noise = np.maximum(np.quantile(np.abs(excess), 0.9, axis=0), 0.3 * self.least_count)
-        excess = excess / noise
-        predicted = longer * self.local_speed / noise
-        # np.roll below carries rows from one end to the other; zeros there have no weight.
-        predicted[: SETTINGS.shifts] = 0
-        predicted[-SETTINGS.shifts :] = 0
-        power = np.sum(predicted**2)
-        if power < SETTINGS.shift_evidence:
-            return RowShift(np.nan, 0.0)
+    @functools.cached_property
+    def full_speed(self) -> Floats:
+        """Full speed of each joint (n,) [pulses/s]."""
+        return np.quantile(np.abs(self.local_speed), MOTION.full_speed, axis=0)
 
-        # 2. Regression for each shift; outliers are clipped to the size that timing can cause.
-        limit = np.abs(predicted).max()
-        excess = np.clip(excess, -SETTINGS.outlier - limit, SETTINGS.outlier + limit)
-        shifts = range(-SETTINGS.shifts, SETTINGS.shifts + 1)
-        slopes = [np.sum(excess * np.roll(predicted, shift, axis=0)) / power for shift in shifts]
-        best = int(np.argmax(slopes))
-        return RowShift(shifts[best], float(np.clip(slopes[best], 0.0, 1.0)))
+    @functools.cached_property
+    def longest_line(self) -> float:
+        """Interval [s] across which straight lines replace the motion; at least 1.5 intervals."""
+        # Even stamps end a little late, too.
+        return max(SETTINGS.late * self.interval, longest_line(self.t, self.counts))
 
     @functools.cached_property
     def tracking_slope(self) -> Floats:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plant.checkup.finding import Check, Finding
+from plant.checkup.innovation import SETTINGS as MOTION
 from plant.checkup.lost_rows import MOST, LostRows
 from plant.checkup.signals import SETTINGS as SIGNALS
 from plant.checkup.signals import Signals
@@ -21,31 +22,41 @@ class StampSettings:
         Samples below which a log is too short for a fit.
     left_out : float
         Samples without weight [%] to look at.
+    uneven : float
+        Distance of the quartiles of the intervals [median intervals] above which the clock is
+        uneven: its stamps are the times, and no row is missing for being late.
     crowded : float
-        Interval [median intervals] below which a sample is repeated.
+        Interval [median intervals] of an even clock below which a sample is repeated.
     missing : float
         Missing samples [%] above which the log is broken rather than patchy.
-    jitter, untimed : float
-        Jitter of the intervals [%] to look at, and above which stamps are no sample times.
+    jitter : float
+        Jitter of the intervals [%] to look at.
     period, other_period : float
         Relative error of the period to look at, and above which it is wrong: a thousandth is one
         sample in a thousand by the end.
-    stamps_match : float
-        Coefficient of `Signals.row_shift` above which stamps and counts belong together.
-    counts_even : float
-        Coefficient below which the counts were read at even times.
+    certain : float
+        Standard deviations of the median interval from which on another period is no chance.
+    shifts : int
+        Rows to each side by which stamps may be shifted against counts.
+    shift_evidence : float
+        Sum of squared deviations [noise^2] of the intervals, from which on a shift is significant.
+    undecided : float
+        Distance of the regression coefficient from one half, within which the counts belong to
+        their stamps (1) in some rows, and to even times (0) in others.
     """
 
     samples: int = 200
     left_out: float = 5.0
+    uneven: float = 0.2
     crowded: float = 0.5
     missing: float = 5.0
     jitter: float = 1.0
-    untimed: float = 20.0
     period: float = 1e-3
     other_period: float = 2e-2
-    stamps_match: float = 0.7
-    counts_even: float = 0.3
+    certain: float = 3.0
+    shifts: int = 2
+    shift_evidence: float = 400.0
+    undecided: float = 0.2
 
 
 TIME = StampSettings()
@@ -73,12 +84,13 @@ def time_findings(signals: Signals) -> Iterator[Finding]:
         for name in names:
             yield Check(name).unknown("fewer than three samples")
         return
-    yield _period(signals)
-    yield from _intervals(np.diff(record.t) / signals.interval)
+    steps = np.diff(record.t) / signals.interval
+    yield _period(signals, steps)
+    yield from _intervals(signals, steps)
     yield _rows_and_stamps(signals)
 
 
-def _period(signals):
+def _period(signals, steps):
     """Median interval against the rig's period [ms]."""
     # The median is that of regular rows, however many are missing.
     ratio = signals.interval / signals.rig.period
@@ -93,17 +105,28 @@ def _period(signals):
     else:
         cause = f"The rig says {signals.rig.period * 1e3:.6g} ms"
         advice = f"{cause}; correct rig.period, or resample the log."
+    # Standard deviation of a median, from the quartiles of the intervals.
+    chance = TIME.certain * 1.25 * _spread(steps) / 1.35 / np.sqrt(len(steps))
     # The ratio is judged, and the interval is shown.
     finding = Check("period", None, "ms").graded(
-        ratio - 1, advice, look=TIME.period, wrong=TIME.other_period, cause=cause
+        ratio - 1, advice, look=TIME.period + chance, wrong=TIME.other_period + chance, cause=cause
     )
     return replace(finding, value=signals.interval * 1e3)
 
 
-def _intervals(steps):
+def _spread(steps):
+    """Distance of the quartiles of the intervals (N - 1,) [median intervals]."""
+    lower, upper = np.quantile(steps, (0.25, 0.75))
+    return upper - lower
+
+
+def _intervals(signals, steps):
     """Yield the findings about intervals (N - 1,) [median intervals]."""
     N = len(steps) + 1
-    gaps = steps[steps > SIGNALS.gap]
+    even = _spread(steps) < TIME.uneven
+    # Of an even clock a late row is lost; of an uneven one the motion says what is too late.
+    late = SIGNALS.late if even else signals.longest_line / signals.interval
+    gaps = steps[steps > late]
     missing = np.round(gaps).sum() - len(gaps)
     advice = (
         f"{missing:.0f} rows are missing in {len(gaps)} gaps of up to {steps.max():.1f} intervals;"
@@ -111,8 +134,14 @@ def _intervals(steps):
     )
     # Of the rows that a complete log would have.
     share = 100 * missing / (missing + N)
-    yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=TIME.missing)
-    crowded = int((steps < TIME.crowded).sum())
+    if not even:
+        advice = (
+            f"In {len(gaps)} steps of up to {steps.max() * signals.interval:.3g} s the motion is"
+            " not known; fits leave them out."
+        )
+    wrong = TIME.missing if even else np.inf
+    yield Check("missing samples", None, "%").graded(share, advice, look=0, wrong=wrong)
+    crowded = int((steps < TIME.crowded).sum()) if even else 0
     yield Check("crowded samples").graded(
         crowded,
         "Samples follow each other within half an interval; drop the second of each pair.",
@@ -121,27 +150,27 @@ def _intervals(steps):
     )
     # Gaps and repeated samples have findings of their own.
     # The standard deviation is that of the stamps, not of the rows that are lost.
-    regular = (steps < SIGNALS.gap) & (steps > TIME.crowded)
+    regular = (steps < late) & (steps > TIME.crowded * even)
     jitter = 100 * np.std(steps[regular] if regular.any() else steps)
     advice = (
         "Intervals jitter; use the logged times, or let the controller's clock stamp the samples."
     )
-    yield Check("time jitter", None, "%").graded(
-        jitter, advice, look=TIME.jitter, wrong=TIME.untimed
-    )
+    # Whether such stamps are the times of the counts, `_rows_and_stamps` says.
+    yield Check("time jitter", None, "%").graded(jitter, advice, look=TIME.jitter)
 
 
 def _rows_and_stamps(signals):
     """Whether the counts were read when their time stamps say."""
     check = Check("rows and stamps", None, "rows")
-    if len(signals.t) < 20 or np.isnan(signals.row_shift.rows):
+    shifted = _row_shift(signals) if len(signals.t) >= 20 else None
+    if shifted is None:
         return check.unknown("intervals are too alike")
-    shift, share = signals.row_shift
+    shift, coefficient = shifted
     # The counts move more in a longer interval: stamps and counts belong together.
-    if shift == 0 and share > TIME.stamps_match:
+    if shift == 0 and coefficient > 0.5 + TIME.undecided:
         return check.fine(0.0)
     # They move alike in all intervals: the stamps are late, not the counts.
-    if share < TIME.counts_even:
+    if coefficient < 0.5 - TIME.undecided:
         advice = (
             "The stamps jitter, the samples do not: the counts come evenly; put t = row times"
             " interval."
@@ -156,6 +185,32 @@ def _rows_and_stamps(signals):
         " out the rows at gaps (valid = 0)."
     )
     return check.look(shift, advice)
+
+
+def _row_shift(signals):
+    """Rows by which counts lag behind their stamps, and the regression coefficient there.
+
+    The steps of the counts, beyond those of an even clock, are regressed on the steps that
+    intervals of odd length predict. None where the intervals are too alike.
+    """
+    excess = np.diff(signals.counts, axis=0) - signals.local_speed * signals.interval
+    # At least the noise of rounding, so that a perfect log does not divide by zero.
+    noise = np.maximum(np.quantile(np.abs(excess), 0.9, axis=0), 0.3 * signals.least_count)
+    longer = (np.diff(signals.t) - signals.interval)[:, None]
+    predicted = longer * signals.local_speed / noise
+    # np.roll below carries rows from one end to the other; zeros there have no weight.
+    predicted[: TIME.shifts] = 0
+    predicted[-TIME.shifts :] = 0
+    power = np.sum(predicted**2)
+    if power < TIME.shift_evidence:
+        return None
+    # Outliers are clipped to what the timing and the usual noise explain.
+    limit = np.abs(predicted).max() + MOTION.spike / 2
+    excess = np.clip(excess / noise, -limit, limit)
+    shifts = range(-TIME.shifts, TIME.shifts + 1)
+    slopes = [np.sum(excess * np.roll(predicted, shift, axis=0)) / power for shift in shifts]
+    best = int(np.argmax(slopes))
+    return shifts[best], float(np.clip(slopes[best], 0.0, 1.0))
 
 
 def lost_findings(signals: Signals, lost: LostRows) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant.checkup.finding import Check, Finding, unless
-from plant.checkup.signals import Signals
+from plant.checkup.signals import LEAST_MOTION, Signals
 from plant.checkup.tracking import correlation, law_fit
 
 
@@ -78,7 +78,7 @@ def _same_counts(signals, i, j):
     """Whether two joints move alike, to a pulse, although their references differ."""
     moved = signals.counts - signals.counts[0]
     # Two joints at rest are alike for another reason.
-    if not moved[:, i].any():
+    if np.ptp(moved[:, i]) < LEAST_MOTION * signals.least_count[i]:
         return False
     pulse = np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
 
