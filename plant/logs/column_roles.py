@@ -26,6 +26,10 @@ _QUANTITIES = {
 }
 _WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
 _ORDER = tuple(_QUANTITIES)
+# A column that is called by a joint alone holds its position.
+_JOINTS = frozenset(
+    "waist base shoulder elbow forearm wrist hip knee ankle axis achse gripper j".split()
+)
 _COMMANDED = frozenset(
     [
         "target",
@@ -144,6 +148,8 @@ def role_of(name: str, values: Floats, unit: str | None) -> Role:
     if {"observation", "state"} <= set(words) or words == ["action"]:
         quantities |= {"position"}
     quantity = next((q for q in _ORDER if q in quantities), "other")
+    if quantity == "other" and not _JOINTS.isdisjoint(words):
+        quantity = "position"
     # A single letter such as i numbers joints as often as it means a current.
     if quantity == "current" and "position" in quantities and not {"q", "pos"}.isdisjoint(words):
         quantity = "position" if "i" in words else quantity

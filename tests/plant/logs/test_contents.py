@@ -112,7 +112,7 @@ def test_the_number_of_joints_chooses_between_columns(tmp_path):
 
 
 def test_a_log_whose_words_say_nothing_has_no_mapping(tmp_path, capsys):
-    np.savetxt(tmp_path / "a.csv", np.column_stack([T, Q]), header="a,b,c,d", delimiter=",")
+    np.savetxt(tmp_path / "a.csv", np.column_stack([T, Q]), header="a,b,w,x", delimiter=",")
     contents = Record.read(tmp_path / "a.csv")
     assert contents.columns == {}
     assert 'columns = {"t": "a", "position": [...]}' in capsys.readouterr().out
