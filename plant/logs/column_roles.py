@@ -28,7 +28,21 @@ _WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in 
 _ORDER = tuple(_QUANTITIES)
 # A column that is called by a joint alone holds its position.
 _JOINTS = frozenset(
-    "waist base shoulder elbow forearm wrist hip knee ankle axis achse gripper j".split()
+    [
+        "waist",
+        "base",
+        "shoulder",
+        "elbow",
+        "forearm",
+        "wrist",
+        "hip",
+        "knee",
+        "ankle",
+        "axis",
+        "achse",
+        "gripper",
+        "j",
+    ]
 )
 _COMMANDED = frozenset(
     [

@@ -287,10 +287,11 @@ def _heading(
     skip = row.number - 1 if row is not None and nearest is above[0] else nearest.number
     names = line.cells
     # Names that repeat, such as q1 q2 q1 q2, belong to groups that the line above names.
-    if len(set(names)) < len(names) and at + 1 < len(fitting) and fitting[at + 1].is_words:
+    above_names = fitting[at + 1].cells if at + 1 < len(fitting) else []
+    if len(set(names)) < len(names) and above_names and not any(map(is_number, above_names)):
         groups = list[str]()
         # A spreadsheet names a group above its first column only.
-        for cell in fitting[at + 1].cells:
+        for cell in above_names:
             groups.append(cell or (groups[-1] if groups else ""))
         names = [
             f"{group}.{name}" if group else name for group, name in zip(groups, names, strict=False)

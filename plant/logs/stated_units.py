@@ -87,9 +87,13 @@ def require_words(columns: Mapping[str, Any], units: Mapping[str, Stated]) -> No
     """Refuse a unit that is unknown, or that is stated of a column that is not mapped."""
     # A misspelt key in units would otherwise show up as the missing unit of the column that it was
     # meant for.
-    for field in units:
-        choice("units of a column that is mapped; the column", field, tuple(columns))
     for field, unit in units.items():
+        if field not in columns:
+            advice = near(field, columns, "Map it as well, or leave out its unit.", cutoff=0.7)
+            raise ValueError(
+                f"units must be of columns that are mapped, {', '.join(columns)}; got {field!r:.40}."
+                f" {advice}"
+            )
         _word(field, unit)
 
 
