@@ -74,7 +74,7 @@ class MitDrive(InnerLoop, Law):
     >>> limits = 12.5, 30, 5000, 500, 300
     >>> drive = MitDrive.for_arm(arm, rig, stiffness=20, limits=limits)
     >>> drive.kp.round(0), drive.kd.round(0)
-    (array([2085.,  720.]), array([146.,  50.]))
+    (array([2148.,  592.]), array([150.,  41.]))
     """
 
     kp: Vector = number(("n",), alike=True)

@@ -62,7 +62,7 @@ class PositionServo(InnerLoop, Law):
     --------
     >>> import dataclasses
     >>> from plant import PositionServo, puma560
-    >>> rig = dataclasses.replace(puma560.rig(), inner=PositionServo(gain=0.2))
+    >>> rig = dataclasses.replace(puma560.rig(), inner=PositionServo(gain=0.2, period=7e-4))
     >>> rig.inner.gain, rig.inner.stiffness_of(rig).round(0)
     (array([0.2, 0.2]), array([80108., 36633.]))
     """
