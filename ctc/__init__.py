@@ -54,6 +54,7 @@ from ctc.laws.computed_torque_pid import ComputedTorquePID
 from ctc.laws.computed_torque_settings import ComputedTorqueSettings
 from ctc.laws.default_gains import DefaultGainSettings
 from ctc.laws.feed_forward import FeedForward, PDGravity
+from ctc.laws.float import Float, FloatSettings
 from ctc.laws.sliding_mode import SlidingMode
 from ctc.learning.learn import learn
 from ctc.learning.learnt_torque import LearntTorque
@@ -66,6 +67,7 @@ from ctc.tuning.tune import tune
 from ctc.verdict.animation import animate, plot_arm
 from ctc.verdict.evaluation import Evaluation
 from ctc.verdict.evaluations import compare, evaluate
+from ctc.verdict.floating import FloatVerdict, evaluate_float
 from ctc.verdict.resonance_sweep import sweep_resonance
 
 # The public names, sorted; docs/reference/api.md lists the same.
@@ -79,6 +81,9 @@ __all__ = [
     "Evaluation",
     "FeedForward",
     "Fleet",
+    "Float",
+    "FloatSettings",
+    "FloatVerdict",
     "LearnSettings",
     "LearntTorque",
     "PDGravity",
@@ -91,6 +96,7 @@ __all__ = [
     "compare",
     "error_loop",
     "evaluate",
+    "evaluate_float",
     "learn",
     "margins",
     "motor_gain",

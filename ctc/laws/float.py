@@ -1,0 +1,207 @@
+"""Float: the arm carries its own weight, and a hand that moves it feels part of its friction.
+
+The law has no reference. It needs the speed that the hand gives the arm. Counts of a slow joint
+give it badly: their difference is zero, and then a pulse per sample. The cell observer corrects its
+speed only by what lies outside the counted cell, and lets it leak, so that the assistance ends with
+the motion. Assistance beyond friction would drive the arm by itself; the law refuses it.
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ctc.laws.model_law import ModelLaw
+from identification import Identification
+from plant import Rig
+from plant.laws.law import Setpoint, Step
+from plant.parts.arguments import signs
+from plant.parts.fields import Floats
+from plant.parts.part import number, part, structure
+from plant.parts.settings import Settings
+from plant.parts.vector import Fields, per_joint, scalars
+
+
+@part
+class FloatSettings(Settings):
+    """Numbers of the observer of `Float`, and of the bound on its assistance.
+
+    Parameters
+    ----------
+    observer : float
+        Bandwidth of the observer of speed [rad/s]; chosen by hand.
+    taper : float
+        Share of `Float.speed` within which the assistance ends; chosen by hand.
+    cells : float
+        Cells of the encoder within `Float.leak` that are a motion of the hand: at this speed some
+        three quarters of the assistance act. Chosen by hand.
+    friction : float
+        Relative uncertainty of friction that no log has identified.
+    deviations : float
+        Standard deviations of identified gravity and friction that the bound covers.
+    poses : int
+        Poses, drawn within the limits of the joints, at which gravity is evaluated.
+
+    Examples
+    --------
+    >>> from ctc import FloatSettings
+    >>> FloatSettings(observer=40.0).observer
+    40.0
+    """
+
+    observer: float = 60.0
+    taper: float = 0.2
+    cells: float = 2.0
+    friction: float = 0.3
+    deviations: float = 2.0
+    poses: int = 200
+
+
+SETTINGS = FloatSettings()
+
+
+@part
+class Float(ModelLaw):
+    """tau = g-hat(q) + assist (coulomb tanh(w / w0) + viscous w): a hand moves the arm freely.
+
+    Once per sample: q and the speed w are those of an observer that is corrected by what lies
+    outside the counted cell. The reference is ignored; pass the counted position where one is asked
+    for.
+
+    Parameters
+    ----------
+    arm : Arm or Identification
+        The identified arm; an identification gives its rig, and how well gravity and friction are
+        known.
+    rig : Rig, optional
+        The identified rig: its friction is assisted.
+    assist : float
+        Share of friction that the law takes over, 0 to 1.
+    leak : float
+        Time constant with which the speed leaks [s]: without new counts the assistance ends.
+    speed : float
+        Speed of a joint above which the law brakes instead of assisting [rad/s, or m/s].
+    settings : FloatSettings, optional
+        Numbers that seldom need a change.
+
+    Raises
+    ------
+    ValueError
+        As `ModelLaw`; an assistance beyond (1 - dg / F) / (1 + s) of a joint, with its friction F,
+        the deviation dg of its gravity torque and the relative deviation s of its friction: the arm
+        could drive itself.
+
+    See Also
+    --------
+    ctc.ComputedTorque, ctc.PDGravity
+
+    Examples
+    --------
+    >>> from plant import puma560
+    >>> from ctc import Float
+    >>> Float(puma560.arm(), puma560.rig(), assist=0.5).assist
+    0.5
+    """
+
+    assist: float = number((), default=0.7)
+    leak: float = number((), default=0.15)
+    speed: float = number((), default=3.0)
+    settings: FloatSettings = structure(FloatSettings, default=SETTINGS)
+
+    fields = Fields(position=per_joint(), speed=per_joint(), begun=scalars())
+
+    def __post_init__(self) -> None:
+        knowledge = self.arm if isinstance(self.arm, Identification) else None
+        super().__post_init__()
+        signs(self, positive=("leak", "speed"), not_negative=("assist",))
+        largest = self._largest_assist(knowledge)
+        joint = int(np.argmin(largest))
+        if self.assist > largest[joint]:
+            label = self.rig.joint_labels[joint]
+            raise ValueError(
+                f"assist must be at most {max(largest[joint], 0.0):.2g}, so that {label} cannot"
+                " drive itself with the gravity and friction that its identification leaves open;"
+                f" got {self.assist:g}. Lower it, or identify {label} better."
+            )
+
+    def _largest_assist(self, identification: Any) -> Floats:
+        """Assistance (n,) with which no joint drives itself: (1 - dg / F) / (1 + s)."""
+        friction = np.array(self.rig.drive.joint_coulomb(np.zeros(self.arm.n)))
+        gravity = np.zeros(self.arm.n)
+        relative = np.full(self.arm.n, self.settings.friction)
+        if identification is not None and identification.fit.covariance is not None:
+            fit = identification.fit
+            gravity = self.settings.deviations * self._gravity_deviation(fit)
+            for i in range(self.arm.n):
+                name = f"drive.coulomb[{i}]"
+                if name in fit.unknown and self.rig.drive.coulomb[i] > 0:
+                    deviation = fit.std[fit.unknown.index(name)]
+                    relative[i] = self.settings.deviations * deviation / self.rig.drive.coulomb[i]
+        bound = (1 - gravity / np.maximum(friction, 1e-12)) / (1 + relative)
+        # A joint without dry friction has none to be assisted.
+        return np.where(friction > 0, bound, 1.0)
+
+    def _gravity_deviation(self, fit: Any) -> Floats:
+        """Largest standard deviation (n,) of the gravity torque over the poses [N m]."""
+        dynamics = self.arm.dynamics
+        q = ca.SX.sym("q", self.arm.n)
+        f = ca.SX.sym("f", len(self.arm.f))
+        # Gravity is linear in f.
+        regressor = ca.Function("regressor", [q], [ca.jacobian(dynamics.gravity(q, f), f)])
+        known = [name in fit.unknown for name in dynamics.names]
+        places = [fit.unknown.index(name) for name in dynamics.names if name in fit.unknown]
+        covariance = fit.covariance[np.ix_(places, places)]
+        variances = []
+        for pose in self.poses():
+            Y = np.array(regressor(pose))[:, known]
+            variances.append(np.einsum("ij,jk,ik->i", Y, covariance, Y))
+        return np.sqrt(np.maximum(np.max(variances, axis=0), 0.0))
+
+    def poses(self) -> Floats:
+        """Poses (P, n) drawn within the limits of the joints, or a turn where there are none."""
+        chain = self.arm.dynamics.chain
+        low = np.full(self.arm.n, -np.pi)
+        high = np.full(self.arm.n, np.pi)
+        if chain.limits is not None:
+            low = np.maximum(low, chain.limits.lower)
+            high = np.minimum(high, chain.limits.upper)
+        # A fixed seed: the same law accepts the same assistance.
+        return np.random.default_rng(0).uniform(low, high, (self.settings.poses, self.arm.n))
+
+    def equations(
+        self, rig: Rig, state: ca.SX, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX, dt: ca.SX
+    ) -> Step:
+        """One sample: cell of the count -> q and speed -> gravity and assistance."""
+        n = self.arm.n
+        before = self.fields.read(state, n)
+        centre = rig.cell_centre(pulses)
+
+        # 1. Predict. The speed leaks: a joint that gives no counts is at rest.
+        speed = before.speed * ca.exp(-dt / self.leak)
+        predicted = ca.if_else(before.begun > 0, before.position + dt * speed, centre)
+
+        # 2. Correct by what lies outside the counted cell.
+        half_cell = ca.fabs(ca.diag(self.rig.to_angle(ca.SX.eye(n)))) / 2
+        deviation = centre - predicted
+        outside = deviation - ca.fmax(ca.fmin(deviation, half_cell), -half_cell)
+        pole = ca.exp(-self.settings.observer * dt)
+        position = predicted + (1 - pole**2) * outside
+        speed = speed + (1 - pole) ** 2 * outside / dt
+
+        # 3. Assist up to the largest speed, and brake above it.
+        begins = 2 * self.settings.cells * half_cell / self.leak
+        excess = ca.fmax(ca.fabs(speed) - self.speed, 0)
+        share = ca.fmax(1 - excess / (self.settings.taper * self.speed), 0)
+        viscous = self.rig.drive.joint_viscous()
+        friction = self.rig.drive.joint_coulomb(speed) * ca.tanh(speed / begins) + viscous * speed
+        brake = viscous * ca.sign(speed) * excess
+        acting = self.assist * share * friction - brake
+
+        # 4. Gravity, at the place that the observer knows better than the count.
+        gravity = self.arm.dynamics.gravity(position, self.arm.f) - self.rig.spring_torque(position)
+        following = self.fields.write(n, position=position, speed=speed, begun=1)
+        return gravity + self.rig.drive.coupling.joint_torque(acting), following
+
+    def model_parts(self, q: ca.SX, qd: ca.SX, qdd: ca.SX) -> dict[str, ca.SX]:
+        """Gravity alone: a firmware that adds friction would not know the assistance."""
+        return {"gravity": self.arm.dynamics.gravity(q, self.arm.f)}
