@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ctc.laws.float import Float
 from identification import Identification
-from plant import Harmonics, simulate
+from plant import Arm, Chain, Harmonics, Rig, simulate
 from plant.mechanics.newton_euler import joint_positions
 from plant.parts.arguments import array, instance
 from plant.parts.fields import Floats
@@ -82,8 +82,8 @@ class FloatVerdict(Shown, Frozen):
 
     def _short(self) -> str:
         force = f"hand force {_rms(self.limp):.3g} -> {_rms(self.floating):.3g} N rms"
-        resting = (np.abs(self.drift) <= SETTINGS.rests).all(axis=1)
-        return f"{force}; {resting.sum()} of {len(resting)} released arms rest"
+        resting = np.all(np.abs(self.drift) <= SETTINGS.rests, axis=1)
+        return f"{force}; {np.count_nonzero(resting)} of {len(self.drift)} released arms rest"
 
     def _shown(self) -> Iterator[Piece]:
         yield Verdict(self._short(), self.rests)
@@ -166,7 +166,7 @@ def evaluate_float(
     )
 
 
-def _released(arm, rig, law, start):
+def _released(arm: Arm, rig: Rig, law: Float, start: Floats) -> Floats:
     """Way of the joints (2, n) after the release, and in the last part of it [pulses]."""
     zero = np.zeros((arm.n, 1))
     # The law ignores its reference; a simulation has one.
@@ -180,7 +180,7 @@ def _released(arm, rig, law, start):
     return np.stack([counts[-1] - counts[0], counts[-1] - counts[late]])
 
 
-def _plants(estimate, law, random):
+def _plants(estimate: Any, law: Float, random: Any) -> Iterator[tuple[Arm, Rig]]:
     """Arms and rigs drawn from the uncertainty."""
     drive = law.rig.drive
     for _ in range(SETTINGS.arms):
@@ -199,22 +199,22 @@ def _plants(estimate, law, random):
         yield law.arm.dynamics.arm(law.arm.f * scale), law.rig.filled(named)
 
 
-def _needed(arm, rig, poses, directions):
+def _needed(arm: Arm, rig: Rig, poses: Floats, directions: Floats) -> Floats:
     """Torque (P, n) of a slow motion along the directions [N m]: gravity and Coulomb friction."""
     return _gravity(arm, poses) + rig.drive.joint_coulomb(np.zeros(arm.n)) * np.sign(directions)
 
 
-def _given(law, poses, directions):
+def _given(law: Float, poses: Floats, directions: Floats) -> Floats:
     """The part of it (P, n) that the law gives, whose observer sees the motion."""
     friction = law.assist * law.rig.drive.joint_coulomb(np.zeros(law.arm.n))
     return _gravity(law.arm, poses) + friction * np.sign(directions)
 
 
-def _gravity(arm, poses):
+def _gravity(arm: Arm, poses: Floats) -> Floats:
     return np.array([arm.dynamics.gravity(pose, arm.f).full().ravel() for pose in poses])
 
 
-def _ways(chain, poses, directions, tip):
+def _ways(chain: Chain, poses: Floats, directions: Floats, tip: Floats) -> Floats:
     """Way (P,) of the tool [m] per unit of the directions, by a central difference."""
     positions = joint_positions(chain, tip)
     forward, backward = (
@@ -224,5 +224,5 @@ def _ways(chain, poses, directions, tip):
     return np.linalg.norm(forward - backward, axis=1) / (2 * _MOVE)
 
 
-def _rms(values):
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.nanmean(values**2)))

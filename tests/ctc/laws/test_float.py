@@ -67,7 +67,7 @@ def test_beyond_its_speed_the_law_brakes():
 
 @pytest.mark.parametrize("assist", [0.8, 1.1])
 def test_an_assistance_that_could_drive_the_arm_is_refused(assist):
-    with pytest.raises(ValueError, match="assist must be at most 0.77"):
+    with pytest.raises(ValueError, match=r"assist must be at most 0\.77"):
         Float(ARM, RIG, assist=assist)
 
 
