@@ -23,10 +23,8 @@ from plant import Dynamics, Record
 from plant.checkup.lost_rows import bridged
 from plant.checkup.oscillation import own_oscillations
 from plant.checkup.signals import LEAST_MOTION
-from plant.parts.arguments import array, choice, instance
-from plant.parts.messages import warn
+from plant.parts import array, choice, frozen_settings, instance, warn
 from plant.parts.room import require_room
-from plant.parts.settings import frozen_settings
 from plant.simulation.followed_path import with_path
 
 

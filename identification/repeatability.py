@@ -11,12 +11,18 @@ from numpy.typing import ArrayLike
 from identification.procedure import identify
 from identification.results.identification import Identification
 from plant import Dynamics, Record
-from plant.parts.arguments import array
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Aside, Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import (
+    Aside,
+    Checkpoint,
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+)
 from plant.simulation.executors import mapped
 
 

@@ -10,12 +10,9 @@ from types import CellType
 from typing import Any, cast
 
 from ctc.campaigns.ledger import InMemory, Ledger
-from plant.parts.arguments import known_options, whole
+from plant.parts import Piece, Shown, Table, Verdict, known_options, progress_bar, whole
 from plant.parts.kinds import field_names
-from plant.parts.messages import progress_bar
 from plant.parts.saved import fingerprint
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
 from plant.simulation.executors import Executor, finished, reason
 
 Tasks = Mapping[str, tuple[Any, ...]] | Iterable[tuple[str, tuple[Any, ...]]]

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from identification.equation_error.least_squares import wider
 from identification.equation_error.random_effects import restricted
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 
 
 @frozen_settings

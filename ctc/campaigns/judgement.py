@@ -12,12 +12,7 @@ from ctc.campaigns.effects import Effect
 from identification import Identification
 from identification.equation_error.torque_fit import TorqueFit
 from plant import Dynamics, Record
-from plant.parts.arguments import real
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Floats, Piece, Shown, Table, Verdict, frozen, frozen_settings, real
 
 # Advice of two messages: where notes come from.
 _NOTES = (

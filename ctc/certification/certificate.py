@@ -20,10 +20,7 @@ from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, 
 from identification.results.seen import Seen
 from plant import Law, Reference
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import known_options
-from plant.parts.frozen import frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece
+from plant.parts import Piece, frozen, kept, known_options
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Runs

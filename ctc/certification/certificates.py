@@ -11,10 +11,7 @@ from ctc.certification.statement import shown_set, verdict_of_set
 from identification.results.seen import Seen
 from plant import Reference
 from plant.motion.everyday import of_motion
-from plant.parts.arguments import known_options
-from plant.parts.frozen import frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece
+from plant.parts import Piece, frozen, kept, known_options
 from plant.simulation.population import Runs
 
 

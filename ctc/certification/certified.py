@@ -24,11 +24,8 @@ from ctc.certification.rare import Rare
 from ctc.certification.statement import percent
 from ctc.certification.uncertainty import Uncertainty
 from plant import Law
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.saved import Saved, versions
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Shown
+from plant.parts import Floats, Frozen, Saved, Shown, frozen, frozen_settings
+from plant.parts.saved import versions
 from plant.simulation.population import Runs
 
 

@@ -27,8 +27,7 @@ from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
 from plant.motion.everyday import motions_of, naming
-from plant.parts.arguments import instance, known_options, real, whole
-from plant.parts.checkpoint import Checkpoint
+from plant.parts import Checkpoint, instance, known_options, real, whole
 from plant.simulation.population import Runs
 
 Motions = Reference | Mapping[str, Reference]

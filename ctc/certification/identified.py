@@ -22,13 +22,17 @@ from identification.preparation import prepare
 from identification.procedure import search
 from identification.search.outcome import Fit
 from plant import Arm, Elasticity
-from plant.parts.arguments import array, instance
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.messages import progress_bar
-from plant.parts.settings import frozen_settings
+from plant.parts import (
+    Checkpoint,
+    Floats,
+    Frozen,
+    array,
+    frozen,
+    frozen_settings,
+    instance,
+    kept,
+    progress_bar,
+)
 from plant.parts.sums import product
 
 # Numbers of the rig by which a controller reads its counts: it and the plant have the same.

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from plant import FrictionDrift, Jitter, Presliding, QuadratureError, Rig, TorqueRipple
-from plant.parts.arguments import array, real
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
+from plant.parts import Floats, array, frozen, real
 
 # Time constant of drifting friction [s], chosen by hand: a run of seconds shows most of the drift.
 _DRIFT_TIME = 1.0

@@ -10,11 +10,7 @@ from numpy.typing import NDArray
 
 from ctc.certification.uncertainty import Uncertainty
 from plant import Arm, Law, Reference, Rig
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, kept
 from plant.simulation.population import Population
 
 # Samples of an analysis that runs a population many times (reserves, holds, friction). Chosen by

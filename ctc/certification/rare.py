@@ -19,10 +19,7 @@ from typing import Any
 import numpy as np
 
 from plant import Law, Reference
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, Frozen, frozen, frozen_settings, kept
 
 
 @frozen_settings

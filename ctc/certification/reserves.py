@@ -17,11 +17,7 @@ from ctc.certification.certified import clopper_pearson
 from ctc.certification.plants import Plants
 from ctc.laws.model_law import ModelLaw
 from plant import Law, Resumed, Rig
-from plant.parts.arguments import real
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Piece, Shown, Table, Verdict, frozen, frozen_settings, real
 from plant.parts.vector import TORQUE_ERROR
 
 

@@ -15,9 +15,7 @@ from identification import Identification
 from plant import Arm, Body, Elasticity, Phase, Rig, Transport
 from plant.machine.elasticity import gears
 from plant.machine.motor_inertia import least_inertia_margin, shaft_inertias
-from plant.parts.arguments import array, instance
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.settings import frozen_settings
+from plant.parts import Checkpoint, array, frozen_settings, instance
 from plant.parts.sums import product
 
 

@@ -9,9 +9,7 @@ import numpy as np
 from ctc.certification.imperfections import IMPERFECTIONS
 from ctc.verdict.on_gears import LOWEST
 from plant.motion.everyday import slowing
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Aside, Piece, Verdict
-from plant.parts.tables import Table, by_joint
+from plant.parts import Aside, Piece, Table, Verdict, by_joint, frozen_settings
 
 
 @frozen_settings

@@ -10,9 +10,7 @@ from ctc.certification.imperfections import IMPERFECTIONS, between
 from ctc.verdict.on_gears import require_swinging
 from plant import Part, part, structure
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import array
-from plant.parts.shown import Piece, Shown
-from plant.parts.tables import Table
+from plant.parts import Piece, Shown, Table, array
 
 # Resonance [Hz] below which no gear of an arm has its own: a lower number is in kHz.
 _SOFTEST = 1.0

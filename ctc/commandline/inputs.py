@@ -24,8 +24,7 @@ from plant import (
 from plant.logs.contents import contents_of
 from plant.logs.record_csv import is_own
 from plant.logs.several import files_of
-from plant.parts.messages import warn
-from plant.parts.settings import frozen_settings
+from plant.parts import frozen_settings, warn
 from plant.simulation.clock import Clock
 from plant.simulation.followed_path import Logged
 

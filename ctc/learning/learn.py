@@ -12,8 +12,7 @@ from ctc.learning.path_plant import PathPlant, missing_torque, path_plant
 from ctc.learning.settings import SETTINGS, LearnSettings
 from identification import Identification
 from plant import Arm, Law, Record, Reference, Rig
-from plant.parts.arguments import instance, known_options
-from plant.parts.fields import Floats
+from plant.parts import Floats, instance, known_options
 from plant.simulation.executors import mapped
 
 _ORDER = "The order is law, rig, reference, records."

@@ -12,12 +12,7 @@ from ctc.learning.learnt_torque import LearntTorque
 from ctc.learning.path_plant import PathPlant
 from ctc.learning.settings import SETTINGS, LearnSettings
 from plant import Arm, Rig
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.saved import Saved
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table, by_joint
+from plant.parts import Floats, Frozen, Piece, Saved, Shown, Table, Verdict, by_joint, frozen, kept
 
 
 @kept

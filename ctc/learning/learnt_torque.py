@@ -12,10 +12,7 @@ from numpy.typing import ArrayLike
 from ctc.learning.settings import SETTINGS
 from plant import Law, Reference, Rig, state_of
 from plant.laws.law import Block, Setpoint, Step
-from plant.parts.arguments import array
-from plant.parts.fields import Floats, Vector
-from plant.parts.part import number, part, structure
-from plant.parts.vector import Fields, per_joint, scalars
+from plant.parts import Fields, Floats, Vector, array, number, part, per_joint, scalars, structure
 from plant.realtime.running import Running
 
 

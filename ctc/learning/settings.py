@@ -1,7 +1,6 @@
 """Numbers of `learn`."""
 
-from plant.parts.part import part
-from plant.parts.settings import Settings
+from plant.parts import Settings, part
 
 
 @part

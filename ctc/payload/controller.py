@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike
 from identification.payload.kernel_estimate import Window
 from identification.payload.posterior import PayloadEstimate
 from identification.payload.worker import shared_worker
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown
+from plant.parts import Floats, Piece, Shown, frozen_settings
 from plant.realtime.running import Running
 
 

@@ -18,17 +18,8 @@ from plant import Law, Rig, state_of
 from plant.laws.law import Block, Setpoint, Step
 from plant.mechanics.lumping import LOAD
 from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import signs
-from plant.parts.fields import Nested, Vector
-from plant.parts.part import number, part, structure
-from plant.parts.vector import (
-    MODEL_ERROR,
-    MODEL_TORQUE,
-    TORQUE_ERROR,
-    Fields,
-    per_joint,
-    scalars,
-)
+from plant.parts import Fields, Nested, Vector, number, part, per_joint, scalars, signs, structure
+from plant.parts.vector import MODEL_ERROR, MODEL_TORQUE, TORQUE_ERROR
 
 # Added to the squared torque of 1 kg, in units of the noise: no division by zero at a pose at which
 # a load takes no torque.

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from ctc.laws.observer import predict
 from plant import Rig
-from plant.parts.arguments import array, instance, real
-from plant.parts.fields import Floats
+from plant.parts import Floats, array, instance, real
 
 
 def pid_gains(

@@ -25,11 +25,7 @@ from identification import Identification
 from plant import Arm, Elasticity, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import instance, known_options
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Floats, Piece, Shown, Table, Verdict, frozen, instance, known_options
 
 if TYPE_CHECKING:
     from control import StateSpace

@@ -19,10 +19,7 @@ from ctc.certification.plants import Plants
 from ctc.tuning.tuning import Family, Trial
 from identification import GeneticSettings, minimize_genetic
 from plant import Reference
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
+from plant.parts import Checkpoint, Floats, frozen, frozen_settings
 from plant.simulation.population import Runs
 
 

@@ -17,8 +17,7 @@ from ctc.tuning.tuning import Trial, Tuning, families
 from ctc.verdict.on_gears import SETTLED
 from identification import Identification, IdentificationWarning
 from plant import Arm, Reference, Rig
-from plant.parts.arguments import known_options, real
-from plant.parts.messages import progress_bar
+from plant.parts import known_options, progress_bar, real
 from plant.simulation.executors import Executor
 
 

@@ -19,11 +19,7 @@ from ctc.laws.feed_forward import FeedForward
 from ctc.stability.design import motor_gain
 from identification import IdentificationWarning
 from plant import PD, Arm, Law, Reference, Rig
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, frozen, kept
 
 Numbers = Mapping[str, Floats]
 

@@ -13,8 +13,7 @@ from ctc.figures.errors import draw_band
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm
 from plant.mechanics.newton_euler import joint_positions
-from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import Floats
+from plant.parts import Floats, array, instance, known_options, real
 from plant.parts.figures import axes_of, colour_of, dressed
 
 # Poses that determine the plane of a planar arm, and the space of a motion. Chosen by hand: three

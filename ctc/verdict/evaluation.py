@@ -15,10 +15,7 @@ from ctc.verdict.on_gears import SETTLED, FromRest, LowestResonance, from_rest, 
 from plant import Arm, Record
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import by_joint
+from plant.parts import Floats, Piece, Shown, Verdict, by_joint, frozen
 
 
 @frozen

@@ -10,10 +10,7 @@ from ctc.figures.errors import plot_comparison
 from ctc.verdict.evaluation import Evaluation
 from plant import Arm, Law, Reference, Rig
 from plant.motion.everyday import motions_of, naming, of_motion
-from plant.parts.arguments import choice, instance, known_options
-from plant.parts.frozen import frozen
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Piece, Shown, Table, Verdict, choice, frozen, instance, known_options
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.simulator import Injected, run
 

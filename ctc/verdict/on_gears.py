@@ -17,9 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from identification import Identification
 from plant import Arm, Drive, Elasticity, Law, Reference, Rig
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import instance, real
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts import Frozen, Piece, Shown, Verdict, frozen, instance, real
 from plant.simulation.logged_run import DivergenceError
 from plant.simulation.loop_kernel import LANES
 from plant.simulation.population import Population, Runs

@@ -22,11 +22,7 @@ from identification import Identification
 from plant import Arm, Law, Reference, Rig
 from plant.compiler.background import cores
 from plant.machine.elasticity import DAMPING_RATIO
-from plant.parts.arguments import array, known_options
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, array, frozen, known_options
 
 
 @frozen

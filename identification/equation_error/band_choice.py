@@ -25,10 +25,7 @@ import numpy as np
 
 from identification.equation_error.least_squares import IDENTIFIABLE
 from identification.equation_error.regressor import Places, System
-from plant.parts.fields import Floats, Integers
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown
+from plant.parts import Floats, Integers, Piece, Shown, frozen, frozen_settings
 from plant.parts.sums import least, product
 
 # Segments of all logs together, at least; and of each log, at most.

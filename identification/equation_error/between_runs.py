@@ -35,11 +35,7 @@ from identification.equation_error.random_effects import (
     restricted,
     size_of,
 )
-from plant.parts.fields import Bools, Floats, Integers
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Shown
+from plant.parts import Bools, Floats, Frozen, Integers, Shown, frozen, frozen_settings, kept
 from plant.parts.sums import norm, product, products
 
 

@@ -11,8 +11,7 @@ from identification.equation_error.regressor import regressor_along
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving, in_step
 from plant.motion.reference import Motion
-from plant.parts.fields import Integers
-from plant.parts.settings import frozen_settings
+from plant.parts import Integers, frozen_settings
 from plant.parts.sums import products
 
 

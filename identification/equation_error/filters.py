@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant.motion.reference import Motion
-from plant.parts.arguments import real
-from plant.parts.fields import Floats
+from plant.parts import Floats, real
 
 # Order of the Butterworth low-pass, chosen by hand. Run forwards and backwards it has no phase, and
 # the attenuation of twice the order.

@@ -12,10 +12,7 @@ import numpy as np
 from identification.equation_error.band_choice import tried
 from identification.equation_error.regressor import System
 from plant import Drive, FrictionCurve
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Shown
+from plant.parts import Floats, Shown, frozen, frozen_settings
 
 KINDS = ("asymmetric", "load-dependent", "Stribeck", "saturating viscous")
 

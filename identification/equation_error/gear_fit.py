@@ -27,9 +27,7 @@ from identification.equation_error.torque_logs import torque_of
 from identification.equation_error.two_encoders import Deflections, fit_wound
 from plant import Dynamics, Record
 from plant.motion.reference import Motion
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen, frozen_settings
 
 
 @frozen_settings

@@ -17,9 +17,7 @@ from identification.equation_error.regressor import linear, regressor_and_torque
 from identification.equation_error.torque_fit import weighted
 from identification.equation_error.torque_logs import law_torque
 from plant import Dynamics, LoggedCurrent, LoggedTorque, Record, Resumed
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen, frozen_settings
 from plant.parts.sums import least, norm, product, triangle
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_from, run_law

@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.parts.fields import Floats, Integers
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, Integers, frozen_settings
 from plant.parts.sums import dot, least, norm, product, products
 
 

@@ -21,10 +21,7 @@ from identification.equation_error.least_squares import IDENTIFIABLE
 from plant import Arm, Body, Dynamics, Rig
 from plant.mechanics.body import prior_changes, prior_factor
 from plant.mechanics.lumping import STANDARD
-from plant.parts.arguments import array, real
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
+from plant.parts import Floats, Frozen, array, frozen, kept, real
 from plant.parts.sums import dot, triangle
 
 _ADVICE = "Give a relative spread such as 0.3, or (bodies or f, 0.3)."

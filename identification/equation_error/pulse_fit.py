@@ -21,8 +21,7 @@ from plant import Arm, Dynamics, Law, Record, Rig
 from plant.analysis.linearise import modes
 from plant.checkup.lost_rows import on_lines
 from plant.checkup.oscillation import spectrum
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.simulation.clock import Clock
 from plant.simulation.jacobians import jacobians
 

@@ -20,10 +20,8 @@ from identification.equation_error.filters import derivatives, low_pass
 from plant import Dynamics, Rig
 from plant.checkup.lost_rows import BRIDGED, short_gaps
 from plant.motion.reference import Motion
-from plant.parts.arguments import array, near
+from plant.parts import Bools, Floats, Integers, array, frozen, near
 from plant.parts.checked_function import evaluated
-from plant.parts.fields import Bools, Floats, Integers
-from plant.parts.frozen import frozen
 
 # Beginnings of the names of friction, in which the torque is linear, and of springs, in some of
 # whose numbers it is linear.

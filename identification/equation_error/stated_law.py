@@ -7,8 +7,7 @@ import numpy as np
 from identification.equation_error.law_memory import FADED, at_work, reading, state_directions
 from identification.equation_error.torque_logs import law_torque, logged_torque, torque_of
 from plant import Record, Resumed
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.parts.sums import least
 from plant.simulation.followed_path import path_of, start_of
 from plant.simulation.law_run import run_law

@@ -21,13 +21,22 @@ from identification.equation_error.least_squares import SEGMENTS, at_least, grou
 from identification.equation_error.naming import short_names
 from identification.equation_error.regressor import Places, System
 from plant import Dynamics
-from plant.parts.arguments import choice
-from plant.parts.fields import Floats, Integers
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned, inside
+from plant.parts import (
+    Aside,
+    Floats,
+    Frozen,
+    Integers,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    Warned,
+    choice,
+    frozen,
+    frozen_settings,
+)
+from plant.parts.shown import inside
 from plant.parts.sums import norm, product
-from plant.parts.tables import Table
 
 
 @frozen_settings

@@ -10,9 +10,7 @@ from identification.equation_error.naming import each_named, record_label
 from plant import Dynamics, Record, Resumed, Rig
 from plant.checkup.lost_rows import bridged
 from plant.laws.replayed import commanded_torque
-from plant.parts.arguments import array, instance
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
+from plant.parts import Floats, array, frozen, instance
 from plant.simulation.clock import Clock
 from plant.simulation.law_run import LawRun, run_law
 from plant.simulation.simulator import injected_beside

@@ -21,8 +21,7 @@ from identification.payload.posterior import LoadShape, PayloadEstimate, judged
 from identification.search.genetic import GeneticSettings, minimize_genetic
 from plant import Arm, LoggedTorque, Rig
 from plant.machine.rig import smooth_rig
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.simulation.closed_loop import ClosedLoop
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LANES, loop_kernel

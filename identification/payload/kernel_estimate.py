@@ -17,9 +17,7 @@ from identification.payload.posterior import LoadShape, PayloadEstimate, informa
 from identification.results.identification import Identification
 from plant import Arm, Rig
 from plant.compiler.intrinsics import MapKernel
-from plant.parts.arguments import array, instance, real
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, array, frozen_settings, instance, real
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,17 @@ from identification.payload.load_search import LoadSearch
 from identification.search.outcome import Fit
 from identification.search.problem import Problem
 from plant import Arm, Rig
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown, Verdict, Warned
-from plant.parts.tables import Table
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    Warned,
+    frozen,
+    frozen_settings,
+)
 
 
 @frozen_settings

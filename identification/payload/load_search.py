@@ -24,9 +24,7 @@ from identification.search.polish import by_stages, fit_of
 from identification.search.problem import Problem
 from plant import Body, Dynamics
 from plant.mechanics.base_parameters import independent_columns
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen, frozen_settings
 
 # Relative change of the noise above which the priors of friction are weighed anew, and the fit is
 # repeated. Chosen by hand.

@@ -39,8 +39,7 @@ from identification.search.outcome import Outcome
 from identification.search.problem import Problem
 from plant import Arm, FrictionCurve, LoggedTorque, Record, Rig
 from plant.checkup.lost_rows import bridged
-from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import Floats
+from plant.parts import Floats, array, instance, known_options, real
 
 # Range of the mass where the user states none [kg]: wider than any load on a robot, but finite for
 # Gauss-Newton. A centre is only defined of a positive mass.

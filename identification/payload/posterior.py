@@ -14,13 +14,19 @@ from numpy.typing import ArrayLike
 from identification.equation_error.least_squares import NORMAL
 from plant import Arm, Body
 from plant.mechanics.lumping import STANDARD
-from plant.parts.arguments import array, real
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+    frozen_settings,
+    real,
+)
 from plant.parts.sums import least
-from plant.parts.tables import Table
 
 
 @frozen_settings

@@ -15,11 +15,7 @@ from identification.equation_error.naming import short_names
 from identification.replay.gauss_newton import slopes
 from identification.replay.prediction import Prediction
 from plant import Arm, Dynamics, Law, Reference, Rig, simulate
-from plant.parts.arguments import known_options
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Aside, Piece, Shown
-from plant.parts.tables import Table
+from plant.parts import Aside, Floats, Frozen, Piece, Shown, Table, frozen, known_options
 
 # Step of the central differences, relative to a number, or to the largest f where that is zero.
 # Chosen by hand: without rounding the loop is smooth, and simulated to some 1e-16.

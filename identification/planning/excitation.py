@@ -22,9 +22,7 @@ from identification.planning.multisine import experiment_of, motion_limits, mult
 from plant import Arm, Chain, Harmonics, Law, Rig
 from plant.mechanics.newton_euler import lumped_torque
 from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import choice, instance, known_options, real, whole
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, choice, frozen_settings, instance, known_options, real, whole
 from plant.simulation.executors import mapped
 
 

@@ -12,12 +12,19 @@ from numpy.typing import ArrayLike
 
 from identification.equation_error.least_squares import least_squares
 from plant import Record
-from plant.parts.arguments import array, instance, known_options, real
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Piece, Shown
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    array,
+    frozen,
+    instance,
+    known_options,
+    real,
+)
 from plant.parts.sums import dot
-from plant.parts.tables import Table
 
 # Share of the amplifier's limit up to which a current follows the error. Chosen by hand, a little
 # below 1, so that no saturated current counts.

@@ -17,9 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant import Arm, Chain, Dynamics, Harmonics, Rig
-from plant.parts.arguments import array
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, array, frozen_settings
 
 
 @frozen_settings

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plant import Drive, puma560
-from plant.parts.arguments import array, known_options, whole
-from plant.parts.fields import Floats
+from plant.parts import Floats, array, known_options, whole
 
 
 @dataclass(frozen=True)

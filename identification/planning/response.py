@@ -23,12 +23,20 @@ from numpy.typing import NDArray
 
 from identification.equation_error.torque_logs import measured_torque
 from plant import Drive, Record
-from plant.parts.arguments import choice, instance, known_options, real, whole
-from plant.parts.fields import Floats
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    choice,
+    frozen,
+    instance,
+    known_options,
+    real,
+    whole,
+)
 from plant.parts.figures import colour_of, legend_above, literal, row_by_row
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Piece, Shown
-from plant.parts.tables import Table
 
 if TYPE_CHECKING:
     import control

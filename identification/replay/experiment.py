@@ -16,8 +16,8 @@ from plant.compiler.background import shared_out
 from plant.logs.record import Record
 from plant.machine.rig import smooth_rig
 from plant.mechanics.dynamics import Dynamics
-from plant.parts.arguments import instance, near, several
-from plant.parts.fields import Floats
+from plant.parts import Floats, instance, near
+from plant.parts.arguments import several
 from plant.simulation.clock import Clock
 from plant.simulation.closed_loop import ClosedLoop, closed_loop
 from plant.simulation.followed_path import Logged, counts_along, path_of, start_of

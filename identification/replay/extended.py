@@ -21,9 +21,7 @@ from identification.replay.residual import Stacked
 from identification.replay.timing import without_delay
 from plant import Dynamics, Elasticity, FrictionCurve, Law, Record
 from plant.compiler.background import cores
-from plant.parts.arguments import instance
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings, instance
 
 
 @frozen_settings

@@ -11,8 +11,7 @@ from identification.equation_error.law_memory import FADED, Memory, Resumption
 from identification.replay.experiment import Experiment, Rounding
 from plant import Dynamics, Record
 from plant.checkup.counts import hardly_moving
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.simulation.loop_kernel import LOGGED, logged_kernel
 
 

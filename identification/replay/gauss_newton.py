@@ -13,9 +13,7 @@ from identification.equation_error.least_squares import IDENTIFIABLE, least_squa
 from identification.replay.residual import Innovations, Residual, Reweighable
 from identification.replay.weak_directions import with_weak_directions
 from plant.compiler.background import cores
-from plant.parts.fields import Bools, Floats, Integers
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
+from plant.parts import Bools, Floats, Integers, frozen, frozen_settings
 from plant.parts.sums import dot, norm
 
 # The usual rule; a residual with a prior has another (`Residual.dependent`).

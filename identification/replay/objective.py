@@ -13,8 +13,7 @@ from identification.replay.experiment import Experiment, as_records
 from plant import Dynamics, Record
 from plant.compiler.background import cores, shared_out
 from plant.machine.motor_inertia import least_inertia_margin
-from plant.parts.arguments import array, known_options, whole
-from plant.parts.fields import Floats
+from plant.parts import Floats, array, known_options, whole
 from plant.simulation.loop_kernel import LANES
 
 # Joints up to which the inertia of candidates is checked at so few poses that another thread takes

@@ -20,9 +20,7 @@ from identification.replay.gauss_newton import (
     variance_inflation,
     within_bounds,
 )
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen, frozen_settings
 
 # The log is near its optimum before: the full step is tried alone, all shorter ones after it.
 _SETTINGS = GaussNewtonSettings(rounds=6, tolerance=1e-4, batches=(1, 7), longest=True)

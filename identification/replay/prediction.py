@@ -30,8 +30,7 @@ from identification.replay.gauss_newton import DEPENDENT, noise, side_by_side
 from identification.replay.residual import Stacked, joined
 from plant import Dynamics, Record
 from plant.compiler.background import cores, shared_out
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.simulation.layout import Correction
 from plant.simulation.loop_kernel import LOGGED
 

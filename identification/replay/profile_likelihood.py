@@ -13,8 +13,7 @@ import numpy as np
 from identification.equation_error.least_squares import IDENTIFIABLE, least_squares
 from identification.replay.gauss_newton import Descent, slopes
 from identification.replay.residual import Innovations
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.parts.sums import dot, product
 
 

@@ -19,8 +19,7 @@ from identification.replay.gauss_newton import variance_inflation
 from identification.replay.prediction import Prediction
 from identification.replay.residual import Reparametrised, WithPrior
 from plant import Dynamics, Elasticity, Record, Rig
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.parts.sums import dot
 
 STIFFNESS = "drive.elasticity.stiffness"

@@ -16,12 +16,8 @@ from identification.equation_error.pulse_fit import BAND_MOST, CUTOFF, path_in
 from identification.equation_error.regressor import linear, regressor_along
 from plant import Arm, Dynamics, Record
 from plant.motion.reference import Motion
-from plant.parts.arguments import real
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Piece, Shown
+from plant.parts import Floats, Frozen, Piece, Shown, Table, frozen, real
 from plant.parts.sums import least, products
-from plant.parts.tables import Table
 
 # Samples of the motion at which torques are compared, at most: neighbours repeat each other, and
 # the regressor of a sample is slow. Chosen by hand.

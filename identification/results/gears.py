@@ -15,12 +15,19 @@ from identification.equation_error.two_encoders import Deflections, Wound, fit_w
 from identification.results.identification import Identification, covariance_of_f
 from plant import Arm, Dynamics, Elasticity, Record
 from plant.checkup.lost_rows import bridged
-from plant.parts.arguments import instance, known_options, real
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.messages import warn
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    frozen,
+    instance,
+    known_options,
+    real,
+    warn,
+)
 
 # Share of the logged torques that an arm and its friction may leave before stiffness is doubted,
 # because it is off by about as much. Chosen by hand.

@@ -17,11 +17,9 @@ from identification.results.summary import doubts, summary_of
 from identification.results.trust import warnings_of
 from identification.search.outcome import Fit, Search
 from plant import Arm, Law, Record, Rig
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.saved import Saved, fingerprint
-from plant.parts.shown import Piece, Shown, as_text
+from plant.parts import Floats, Frozen, Piece, Saved, Shown, frozen, kept
+from plant.parts.saved import fingerprint
+from plant.parts.shown import as_text
 
 
 @kept

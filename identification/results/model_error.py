@@ -27,8 +27,7 @@ from identification.replay.optimum import Optimum
 from identification.results.assumed import moved
 from identification.results.with_arm import NUMBERS
 from identification.search.problem import Tolerances
-from plant.parts.fields import Floats
-from plant.parts.frozen import frozen
+from plant.parts import Floats, frozen
 from plant.parts.sums import products
 
 # Rows of the innovations that are multiplied at once, which bounds the memory of a copy of them.

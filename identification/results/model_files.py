@@ -26,12 +26,19 @@ from plant.models.edits import (
     urdf_friction,
     urdf_inertial,
 )
-from plant.parts.arguments import choice, instance, known_options
-from plant.parts.fields import Floats
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Verdict,
+    choice,
+    frozen,
+    instance,
+    known_options,
+    warn,
+)
 from plant.parts.files import require_new, write_whole
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.messages import warn
-from plant.parts.shown import Piece, Shown, Verdict
 
 # Relative difference of f below which the bodies of the prior have it already: some thousand
 # roundings of a sum.

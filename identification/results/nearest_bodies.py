@@ -23,8 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant.mechanics.body import symmetric_basis
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 
 
 @frozen_settings

@@ -18,12 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 from identification.equation_error.pulse_fit import mode_in, modes_along
 from identification.results.plots import plot_oscillation
 from plant import Arm, Law, Record
-from plant.parts.arguments import array, instance, known_options
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+    frozen_settings,
+    instance,
+    known_options,
+)
 
 
 @frozen_settings

@@ -24,11 +24,19 @@ from identification.results.identification import Identification
 from plant import Arm, Body
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA
 from plant.mechanics.lumping import STANDARD, standard_parameters
-from plant.parts.arguments import array, instance, known_options, whole
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.shown import Piece, Shown, Verdict
-from plant.parts.tables import Table
+from plant.parts import (
+    Floats,
+    Frozen,
+    Piece,
+    Shown,
+    Table,
+    Verdict,
+    array,
+    frozen,
+    instance,
+    known_options,
+    whole,
+)
 
 # Share of the largest variance that is added to all, because a number that was kept fixed has none,
 # and the covariance must be invertible.

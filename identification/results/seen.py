@@ -8,12 +8,7 @@ import numpy as np
 
 from identification.equation_error.excitation import unexcited
 from plant import Record, Reference
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Piece
-from plant.parts.tables import Table
+from plant.parts import Floats, Frozen, Piece, Table, frozen, frozen_settings, kept
 
 APART = 20  # samples from one position to the next for a speed
 

@@ -16,10 +16,9 @@ from identification.results.trust import SETTINGS as WARNING_SETTINGS
 from identification.results.trust import pairs_of, warnings_of
 from identification.search.problem import LONG, PARTS, is_long
 from plant.mechanics.lumping import STANDARD
-from plant.parts.messages import warn
-from plant.parts.settings import frozen_settings
-from plant.parts.shown import Aside, Piece, Verdict, Warned, inside
-from plant.parts.tables import WIDTH, Table
+from plant.parts import Aside, Piece, Table, Verdict, Warned, frozen_settings, warn
+from plant.parts.shown import inside
+from plant.parts.tables import WIDTH
 
 
 class IdentificationWarning(UserWarning):

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from plant import Body, Rig
-from plant.parts.arguments import instance, known_options, real
-from plant.parts.fields import Floats
+from plant.parts import Floats, instance, known_options, real
 
 
 @known_options

@@ -22,8 +22,7 @@ from identification.search.outcome import GearResonance, Outcome
 from identification.search.polish import outcome_of, start_of_fit
 from identification.search.problem import Problem
 from plant.machine.motor_inertia import LEAST_MOTOR_INERTIA, least_inertia_margin
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.parts.sums import dot
 from plant.simulation.followed_path import path_of, start_of
 

@@ -13,11 +13,7 @@ from identification.equation_error.least_squares import covariance_of
 from identification.equation_error.prior import Prior
 from identification.search.genetic import GeneticResult, GeneticSettings
 from identification.search.problem import Problem, Tolerances
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
-from plant.parts.shown import Piece, Shown, Verdict, Warned
-from plant.parts.tables import Table
+from plant.parts import Floats, Frozen, Piece, Shown, Table, Verdict, Warned, frozen, kept
 
 
 @kept

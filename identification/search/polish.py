@@ -33,8 +33,7 @@ from identification.replay.prediction import Prediction
 from identification.search.outcome import Fit, Outcome
 from identification.search.problem import Problem, is_long
 from plant.machine.motor_inertia import least_inertia_margin, rotors_alone
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, frozen_settings
 from plant.parts.sums import dot, products
 
 

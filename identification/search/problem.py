@@ -19,11 +19,7 @@ from identification.replay.objective import Objective
 from identification.replay.prediction import Prediction
 from identification.search.genetic import GeneticSettings
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
-from plant.parts.arguments import real, signs
-from plant.parts.checkpoint import Checkpoint
-from plant.parts.fields import Floats
-from plant.parts.frozen import Frozen, frozen
-from plant.parts.kinds import kept
+from plant.parts import Checkpoint, Floats, Frozen, frozen, kept, real, signs
 
 
 @kept

@@ -23,9 +23,7 @@ from plant.logs.record import Record
 from plant.machine.rig import Rig, punctual_rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.symmetric_inverse import inverse
-from plant.parts.arguments import instance, known_options
-from plant.parts.part import part, structure
-from plant.parts.vector import Fields, per_joint
+from plant.parts import Fields, instance, known_options, part, per_joint, structure
 from plant.simulation.closed_loop import ClosedLoop
 
 if TYPE_CHECKING:

@@ -14,9 +14,7 @@ from plant.laws.pid import PD, Cascade, P
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.reference import Motion, Reference
-from plant.parts.arguments import array, instance
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, array, frozen_settings, instance
 from plant.simulation.cautions import warn_of_missing_rotors
 from plant.simulation.simulator import simulate
 

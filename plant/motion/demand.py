@@ -16,8 +16,8 @@ import numpy as np
 
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
-from plant.parts.arguments import instance, real
-from plant.parts.fields import ArrayOrSymbols, Floats
+from plant.parts import Floats, instance, real
+from plant.parts.fields import ArrayOrSymbols
 
 # Speed along the path at which Coulomb friction acts in full, and viscous friction not at all.
 _CREEP = 1e-9

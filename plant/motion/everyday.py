@@ -21,8 +21,7 @@ from plant.motion.demand import demand, sampled_demand, shortest_duration
 from plant.motion.fastest import require_inside
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.smooth import Harmonics, PointToPoint
-from plant.parts.arguments import instance, known_options, near
-from plant.parts.settings import frozen_settings
+from plant.parts import frozen_settings, instance, known_options, near
 
 T = TypeVar("T")
 

@@ -29,9 +29,7 @@ from plant.mechanics.link import Limits
 from plant.motion.demand import Demand, demand, shortest_duration
 from plant.motion.reference import Motion, Reference, Scaled
 from plant.motion.table import Table
-from plant.parts.arguments import array, instance, known_options, whole
-from plant.parts.fields import Floats
-from plant.parts.settings import frozen_settings
+from plant.parts import Floats, array, frozen_settings, instance, known_options, whole
 
 
 @frozen_settings

@@ -11,9 +11,7 @@ from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.mechanics.dynamics import Dynamics
 from plant.motion.reference import Derived, Reference
-from plant.parts.arguments import instance
-from plant.parts.fields import Floats
-from plant.parts.part import part, structure
+from plant.parts import Floats, instance, part, structure
 
 
 @part

@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike
 from plant.machine.rig import Rig
 from plant.mechanics.arm import Arm
 from plant.motion.demand import sampled_demand
-from plant.parts.arguments import array, known_options, real
-from plant.parts.fields import Floats, Nested
-from plant.parts.part import Part, declared, number, part, structure
+from plant.parts import Floats, Nested, Part, array, known_options, number, part, real, structure
+from plant.parts.part import declared
 
 
 class Motion(NamedTuple):

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from plant.motion.reference import Reference, Timed
-from plant.parts.arguments import real
-from plant.parts.fields import Floats, Nested
-from plant.parts.part import part, structure
+from plant.parts import Floats, Nested, part, real, structure
 
 
 class _Smooth(Reference):

@@ -8,10 +8,8 @@ from typing import Self
 import numpy as np
 
 from plant.motion.reference import Timed
-from plant.parts.arguments import known_options
+from plant.parts import Floats, Nested, known_options, part, structure
 from plant.parts.csv_rows import read_rows
-from plant.parts.fields import Floats, Nested
-from plant.parts.part import part, structure
 
 # A joint's name with one number, such as q_1 [rad].
 _NUMBERED = re.compile(r"(\D*)(\d+)\D*")

@@ -9,9 +9,7 @@ from plant.mechanics.base_parameters import independent_columns
 from plant.mechanics.dynamics import Dynamics
 from plant.mechanics.lumping import LOAD
 from plant.motion.reference import Reference
-from plant.parts.arguments import instance, real
-from plant.parts.fields import Floats
-from plant.parts.shown import Piece, Shown, Verdict
+from plant.parts import Floats, Piece, Shown, Verdict, instance, real
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

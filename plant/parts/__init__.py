@@ -7,4 +7,58 @@ whole) and `checkpoint` (finished stages of long work); `csv_rows` (numbers of a
 `checked_function` (casadi with checked shapes), `labels` (names of joints), `sums` (in a fixed
 order) and `frozen` (results that compare). What a user sees: `tables` (text of 80 columns), `shown`
 (results as text and as HTML) and `figures` (axes, colours, legends).
+
+What most rooms need of it is exported here.
 """
+
+from plant.parts.arguments import array, choice, instance, known_options, near, real, signs, whole
+from plant.parts.checkpoint import Checkpoint
+from plant.parts.fields import Bools, Floats, Integers, Nested, Vector
+from plant.parts.frozen import Frozen, frozen
+from plant.parts.kinds import kept
+from plant.parts.messages import progress_bar, warn
+from plant.parts.part import Part, number, part, structure
+from plant.parts.saved import Saved
+from plant.parts.settings import Settings, frozen_settings
+from plant.parts.shown import Aside, Piece, Shown, Verdict, Warned
+from plant.parts.tables import Table, by_joint
+from plant.parts.vector import Fields, per_joint, scalars
+
+__all__ = [
+    "Aside",
+    "Bools",
+    "Checkpoint",
+    "Fields",
+    "Floats",
+    "Frozen",
+    "Integers",
+    "Nested",
+    "Part",
+    "Piece",
+    "Saved",
+    "Settings",
+    "Shown",
+    "Table",
+    "Vector",
+    "Verdict",
+    "Warned",
+    "array",
+    "by_joint",
+    "choice",
+    "frozen",
+    "frozen_settings",
+    "instance",
+    "kept",
+    "known_options",
+    "near",
+    "number",
+    "part",
+    "per_joint",
+    "progress_bar",
+    "real",
+    "scalars",
+    "signs",
+    "structure",
+    "warn",
+    "whole",
+]
