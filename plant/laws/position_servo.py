@@ -64,7 +64,7 @@ class PositionServo(InnerLoop, Law):
     >>> from plant import PositionServo, puma560
     >>> rig = dataclasses.replace(puma560.rig(), inner=PositionServo(gain=0.2, period=7e-4))
     >>> rig.inner.gain, rig.inner.stiffness_of(rig).round(0)
-    (array([0.2, 0.2]), array([80108., 36633.]))
+    (array([0.2, 0.2]), array([295922.,  91791.]))
     """
 
     gain: Vector = number(("n",), alike=True)
