@@ -5,11 +5,12 @@ The costs are negative logarithms of likelihoods: a difference of 6 means odds o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cached_property
 
 import numpy as np
 
-from plant.models.hypotheses import Inertial, Shape
+from plant.mechanics.model_tree import SLIP
+from plant.models.hypotheses import Inertial, Shape, without_mistakes
 from plant.parts.fields import Floats
 from plant.parts.settings import frozen_settings
 
@@ -59,6 +60,16 @@ class AgreementSettings:
         Gain of an inertial that is exactly its partner's, or its shape's.
     apart : float
         Cost of a relative difference of 1 from the link on the other side.
+    usual : float
+        Cost that an inertial without any mistake may have, if the other links of the file have no
+        higher ones: a repair is no worse.
+    rounding : float
+        Share by which moments may miss the triangle inequality without a finding.
+    dust : float
+        Radius of gyration [m] below which the inertia is zero.
+    signs : int
+        Links with negative moments from which on turned signs explain them by more than chance:
+        3^-4 are odds of e^-4.4.
     cap : float
         Largest cost of one piece of evidence.
     """
@@ -78,6 +89,10 @@ class AgreementSettings:
     uniform: float = 2e-3
     coincidence: float = 15.0
     apart: float = 20.0
+    usual: float = 6.0
+    rounding: float = 1e-3
+    dust: float = 1e-5
+    signs: int = 4
     cap: float = 40.0
 
 
@@ -101,8 +116,67 @@ class CheckedLink:
     """Whether no mesh shows more of the link than its shape."""
 
 
-Links: TypeAlias = dict[str, CheckedLink]
-"""The links of a file by name."""
+class Links(dict[str, CheckedLink]):
+    """The links of a file by name, and what all of them together say; complete from first use."""
+
+    @cached_property
+    def stated(self) -> dict[str, Inertial]:
+        """The inertials that the file states."""
+        return {name: link.stated for name, link in self.items() if link.stated is not None}
+
+    @cached_property
+    def masses(self) -> Floats:
+        """Magnitudes of the masses, sorted [kg]."""
+        return np.sort([abs(inertial.mass) for inertial in self.stated.values()])
+
+    @cached_property
+    def larger(self) -> tuple[float, float]:
+        """Mass and inertia that the upper tenth of the links exceeds."""
+        sizes = [inertial.about_joint() for inertial in self.stated.values()]
+        return float(np.quantile(self.masses, 0.9)), float(np.quantile(sizes, 0.9))
+
+    @cached_property
+    def reach(self) -> float:
+        """The longest distance of two joints on a link [m]; 0.1 m in a file without any."""
+        return max((_length(link) for link in self.values() if len(link.joints)), default=0.1)
+
+    @cached_property
+    def way(self) -> float:
+        """The longest way from the base to a joint, from joint to joint [m]."""
+        return max(link.way for link in self.values())
+
+    @cached_property
+    def fits(self) -> dict[str, bool]:
+        """Whether each link that has a shape and an inertial fits into its shape."""
+        return {
+            # What no body has does not fit either, and says nothing of the others.
+            name: inertial.physical()
+            and shape.holds(inertial.com, inertial.spread / inertial.mass, SETTINGS.slack)
+            for name, inertial in self.stated.items()
+            if (shape := self[name].shape) is not None
+        }
+
+    @cached_property
+    def usual(self) -> float:
+        """Cost up to which the inertials without a proof against them agree with the file."""
+        costs = [
+            cost_of(inertial, self[name], self)
+            for name, inertial in self.stated.items()
+            if not proof_of(self[name], self)
+        ]
+        finite = [cost for cost in costs if np.isfinite(cost)]
+        return max(SETTINGS.usual, float(np.quantile(finite, 0.9))) if finite else SETTINGS.usual
+
+    @cached_property
+    def signs_explain(self) -> bool:
+        """Whether turned signs explain all negative moments of the file, which are many.
+
+        Moments that are negative for another reason are those of a body without their signs in one
+        link of three, by chance.
+        """
+        negative = [one for one in self.stated.values() if (np.diag(one.inertia) < 0).any()]
+        turned = [dict(without_mistakes(one))["a negative moment of inertia"] for one in negative]
+        return len(turned) >= SETTINGS.signs and all(one.physical() for one in turned)
 
 
 def mirrored(inertial: Inertial, motion: Floats) -> Inertial:
@@ -159,8 +233,8 @@ def impossible(inertial: Inertial, link: CheckedLink, links: Links, *, alone: bo
     if link.shape is None or (alone and not link.whole):
         # Without a shape a link is no wider than the longest one of the robot, or half of the
         # longest way through it; and its mass is not farther away than that way.
-        longest = _reach(links)
-        way = max(one.way for one in links.values())
+        longest = links.reach
+        way = links.way
         if not way:
             return False
         width = float(np.sqrt(np.trace(spread)))
@@ -174,17 +248,45 @@ def impossible(inertial: Inertial, link: CheckedLink, links: Links, *, alone: bo
     return not link.shape.holds(inertial.com, spread, slack)
 
 
+NO_BODY = "an inertia that no body has"
+"""What is said of a link whose inertia is impossible by itself."""
+
+
+def proof_of(link: CheckedLink, links: Links) -> str:
+    """Why no link can have the stated inertial, in words; empty if one can."""
+    stated = link.stated
+    if stated is None:
+        return ""
+    if not stated.mass > 0:
+        return "no mass" if not stated.mass else "a negative mass"
+    if zero(stated):
+        return "no inertia"
+    if not stated.physical():
+        excess = stated.excess()
+        if excess > SLIP:
+            return NO_BODY
+        # Below this, numbers of few digits are rounded.
+        if excess > SETTINGS.rounding:
+            return f"an inertia that misses the triangle inequality by {100 * excess:.2g} %"
+        return ""
+    if stated.density() > HEAVIEST:
+        return "denser than any matter"
+    if impossible(stated, link, links, alone=True):
+        size = float(np.sqrt(np.trace(stated.spread) / stated.mass))
+        return f"an inertial that does not fit the link (radius of gyration {size:.2g} m)"
+    return ""
+
+
+def zero(inertial: Inertial) -> bool:
+    """Whether an inertia is zero; programs write dust of 1e-20 for it."""
+    return bool(np.abs(inertial.inertia).max() < SETTINGS.dust**2 * abs(inertial.mass))
+
+
 def _slack(link: CheckedLink, links: Links) -> float:
     """Share of its shape by which a link may be larger, from how the other links fit theirs."""
-    fits = [
-        # What no body has does not fit either, and says nothing of the others.
-        one.stated.physical()
-        and one.shape.holds(one.stated.com, one.stated.spread / one.stated.mass, SETTINGS.slack)
-        for one in links.values()
-        # The link itself is what is in question.
-        if one is not link and one.shape is not None and one.stated is not None
-    ]
-    faithful = len(fits) >= SETTINGS.faithful and all(fits)
+    # The link itself is what is in question.
+    others = [fit for name, fit in links.fits.items() if name != link.name]
+    faithful = len(others) >= SETTINGS.faithful and all(others)
     return 2 * SETTINGS.slack if faithful else SETTINGS.slack_of_proof
 
 
@@ -236,14 +338,14 @@ def _cost_of_shape(inertial, shape):
 def _cost_of_joints(inertial, link, links):
     spread = inertial.spread / inertial.mass
     # The mass of a link is like those of the others, within a factor of e^1.5.
-    masses = [
-        abs(one.stated.mass) for one in links.values() if one is not link and one.stated is not None
-    ]
-    median = float(np.median(masses)) if masses else inertial.mass
+    others = links.masses
+    if link.stated is not None:
+        others = np.delete(others, np.searchsorted(others, abs(link.stated.mass)))
+    median = float(np.median(others)) if len(others) else inertial.mass
     cost = 0.5 * _capped((np.log(inertial.mass / max(median, 1e-9)) / 1.5) ** 2)
     # Its centre is halfway to its joints, and its width a third of its length.
     lengths = np.linalg.norm(link.joints, axis=1)
-    size = max([*lengths, 0.1 * _reach(links), 1e-3])
+    size = max([*lengths, 0.1 * links.reach, 1e-3])
     middle = inertial.com - (link.joints.mean(axis=0) / 2 if len(link.joints) else 0.0)
     cost += 0.5 * _capped(float(middle @ middle) / size**2)
     cost += 0.5 * _capped((np.log(np.trace(spread) / (0.3 * size) ** 2) / 2.0) ** 2)
@@ -253,11 +355,6 @@ def _cost_of_joints(inertial, link, links):
 def _length(link):
     """Largest distance of a joint that a link carries from its own joint [m]."""
     return float(np.linalg.norm(link.joints, axis=1).max())
-
-
-def _reach(links):
-    """The longest distance of two joints on a link [m]; 0.1 m in a file without any."""
-    return max((_length(link) for link in links.values() if len(link.joints)), default=0.1)
 
 
 def _divergence(spread, scale):

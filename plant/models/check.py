@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from plant.mechanics.body import Body, inertia_matrix
-from plant.mechanics.model_tree import MOVING, SLIP, deferred
+from plant.mechanics.model_tree import MOVING, deferred
 from plant.mechanics.urdf_file import INERTIA, origin_of
 from plant.mechanics.xml_file import Element, numbers_of, parsed, spliced
 from plant.models.agreement import (
-    HEAVIEST,
+    NO_BODY,
     STEEL,
     CheckedLink,
     Links,
@@ -30,8 +30,10 @@ from plant.models.agreement import (
     distance,
     impossible,
     mirrored,
+    proof_of,
     thinner,
     uniform,
+    zero,
 )
 from plant.models.edits import urdf_inertial
 from plant.models.hypotheses import (
@@ -67,19 +69,9 @@ class RepairSettings:
         Evidence that a mistake needs beside its proof.
     likely : float
         Evidence that a repair needs against every other one: odds of e^4.
-    usual : float
-        Cost that an inertial without any mistake may have, if the other links of the file have no
-        higher ones: a repair is no worse.
     difference : float
         Relative difference of a link from its repair below which there is no finding: CAD models of
         two sides differ as much.
-    rounding : float
-        Share by which moments may miss the triangle inequality without a finding.
-    dust : float
-        Radius of gyration [m] below which the inertia is zero.
-    signs : int
-        Links with negative moments from which on turned signs explain them by more than chance:
-        3^-4 are odds of e^-4.4.
     alike : float
         Relative difference up to which inertias that the other side leaves open are one.
     negligible : float
@@ -93,11 +85,7 @@ class RepairSettings:
     rare: float = 4.0
     margin: float = 6.0
     likely: float = 4.0
-    usual: float = 6.0
     difference: float = 0.006
-    rounding: float = 1e-3
-    dust: float = 1e-5
-    signs: int = 4
     alike: float = 0.03
     negligible: float = 1e-3
     heavy: tuple[float, float] = (0.8, 1.5)
@@ -244,7 +232,8 @@ def _unrepaired(link: str, mistake: str, evidence: float) -> ModelFinding:
 
 def _checked_links(robot: Element) -> tuple[Links, dict[str, str]]:
     """The links of a file by name, each with its partner on the other side; what is unreadable."""
-    links: Links = {}
+    links = Links()
+    joints = joint_positions(robot)
     unread: dict[str, str] = {}
     for element in robot.all("link"):
         name = element.attributes.get("name", "")
@@ -253,17 +242,18 @@ def _checked_links(robot: Element) -> tuple[Links, dict[str, str]]:
             unread[name] = reason
         shape, _ = deferred(None, shape_of, element)
         formed = any(element.find(tag) is not None for tag in ("visual", "collision"))
-        joints, _ = deferred(np.empty((0, 3)), joint_positions, robot, name)
         whole = all(primitive(visual) for visual in element.all("visual"))
-        links[name] = CheckedLink(name, stated, shape, joints, formed=formed, whole=whole)
+        links[name] = CheckedLink(
+            name, stated, shape, joints.get(name, np.empty((0, 3))), formed=formed, whole=whole
+        )
     for name, way in ways(robot).items():
         if name in links:
             links[name].way = way
     # A link that no body can be is no evidence about the other side.
-    sound = {name for name, link in links.items() if not _proof(link, links)}
+    sound = {name for name, link in links.items() if not proof_of(link, links)}
     for name, link in links.items():
         # Partners need the links of the whole file, hence a second pass.
-        partner_name = partner_of(name, list(links))
+        partner_name = partner_of(name, links)
         if partner_name is None:
             continue
         partner = links[partner_name]
@@ -276,11 +266,11 @@ def _checked_links(robot: Element) -> tuple[Links, dict[str, str]]:
 def _keep_one_side(findings: dict[str, ModelFinding], links: Links) -> None:
     """Of two sides that differ only one is wrong: remove the less likely finding."""
     for name in list(findings):
-        partner = partner_of(name, list(links))
+        partner = partner_of(name, links)
         if partner is None or name not in findings or partner not in findings:
             continue
         # What has a proof of its own is wrong whatever the other side states.
-        if _proof(links[name], links) or _proof(links[partner], links):
+        if proof_of(links[name], links) or proof_of(links[partner], links):
             continue
         # The finding that the link alone supports less is the one to remove. Without clear evidence
         # for one of them the two differ, and neither is repaired.
@@ -300,7 +290,7 @@ def _name_common(findings: dict[str, ModelFinding], links: Links) -> None:
         if finding.repair is None and finding.mistake == NO_BODY
     ]
     # The two sides of a robot come from one macro, and are one witness.
-    witnesses = {min(name, partner_of(name, list(links)) or name) for name in open_links}
+    witnesses = {min(name, partner_of(name, links) or name) for name in open_links}
     if len(witnesses) < 2:
         return
     explained = [{trial.mistake for trial in _possible(links[name], links)} for name in open_links]
@@ -346,45 +336,15 @@ class _Trial(NamedTuple):
     inertial: Inertial
 
 
-NO_BODY = "an inertia that no body has"
-
-
-def _proof(link: CheckedLink, links: Links) -> str:
-    """Why no link can have the stated inertial, in words; empty if one can."""
-    stated = link.stated
-    if stated is None:
-        return ""
-    if not stated.mass > 0:
-        return "no mass" if not stated.mass else "a negative mass"
-    # Programs write dust of 1e-20 for zero.
-    if np.abs(stated.inertia).max() < SETTINGS.dust**2 * stated.mass:
-        return "no inertia"
-    if not stated.physical():
-        excess = stated.excess()
-        if excess > SLIP:
-            return NO_BODY
-        # Below this, numbers of few digits are rounded.
-        if excess > SETTINGS.rounding:
-            return f"an inertia that misses the triangle inequality by {100 * excess:.2g} %"
-        return ""
-    if stated.density() > HEAVIEST:
-        return "denser than any matter"
-    if impossible(stated, link, links, alone=True):
-        size = float(np.sqrt(np.trace(stated.spread) / stated.mass))
-        return f"an inertial that does not fit the link (radius of gyration {size:.2g} m)"
-    return ""
-
-
 def _possible(link: CheckedLink, links: Links) -> list[_Trial]:
     """The inertials without one mistake that a link can have, with their costs."""
     trials = []
     stated = link.stated
     # Zeros say nothing about what they should be.
-    if stated is None or np.abs(stated.inertia).max() < SETTINGS.dust**2 * abs(stated.mass):
+    if stated is None or zero(stated):
         return []
-    signs = _signs_explain(links)
     for mistake, inertial in without_mistakes(stated):
-        if mistake == PARALLEL_AXIS and signs:
+        if mistake == PARALLEL_AXIS and links.signs_explain:
             continue
         # Any mistake competes with none, which is more frequent.
         cost = cost_of(inertial, link, links) + SETTINGS.rare
@@ -394,36 +354,19 @@ def _possible(link: CheckedLink, links: Links) -> list[_Trial]:
     return trials
 
 
-def _signs_explain(links: Links) -> bool:
-    """Whether turned signs explain all negative moments of the file, which are many.
-
-    Moments that are negative for another reason are those of a body without their signs in one link
-    of three, by chance.
-    """
-    negative = [
-        link.stated
-        for link in links.values()
-        if link.stated is not None and (np.diag(link.stated.inertia) < 0).any()
-    ]
-    turned = [dict(without_mistakes(stated))["a negative moment of inertia"] for stated in negative]
-    return len(turned) >= SETTINGS.signs and all(inertial.physical() for inertial in turned)
-
-
 def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     """The mistake that explains the inertial better than none, if there is one with a proof."""
     stated = link.stated
     if stated is None:
         return None
-    proof = _proof(link, links)
+    proof = proof_of(link, links)
     trials = _possible(link, links)
     best = min(trials, key=lambda trial: trial.cost, default=None)
     exact = best is not None and coincides(best.inertial, link)
     # A repair is unrivalled. A slip of the triangle inequality is of any number; and an inertia that
     # is too small for its centre of mass leaves open which of the two is wrong.
     certain = (
-        best is not None
-        and _unrivalled(trials, best)
-        and best.cost - SETTINGS.rare <= _usual(link, links)
+        best is not None and _unrivalled(trials, best) and best.cost - SETTINGS.rare <= links.usual
     )
     if "triangle" in proof or (best is not None and best.mistake == PARALLEL_AXIS):
         certain = certain and exact
@@ -450,17 +393,6 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     return ModelFinding(link=link.name, mistake=best.mistake, evidence=evidence, repair=repair)
 
 
-def _usual(link: CheckedLink, links: Links) -> float:
-    """Cost up to which the sound inertials of the file agree with it."""
-    costs = [
-        cost_of(one.stated, one, links)
-        for one in links.values()
-        if one is not link and one.stated is not None and not _proof(one, links)
-    ]
-    finite = [cost for cost in costs if np.isfinite(cost)]
-    return max(SETTINGS.usual, float(np.quantile(finite, 0.9))) if finite else SETTINGS.usual
-
-
 def _unrivalled(trials: list[_Trial], best: _Trial) -> bool:
     """Whether all other bodies that one mistake leaves agree with the file much less."""
     # Several mistakes may leave the same body. The distance in costs is the logarithm of the odds.
@@ -481,7 +413,7 @@ def _placeholders(links: Links) -> dict[str, ModelFinding]:
         ):
             moment = inertial.inertia[0, 0]
             text = f"a placeholder for the inertia ({moment:.3g} kg m^2 about every axis)"
-            evidence = np.inf if _proof(links[name], links) else SETTINGS.margin
+            evidence = np.inf if proof_of(links[name], links) else SETTINGS.margin
             findings[name] = _unrepaired(name, text, evidence)
     # Links of different masses have different inertias.
     masses = {inertial.mass for inertial in stated.values()}
@@ -497,18 +429,10 @@ def _negligible(link: CheckedLink, links: Links) -> bool:
     """Whether a link hardly weighs: many files have such ones for the sake of simulators."""
     if link.stated is None:
         return False
-    masses = [abs(one.stated.mass) for one in links.values() if one.stated is not None]
-    sizes = [_about_joint(one.stated) for one in links.values() if one.stated is not None]
     # Half of a file may be such links.
-    heavy, large = np.quantile(masses, 0.9), np.quantile(sizes, 0.9)
+    heavy, large = links.larger
     light = abs(link.stated.mass) <= SETTINGS.negligible * heavy
-    return bool(light and _about_joint(link.stated) <= SETTINGS.negligible * large)
-
-
-def _about_joint(inertial: Inertial) -> float:
-    """Size of the inertia about the link's frame [kg m^2]."""
-    c = inertial.com
-    return float(abs(np.trace(inertial.inertia)) + abs(inertial.mass) * (c @ c))
+    return bool(light and link.stated.about_joint() <= SETTINGS.negligible * large)
 
 
 def _of_all(link: CheckedLink, links: Links, moving: Collection[str]) -> ModelFinding | None:

@@ -2,11 +2,12 @@
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plant.mechanics.model_tree import HERE, deferred
 from plant.mechanics.urdf_file import origin_of
 from plant.mechanics.xml_file import Element, numbers_of
 from plant.parts.fields import Floats
@@ -38,6 +39,11 @@ class Inertial:
         # The second moments of a ball have the trace 3/5 m r^2.
         radius = np.sqrt(5 / 3 * np.trace(self.spread) / self.mass)
         return float(self.mass / (4 / 3 * np.pi * radius**3))
+
+    def about_joint(self) -> float:
+        """Size of the inertia about the link's frame [kg m^2]."""
+        steiner = abs(self.mass) * float(self.com @ self.com)
+        return float(abs(np.trace(self.inertia))) + steiner
 
     def excess(self) -> float:
         """Share by which the largest moment exceeds the sum of the others; infinite if negative."""
@@ -287,16 +293,17 @@ def _primitive(element):
     return Shape(volume, centre, rotation @ spread @ rotation.T, corners)
 
 
-def joint_positions(robot: Element, name: str) -> Floats:
-    """Positions (k, 3) of the joints that a link carries, in its frame [m]."""
-    positions = []
+def joint_positions(robot: Element) -> dict[str, Floats]:
+    """Positions (k, 3) of the joints that each link carries, in its frame [m]."""
+    positions: dict[str, list[Floats]] = {}
     for joint in robot.all("joint"):
         parent = joint.find("parent")
+        position, _ = deferred(HERE, origin_of, joint, "joint")
         # A URDF joint has the origin of its child in the frame of its parent.
-        if parent is not None and parent.attributes.get("link") == name:
-            label = f"joint {joint.attributes.get('name', '')}"
-            positions.append(origin_of(joint, label).position)
-    return np.array(positions).reshape(-1, 3)
+        if parent is not None:
+            name = parent.attributes.get("link", "")
+            positions.setdefault(name, []).append(np.array(position.position))
+    return {name: np.array(places) for name, places in positions.items()}
 
 
 def ways(robot: Element) -> dict[str, float]:
@@ -305,11 +312,8 @@ def ways(robot: Element) -> dict[str, float]:
     for joint in robot.all("joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
         parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)
-        try:
-            position = origin_of(joint, "joint").position
-        except ValueError:
-            position = (0.0, 0.0, 0.0)
-        parents[child] = parent, float(np.linalg.norm(position))
+        pose, _ = deferred(HERE, origin_of, joint, "joint")
+        parents[child] = parent, float(np.linalg.norm(pose.position))
     result = {}
     for link in {*parents, *(parent for parent, _ in parents.values())}:
         total = 0.0
@@ -324,7 +328,7 @@ def ways(robot: Element) -> dict[str, float]:
     return result
 
 
-def partner_of(name: str, names: list[str]) -> str | None:
+def partner_of(name: str, names: Collection[str]) -> str | None:
     """The link on the other side, by its name: left and right, l and r."""
     for sides in _SIDES:
         for mine, theirs in (sides, sides[::-1]):
