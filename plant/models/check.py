@@ -88,8 +88,8 @@ class RepairSettings:
     difference: float = 0.006
     alike: float = 0.03
     negligible: float = 1e-3
-    heavy: tuple[float, float] = (0.8, 1.5)
-    denser: float = 10.0
+    heavy: tuple[float, float] = (0.97, 1.5)
+    denser: float = 3.0
 
 
 SETTINGS = RepairSettings()
@@ -440,16 +440,13 @@ def _of_all(link: CheckedLink, links: Links, moving: Collection[str]) -> ModelFi
     stated = link.stated
     if stated is None or link.name not in moving or not stated.physical():
         return None
-    others = [
-        one.stated
-        for one in links.values()
-        if one is not link and one.stated is not None and one.stated.physical()
-    ]
-    total = sum(other.mass for other in others)
+    others = [inertial for name, inertial in links.stated.items() if name != link.name]
+    total = sum(abs(other.mass) for other in others)
     least, most = SETTINGS.heavy
     if len(others) < 3 or not least * total < stated.mass < most * total:
         return None
-    density = float(np.median([other.density() for other in others]))
+    densities = [other.density() for other in others if other.physical()]
+    density = float(np.median(densities)) if densities else STEEL
     if stated.density() < min(STEEL, SETTINGS.denser * density):
         return None
     text = f"the mass of the whole robot ({stated.mass:.3g} kg; all others have {total:.3g} kg)"

@@ -1,9 +1,10 @@
 """Files of the library's own readers, spoilt as their structure is: how many are read, how long it
 takes, what memory.
 
-    python tests/benchmarks/mutated_files.py [mutations]
+    python tests/benchmarks/mutated_files.py [mutations] [part of a file's name]
 
-A saved identification, a saved rig, a checkpoint, a record, a path and a URDF model. Half of the
+A saved identification, a saved rig, a checkpoint, a record, a path, models (URDF, xacro, MJCF) and
+`check_model`. Half of the
 mutations spoil bytes (tests/oracles/spoilt_files.py); half understand the text: a key, a number, a
 row, an element is dropped, doubled, moved, or made into something else. Each must be read, or
 refused in one line. Other formats: tests/benchmarks/corrupt_files.py.
@@ -22,9 +23,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "oracles"))
 from spoilt_files import spoil
+from strangers_models import Arm
 
 from identification import Identification, identify
-from plant import Chain, Record, Rig, Table, puma560, simulate
+from plant import Chain, Record, Rig, Table, check_model, puma560, simulate
 from plant.parts.checkpoint import Checkpoint
 
 ODD = [
@@ -51,6 +53,14 @@ URDF = """<robot name="r"><link name="base"/>
 </robot>
 """
 
+MACRO = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="m" value="2"/>'
+FRAME = '<frame pos="0 0 0.1"><body name="eye"><inertial pos="0 0 0" mass="0.1" diaginertia="1 1 1"/></body></frame>'
+SECTIONS = (
+    '<tendon><fixed name="t"><joint joint="grip" coef="1"/></fixed></tendon><equality><weld'
+    ' body1="finger" body2="three"/></equality><actuator><motor joint="lift" gear="3" ctrlrange="-1'
+    ' 1"/></actuator>'
+)
+
 
 def sound(folder):
     """Kind -> (file, what reads it)."""
@@ -66,9 +76,21 @@ def sound(folder):
         with Checkpoint(path, "work").bind(lambda: {"rig": rig}) as kept:
             return kept.stage("fit", lambda: found.fit)
 
+    def repaired(path):
+        check = check_model(path)
+        str(check)
+        check.write(folder / "repaired.urdf", overwrite=True)
+
     record.to_csv(folder / "record.csv")
     (folder / "path.csv").write_text("t, q_1\n" + "".join(f"{0.1 * i},{i}\n" for i in range(30)))
     (folder / "robot.urdf").write_text(URDF)
+    # Files with a gripper, tendons and two sides, as strangers write them.
+    arm = Arm(np.random.default_rng(0))
+    names = ("base", "one", "two", "left_finger", "right_finger")
+    (folder / "tree.urdf").write_text(arm.urdf(names=names))
+    (folder / "check.urdf").write_text(arm.urdf(names=names))
+    (folder / "macro.xacro").write_text(arm.urdf().replace('<robot name="r">', MACRO))
+    (folder / "robot.xml").write_text(arm.mjcf(within=FRAME, more=SECTIONS))
     return {
         "found.json": Identification.load,
         "rig.json": Rig.load,
@@ -76,6 +98,10 @@ def sound(folder):
         "record.csv": Record.from_csv,
         "path.csv": Table.from_csv,
         "robot.urdf": Chain.from_urdf,
+        "tree.urdf": lambda path: Chain.from_urdf(path, tip="two"),
+        "macro.xacro": lambda path: Chain.from_urdf(path, tip="two"),
+        "robot.xml": lambda path: Chain.from_mjcf(path, tip="three"),
+        "check.urdf": repaired,
     }
 
 
@@ -127,13 +153,15 @@ def mutated_text(text, rng):
     return text
 
 
-def main(mutations):
+def main(mutations, only=""):
     warnings.simplefilter("ignore")
     print(
         f"{'file':12}{'read':>8}{'refused':>9}{'slowest [s]':>13}{'peak memory [MB] beyond the start':>35}"
     )
     with tempfile.TemporaryDirectory() as folder:
         for name, read in sound(Path(folder)).items():
+            if only not in name:
+                continue
             path, rng = Path(folder, name), np.random.default_rng(17)
             whole = path.read_bytes()
             every = list(places(json.loads(whole))) if name.endswith("json") else []
@@ -161,4 +189,4 @@ def main(mutations):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 3000)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 3000, *sys.argv[2:3])

@@ -720,6 +720,12 @@ def variants(seed=0):
     return results
 
 
+def rows(seed=0):
+    """Name, whether it is as it should be, and what is not, of each variant."""
+    for name, failure in variants(seed).items():
+        yield name, not failure, failure
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--public", action="store_true")
