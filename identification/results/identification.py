@@ -1,6 +1,7 @@
 """Result of an identification: arm, rig and law with the identified values, and their accuracy."""
 
 import dataclasses
+import functools
 import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -174,11 +175,16 @@ class Identification(Shown, Saved, Frozen):
         # A value that was not varied has no error by noise.
         return np.where(self.fit.std > 0, budget.bound, 0.0)
 
-    def assumed(self) -> Assumed:
+    def assumed(self, *, lengths: bool = True) -> Assumed:
         """Change of each value by 1 % of each assumed number, which one log cannot reveal.
 
         Gears, motor gains and gains of the law act through the innovations; lengths of the links
-        through the torque along the motion.
+        through the torque along the motion, for which each length needs a model of its own.
+
+        Parameters
+        ----------
+        lengths : bool
+            Whether to include the lengths.
 
         Raises
         ------
@@ -198,7 +204,8 @@ class Identification(Shown, Saved, Frozen):
                 f"found must have a covariance; it has none: {reason}. State one, or log another"
                 " motion."
             )
-        moves |= moved_by_lengths(self.arm, self.records[0], self.fit.unknown)
+        if lengths:
+            moves |= self._moved_by_lengths
         return Assumed(
             names=tuple(moves),
             unknown=self.short_names,
@@ -206,10 +213,19 @@ class Identification(Shown, Saved, Frozen):
             std=self.fit.std,
         )
 
-    @property
+    @functools.cached_property
+    def _moved_by_lengths(self) -> dict[str, Floats]:
+        return moved_by_lengths(self.arm, self.records[0], self.fit.unknown)
+
+    @functools.cached_property
     def warnings(self) -> list[str]:
         """Reasons to doubt the values, one line each, causes before their effects."""
         return warnings_of(self)
+
+    @functools.cached_property
+    def doubts(self) -> list[str]:
+        """The same without those that hold for any log with these unknowns."""
+        return warnings_of(self, always=False)
 
     def summary(self, *, full: bool = False) -> str:
         """The text that `print` shows; of many unknowns, one screen.

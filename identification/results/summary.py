@@ -13,7 +13,7 @@ from identification.equation_error.least_squares import NORMAL
 from identification.equation_error.torque_fit import TorqueFit
 from identification.results.seen import of_prior, origins
 from identification.results.trust import SETTINGS as WARNING_SETTINGS
-from identification.results.trust import pairs_of, warnings_of
+from identification.results.trust import pairs_of
 from identification.search.problem import LONG, PARTS, is_long
 from plant.mechanics.lumping import STANDARD
 from plant.parts import Aside, Piece, Table, Verdict, Warned, frozen_settings, warn
@@ -63,9 +63,7 @@ SETTINGS = SummarySettings()
 
 def doubts(result: Any) -> list[str]:
     """Warnings of a `TorqueFit`, or of an `Identification` without those that hold for any log."""
-    if isinstance(result, TorqueFit):
-        return result.warnings
-    return warnings_of(result, always=False)
+    return result.warnings if isinstance(result, TorqueFit) else result.doubts
 
 
 def warn_of_doubts(result: Any, user: str) -> None:
@@ -138,7 +136,8 @@ def summary_of(result: Any, full: bool) -> Iterator[Piece]:
         if full:
             yield from inside(result.assumed())
         else:
-            yield _most_moved(result.assumed())
+            # Lengths take long: they are asked for by name.
+            yield _most_moved(result.assumed(lengths=False))
     if any(_torque_of_law(record) for record in result.records):
         yield (
             "the torque is the stated law's, none was logged: if all its gains are 1 % larger, f is"
