@@ -12,7 +12,6 @@ import pytest
 from ctc import ComputedTorque, FeedForward
 from identification import identify
 from plant import PD, puma560, read_robot, simulate
-from plant.motion.reference import Scaled
 
 RIG, PATH, ARM = puma560.rig(), puma560.reference(), puma560.arm()
 RECORD = simulate(ARM, RIG, puma560.p_law(), PATH, duration=0.4)
@@ -91,6 +90,6 @@ def test_an_identification_comes_back_bit_for_bit():
 def test_symbols_and_functions_are_not_sent():
     ARM.D(np.zeros(2))
     assert set(ARM.dynamics.__getstate__()) == {"chain", "lumping", "ranges"}
-    assert set(Scaled.__getstate__(PATH.slowed(2.0))) == {
+    assert set(PATH.slowed(2.0).__getstate__()) == {
         "path", "times", "places", "speeds", "accelerations", "stays",
     }  # fmt: skip

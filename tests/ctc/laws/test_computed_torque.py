@@ -13,8 +13,7 @@ from error_loops import error_loops, observer_gains, regulator_gains
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctc import ComputedTorque, evaluate
-from ctc.laws.computed_torque_settings import SETTINGS
+from ctc import ComputedTorque, ComputedTorqueSettings, evaluate
 from ctc.laws.observer import DRIFT
 from plant import (
     PD,
@@ -36,6 +35,7 @@ from plant.simulation.closed_loop import ClosedLoop
 
 RIG = puma560.rig()
 LIMIT = RIG.drive.torque_limit()
+SETTINGS = ComputedTorqueSettings()
 
 
 @cache

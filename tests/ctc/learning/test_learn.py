@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import expm
 
 from ctc import ComputedTorque, LearnSettings, LearntTorque, certify, evaluate, learn
-from ctc.learning.learning import Learning
 from ctc.learning.path_plant import _exponentials, path_plant, standing
 from plant import PID, Elasticity, P, puma560, simulate
 
@@ -159,7 +158,7 @@ def test_where_all_is_left_out_nothing_is_mended(learnt, log):
 
 def test_it_is_saved_and_read_back(learnt, log, tmp_path):
     learnt.save(tmp_path / "learnt.json")
-    again = Learning.load(tmp_path / "learnt.json")
+    again = type(learnt).load(tmp_path / "learnt.json")
     assert str(again) == str(learnt)
     assert np.array_equal(
         learn(again, BELIEVED, PATH, dataclasses.replace(log, law=None)).law.terms,

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from error_loops import error_loops
 
-from ctc import ComputedTorque, error_loop, margins
-from ctc.laws.computed_torque_settings import SETTINGS
+from ctc import ComputedTorque, ComputedTorqueSettings, error_loop, margins
 from ctc.stability.margins import opened
 from identification import identify
 from plant import PointToPoint, StatelessLaw, number, part, puma560, simulate, structure
@@ -19,6 +18,7 @@ from plant.analysis.sampled_loops import SampledLoops
 
 RIG, ARM, POSE = puma560.rig(), puma560.arm(), (0.3, -0.4)
 DT = RIG.period
+SETTINGS = ComputedTorqueSettings()
 OPTIONS = [{}, {"delay": 1}, {"measured": True, "bandwidth": 150.0}]
 
 
