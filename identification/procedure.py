@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from identification.equation_error.excitation import advice, from_prior
 from identification.equation_error.naming import misread
 from identification.equation_error.prior import Prior
+from identification.equation_error.restated import restated
 from identification.preparation import prepare, with_gears
 from identification.results.diagnostics import Diagnostics
 from identification.results.identification import Identification
-from identification.results.restated import restated
 from identification.results.summary import doubts, warn_of_doubts
 from identification.results.trust import of_statements
 from identification.search.genetic import GeneticSettings

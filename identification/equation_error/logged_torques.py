@@ -32,6 +32,7 @@ from identification.equation_error.regressor import (
     regressor_along,
     regressor_and_torque,
 )
+from identification.equation_error.restated import of_log
 from identification.equation_error.torque_fit import TorqueFit, weighted
 from identification.equation_error.torque_logs import TorqueLog, dead_columns, thinned, torque_logs
 from plant import Dynamics, FrictionCurve, Record, Rig
@@ -400,7 +401,9 @@ def fit_torque(
             # Torques are biased in bands with fast motion, which no deviation covers.
             rough=True,
         )
-        return replace(fit, friction=friction, doubts=tuple(arm.doubts()))
+        return replace(
+            fit, friction=friction, doubts=(*of_log(dynamics, log, width), *arm.doubts())
+        )
     except NotIdentifiableError as error:
         # Of all names at once: the error knows the first that depends on others.
         advice = _advice(names, systems, left_out)

@@ -8,8 +8,8 @@ import numpy as np
 
 from identification.equation_error.arm_check import FittedArm
 from identification.equation_error.naming import misread
+from identification.equation_error.restated import restated
 from identification.replay.timing import is_late
-from identification.results.restated import restated
 from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME
 from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful

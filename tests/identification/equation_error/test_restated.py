@@ -8,11 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from identification.equation_error.restated import TorqueEquation, contradictions, restated
 from identification.results.alternatives import Sign
 from identification.results.detection import Detection
-from identification.results.restated import _left, restated
 from plant import PID, Chain, Dynamics, Harmonics, Link, Placement, puma560, simulate
-from plant.checkup.signals import Signals
 
 CHAIN = Chain(links=(Link(name="2", alpha=-np.pi / 2), Link(name="3", a=puma560.LINK_LENGTH)))
 DYNAMICS = Dynamics.from_chain(CHAIN)
@@ -46,10 +45,8 @@ def test_what_friction_holds_tells_no_sign():
     """Its torque may be any that friction can carry."""
     record = held()
     other = dataclasses.replace(record, torque=record.torque * (1.0, -3.0), current=None)
-    every = np.ones(2)
-    assert _left(DYNAMICS, Signals(other), every) == pytest.approx(
-        _left(DYNAMICS, Signals(record), every), rel=1e-6
-    )
+    left = [TorqueEquation.of(DYNAMICS, held).left for held in (record, other)]
+    assert left[0] == pytest.approx(left[1], rel=1e-6)
     (sign,) = (
         each for each in record.check().findings if each.check == "gear sign" and each.joint == 1
     )
@@ -75,6 +72,31 @@ def test_a_joint_that_turns_the_other_way_is_named():
     assert said.startswith(
         "joint 3 (q[1]) turns the other way: its axis, or the signs of all its columns, are wrong."
     )
+
+
+def test_a_zero_by_a_right_angle_is_named():
+    """Along a fast motion: of a slow one f takes the turn of gravity over."""
+    path = Harmonics(
+        period=2.5,
+        offset=(0.3, -0.5),
+        cosine=((0.6, 0.1), (0.2, 0.6)),
+        sine=((0.1, -0.6), (0.6, 0.1)),
+    )
+    fast = simulate(puma560.literature_arm(1.5), puma560.rig(), puma560.p_law((0.1, 0.08)), path)
+    equation = TorqueEquation.of(DYNAMICS, fast)
+    q = equation.motion.q + np.array([np.pi / 2, 0.0])
+    wrong = dataclasses.replace(equation, motion=equation.motion._replace(q=q))
+    (cause, *_), _ = contradictions(wrong)
+    assert (cause.name, cause.joints, cause.size) == ("joint zero", (0,), 90.0)
+
+
+def test_two_mistakes_at_once_are_named_one_after_the_other():
+    torque = log().torque[:, ::-1]
+    wrong = dataclasses.replace(log(), current=None, torque=torque)
+    upward = Dynamics.from_chain(dataclasses.replace(CHAIN, gravity=(0.0, 0.0, 9.81)))
+    causes, left = contradictions(TorqueEquation.of(upward, wrong))
+    assert [cause.name for cause in causes] == ["exchanged torques", "gravity direction"]
+    assert left[0] > 2 * left[1] > 4 * left[2]
 
 
 def test_signs_are_named_where_a_sampled_law_tells_the_torque():
