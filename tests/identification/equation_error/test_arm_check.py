@@ -40,7 +40,7 @@ UNKNOWN = (
 def motion():
     """Positions (N, n) of a motion, and the torques (N, n) of the arm with a little noise."""
     path = Harmonics(
-        period=9.0,
+        period=5.0,
         offset=(0.2, -0.3),
         cosine=((0.5, -0.3, 0.1), (0.4, 0.3, -0.1)),
         sine=((-0.4, 0.1, 0.1), (0.5, -0.2, 0.1)),
