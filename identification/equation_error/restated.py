@@ -33,7 +33,7 @@ from plant.checkup.hypothesis import (
 )
 from plant.checkup.signals import LEAST_MOTION, Signals
 from plant.motion.reference import Motion
-from plant.parts.fields import Bools, Floats
+from plant.parts.fields import Bools, Floats, Integers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class TorqueEquation:
     motion: Motion
     torque: Floats
     dry: Floats
-    rows: Floats
+    rows: Integers
     weightless: Bools
     gravity: float = 1.0
     constant: bool = False
