@@ -152,15 +152,16 @@ def counts_findings(signals: Signals, bridged: Signals) -> Iterator[Finding]:
         limit = 0.01 * len(signals.t)
         yield Check("glitches", i).graded(len(joint.glitches), advice, look=0, wrong=limit)
     for i, joint in enumerate(odd_rows):
-        yield _jumps(bridged, i, joint, len(left_out) > 0)
+        yield _jumps(bridged, i, joint, left_out)
     yield from signals.per_joint(_stuck, _clipped)
 
 
 def _left_out(bridged, rows):
     times = ", ".join(f"{bridged.t[row]:.6g}" for row in rows[:3]) + ", ..." * (len(rows) > 3)
     advice = (
-        f"Rows are lost at t = {times} s ({len(rows)} in all): joints jump along their motion"
-        " together where stamps go on evenly; log the controller's stamps, or cut the log there."
+        f"Rows are lost, or repeated, at t = {times} s ({len(rows)} in all): joints jump along"
+        " their motion together where stamps go on evenly; log the controller's stamps, or cut the"
+        " log there."
     )
     return Check("rows left out").graded(len(rows), advice, look=0, wrong=0)
 
@@ -194,11 +195,12 @@ def _motion(signals, i, in_step_with):
     return check.fine(value)
 
 
-def _jumps(bridged, i, joint, rows_left_out):
+def _jumps(bridged, i, joint, left_out):
     rows = joint.jumps
-    if rows_left_out:
+    if len(left_out):
         # Where rows are left out, jumps along the motion are theirs.
-        rows = rows[joint.sizes[rows - 1] * bridged.local_speed[rows - 1, i] <= 0]
+        along = joint.sizes[rows - 1] * bridged.local_speed[rows - 1, i] > 0
+        rows = rows[~along & ~np.isin(rows, left_out)]
     largest = np.abs(joint.sizes[rows - 1]).max(initial=0.0)
     advice = (
         f"The counts jump by up to {largest:.0f} pulses and stay there, faster than any arm; cut"
@@ -243,9 +245,10 @@ def events(signals: Signals, i: int) -> Events:
 
 
 def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
-    """Rows that follow left out rows which the stamps do not show.
+    """Rows that follow left out, or repeated, rows which the stamps do not show.
 
-    There several joints, or all, jump along their motion. `jumps`: rows of the jumps of each joint.
+    There several joints, or all, jump along their motion, or stop for a row that a logger repeated.
+    `jumps`: rows of the jumps of each joint.
     """
     reach = LEFT_OUT.neighbours
     if signals.n < 2 or len(signals.t) < 10 * reach:
@@ -257,15 +260,16 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     speed = (padded[: -2 * reach] + padded[2 * reach :]) / 2
     # The usual excess is large where a loop oscillates.
     steps = np.abs(np.diff(signals.counts, axis=0) - speed * spans[:, None])
-    excess, limit, _ = innovation(signals, speed, np.quantile(steps, 0.9, axis=0) / 2.33)
+    excess, noise, arm, _ = innovation(signals, speed, np.quantile(steps, 0.9, axis=0) / 2.33)
 
     # 2. The gap [s] that fits the excess of all joints, which must lie along the motion.
     power = np.maximum((speed**2).sum(axis=1), 1e-300)
     gap = (excess * speed).sum(axis=1) / power
     across = ((excess - gap[:, None] * speed) ** 2).sum(axis=1)
     along = across < LEFT_OUT.across * (excess**2).sum(axis=1)
-    # One joint alone may have jumped by itself.
-    several = (np.abs(excess) > limit).sum(axis=1) > 1
+    # One joint alone may have jumped by itself; several may have started together.
+    several = (np.abs(excess) > noise).sum(axis=1) > 1
+    several &= (np.abs(excess) > noise + arm).any(axis=1)
 
     # 3. Stamps that hide it are even. What was only late comes back in the next rows, so the sum of
     # the gaps over these rows must lack the time, too.
@@ -273,7 +277,7 @@ def renumbered(signals: Signals, jumps: Sequence[Any]) -> NDArray[np.int_]:
     late = np.convolve(spans / signals.interval - 1, neighbours, mode="same")
     even = np.abs(late) < LEFT_OUT.even
     even &= np.abs(spans / signals.interval - 1) < LEFT_OUT.even
-    remaining = np.minimum(gap, np.convolve(gap, neighbours, mode="same"))
+    remaining = np.minimum(np.abs(gap), np.abs(np.convolve(gap, neighbours, mode="same")))
     missing = remaining > LEFT_OUT.missing * signals.interval
     rows = np.flatnonzero(even & along & several & missing) + 1
 

@@ -55,18 +55,19 @@ SETTINGS = MotionSettings()
 class Innovation(NamedTuple):
     """Steps of the counts beyond those of the local speed, each (M - 1, n) [pulses].
 
-    `limit`: what rounding, the usual deviations and ordinary accelerations explain. `timing`: what
-    the instants of the samples explain besides.
+    What explains them: `noise` with the rounding, ordinary accelerations of the `arm`, and the
+    `timing` of the samples.
     """
 
     size: Floats
-    limit: Floats
+    noise: Floats
+    arm: Floats
     timing: Floats
 
     @property
     def outlier(self) -> Bools:
         """Steps (M - 1, n) that no arm makes."""
-        return np.abs(self.size) > self.limit + self.timing
+        return np.abs(self.size) > self.noise + self.arm + self.timing
 
 
 def innovation(signals: Any, speed: Floats, usual: Floats | None = None) -> Innovation:
@@ -85,7 +86,7 @@ def innovation(signals: Any, speed: Floats, usual: Floats | None = None) -> Inno
     odd = np.abs(np.pad(spans, ((1, 1), (0, 0)), mode="edge") - signals.interval)
     odd = np.maximum(np.maximum(odd[:-2], odd[1:-1]), odd[2:])
     timing = np.abs(speed) * (SETTINGS.mistimed * signals.interval + odd)
-    return Innovation(size, SETTINGS.spike * std + stopped(signals.rig, spans), timing)
+    return Innovation(size, SETTINGS.spike * std, stopped(signals.rig, spans), timing)
 
 
 def stopped(rig: Any, seconds: Any) -> Floats:

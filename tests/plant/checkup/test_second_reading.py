@@ -147,7 +147,7 @@ def test_rows_that_a_log_lacks_unseen_in_its_stamps_are_named_with_their_times(h
     lacking = Record(t=record.t[: len(kept)], rig=record.rig, law=record.law, **some)
     first, *others = lacking.check().problems
     assert (first.check, first.verdict) == ("rows left out", "wrong")
-    assert f"lost at t = {record.t[2000 if hole else 1000]:.6g}" in first.advice
+    assert f"lost, or repeated, at t = {record.t[2000 if hole else 1000]:.6g}" in first.advice
     assert "jumps" not in [f.check for f in others]
     assert first.value == 1 if hole else first.value > 50
     stamped = dataclasses.replace(lacking, t=record.t[kept])
