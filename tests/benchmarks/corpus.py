@@ -369,11 +369,22 @@ DRAWN = (
 )  # fmt: skip
 
 
+@functools.lru_cache(maxsize=1)
+def _table(file):
+    """Columns of a bag, without the rows that repeat others."""
+    table = read_table(file)
+    table = {key.rpartition(".")[2]: column for key, column in table.items()}
+    # Some rows of the Panda repeat the one before, and the motion goes on one row later.
+    new = np.append(True, np.diff(table["position"], axis=0).any(axis=1))
+    return {key: table[key][new] for key in ("position", "effort")} | {
+        "stamp": table["stamp"][: new.sum()]
+    }
+
+
 def bag(folder, name, cause, seed):
     """A real log, spoiled; its model is that of the public robot file, without rotors."""
     file, n = BAGS[name]
-    table = read_table(folder / file)
-    table = {key.rpartition(".")[2]: column for key, column in table.items()}
+    table = _table(folder / file)
     one = np.ones(n)
     drive = Drive(
         gear=one, motor_inertia=0 * one, viscous=None, coulomb=None, motor_gain=one,
@@ -381,12 +392,12 @@ def bag(folder, name, cause, seed):
     )  # fmt: skip
     period = 1e-9 * float(np.median(np.diff(table["stamp"])))
     rig = Rig(
-        drive=drive, encoder=Encoder(resolution=2.0**20 * one, rounding="round"), period=period
+        drive=drive, encoder=Encoder(resolution=2.0**17 * one, rounding="round"), period=period
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         record = Record.from_table(
-            {key: table[key] for key in ("stamp", "position", "effort")},
+            table,
             rig=rig,
             columns={"t": "stamp", "position": "position", "torque": "effort"},
             units={"t": "ns", "position": "rad", "torque": "N m"},
