@@ -25,6 +25,7 @@ from ctc.laws.friction_model import (
 )
 from ctc.laws.gear_gains import gear_gains
 from ctc.laws.gears import Deviation, ElasticGears, RigidGears, braked
+from ctc.laws.late_frames import LateFrames
 from ctc.laws.model_law import ModelLaw
 from ctc.laws.start_boost import NoBoost, StartBoost
 from plant import Law, Rig
@@ -222,6 +223,11 @@ class ComputedTorque(ModelLaw):
         """Torques that do not act yet."""
         return DelayQueue(self.delay)
 
+    @property
+    def frames(self) -> LateFrames:
+        """Frames to an inner loop that is late."""
+        return LateFrames(self.rig)
+
     @functools.cached_property
     def fields(self) -> Fields:
         """Error and rate of the joints, disturbance torque, torque needed a sample ago, and blocks.
@@ -236,6 +242,7 @@ class ComputedTorque(ModelLaw):
             needed=per_joint(role=MODEL_TORQUE),
             impulse=per_joint(),
             queue=self.queue.fields,
+            frames=self.frames.fields,
             friction=self.friction_model.fields,
             gears=self.gears.fields,
             boost=self.boost.fields,
@@ -325,7 +332,8 @@ class ComputedTorque(ModelLaw):
         # 2. Predict from the torque that really acted. The reference moved on while it was held:
         # what was needed is the mean of then and now.
         deviation = gears.deviation(before, coupling)
-        pushed = torque - (before.needed + needed) / 2 - before.disturbance
+        acted = self.frames.acted(before.frames, torque)
+        pushed = acted - (before.needed + needed) / 2 - before.disturbance
         deviation, impulse = self._predicted(
             gears, friction, deviation, before.impulse, pushed, begun * dt
         )
@@ -353,9 +361,13 @@ class ComputedTorque(ModelLaw):
 
         # 5. Feed back the deviation at the instant at which the torque acts.
         ahead = deviation
+        late = self.frames.delay
+        if self.frames.fields.fields:
+            pushed = torque - needed - disturbance
+            ahead, _ = self._predicted(gears, friction, ahead, impulse, pushed, late)
         if self.delay:
             pushed = before.queue.commanded - needed - disturbance
-            ahead, _ = self._predicted(gears, friction, deviation, impulse, pushed, dt)
+            ahead, _ = self._predicted(gears, friction, ahead, impulse, pushed, dt)
         # The boost is at most what the period allows.
         bandwidth = ca.fmin(
             self.bandwidth * boost, ca.fmax(self.bandwidth, settings.boost_limit / dt)
@@ -367,7 +379,8 @@ class ComputedTorque(ModelLaw):
         desired = speed + bandwidth * ahead.angle / 2
         sliding = speed_share(self.rig, desired, settings.sliding_speed)
         # What is needed goes on to the middle of the sample in which the torque acts.
-        coming = begun * (0.5 + self.delay) * self.rig.period / dt * (needed - before.needed)
+        period = self.rig.period
+        coming = begun * (0.5 + self.delay + late / period) * period / dt * (needed - before.needed)
         planned = coupling.shaft_torque(needed + coming + disturbance) + friction.level * sliding
         commanded = coupling.joint_torque(planned + gears.feedback(ahead, bandwidth, planned))
 
@@ -380,6 +393,7 @@ class ComputedTorque(ModelLaw):
             needed=needed,
             impulse=impulse,
             queue=self.queue.following(before.queue, commanded),
+            frames=self.frames.following(torque),
             friction=learnt.memory,
             gears=gears.memory(deviation),
             boost=self.boost.following(before.boost, distance, turns, dt),

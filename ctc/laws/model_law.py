@@ -12,7 +12,6 @@ from identification.results.summary import warn_of_doubts
 from plant import Arm, Law, Rig
 from plant.analysis.sampled_loops import SampledLoops
 from plant.laws.law import Block
-from plant.machine.inner_loop import InnerLoop
 from plant.machine.motor_inertia import require_inertia
 from plant.machine.rig import sliding_rig
 from plant.parts.arguments import array, instance
@@ -81,9 +80,9 @@ class ModelLaw(Law):
         """Once per sample of the rig [s]."""
         return self.rig.period
 
-    def inner_of(self, rig: Rig) -> InnerLoop | None:
-        """That of the law's own rig: what it takes the servo's gain for is in its goals."""
-        return self.rig.inner
+    def rig_of_frames(self, rig: Rig) -> Rig:
+        """The law's own: what it takes the servo's gain for is in its goals."""
+        return self.rig
 
     def sliding(self) -> Law:
         """With a rig without dry friction."""

@@ -19,6 +19,7 @@ from identification.replay.objective import Objective
 from identification.replay.prediction import Prediction
 from identification.search.genetic import GeneticSettings
 from plant import Arm, Dynamics, Law, Record, Resumed, Rig
+from plant.machine.inner_loop import InnerLoop
 from plant.parts import Checkpoint, Floats, Frozen, frozen, kept, real, signs
 
 
@@ -248,7 +249,11 @@ class Problem:
         if isinstance(law, Resumed):
             law = law.law
         arm = self.dynamics.arm([named[name] for name in self.dynamics.names])
-        return arm, record.rig.filled(named), law
+        rig = record.rig.filled(named)
+        # The loop of the log lies below the laws that come.
+        if isinstance(law, InnerLoop):
+            rig = dataclasses.replace(rig, inner=law)
+        return arm, rig, law
 
 
 # A record of more samples than this is long; parts of as many samples in all replace it.

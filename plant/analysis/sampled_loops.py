@@ -159,7 +159,7 @@ def held(
     weight = arm.dynamics.h(q, ca.SX.zeros(n), arm.f) - rig.spring_torque(q)
     torque = weight + rig.drive.friction(ca.SX.zeros(n))
     # An inner loop bears a part of the weight by its distance from the pose.
-    inner = law.inner_of(rig)
+    inner = law.rig_of_frames(rig).inner
     if inner is not None:
         coupling = rig.drive.coupling
         torque = torque - coupling.joint_torque(inner.stiffness_of(rig) * coupling.shaft(pose - q))

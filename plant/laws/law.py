@@ -141,13 +141,24 @@ class Law(Part, abc.ABC):
             Commanded joint torque, before the amplifier's limit [N m]; the state of the next step.
         """
 
-    def inner_of(self, rig: Rig) -> InnerLoop | None:
-        """The inner loop for which this law makes its frames: by default that of the rig.
+    @property
+    def innermost(self) -> "Law":
+        """The law within all laws around it; of most laws the law itself."""
+        within = getattr(self, "law", None)
+        return within.innermost if isinstance(within, Law) else self
+
+    def rig_of_frames(self, rig: Rig) -> Rig:
+        """The rig whose inner loop and transport this law takes its frames for: by default the rig.
 
         A law around a law asks the inner one.
         """
-        around = getattr(self, "law", None)
-        return around.inner_of(rig) if isinstance(around, Law) else rig.inner
+        innermost = self.innermost
+        return rig if innermost is self else innermost.rig_of_frames(rig)
+
+    def period_on(self, rig: Rig) -> float | None:
+        """`period` on a rig [s]; a servo's loop runs a whole number of times per sample."""
+        innermost = self.innermost
+        return self.period if innermost is self else innermost.period_on(rig)
 
     def has_memory(self, n: int) -> bool:
         """Whether the torque depends on more than the present counts and reference."""
@@ -338,11 +349,11 @@ class Law(Part, abc.ABC):
 
         # 3. Above an inner loop the torque becomes a frame, which may give less of it.
         sent = None
-        inner = law.inner_of(symbolic_rig)
-        if inner is not None:
+        if rig.inner is not None:
             self._require_frames()
-            frame, commanded = _sent(inner, symbolic_rig, setpoint, pulses, commanded)
-            frame, _ = _sent(inner, symbolic_rig, setpoint, pulses, torque)
+            known = law.rig_of_frames(symbolic_rig)
+            _, commanded = _sent(known, symbolic_rig, setpoint, pulses, commanded)
+            frame, _ = _sent(known, symbolic_rig, setpoint, pulses, torque)
             sent_inputs = [q, qd, qdd, pulses, torque, numbers]
             sent = ca.Function("sent", sent_inputs, [ca.densify(ca.vertcat(*frame))])
 
@@ -358,7 +369,7 @@ class Law(Part, abc.ABC):
             ["asked", "following"],
         )
         values = np.append(self.number_values(), rig.number_values())
-        return Block(step, initial, law_names + rig_names, values, self.period, sent)
+        return Block(step, initial, law_names + rig_names, values, self.period_on(rig), sent)
 
     def _require_frames(self) -> None:
         """Refuse a law that cannot send frames to an inner loop."""
@@ -378,13 +389,19 @@ class Law(Part, abc.ABC):
 
 
 def _sent(
-    inner: InnerLoop, rig: Rig, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX
+    known: Rig, rig: Rig, setpoint: Setpoint, pulses: ca.SX, torque: ca.SX
 ) -> tuple[Frame, ca.SX]:
-    """The frame of a joint torque (n, 1) beside the reference, and the torque that it adds."""
-    # A frame holds until the next: it is that of the reference in the middle of the period.
-    half = rig.period / 2
-    q = setpoint.q + half * setpoint.qd + half * half / 2 * setpoint.qdd
-    qd = setpoint.qd + half * setpoint.qdd
+    """The frame of a joint torque (n, 1) beside the reference, and the torque that it adds.
+
+    `known` is the rig as the law has it; its geometry, gears and counts, is that of `rig`.
+    """
+    inner: Any = known.inner
+    # A frame holds until the next: it is that of the reference in the middle of that time, which
+    # begins late where frames are late.
+    late = 0 if known.transport is None else known.transport.delay
+    time = rig.period / 2 + late
+    q = setpoint.q + time * setpoint.qd + time * time / 2 * setpoint.qdd
+    qd = setpoint.qd + time * setpoint.qdd
     frame = inner.frame(rig, q, qd, torque, pulses)
     return frame, inner.added(rig, q, qd, frame)
 

@@ -1,6 +1,5 @@
 """A drive that takes MIT frames (q, qd, kp, kd, tau): its own PD loop, and a torque beside it."""
 
-import dataclasses
 import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
@@ -9,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plant.laws.law import Block, Law, Setpoint, Step
+from plant.laws.law import Law, Setpoint, Step
 from plant.laws.terms import SMOOTHED, filtered_difference
 from plant.machine.encoder import nearest
 from plant.machine.inner_loop import Frame, InnerLoop
@@ -184,9 +183,9 @@ class MitDrive(InnerLoop, Law):
         tau = coupling.joint_torque(self.kp * error + self.kd * slower)
         return tau, self.fields.write(rig.n, pulses=memory)
 
-    def block(self, rig: Rig) -> Block:
-        """With a period of which a sample of the rig has a whole number."""
-        return dataclasses.replace(super().block(rig), period=self.period_in(rig.period))
+    def period_on(self, rig: Rig) -> float:
+        """The period of which a sample of the rig has a whole number, next to the loop's."""
+        return self.period_in(rig.period)
 
     def counts(self, rig: Rig, position: ca.SX) -> ca.SX:
         """As of `InnerLoop`, by the drive's own counter."""

@@ -1,11 +1,10 @@
 """A servo that takes goal positions: its own loop turns goal minus count into a motor torque."""
 
-import dataclasses
 from typing import Any
 
 import casadi as ca
 
-from plant.laws.law import Block, Law, Setpoint, Step
+from plant.laws.law import Law, Setpoint, Step
 from plant.machine.encoder import nearest
 from plant.machine.inner_loop import Frame, InnerLoop
 from plant.machine.rig import Rig
@@ -113,9 +112,9 @@ class PositionServo(InnerLoop, Law):
         following = self.fields.write(rig.n, goal=goal, pulses=pulses, begun=1)
         return rig.drive.joint_torque(motor), following
 
-    def block(self, rig: Rig) -> Block:
-        """With a period of which a sample of the rig has a whole number."""
-        return dataclasses.replace(super().block(rig), period=self.period_in(rig.period))
+    def period_on(self, rig: Rig) -> float:
+        """The period of which a sample of the rig has a whole number, next to the loop's."""
+        return self.period_in(rig.period)
 
     def stiffness_of(self, rig: Rig) -> Any:
         """The gain across the gear: torque of a shaft per angle."""

@@ -17,6 +17,7 @@ from plant.laws.law import Law
 from plant.logs.record_csv import COLUMNS
 from plant.logs.record_files import SOURCES, FromFiles
 from plant.logs.resampling import resampled_fields
+from plant.machine.inner_loop import InnerLoop
 from plant.machine.rig import Rig
 from plant.motion.reference import Reference
 from plant.parts.arguments import array, instance, known_options, real
@@ -128,6 +129,11 @@ class Record(FromFiles, Frozen):
                     f"{name} of a record must be a {name.capitalize()}; got"
                     f" {getattr(self, name)!r:.60}."
                 )
+        # An inner loop is the law of a log or lies below one, never both.
+        if isinstance(self.law, InnerLoop):
+            object.__setattr__(self, "law", self.law.for_joints(self.rig.n))
+            if self.rig.inner == self.law:
+                object.__setattr__(self, "rig", dataclasses.replace(self.rig, inner=None))
         instance("name", self.name, str, "Give a word, such as the file's name.")
         if self.columns is not None:
             instance("columns", self.columns, dict, "Give the mapping of from_table.")

@@ -253,7 +253,7 @@ class Running:
 
     def _sent(self, name: str) -> Floats:
         """What an inner loop of the rig gets of the last call, by its name."""
-        inner = self.law.inner_of(self.rig)
+        inner = self.law.rig_of_frames(self.rig).inner
         if inner is None or inner.sends != name:
             kind = "none" if inner is None else f"a {type(inner).__name__}, which takes a"
             takes = (

@@ -211,7 +211,9 @@ class ClosedLoop(Layout):
         following = following._replace(law=law, torque=rig.limited(command))
         if rig.inner is not None:
             sent = self._block.sent(*setpoint[:3], pulses, command, numbers)
-            following = following._replace(sent=sent, sent_before=state.sent)
+            # The first frame finds the arm on its way under one like it.
+            before = ca.if_else(state.sending, state.sent, sent)
+            following = following._replace(sent=sent, sent_before=before, sending=1)
         return following, finite
 
     def _with_inner(self, state):

@@ -26,7 +26,7 @@ from plant.parts.vector import Fields, per_joint, scalars
 _PASSES = 20
 
 # Fields that hold one number whatever the loop is; their names have no index.
-_SINGLE = "score", "ok", "place", "lost", "draw", "due", "h"
+_SINGLE = "score", "ok", "sending", "place", "lost", "draw", "due", "h"
 
 # Rows of a frame, one number per joint each.
 _FRAME = len(Frame._fields)
@@ -131,7 +131,8 @@ class Layout:
 
         A servo's loop, be it the law of a log or the loop below a law, is faster than the samples.
         """
-        fast = self.law if isinstance(self.law, InnerLoop) else self.rig.inner
+        innermost = self.law.innermost
+        fast = innermost if isinstance(innermost, InnerLoop) else self.rig.inner
         if fast is None:
             return self.steps_per_sample
         loops = round(self.rig.period / fast.period_in(self.rig.period))
@@ -168,10 +169,11 @@ class Layout:
             # With a transport the torque before that one, and the counts that the law read last.
             before=transport,
             seen=transport,
-            # With an inner loop the frame that was sent last, and with a transport the one before;
+            # With an inner loop the frames that were sent last and before, and 1 after the first;
             # the state of that loop, and the torque that it makes [N m].
             sent=per_joint(0 if inner is None else _FRAME),
             sent_before=per_joint(0 if inner is None else _FRAME),
+            sending=_single_if(inner),
             inner=scalars(0 if inner is None else inner.fields.length(self.n)),
             made=_per_joint_if(inner),
             # With elastic gears the motion of the joints themselves.

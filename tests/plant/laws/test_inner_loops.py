@@ -8,8 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from servos import GAIN, VISCOUS, arm, dynamics, rig
 
-from ctc import ComputedTorque, FeedForward, evaluate
-from plant import PD, Harmonics, LoggedTorque, MitDrive, P, PointToPoint, PositionServo, simulate
+from ctc import ComputedTorque, FeedForward, Uncertainty, certify, evaluate
+from identification import identify
+from plant import (
+    PD,
+    Harmonics,
+    LoggedTorque,
+    MitDrive,
+    P,
+    PointToPoint,
+    PositionServo,
+    Transport,
+    everyday_motions,
+    replay,
+    simulate,
+)
 from plant.analysis.sampled_loops import SampledLoops
 
 ARM = arm()
@@ -213,3 +226,73 @@ def test_torque_rig_has_no_goal():
     running = ComputedTorque(ARM, loop, bandwidth=30).start(loop, (0, 0))
     with pytest.raises(ValueError, match="goal needs a rig with an inner loop"):
         _ = running.goal
+
+
+# -- delay, certification, logs --------------------------------------------------------------------
+def test_stated_delay_of_goals_is_made_up_for():
+    late = Transport(delay=0.01)
+    move = PointToPoint(start=(0.3, -0.2), goal=(1.3, -1.2), duration=1.2)
+    worst = {}
+    for name, known in {"unknown": rig(), "stated": rig(transport=late)}.items():
+        ahead = FeedForward(ARM, known, feedback=plain(0.01))
+        runs = (
+            evaluate(ARM, rig(transport=late), law, move, duration=2.0)
+            for law in (ahead, ComputedTorque(ARM, known))
+        )
+        worst[name] = [run.max_true_error_pulses.max() for run in runs]
+    # Without feedback a goal that is 10 ms late is 10 counts behind, at 1.6 rad/s.
+    assert worst["unknown"][0] > 8
+    assert worst["stated"][0] < 3
+    # The observer makes up for most of what it is not told.
+    assert worst["unknown"][1] < 3
+    assert worst["stated"][1] < 2
+
+
+def test_certificate_of_goals_counts_the_servo_s_gain():
+    loop = rig()
+    stated = Uncertainty(covariance=np.diag((0.01 * dynamics().f()) ** 2), friction=0.02)
+    certificate = certify(
+        ARM, loop, ComputedTorque(ARM, loop), FAST, stated, samples=20, within=2, progress=False
+    )
+    peak = np.asarray(certificate.runs.peak)
+    assert peak.shape == (20, 2)
+    assert 0 < np.median(peak) <= 2
+    # Motions for such arms are slower than their motors, and not all within a count.
+    assert set(everyday_motions(ARM, loop))
+
+
+def test_record_of_goals_is_the_same_experiment_as_goals_from_above():
+    # The law of a log is the inner loop of the rig: the record leaves it out of the rig.
+    loop = rig()
+    record = simulate(ARM, rig(inner=None), loop.inner, FAST)
+    kept = dataclasses.replace(record, rig=loop, law=loop.inner)
+    assert kept.rig == record.rig
+    again = replay(ARM, kept)
+    np.testing.assert_array_equal(again.error_pulses, record.error_pulses)
+
+
+def test_identification_from_goals_and_counts_gives_the_torque_in_units_of_the_gain():
+    # Twice the gain that the servo has: f and friction are twice as large, and nothing else.
+    true = rig(inner=None)
+    servo = PositionServo(gain=GAIN)
+    path = Harmonics(
+        period=10.0,
+        offset=(0.3, -0.2),
+        cosine=((0.2, -0.1, 0.1), (0.1, 0.2, -0.2)),
+        sine=((0.3, 0.2, -0.2), (-0.3, 0.2, 0.2)),
+    )
+    record = simulate(ARM, true, servo, path)
+    unknown = [
+        *dynamics().names, *(f"drive.{kind}[{i}]" for kind in ("viscous", "coulomb") for i in (0, 1))
+    ]  # fmt: skip
+    doubled = dataclasses.replace(
+        record, law=PositionServo(gain=2 * GAIN), torque=None, current=None
+    )
+    found = identify(dynamics(), doubled, unknown=unknown, progress=False)
+    np.testing.assert_allclose(found.rig.drive.viscous, 2 * VISCOUS, rtol=0.05)
+    np.testing.assert_allclose(found.rig.drive.coulomb, 2 * 0.052, rtol=0.1)
+    assert found.rig.inner == found.law
+    # The goals that its computed torque sends are those of the true gain.
+    law = ComputedTorque(found)
+    report = evaluate(ARM, rig(), law, FAST, duration=4.0)
+    assert report.max_true_error_pulses.max() < 2
