@@ -1,7 +1,7 @@
 """A drive that takes MIT frames (q, qd, kp, kd, tau): its own PD loop, and a torque beside it."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self
 
 import casadi as ca
@@ -239,7 +239,7 @@ def _step(end: Floats, bits: int, *, signed: bool = True) -> Floats:
     return (2 if signed else 1) * np.asarray(end) / (2**bits - 1)
 
 
-def _five(name, values, one):
+def _five(name: str, values: Any, one: Callable[[str, Any], Any]) -> tuple[Any, ...]:
     """The five values, each taken by `one`."""
     if isinstance(values, str) or not isinstance(values, (tuple, list)) or len(values) != 5:
         raise ValueError(
@@ -252,7 +252,7 @@ def _five(name, values, one):
     )
 
 
-def _limit(name, value):
+def _limit(name: str, value: Any) -> Any:
     """A limit above zero, as a number, or as a tuple of one per joint."""
     limit = array(name, value, np.shape(value)[:1], advice="Give one number, or one per joint.")
     if not (limit > 0).all():
@@ -260,7 +260,7 @@ def _limit(name, value):
     return tuple(limit.tolist()) if limit.ndim else float(limit)
 
 
-def _bit(name, value):
+def _bit(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 2 <= value <= 32:
         raise ValueError(f"{name} must be a whole number, 2 to 32; got {value!r}. 12 are usual.")
     return int(value)

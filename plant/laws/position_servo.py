@@ -143,7 +143,7 @@ class PositionServo(InnerLoop, Law):
         """The goals (n,) [counts]."""
         return pulses
 
-    def _per_radian(self, rig):
+    def _per_radian(self, rig: Rig) -> Any:
         """Motor torque on the shaft of one pulse per angle: both cross the gear."""
         gear = rig.drive.gear
         return gear * rig.encoder.position_in_pulses(gear)
