@@ -36,12 +36,15 @@ class DialectSettings:
         Fraction of the rows in which a column must hold a number to count as one of numbers.
     above : int
         Lines above the first row among which the heading is looked for.
+    preamble : int
+        Lines that may stand before the first row.
     """
 
     tail: int = 1 << 16
     lines: int = 300
     share: float = 0.6
     above: int = 8
+    preamble: int = 100_000
 
 
 SETTINGS = DialectSettings()
@@ -103,6 +106,8 @@ class _Layout(NamedTuple):
 class _Line(NamedTuple):
     number: int
     cells: list[str]
+    # It has the mark of a comment.
+    marked: bool
 
     @property
     def is_words(self) -> bool:
@@ -130,8 +135,10 @@ def dialect_of(path: str | Path) -> Dialect:
     for layout in layouts:
         above, row = _lines_above(path, encoding, layout)
         heading = _heading(above, row, layout)
-        # Names that hold a better separator are a heading of another width than the rows.
-        if heading is None or any(s in name for s in better for name in heading[0]):
+        # Names that hold a better separator are a heading of another width than the rows; so is
+        # one name that holds any.
+        others = better if layout.width > 1 else [s for s in SEPARATORS if s is not None]
+        if heading is None or any(s in name for s in others for name in heading[0]):
             problems.append(_no_heading(above, row, layout))
             better += [layout.separator] if layout.separator else []
             continue
@@ -254,20 +261,26 @@ def _numbered(path: str | Path, encoding: str, separator: str | None) -> Iterato
     """The lines of a file that are not empty; those that are marked as comments hold words."""
     with open(path, encoding=encoding) as file:
         for number, text in enumerate(lines_of(file), 1):
+            if number > SETTINGS.preamble:
+                break
             line = _stripped(text)
             # Numpy, MATLAB and others put a mark before the heading.
-            if line.startswith(("#", "%")):
-                line = line.lstrip("#% ")
+            marked = line.startswith(("#", "%"))
+            line = line.lstrip("#% ") if marked else line
             if line:
-                yield _Line(number, _split(line, separator))
+                yield _Line(number, _split(line, separator), marked)
 
 
 def _heading(
     above: Sequence[_Line], row: _Line | None, layout: _Layout
 ) -> tuple[tuple[str, ...], dict[str, str], int] | None:
     """Names, units, and the number of lines before the first row; None without a heading."""
-    near = itertools.takewhile(lambda line: _fits(line.cells, layout) or line.is_numbers, above)
-    # A row with a cell too few or too many, below the heading, is no reason to look no further.
+
+    def may_stand_below(line: _Line) -> bool:
+        # So may a row with a cell too few or too many, and a comment.
+        return _fits(line.cells, layout) or line.is_numbers or line.marked
+
+    near = itertools.takewhile(may_stand_below, above)
     fitting = [line for line in near if _fits(line.cells, layout)]
     # Names are words; only where no line has words alone may some names be numbers.
     words = [line for line in fitting if line.is_words]
@@ -278,7 +291,8 @@ def _heading(
     at = fitting.index(line)
     units = None
     # A row of units stands below the names. It may hold 1 or -, and is no row of words then.
-    if _are_units(line.cells) and at + 1 < len(fitting) and fitting[at + 1] in mixed:
+    adjacent = at + 1 < len(fitting) and fitting[at + 1].number == line.number - 1
+    if adjacent and _are_units(line.cells) and fitting[at + 1] in mixed:
         units, line, at = line, fitting[at + 1], at + 1
     elif at and _are_units(fitting[at - 1].cells):
         units = fitting[at - 1]
@@ -327,10 +341,20 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _no_heading(above: Sequence[_Line], row: _Line | None, layout: _Layout) -> str:
     """Why the rows have no names, and what to do."""
-    if row is not None and _is_no_row(row):
+    if row is None:
+        return (
+            f"must have its heading in the first {SETTINGS.preamble} lines; got none there. Delete"
+            " the lines above it."
+        )
+    if _is_no_row(row):
         return _named_values(row)
     names = above[0] if above else None
-    if row is None or names is None or len(names.cells) < 2 or not names.is_words:
+    if names is not None and layout.width == len(names.cells) == 1:
+        # A file that ends within its first row has a heading of more cells.
+        widths = [len(cells_of(names.cells[0], s)) for s in SEPARATORS if s is not None]
+        if max(widths) > 1:
+            return f"line {row.number} must have {max(widths)} cells; got 1. Complete it."
+    if names is None or len(names.cells) < 2 or not names.is_words:
         return "must name its columns in a line above the numbers; got none. Add that line."
     # The nearest line has names, but another number of them.
     advice = f"Complete it, or correct the names in line {names.number}."

@@ -46,6 +46,8 @@ _NAMES = {
     for name, spellings in _SPELLINGS.items()
     for spelling in (name.lower().replace(" ", ""), *spellings.split())
 }
+# Longer names have no unit; the expression would take long on them.
+_LONGEST_NAME = 200
 _BRACKETED = re.compile(r"(.*?)\s*[\[(]([^\[\]()]{1,20})[\])]\s*")
 
 
@@ -58,7 +60,7 @@ def unit_named(text: str) -> str | None:
     >>> unit_named("Nm"), unit_named("[°]"), unit_named("shoulder")
     ('N m', 'deg', None)
     """
-    word = text.strip()
+    word = text[:_LONGEST_NAME].strip()
     if word[:1] in ("[", "(") and word[-1:] in ("]", ")"):
         word = word[1:-1]
     # "N m", "N·m" and "N*m" are one word.
@@ -70,6 +72,6 @@ def without_unit(heading: str) -> tuple[str, str | None]:
 
     Brackets with anything else, such as the index of ``q[1]``, are part of the name.
     """
-    match = _BRACKETED.fullmatch(heading)
+    match = _BRACKETED.fullmatch(heading) if len(heading) <= _LONGEST_NAME else None
     unit = unit_named(match[2]) if match and not match[2].strip().isdigit() else None
     return (match[1], unit) if match and unit is not None and match[1] else (heading, None)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant import Drive, Encoder, LoadError, Record, Rig, read_table
+from plant.logs import dialect
 
 NUMBERS = np.array([[0.0, 12.5, -3.25], [0.25, 13.0, 4.5], [0.5, -0.125, 6.0], [0.75, 2.0, -8.75]])
 
@@ -142,6 +143,55 @@ def test_a_broken_row_below_a_heading_is_never_taken_for_a_preamble(tmp_path):
         for spoilt in (lines[at] + ";7", lines[at].rpartition(";")[0]):
             text = "\n".join([*lines[:at], spoilt, *lines[at + 1 :]]) + "\n"
             assert refusal(tmp_path, text).startswith(f"line {at + 1} must have 3 cells")
+
+
+def test_a_file_that_ends_in_its_first_row_is_no_column_of_one_name(tmp_path):
+    assert refusal(tmp_path, "t;q1;q2\n-0,25").startswith("line 2 must have 3 cells; got 1")
+
+
+def test_a_comment_between_heading_and_rows_hides_neither(tmp_path):
+    table = columns(tmp_path, "t;q1;q2\n# begun by hand\n" + rows(";"))
+    np.testing.assert_array_equal(np.column_stack(list(table.values())), NUMBERS)
+
+
+def test_a_table_without_an_end_to_its_preamble_is_refused_soon(tmp_path, monkeypatch):
+    """Neither empty lines nor a preamble may make the search for a heading long."""
+    monkeypatch.setattr(dialect, "SETTINGS", dialect.DialectSettings(preamble=50))
+    text = "Device;X\n" * 60 + "\nt;q1;q2\n" + rows(";")
+    assert refusal(tmp_path, text).startswith("must have its heading in the first 50 lines")
+    assert refusal(tmp_path, "\n" * 99).startswith("must hold samples; got no row")
+
+
+@settings(derandomize=True, max_examples=150, deadline=None)
+@given(
+    lines=st.lists(
+        st.tuples(
+            st.sampled_from(",;\t |"),
+            st.lists(
+                st.one_of(
+                    st.floats().map(str),
+                    st.sampled_from(
+                        ["t", "q [deg]", "[rad]", "s", "", "-", "#", "%", "1,5", "a=1"]
+                    ),
+                    st.text(max_size=4),
+                ),
+                max_size=5,
+            ),
+        ).map(lambda line: line[0].join(line[1])),
+        max_size=8,
+    ),
+    encoding=st.sampled_from(["utf-8", "utf-16", "cp1252"]),
+)
+def test_any_text_is_a_table_or_one_line_that_says_why_not(tmp_path_factory, lines, encoding):
+    path = tmp_path_factory.mktemp("text") / "any.csv"
+    path.write_bytes("\n".join(lines).encode(encoding, "replace"))
+    try:
+        lengths = {len(column) for column in read_table(path).values()}
+        assert len(lengths) == 1
+    except LoadError as error:
+        assert "\n" not in str(error)
+        # A reader that failed by itself would call the file unsound.
+        assert "sound file" not in str(error)
 
 
 # -- units that a table states -------------------------------------------------------------------
