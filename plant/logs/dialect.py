@@ -152,7 +152,8 @@ def dialect_of(path: str | Path) -> Dialect:
             numeric=tuple(name for i, name in enumerate(names) if i in layout.numeric),
             skip=skip,
         )
-    raise ValueError(problems[0])
+    # The number of a line says more than that there is no heading.
+    raise ValueError(next((text for text in problems if text.startswith("line")), problems[0]))
 
 
 def _encoding(path: str | Path) -> str:
