@@ -125,7 +125,8 @@ class Body(Part):
         slack = 1e-9 * max(1e-300, np.abs(moments).max())
         if not self.mass > 0:
             raise ValueError(
-                f"link {name} must have a positive mass; got {self.mass}. Give it in kg."
+                f"link {name} must have a positive mass; got {self.mass} kg. State it, or fix the"
+                " link to its neighbour."
             )
         if moments[0] < -slack:
             raise ValueError(

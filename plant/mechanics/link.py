@@ -193,7 +193,10 @@ class Limits(Part):
         # Ends may be equal: a joint that is locked.
         for joint in np.flatnonzero(self.lower > self.upper):
             got = f"got {self.lower[joint]} and {self.upper[joint]} at joint {joint + 1}"
-            raise ValueError(f"lower must not be above upper; {got}. Swap them.")
+            raise ValueError(
+                f"lower must not be above upper; {got}. Swap them if they are"
+                " exchanged, or correct one."
+            )
         signs(self, not_negative=("velocity", "effort"), advice="Limits are magnitudes.")
 
     @property

@@ -234,8 +234,12 @@ class _Reader:
             elif child.tag in ("site", "geom") and name:
                 self.bodies_of[name] = inside.parent
             elif child.tag not in _IN_BODY and inside.parent != "world":
+                file = child.attributes.get("file", "")
                 reason = (
-                    f"<{child.tag}> must not be in {inside.parent}; only {', '.join(_IN_BODY)} may."
+                    f"<include> must name a file that is there; {file} is not. Put it beside the"
+                    " model."
+                    if child.tag == "include"
+                    else f"<{child.tag}> must not be in {inside.parent}; only {', '.join(_IN_BODY)} may."
                     " Remove it."
                 )
                 self.model.unread.setdefault(inside.parent, reason)
@@ -246,7 +250,8 @@ class _Reader:
         where = f"body {name}"
         if name in self.model.bodies:
             raise ValueError(
-                f"bodies must have names of their own; got {name!r} twice. Rename one."
+                f"bodies must have names of their own; got {name!r} twice. Rename one, or"
+                " remove what is there twice."
             )
         inherited = element.attributes.get("childclass", inside.inherited)
         pose, misplaced = deferred(HERE, self._pose, element, where)
@@ -290,7 +295,8 @@ class _Reader:
     def _add(self, joint: ModelJoint) -> None:
         if joint.name in self.model.joints:
             raise ValueError(
-                f"joints must have names of their own; got {joint.name!r} twice. Rename one."
+                f"joints must have names of their own; got {joint.name!r} twice. Rename one,"
+                " or remove what is there twice."
             )
         self.model.joints[joint.name] = joint
 

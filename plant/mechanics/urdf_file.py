@@ -79,8 +79,8 @@ def _links(robot: Element) -> dict[str, Element]:
         name = element.attributes.get("name", "")
         if not name or name in links:
             raise ValueError(
-                f"links must have names of their own; got {name!r} {'twice' if name else ''}."
-                " Name it."
+                f"links must have names of their own; got {name!r}."
+                f" {'Rename one, or remove what is there twice.' if name else 'Name it.'}"
             )
         links[name] = element
     return links
@@ -113,8 +113,8 @@ def _joints(robot: Element) -> dict[str, ModelJoint]:
         where = f"joint {name}"
         if not name or name in joints:
             raise ValueError(
-                f"joints must have names of their own; got {name!r} {'twice' if name else ''}."
-                " Name it."
+                f"joints must have names of their own; got {name!r}."
+                f" {'Rename one, or remove what is there twice.' if name else 'Name it.'}"
             )
         ends = [element.find(tag) for tag in ("parent", "child")]
         parent, child = ("" if end is None else end.attributes.get("link", "") for end in ends)

@@ -143,9 +143,9 @@ def parsed(
     except xml.parsers.expat.ExpatError as error:
         raise ValueError(f"{path} must be well-formed XML; {error}. Correct the file.") from None
     if root_tag is not None and root[0].tag != root_tag:
-        raise ValueError(
-            f"{path} must hold a <{root_tag}>; got <{root[0].tag}>. Give a {kind} file."
-        )
+        other = {"mujoco": "from_mjcf", "robot": "from_urdf"}.get(root[0].tag)
+        advice = f"Read it by {other}." if other else f"Give a {kind} file."
+        raise ValueError(f"{path} must hold a <{root_tag}>; got <{root[0].tag}>. {advice}")
     return root[0], data
 
 

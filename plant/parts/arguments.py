@@ -88,11 +88,9 @@ def choice(name: str, value: T, allowed: Collection[T]) -> T:
     # The right text but the wrong type, such as "2" for 2, needs another hint than a misspelling.
     texts = {str(option): option for option in allowed}
     same = texts.get(str(value))
-    hint = (
-        near(value, allowed, f"Use {next(iter(allowed))!r}.")
-        if same is None
-        else f"Write {same!r}."
-    )
+    # Which of several is meant is not known.
+    only = f"Write {next(iter(allowed))!r}." if len(allowed) == 1 else "Take one of these."
+    hint = near(value, allowed, only) if same is None else f"Write {same!r}."
     raise ValueError(
         f"{name} must be one of {several(repr(a) for a in allowed)}; got {value!r}. {hint}"
     )

@@ -132,7 +132,7 @@ ACTS = {
     ),
     "a missing part of it": (
         {"within": '<include file="gone.xml"/>'},
-        "<include> must not be in lower",
+        "<include> must name a file that is there; gone.xml is not",
     ),
 }
 

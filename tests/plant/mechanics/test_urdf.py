@@ -214,7 +214,7 @@ def test_ends_that_are_none(tmp_path, given, said):
         (GOOD.replace('<parent link="base"/>', ""), "must have a parent and a child link"),
         (GOOD.replace("</robot>", MORE.format("base", "arm")), "link arm must hang on one joint"),
         (GOOD.replace("</robot>", MORE.format("arm", "base")), "hangs on itself"),
-        (GOOD.replace("</robot>", LINK.format("arm") + "</robot>"), "names of their own; got 'arm' twice"),
+        (GOOD.replace("</robot>", LINK.format("arm") + "</robot>"), "names of their own; got 'arm'. Rename"),
         (GOOD.replace('"elbow"', '"shoulder"').replace("</robot>", MORE.format("arm", "arm")), "hangs on"),
         (GOOD.replace("</robot>", LINK.format("b") + MORE.format("base", "b")), "joints must be named where"),
         (of_arm('mass value="1"', 'mass value="1_7"'), "got '1_7'"),

@@ -69,8 +69,10 @@ def test_choice_offers_the_nearest():
         match=r"^backend must be one of 'numba', 'casadi'; got 'nubma'\. Did you mean 'numba'\?$",
     ):
         choice("backend", "nubma", ("numba", "casadi"))
-    with pytest.raises(ValueError, match=r"got 'q'\. Use 'numba'\.$"):
+    with pytest.raises(ValueError, match=r"got 'q'\. Take one of these\.$"):
         choice("backend", "q", ("numba", "casadi"))
+    with pytest.raises(ValueError, match=r"got 'q'\. Write 'numba'\.$"):
+        choice("backend", "q", ("numba",))
     with pytest.raises(ValueError, match=r"18, 19 and 10 more; got 4\.5"):
         choice("number", 4.5, range(30))
 
