@@ -105,7 +105,8 @@ LATE = {  # slow library -> what it costs beside numba and casadi, and who needs
     "scipy.signal": "0.6 s: filters, which the genetic algorithm does without",
     "scipy.special": "0.3 s: quantiles, for which no command has to wait before it says its help",
     "scipy.stats": "0.5 s: Sobol poses, where D depends on several joints",
-    "xacrodoc": "an extra: expands xacro",
+    "xacro": "an extra, with xacrodoc: expands xacro",
+    "xacrodoc": "an extra: finds the packages of xacro",
 }
 
 LOGS = ROOT / "plant" / "logs"

@@ -142,9 +142,9 @@ def near_each_other(links: tuple[Link, ...]) -> tuple[Link, ...]:
             pose = pose @ Placement(position=(0.0, 0.0, shift))
         if abs(link.d) > _LONGEST and (not shift or np.abs(pose.position).max() > _LONGEST):
             raise ValueError(
-                f"d of link {link.name} must be a length in metres, at most {_LONGEST:g}, unless its"
-                f" axis is nearly parallel to a neighbour's; got {link.d:g}. Divide by 1000 if it is"
-                " in mm."
+                f"d of link {link.name} must be a length in metres, at most {_LONGEST:g}, unless"
+                f" its axis is nearly parallel to a neighbour's; got {link.d:g}. Divide by 1000 if"
+                " it is in mm."
             )
         if shift or back != Placement():
             frame = Placement(position=(0.0, 0.0, -shift)) @ link.frame

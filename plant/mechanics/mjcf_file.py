@@ -234,14 +234,15 @@ class _Reader:
             elif child.tag in ("site", "geom") and name:
                 self.bodies_of[name] = inside.parent
             elif child.tag not in _IN_BODY and inside.parent != "world":
-                file = child.attributes.get("file", "")
+                allowed = ", ".join(_IN_BODY)
                 reason = (
-                    f"<include> must name a file that is there; {file} is not. Put it beside the"
-                    " model."
-                    if child.tag == "include"
-                    else f"<{child.tag}> must not be in {inside.parent}; only {', '.join(_IN_BODY)} may."
-                    " Remove it."
+                    f"<{child.tag}> must not be in {inside.parent}; only {allowed} may. Remove it."
                 )
+                if child.tag == "include":
+                    reason = (
+                        "<include> must name a file that is there;"
+                        f" {child.attributes.get('file', '')} is not. Put it beside the model."
+                    )
                 self.model.unread.setdefault(inside.parent, reason)
 
     def body(self, element: Element, inside: _Inside) -> None:

@@ -75,7 +75,8 @@ class RepairSettings:
     alike : float
         Relative difference up to which inertias that the other side leaves open are one.
     negligible : float
-        Share of the file's larger masses and inertias (the upper tenth) below which a link does no harm.
+        Share of the file's larger masses and inertias (the upper tenth) below which a link
+        does no harm.
     heavy : tuple of float
         Mass over that of all other links of a link with the mass of the whole robot: least, most.
     denser : float
@@ -363,8 +364,8 @@ def _judged(link: CheckedLink, links: Links) -> ModelFinding | None:
     trials = _possible(link, links)
     best = min(trials, key=lambda trial: trial.cost, default=None)
     exact = best is not None and coincides(best.inertial, link)
-    # A repair is unrivalled. A slip of the triangle inequality is of any number; and an inertia that
-    # is too small for its centre of mass leaves open which of the two is wrong.
+    # A repair is unrivalled. A slip of the triangle inequality is of any number; and an inertia
+    # that is too small for its centre of mass leaves open which of the two is wrong.
     certain = (
         best is not None and _unrivalled(trials, best) and best.cost - SETTINGS.rare <= links.usual
     )

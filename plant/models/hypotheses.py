@@ -307,7 +307,7 @@ def joint_positions(robot: Element) -> dict[str, Floats]:
 
 
 def ways(robot: Element) -> dict[str, float]:
-    """Sum of the distances of the joints from the base to each link, by the name of the link [m]."""
+    """Sum of the distances of the joints from the base to each link, by its name [m]."""
     parents: dict[str, tuple[str, float]] = {}
     for joint in robot.all("joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
