@@ -53,9 +53,12 @@ class DefaultGainSettings(Settings):
         For one of f and friction, on rigid gears. Unmodelled gears of 60 Hz become unstable with a
         faster observer or a larger boost. The dead zone falls with the square root of more
         bandwidth.
-    inner : Gains
-        Above an inner loop. The bandwidth is what the law adds to the loop's own stiffness;
-        tests/benchmarks/servos.py has other ones.
+    goals : Gains
+        Above position servos. The bandwidth is what the law adds to the servo's own stiffness;
+        tests/benchmarks/servos.py --only so101.
+    frames : Gains
+        Above drives that take MIT frames, likewise: unstated gears of 15 and of 28 Hz become
+        unstable with 80 rad/s; tests/benchmarks/servos.py --only elastic.
     share : float
         Error [pulses] that one standard deviation of unmodelled acceleration may cause.
     margin : float
@@ -66,7 +69,7 @@ class DefaultGainSettings(Settings):
     inner_period : float
         The same above an inner loop, whose own stiffness has no delay: 0.3 leaves twice the error
         where the servo's gain is 20 % off, and 0.6 rings where goals come a sample late.
-        tests/benchmarks/servos.py --bandwidths.
+        tests/benchmarks/servos.py --only bandwidths,late.
     step : float
         Factor by which a bandwidth is reduced until it is stable. Chosen by hand.
     smallest : float
@@ -103,14 +106,22 @@ class DefaultGainSettings(Settings):
     True
     """
 
-    may_be_zero = ("arm", "identified", "elastic", "friction", "inner")  # a dead zone is often zero
+    may_be_zero = (
+        "arm",
+        "identified",
+        "elastic",
+        "friction",
+        "goals",
+        "frames",
+    )  # a dead zone is often zero
     at_most = {"step": 0.99}  # noqa: RUF012  # declared as of the class; 1 would never end
 
     arm: Gains = Gains(360.0, 0.0)
     identified: Gains = Gains(145.0, 0.2)
     elastic: Gains = Gains(100.0, 0.4)
     friction: Gains = Gains(120.0, 0.45, 1.0, 2.7, 40.0)
-    inner: Gains = Gains(120.0, 0.2, 1.3, 2.0, 10.0)
+    goals: Gains = Gains(120.0, 0.2, 1.3, 2.0, 10.0)
+    frames: Gains = Gains(40.0, 0.2, 1.3, 2.0, 10.0)
     share: float = 0.28
     margin: float = 1.2
     period: float = 0.3
@@ -151,7 +162,7 @@ def known_gains(source: Any, rig: Any = None, settings: DefaultGainSettings = SE
     if rig is None and isinstance(source, Identification):
         rig = source.rig
     if isinstance(rig, Rig) and rig.inner is not None:
-        return settings.inner
+        return settings.goals if rig.inner.sends == "goal" else settings.frames
     if not isinstance(source, Identification) or source.covariance is None:
         return settings.arm
     friction = ("drive.viscous", "drive.coulomb")
