@@ -82,8 +82,8 @@ class ComputedTorque(ModelLaw):
         Factor on the regulator's bandwidth where a joint begins to move or turns back, or where
         counts show a model error, and the time constant with which it decays [s]; the observer's
         bandwidth is raised by the square root. Default: 4, and 10 over the bandwidth; with friction
-        identified and rigid gears: 2.7 and 40; above an inner loop: 2 and 10. The boost is disabled after two detected
-        oscillations, and always with elastic gears in the model.
+        identified and rigid gears: 2.7 and 40; above an inner loop: 2 and 10. The boost is
+        disabled after two detected oscillations, and always with elastic gears in the model.
     measured : bool
         Whether to evaluate D-hat and h-hat at the observed q and qd instead of the reference.
     delay : int

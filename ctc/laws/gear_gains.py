@@ -29,8 +29,9 @@ def gear_gains(
 ) -> Floats | None:
     """Table of `ElasticGears`, or None where the model takes gears for rigid.
 
-    That is so for gears without elasticity, too stiff for the period, whose rotors are all of D, and
-    above an inner loop.
+    That is so for gears without elasticity, too stiff for the period, whose rotors are all of D,
+    and above an inner loop.
+
     Gains of each joint alone, with the inertia 1 / (D^-1)_jj that it feels at a pose: Kalman filter
     and linear-quadratic regulator of motor, link and their speeds, the filter with a disturbance
     torque on the motor. Noise of the torque, on both, and cost are those for which rigid gears give

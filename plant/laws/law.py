@@ -379,7 +379,8 @@ class Law(Part, abc.ABC):
             raise ValueError(f"{rule}; {kind} is such a loop itself. Leave inner out of the rig.")
         if self.replays is not None:
             raise ValueError(
-                f"{rule}; {kind} repeats the motors' own {self.replays}. Leave inner out of the rig."
+                f"{rule}; {kind} repeats the motors' own {self.replays}. Leave inner out of the"
+                " rig."
             )
         if self.period is None:
             raise ValueError(
