@@ -3,22 +3,24 @@
 It needs no model of the arm.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from plant.checkup.corrections import tried
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Check, Checkup, Finding, unless
+from plant.checkup.hypothesis import Hypothesis, Ranking, ranking
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
-from plant.checkup.quantisation import comb, count_unit_findings, quantisation_findings
+from plant.checkup.quantisation import count_unit_findings, quantisation_findings
 from plant.checkup.rounding import rounding_findings
+from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import lost_findings, time_findings
-from plant.checkup.tracking import correlation, law_fit, reference_findings
-from plant.checkup.wiring import wiring_findings
+from plant.checkup.views import cause_findings, copied_columns, measured_findings
+from plant.checkup.without_arm import TABLE, Trials
 
 
 # -- torque: saturation, clipping, backlash -------------------------------------------------------
@@ -169,221 +171,19 @@ def _backlash(signals, i):
     return check.fine(backlash)
 
 
-# -- unit and side of the torque: against law, limit, rotor inertia and stated friction -----------
-@dataclass(frozen=True, kw_only=True)
-class UnitSettings:
-    """Limits of the checks of the torque's unit, chosen by hand.
-
-    ``tests/benchmarks/silent_mistakes.py`` counts the wrong gains and units that are found.
-
-    Parameters
-    ----------
-    explained : float
-        Share of a torque's variance that its law explains.
-    other_unit : float
-        Factor between torques that means another unit, not noise.
-    gain_error : float
-        Relative error of a gain to look at; a tenth of it is the noise that may hide it.
-    beyond : float
-        Share of the amplifier's limit above which the unit is wrong.
-    used : float
-        Share of the amplifier's limit that a log usually reaches.
-    light : float
-        Least possible torque per acceleration [rotor inertias].
-    usual : float
-        That of a usual arm [rotor inertias].
-    heavy, absurd : float
-        That to look at, and above which it is wrong: no arm is geared so badly [rotor inertias].
-    alike : float
-        Relative difference of two factors that are one.
-    friction_error : float
-        Standard deviations by which Coulomb friction must differ by `other_unit`, too.
-    """
-
-    explained: float = 0.9
-    other_unit: float = 3.0
-    gain_error: float = 0.1
-    beyond: float = 1.05
-    used: float = 0.3
-    light: float = 0.5
-    usual: float = 3.0
-    heavy: float = 300.0
-    absurd: float = 3000.0
-    alike: float = 0.1
-    friction_error: float = 2.0
-
-
-UNITS = UnitSettings()
-
-_UNITS = "units of torque"
-
-
-def unit_findings(signals: Signals) -> Iterator[Finding]:
-    """Yield the findings about the unit of torque."""
-    yield from unless(signals.no_torque, (_UNITS,), signals.per_joint(_units))
-
-
-def _units(signals, i):
-    """Compare the torque with the first of these yardsticks that the record has."""
-    check = Check(_UNITS, i, "rotor inertias")
-    drive = signals.rig.drive
-
-    # 1. A logged torque cannot exceed the amplifier's limit.
-    share = np.abs(signals.motor_torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]
-    if share > UNITS.beyond and signals.torque is not None:
-        guess = _likely_units(signals, share / UNITS.used, i)
-        return Check(_UNITS, i, "of the limit").wrong(
-            share, f"The torque is beyond the amplifier: {guess}."
-        )
-
-    # 2. The commanded torque is exact where the law explains the logged one.
-    fit = law_fit(signals, i)
-    if fit is not None and fit.explained > UNITS.explained:
-        return _against_law(signals, i, abs(fit.slope))
-
-    # 3. Torque per acceleration lies between the rotor inertia and that of a badly geared arm.
-    stated = drive.motor_inertia[i]
-    regression = signals.regression(i)
-    if regression is None:
-        return check.unknown("too little motion, and no law that tells the torque")
-    if abs(regression.inertia[i]) < SETTINGS.certain * regression.inertia_std[i]:
-        return check.unknown(
-            "no acceleration that torque explains, and no law that tells the torque"
-        )
-    inertia = abs(regression.inertia[i]) / stated if stated else np.nan
-    friction = None
-    # Noise makes the sign of the speed change at random, which hides the friction.
-    if signals.noise[i] <= signals.least_count[i]:
-        friction = _friction_ratio(regression, drive.coulomb[i])
-    if inertia < UNITS.light or inertia > UNITS.heavy:
-        return _against_rotor(signals, i, inertia, friction)
-
-    # 4. Coulomb friction as stated; a look, since the statement is often a guess.
-    if friction is not None and not _same_unit(friction):
-        guess = _likely_units(signals, friction, i)
-        advice = (
-            f"Coulomb friction is {friction:.2g} of what the rig states: correct that if it was a"
-            f" guess; of the torque, {guess}."
-        )
-        return Check(_UNITS, i, "of the Coulomb friction").look(friction, advice)
-    if not stated:
-        return check.unknown("no rotor inertia stated, and no law that tells the torque")
-    return check.fine(inertia)
-
-
-def _same_unit(factor):
-    """Whether a factor between two torques is not that of another unit."""
-    return 1 / UNITS.other_unit < factor < UNITS.other_unit
-
-
-def _against_law(signals, i, slope):
-    """Judge the logged per commanded torque."""
-    check = Check(_UNITS, i, "of the law's")
-    advice = f"The torque is {slope:.3g} times the commanded one: "
-    if not _same_unit(slope):
-        advice += f"{_likely_units(signals, slope, i)}."
-        return check.wrong(slope, advice)
-    # A small error of the gain counts only where noise cannot cause it.
-    noise = UNITS.gain_error / 10
-    if abs(slope - 1) > UNITS.gain_error and correlation(signals, i, i) > 1 - noise:
-        advice += "check gain, motor gain and gear."
-        return check.look(slope, advice)
-    return check.fine(slope)
-
-
-def _against_rotor(signals, i, inertia, friction):
-    """An impossible torque per acceleration [rotor inertias]: torque or counts are wrong.
-
-    Friction as stated shows that the torque is right.
-    """
-    # No motor has less inertia than its rotor.
-    light = inertia < UNITS.light
-    verdict = "look" if UNITS.heavy < inertia < UNITS.absurd else "wrong"
-    size = f"{inertia:.2g} of" if light else f"{inertia:.3g} times"
-    # Without a significant friction, torque and counts are both open.
-    if friction is None:
-        angles = "motor" if light else "joint"
-        guess = (
-            f"{_likely_units(signals, inertia / UNITS.usual, i)}, or the counts are of angles of"
-            f" the {angles}"
-        )
-    elif _same_unit(friction):
-        guess = (
-            "friction is as stated, so look at the counts: resolution, and angles of motor or joint"
-        )
-    else:
-        guess = _likely_units(signals, friction, i)
-    return Check(_UNITS, i, "rotor inertias").finding(
-        inertia, verdict, f"Torque per acceleration is {size} the rotor inertia: {guess}."
-    )
-
-
-def _friction_ratio(regression, stated):
-    """Estimated per stated Coulomb friction; None where it is not significant."""
-    if not stated:
-        return None
-    ratio = abs(regression.coulomb) / stated
-    error = UNITS.friction_error * regression.coulomb_std / stated
-    # Certain enough, or beyond another unit in any case.
-    above = ratio - error > UNITS.other_unit
-    below = ratio + error < 1 / UNITS.other_unit
-    # A ratio of zero has no logarithm in `_likely_units`.
-    return max(ratio, 1e-9) if error < ratio / 2 or below or above else None
-
-
-def _likely_units(signals, ratio, i):
-    """The likeliest reasons for a torque of joint i that is so many times too large."""
-    gain = np.log(signals.rig.drive.motor_gain[i])
-    # The ratio of a torque that is the law's is that of the law, which is the larger one.
-    factor = np.log(ratio) if signals.torque is not None else -np.log(ratio)
-    # A coarse resolution scales the counts, and so the torque per count.
-    step, clear = comb(signals.counts[:, i])
-    coarse = clear and step > 1 + UNITS.alike and not signals.rig.encoder.smooth
-    if coarse and abs(factor + np.log(step)) < UNITS.alike:
-        return f"the counts come in steps of {step:.4g}, so correct the resolution"
-    # Gains in A in place of N m differ by the motor gain.
-    geared = abs(gain) > UNITS.alike and abs(factor - gain) < UNITS.alike
-    if geared and signals.commanded is not None:
-        return "the gains of the law may be in A per pulse: multiply them by motor_gain"
-
-    # All reasons whose factor is as near to the ratio as the nearest, to a factor of another unit.
-    gear = abs(signals.rig.drive.gear[i])
-    reasons = {1e3: "it may be in mN m", 1e-3: "it may be in kN m"}
-    if signals.record.torque is None:
-        reasons = {1e3: "the current may be in mA", 1e-3: "the current may be in A, not in mA"}
-    # A gear of 1000 replaces the unit of the same factor.
-    reasons[gear] = "it may have crossed the gear twice"
-    reasons[1 / gear] = "it may be the motor's torque, not the joint's"
-    # Distances in logarithms: half as much is as far as twice as much.
-    distance = {reason: abs(np.log(ratio / factor)) for factor, reason in reasons.items()}
-    limit = min(distance.values()) + np.log(UNITS.other_unit)
-    likely = [reason for reason in distance if distance[reason] < limit]
-    return ", or ".join(sorted(likely, key=distance.__getitem__))
-
-
 # -- the checkup ----------------------------------------------------------------------------------
-# Checks of a log whose lost rows are bridged. What others take for noise, saturation or a delay
-# comes first, since the first finding is the first to be corrected.
-_CHECKS = (
-    _of_torque("clipped torque", _clipped),
-    oscillation_findings,
-    quantisation_findings,
-    rounding_findings,
-    reference_findings,
-    wiring_findings,
-    unit_findings,
-    _of_torque("saturation", _saturated),
-    _of_torque("backlash", _backlash),
-)
+# Checks of a log whose lost rows are bridged, before and after the ranked causes. What others take
+# for noise, saturation or a delay comes first, since the first finding is the first to be corrected.
+_BEFORE = _of_torque("clipped torque", _clipped), oscillation_findings, quantisation_findings
+_AFTER = _of_torque("saturation", _saturated), _of_torque("backlash", _backlash)
 
 
-def examine(record) -> Checkup:
-    """Check a record for errors; ``record.check()`` does."""
+def examine(record, hypotheses: Sequence[Hypothesis[Any]] = ()) -> Checkup:
+    """Check a record for errors; ``record.check()`` does.
+
+    `hypotheses`: rows of a user's own, tried beside those of `without_arm`.
+    """
     labels = tuple(Signals(record).joint_labels)
-    # Too short for corrections, which compare statistics.
-    if (record.valid > 0).sum() < _LEAST_SAMPLES:
-        return Checkup(findings=tuple(_findings(record)), joint_labels=labels, record=record)
-
     # A law that was made for another rig gives no torque: the other checks do without it.
     misfit = tuple[Finding, ...]()
     checked = record
@@ -394,29 +194,73 @@ def examine(record) -> Checkup:
         advice = f"The record's law does not fit its rig: {error}"
         misfit = (Check("law").wrong(None, advice),)
         checked = replace(record, law=None)
-    findings, corrected = tried(checked, _findings)
-    corrected = record if corrected is checked else replace(corrected, law=record.law)
-    return Checkup(findings=(*misfit, *findings), joint_labels=labels, record=corrected)
+    findings, result = _examined(checked, hypotheses, labels)
+    records = tuple(experiment.record for experiment in result.experiments)
+    if checked is not record:
+        records = record, *(replace(corrected, law=record.law) for corrected in records[1:])
+    return Checkup(
+        findings=(*misfit, *findings),
+        joint_labels=labels,
+        causes=result.causes,
+        records=records,
+        failed=result.failed,
+    )
 
 
-def _findings(record):
-    """All findings about a record as it is."""
+def _examined(record, hypotheses, labels):
+    """All findings about a record, and its ranked causes."""
     signals = Signals(record)
+    as_it_is = Ranking((), (Experiment(record),))
     findings = list(time_findings(signals))
     if len(signals.t) < _LEAST_SAMPLES:
-        return [
-            *findings,
-            Check("counts, torque").unknown(f"only {len(signals.t)} samples have weight"),
-        ]
+        few = Check("counts, torque").unknown(f"only {len(signals.t)} samples have weight")
+        return [*findings, few], as_it_is
     # With most rows lost all other checks would judge invented rows.
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
-        return [*findings, *lost_findings(signals, lost)]
-    findings += count_unit_findings(signals)
-    findings += lost_findings(signals, lost)
+        return [*findings, *lost_findings(signals, lost)], as_it_is
+    units = list(count_unit_findings(signals))
+    copied = list(signals.per_joint(copied_columns))
+    findings += [*units, *lost_findings(signals, lost)]
     # Glitches and jumps are findings of their own, so they are bridged for the later checks only.
     findings += counts_findings(signals, Signals(repeats_bridged(record, lost)))
+
+    # Angles are no counts, and no correction of a column mends the column of another motor.
+    result = as_it_is
+    if not signals.angular.any() and all(finding.ok for finding in copied):
+        result = ranked_causes(record, lost, hypotheses, labels)
     bridged = Signals(all_bridged(record, lost))
-    for check in _CHECKS:
+    corrected = Signals(all_bridged(result.corrected.record, lost))
+    for check in _BEFORE:
         findings += check(bridged)
-    return findings
+    findings += copied
+    causes = list(cause_findings(result))
+    # A check of the data that sees the same mistake keeps its finding.
+    seen = {(finding.check, finding.joint) for finding in findings if not finding.ok}
+    findings += [cause for cause in causes if (cause.check, cause.joint) not in seen]
+    caused = {(cause.check, cause.joint) for cause in causes}
+    if ("rounding", None) not in caused:
+        findings += rounding_findings(corrected)
+    findings += measured_findings(Experiment(corrected.record), caused)
+    for check in _AFTER:
+        findings += check(corrected)
+    return findings, result
+
+
+def ranked_causes(record, lost, hypotheses=(), labels=()) -> Ranking[Experiment]:
+    """What explains a record better than what it states; its corrections change the record itself.
+
+    `lost`: rows that are bridged for the comparison.
+    """
+    trials = Trials((*TABLE, *hypotheses))
+    result = ranking(Experiment(all_bridged(record, lost)), trials, labels)
+    # Rows are bridged for the evidence only: the record keeps what was logged.
+    records = [record]
+    for cause, hypothesis in zip(result.causes, result.accepted, strict=False):
+        if cause.certain:
+            records.append(hypothesis.undo(records[-1], cause.joints, cause.size))
+    own = {hypothesis.name for hypothesis in hypotheses}
+    failed = tuple(
+        f"{name}: {reason}" for name, reason in trials.failed.items() if name in own
+    )
+    return Ranking(result.causes, tuple(map(Experiment, records)), failed)

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from plant.checkup.hypothesis import Cause
 from plant.parts.messages import joint_label
 from plant.parts.shown import Piece, Shown, Verdict
 from plant.parts.tables import Table
@@ -131,12 +132,38 @@ def unless(reason: str, names: Iterable[str], findings: Iterable[Finding]) -> It
 class Checkup(Shown):
     """All findings about a record; it prints as a table with the labels of the joints.
 
-    `record` has every correction that was tried and helps; without any it is the same record.
+    Parameters
+    ----------
+    findings : tuple of Finding
+    joint_labels : tuple of str
+    causes : tuple of Cause
+        What explains the log better than what it states, the likeliest first.
+    records : tuple of Record
+        The log as it is, without the first cause, without the first two, ...: columns, rig and law.
+    failed : tuple of str
+        Hypotheses of the user's that could not be tried, with the reason, a line each.
     """
 
     findings: tuple[Finding, ...]
     joint_labels: tuple[str, ...] = ()
-    record: Any = None
+    causes: tuple[Cause, ...] = ()
+    records: tuple[Any, ...] = ()
+    failed: tuple[str, ...] = ()
+
+    @property
+    def corrected(self) -> Any:
+        """The log without all its causes: columns, rig and law put right."""
+        return self.records[-1] if self.records else None
+
+    @property
+    def first_corrected(self) -> Any:
+        """The log without its first cause; the log itself where nothing is wrong."""
+        return self.records[min(1, len(self.records) - 1)] if self.records else None
+
+    @property
+    def record(self) -> Any:
+        """The log without all its causes, as `corrected`."""
+        return self.corrected
 
     @property
     def ok(self) -> bool:
@@ -183,6 +210,7 @@ class Checkup(Shown):
                 reasons.append(f"{check}: {verdict}")
         yield Table(("check", "joint", "measured", "verdict"), rows, words=(1, 2, 3))
         yield from reasons
+        yield from self.failed
 
     def _labels(self, joints: list[int | None]) -> list[str]:
         """Labels of these joints in the table, a line each; "all" for all of several."""

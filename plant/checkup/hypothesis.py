@@ -7,7 +7,7 @@ without the mistake. Forward selection accepts the likeliest hypothesis, undoes 
 fitted model with its records (`identify`). The selection is the same for both.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -53,8 +53,9 @@ class Hypothesis(Generic[Experiment]):
     scope : callable
         The joints that the mistake may concern, of a number of joints: `whole`, `each_joint` or
         `pairs`.
-    sizes : tuple of float
-        Sizes that are tried. A switch has one size.
+    sizes : tuple of float, or callable
+        Sizes that are tried. A switch has one size. ``sizes(experiment, joints)`` gives those that
+        the log itself suggests.
     against : float
         Natural logarithm of the odds against the mistake before the log is read.
     tolerance : float, optional
@@ -62,6 +63,18 @@ class Hypothesis(Generic[Experiment]):
         determines much better than that costs evidence (Occam's factor).
     unit : str
         Unit of the size in messages.
+    check : str
+        Name of the check whose finding shows the mistake; by default the name of the mistake.
+    evidence : callable, optional
+        Evidence of its own, where the score has none: ``evidence(experiment, joints)`` gives pairs
+        of a size and its log odds before `against`.
+    scored : bool
+        Whether the score counts beside evidence of its own; the larger of the two does.
+    parameter : bool
+        Whether the mistake is a number of the model that an identification estimates. A correction
+        that the log cannot distinguish from it is not advised.
+    measurement : str
+        What distinguishes the mistake from others, as a sentence.
 
     Examples
     --------
@@ -81,16 +94,22 @@ class Hypothesis(Generic[Experiment]):
     remedy: str
     undo: Callable[[Experiment, Joints, float], Experiment]
     scope: Callable[[int], Iterator[Joints]] = whole
-    sizes: tuple[float, ...] = (1.0,)
+    sizes: tuple[float, ...] | Callable[[Any, Joints], tuple[float, ...]] = (1.0,)
     against: float = 5.0
     tolerance: float | None = None
     unit: str = ""
+    check: str = ""
+    evidence: Callable[[Any, Joints], Iterable[tuple[float, float]]] | None = None
+    scored: bool = False
+    parameter: bool = False
+    measurement: str = ""
 
 
 class Candidate(NamedTuple):
     """A hypothesis with its joints and size, and its evidence: log odds for it [natural log].
 
-    `corrected` gives the experiment without the mistake when it is asked for.
+    `corrected` gives the experiment without the mistake when it is asked for; `words`: further
+    fields of its sentence and remedy.
     """
 
     hypothesis: Hypothesis[Any]
@@ -98,6 +117,7 @@ class Candidate(NamedTuple):
     size: float
     log_odds: float
     corrected: Callable[[], Any]
+    words: Mapping[str, str] = {}
 
 
 class Rival(NamedTuple):
@@ -107,6 +127,7 @@ class Rival(NamedTuple):
     joints: Joints
     size: float
     log_odds: float
+    measurement: str = ""
 
 
 def log_odds(
@@ -130,6 +151,10 @@ def log_odds(
     return chi_square / 2 - occam - against
 
 
+def _power(log_odds):
+    return f"1e{log_odds / np.log(10):.0f}"
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Cause(Shown):
     """A mistake that a log shows, in its place in the ranked list.
@@ -148,6 +173,12 @@ class Cause(Shown):
         What is wrong, and what to do.
     rivals : tuple of Rival
         Causes whose log odds are near: the log cannot tell them apart.
+    runner_up : Rival, optional
+        The likeliest other cause.
+    check : str
+        Name of the check whose finding shows the cause.
+    certain : bool
+        Whether its correction may be applied: no rival is a parameter of the model.
     """
 
     name: str
@@ -158,11 +189,16 @@ class Cause(Shown):
     sentence: str
     remedy: str
     rivals: tuple[Rival, ...] = ()
+    runner_up: Rival | None = None
+    check: str = ""
+    certain: bool = True
 
     @property
     def odds(self) -> str:
-        """The odds as a power of ten, "1e6"."""
-        return f"1e{self.log_odds / np.log(10):.0f}"
+        """The odds as a power of ten, "1e6", and those of the runner-up."""
+        runner_up = self.runner_up
+        following = f"; next: {runner_up.name}, {_power(runner_up.log_odds)}" if runner_up else ""
+        return f"{_power(self.log_odds)}{following}"
 
     def _short(self) -> str:
         joints = f" of joint {', '.join(map(str, self.joints))}" if self.joints else ""
@@ -176,12 +212,20 @@ class Cause(Shown):
             yield self.doubt
 
     @property
+    def advice(self) -> str:
+        """Sentence, remedy, odds and doubt in one line."""
+        remedy = f": {self.remedy[0].lower()}{self.remedy[1:]}" if self.remedy else "."
+        return f"{self.sentence}{remedy} Odds {self.odds}. {self.doubt}".rstrip()
+
+    @property
     def doubt(self) -> str:
         """A sentence about the causes that explain nearly as much; empty without one."""
         if not self.rivals:
             return ""
         names = ", ".join(dict.fromkeys(rival.name for rival in self.rivals))
-        return f"The log cannot distinguish this from: {names}."
+        measurements = dict.fromkeys(rival.measurement for rival in self.rivals)
+        advice = " ".join(measurement for measurement in measurements if measurement)
+        return f"The log cannot distinguish this from: {names}. {advice}".rstrip()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,11 +261,14 @@ class Ranking(Generic[Experiment]):
         The experiment as it is, without the first cause, without the first two, ...
     failed : tuple of str
         Hypotheses that could not be tried, with the reason, a line each.
+    accepted : tuple of Hypothesis
+        The rows of the table that the causes belong to.
     """
 
     causes: tuple[Cause, ...]
     experiments: tuple[Experiment, ...]
     failed: tuple[str, ...] = ()
+    accepted: tuple[Hypothesis[Experiment], ...] = ()
 
     @property
     def corrected(self) -> Experiment:
@@ -248,29 +295,35 @@ def ranking(
     """
     causes: list[Cause] = []
     experiments = [experiment]
+    accepted: list[Hypothesis[Experiment]] = []
     while len(causes) < settings.causes:
         ranked = sorted(candidates(experiments[-1]), key=lambda candidate: -candidate.log_odds)
         if not ranked or not ranked[0].log_odds > settings.accepted:
             break
         causes.append(_cause(ranked, labels, settings))
+        accepted.append(ranked[0].hypothesis)
+        # What may be a parameter of the model is left to an identification.
+        if not causes[-1].certain:
+            break
         experiments.append(ranked[0].corrected())
-    return Ranking(tuple(causes), tuple(experiments))
+    return Ranking(tuple(causes), tuple(experiments), accepted=tuple(accepted))
 
 
 def _cause(ranked, labels, settings):
     """The likeliest candidate, and the others that the log does not exclude."""
     best = ranked[0]
     hypothesis = best.hypothesis
-    near = best.log_odds - settings.undecided
-    rivals = [
-        Rival(rival.hypothesis.name, rival.joints, rival.size, rival.log_odds)
-        for rival in ranked[1:]
+    others = [
+        candidate
+        for candidate in ranked[1:]
         # Another size, or another joint, of the same mistake is no other cause.
-        if rival.log_odds > max(near, settings.accepted)
-        and rival.hypothesis.name != hypothesis.name
+        if candidate.log_odds > settings.accepted and candidate.hypothesis.name != hypothesis.name
     ]
+    near = [other for other in others if other.log_odds > best.log_odds - settings.undecided]
+    certain = hypothesis.parameter or not any(rival.hypothesis.parameter for rival in near)
     joint, other = ([labels[j] for j in best.joints] + ["", ""])[:2]
-    words = {"joint": joint, "other": other, "value": best.size}
+    words = {"joint": joint, "other": other, "value": best.size, **best.words}
+    remedy = hypothesis.remedy.format(**words) if certain else "Do not correct the log for it."
     return Cause(
         name=hypothesis.name,
         joints=best.joints,
@@ -278,6 +331,16 @@ def _cause(ranked, labels, settings):
         unit=hypothesis.unit,
         log_odds=best.log_odds,
         sentence=hypothesis.sentence.format(**words),
-        remedy=hypothesis.remedy.format(**words),
-        rivals=tuple(rivals),
+        remedy=remedy,
+        rivals=tuple(_rival(candidate, hypothesis) for candidate in near),
+        runner_up=_rival(others[0], hypothesis) if others else None,
+        check=hypothesis.check or hypothesis.name,
+        certain=certain,
     )
+
+
+def _rival(candidate, best):
+    """A candidate beside the best hypothesis."""
+    rival = candidate.hypothesis
+    measurement = best.measurement or rival.measurement
+    return Rival(rival.name, candidate.joints, candidate.size, candidate.log_odds, measurement)

@@ -101,6 +101,15 @@ def rounding_doubts(record) -> list[str]:
 
 def fix_seen(signals: Signals) -> float | None:
     """Probability (0 to 1) that the counts are rounded towards zero; None if the log is silent."""
+    log_odds = rounding_log_odds(signals)
+    if log_odds is None:
+        return None
+    # Beyond e^100 the odds make no difference, and the exponential would overflow.
+    return float(1 / (1 + np.exp(-np.clip(log_odds, -100.0, 100.0))))
+
+
+def rounding_log_odds(signals: Signals) -> float | None:
+    """Natural logarithm of the odds of `fix`; None if the log is silent."""
     if not signals.long_enough:
         return None
     torque = signals.motor_torque
@@ -123,10 +132,7 @@ def fix_seen(signals: Signals) -> float | None:
         odds = _log_odds(counts, forces)
         if odds is not None:
             log_odds.append(odds)
-    if not log_odds:
-        return None
-    # Beyond e^100 the odds make no difference, and the exponential would overflow.
-    return float(1 / (1 + np.exp(-np.clip(sum(log_odds), -100.0, 100.0))))
+    return float(sum(log_odds)) if log_odds else None
 
 
 class _Step(NamedTuple):

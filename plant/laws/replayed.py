@@ -74,10 +74,10 @@ class LoggedCurrent(StatelessLaw):
 _SAMPLES_PER_CALL = 1 << 14
 
 
-def commanded_torque(record: Any) -> NDArray[np.float64] | None:
+def commanded_torque(record: Any, at: Any = None) -> NDArray[np.float64] | None:
     """Torque (N, n) [N m] that a law without memory commanded in a log, before the limit.
 
-    None for other laws: their state in the middle of a log is not known.
+    `at` (K,): indices of the rows, all by default. None for other laws: their state in the middle of a log is not known.
     """
     law = record.law
     rig = record.rig
@@ -86,15 +86,18 @@ def commanded_torque(record: Any) -> NDArray[np.float64] | None:
     if law is None or law.replays or law.has_memory(record.n):
         return None
     block = law.block(rig)
+    reference = record.reference_pulses
     counts = record.counts
+    if at is not None:
+        reference, counts = reference[at], counts[at]
     # A law without memory reads counts and reference pulses only: speeds and the last torque are
     # zeros here.
-    torque = np.empty((len(record), record.n))
+    torque = np.empty(counts.shape)
     zero = np.zeros(record.n)
     # One sample is one column: casadi maps the step over the columns of a matrix.
-    for start in range(0, len(record), _SAMPLES_PER_CALL):
+    for start in range(0, len(counts), _SAMPLES_PER_CALL):
         rows = slice(start, start + _SAMPLES_PER_CALL)
-        inputs = zero, zero, zero, record.reference_pulses[rows].T, counts[rows].T, zero
+        inputs = zero, zero, zero, reference[rows].T, counts[rows].T, zero
         commanded, _ = block.step([], *inputs, rig.period, block.values)
         torque[rows] = commanded.full().T
     return torque

@@ -5,7 +5,7 @@ replayed with another arm. A file from a real robot enters exactly where a simul
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from plant.checkup.examine import examine
 from plant.checkup.finding import Checkup
+from plant.checkup.hypothesis import Hypothesis
 from plant.laws.law import Law
 from plant.logs.record_csv import COLUMNS
 from plant.logs.record_files import SOURCES, FromFiles
@@ -229,9 +230,16 @@ class Record(FromFiles, Frozen):
             return f"column {mapped[joint]!r} ({names[0]})"
         return field
 
-    def check(self) -> Checkup:
-        """Examine this log for errors before it is used; the `Checkup` prints as a table."""
-        return examine(self)
+    def check(self, *, hypotheses: Sequence[Hypothesis[Any]] = ()) -> Checkup:
+        """Examine this log for errors before it is used; the `Checkup` prints as a table.
+
+        Parameters
+        ----------
+        hypotheses : sequence of Hypothesis
+            Mistakes of your own that are tried beside the built-in ones. One that changes nothing,
+            or cannot be undone in this log, is named in ``failed`` and left out.
+        """
+        return examine(self, hypotheses)
 
     def __len__(self) -> int:
         return len(self.t)

@@ -1,0 +1,114 @@
+"""A law with memory, run along the counts of a log: the steps of torque that it commands.
+
+Its memory before the log is unknown, so steps are compared, in which an integral cancels.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.signals import Signals
+from plant.laws.resumed import FAST, Resumed
+from plant.motion.smooth_splines import smooth_splines
+from plant.parts.fields import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlongLogSettings:
+    """Numbers of the run of a law along a log, chosen by hand.
+
+    Parameters
+    ----------
+    samples : int
+        Samples in the middle of the log along which the law is run.
+    period : float
+        Largest ratio of the law's period, and of the rig's, to the interval of the log.
+    """
+
+    samples: int = 2500
+    period: float = 1.01
+
+
+SETTINGS = AlongLogSettings()
+
+
+def steps_of_torque(signals: Signals) -> tuple[Floats, Floats] | None:
+    """Steps (M, n) of commanded and of logged motor torque; None where they cannot be compared."""
+    law = _law_along_log(signals)
+    if law is None:
+        return None
+    record = signals.record
+    rig = signals.rig
+    # 1. The middle of the log: the law starts with the wrong memory, and forgets it.
+    start = max(0, (len(signals.clear) - SETTINGS.samples) // 2)
+    clear = signals.clear[start : start + SETTINGS.samples].copy()
+    clear[: signals.window] = False
+    clear[-signals.window :] = False
+    t = signals.t[0] + signals.interval * (start + np.arange(len(clear)))
+
+    # 2. The law's own times: fast hardware has no period, and is run some steps per sample.
+    period = law.period or signals.interval / FAST
+    times = np.arange(t[0], t[-1] + period / 2, period)
+    counts = _at_times(times, record.t, law.replayed(record))
+    reference = _at_times(times, signals.t, signals.reference)
+    columns = *_reference_motion(signals, law, times, t), reference, counts
+    ((torque, _),) = law.steps(rig, columns, period, [law.state])
+
+    # 3. Each sample has the torque of the last step of the law up to it.
+    step = np.floor((t - t[0]) / period + 1e-6).astype(int)
+    injected = 0.0 if record.injected is None else _at_times(t, record.t, record.injected)
+    logged = rig.drive.joint_torque(_at_times(t, signals.t, signals.torque))
+    # The amplifier limits what the law commands, so compare limited torques.
+    commanded, measured = (
+        np.diff(rig.drive.motor_torque(rig.drive.limited(joint)), axis=0)[clear[1:]]
+        for joint in (torque[step] + injected, logged)
+    )
+    return np.nan_to_num(commanded, nan=0.0, posinf=0.0, neginf=0.0), measured
+
+
+def _law_along_log(signals: Signals) -> Any:
+    """The law that reads the counts of the log; None where its torque cannot be compared."""
+    law = signals.record.law
+    rig = signals.rig
+    if law is None or law.replays or not law.has_memory(signals.n) or signals.reference is None:
+        return None
+    # The logged torque is the yardstick.
+    if signals.torque is None or not signals.long_enough:
+        return None
+    # A slower law would need the rows between those of the log.
+    slower = (law.period or 0.0) > SETTINGS.period * signals.interval
+    if slower or not 1 / SETTINGS.period < signals.interval / rig.period < SETTINGS.period:
+        return None
+    # A law that is resumed has a memory already; any other starts with its initial one.
+    if not isinstance(law, Resumed):
+        law = Resumed(law=law, state=law.initial_state(signals.n))
+    return law.along(rig)
+
+
+def _reference_motion(signals, law, times, t):
+    """Position, velocity and acceleration of the reference (K, n) at the law's times."""
+    record = signals.record
+    if record.reference is not None:
+        return record.reference(times - record.t[0])
+    step = law.block(signals.rig).step
+    # The law's outputs, torque and state, may depend on the inputs 1 to 3: reference position,
+    # velocity and acceleration. Splines of a logged reference are made only if they do.
+    if not any(step.jac_sparsity(out, of).nnz() for out in (0, 1) for of in (1, 2, 3)):
+        return [np.zeros((len(times), signals.n))] * 3
+    encoder = signals.rig.encoder
+    rows = (signals.t >= t[0]) & (signals.t <= t[-1])
+    reference = signals.reference[rows]
+    # Whole pulses were rounded from a smooth path: the splines may pass anywhere in the cells.
+    whole = bool((reference == np.trunc(reference)).all())
+    if whole:
+        reference = encoder.position_in_pulses(encoder.cell_centre(reference))
+    splines = smooth_splines(signals.t[rows], reference, whole, 1.0)
+    return [
+        signals.rig.to_angle(np.column_stack([spline(times, order) for spline in splines]))
+        for order in range(3)
+    ]
+
+
+def _at_times(times, t, columns):
+    return np.column_stack([np.interp(times, t, column) for column in columns.T])

@@ -1,0 +1,441 @@
+"""How likely a log is with its rig and its law, without a model of the arm.
+
+Three equations of each joint hold in a right log: the counts follow the reference, the law gives
+the logged torque, and the motion needs that torque, with an inertia and with friction that are not
+negative. What each of them leaves unexplained, and how far inertia and friction are from what the
+rig states, make one log likelihood: the score by which `without_arm` compares hypotheses.
+"""
+
+import functools
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from plant.checkup.along_log import steps_of_torque
+from plant.checkup.signals import Signals
+from plant.laws.replayed import commanded_torque
+from plant.parts.fields import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreSettings:
+    """Numbers of the score.
+
+    They are chosen by hand; ``tests/benchmarks/second_reading.py causes`` counts the mistakes that
+    are named with them.
+
+    Parameters
+    ----------
+    rows : int
+        Rows of the filtered log that are compared, at most.
+    per_window : int
+        Rows taken from a filter's window: more of them are not independent.
+    dependent : float
+        Samples that count as one equation, since residuals of neighbours are alike.
+    tracking, command, steps, motion : float
+        Share of the variance (0 to 1) that each equation leaves unexplained in a right log: by lag
+        of the loop; by rounding; by the unknown memory of a law; by pose and couplings that the
+        regression does not have.
+    inertia, inertia_spread : float
+        Median of the inertia at a motor [rotor inertias], and standard deviation of its logarithm.
+    rotor : float
+        Share of the stated rotor inertia that no arm undercuts.
+    rotor_spread : float
+        Relative standard deviation of that limit.
+    friction_spread : float
+        Standard deviation of the logarithm of friction over the stated one.
+    guessed, guess_spread : float
+        Share of rigs whose friction is a guess, and the standard deviation of its logarithm.
+    beyond, beyond_spread : float
+        Share of the amplifier's limit that a torque may reach, and its relative standard deviation.
+    slow : float
+        Share of the RMS speed below which a joint may stick, so that its friction is unknown.
+    """
+
+    rows: int = 1500
+    per_window: int = 7
+    dependent: float = 7.0
+    tracking: float = 3e-2
+    command: float = 1e-4
+    steps: float = 1e-2
+    motion: float = 5e-3
+    inertia: float = 5.0
+    inertia_spread: float = 1.5
+    rotor: float = 0.8
+    rotor_spread: float = 0.1
+    friction_spread: float = 0.4
+    guessed: float = 0.2
+    guess_spread: float = 1.5
+    beyond: float = 1.02
+    beyond_spread: float = 0.02
+    slow: float = 0.05
+
+
+SETTINGS = ScoreSettings()
+
+
+class Filtered(NamedTuple):
+    """A smoothed column at the compared rows, each (M,): value, two derivatives, sign of speed."""
+
+    value: Floats
+    speed: Floats
+    acceleration: Floats
+    direction: Floats
+
+
+class Filter:
+    """Smooths columns of one log, at rows whose whole window was measured."""
+
+    def __init__(self, signals: Signals) -> None:
+        self.t = signals.t
+        self.interval = signals.interval
+        window = signals.window
+        steps = int((self.t[-1] - self.t[0]) / self.interval + 1e-6)
+        self.times = self.t[0] + np.arange(steps + 1) * self.interval
+        rows = np.flatnonzero(signals.clear)
+        stride = max(1, window // SETTINGS.per_window, -(-len(rows) // SETTINGS.rows))
+        self.rows = rows[::stride]
+        # Samples behind each row: all of them, or those of its window where rows lie further apart.
+        samples = min(stride, window) * len(self.rows)
+        self.equations = samples / SETTINGS.dependent
+        # Two samples more than the window, so that differences of smoothed values fit in.
+        kernel = np.zeros(window + 2)
+        kernel[1:-1] = np.hanning(window + 2)[1:-1]
+        kernel /= kernel.sum()
+        before, after = np.roll(kernel, -1), np.roll(kernel, 1)
+        rate = (after - before) / (2 * self.interval)
+        self.kernels = np.column_stack(
+            [kernel, rate, (after - 2 * kernel + before) / self.interval**2]
+        )
+
+    def __call__(self, column: Floats) -> Filtered:
+        """Filter a column (M,) of the log."""
+        even = np.interp(self.times, self.t, column)
+        value, speed, acceleration = (self._at_rows(even) @ self.kernels).T
+        # The sign of the speed passes the same filter as the torque that it causes.
+        rate = np.convolve(even, self.kernels[::-1, 1], mode="same")
+        direction = self._at_rows(np.sign(rate)) @ self.kernels[:, 0]
+        return Filtered(value, speed, acceleration, direction)
+
+    def _at_rows(self, even):
+        half = len(self.kernels) // 2
+        return np.lib.stride_tricks.sliding_window_view(even, len(self.kernels))[self.rows - half]
+
+
+class Motion(NamedTuple):
+    """Regression of the torque of one motor on the motion, with standard deviations.
+
+    Inertia [kg m^2], viscous [N m s/rad] and Coulomb friction [N m], none negative; `unexplained`:
+    share (0 to 1) of the torque's variance.
+    """
+
+    inertia: float
+    inertia_std: float
+    viscous: float
+    viscous_std: float
+    coulomb: float
+    coulomb_std: float
+    unexplained: float
+
+
+class Experiment:
+    """A log with its score; a changed log takes over the columns that are as before.
+
+    Parameters
+    ----------
+    record : Record
+    base : Experiment, optional
+        The experiment that was changed.
+    """
+
+    def __init__(self, record: Any, base: "Experiment | None" = None) -> None:
+        self.record = record
+        self.signals = Signals(record)
+        self.n = record.n
+        self.base = base
+        self._filtered: dict[tuple[str, int], tuple[Floats, Filtered]] = {}
+        self._once: dict[str, Any] = {}
+
+    def changed(self, record: Any) -> Self:
+        """The experiment of a record that a hypothesis has changed."""
+        return type(self)(record, self)
+
+    def once(self, name: str, quantity: Callable[[Self], Any]) -> Any:
+        """A quantity of this experiment, computed once."""
+        if name not in self._once:
+            self._once[name] = quantity(self)
+        return self._once[name]
+
+    @functools.cached_property
+    def filter(self) -> Filter:
+        """The filter of all columns: that of the base where the times are the same."""
+        if self.base is not None and np.array_equal(self.signals.t, self.base.signals.t):
+            return self.base.filter
+        return Filter(self.signals)
+
+    def filtered(self, name: str, table: Floats, i: int) -> Filtered:
+        """Column i of a table (M, n) after the filter; that of the base where it is the same."""
+        key = name, i
+        if key not in self._filtered:
+            column = table[:, i]
+            base = self.base
+            if base is not None and self.filter is base.filter and key in base._filtered:
+                before, filtered = base._filtered[key]
+                if np.array_equal(before, column):
+                    self._filtered[key] = column, filtered
+                    return filtered
+            self._filtered[key] = column, self.filter(column)
+        return self._filtered[key][1]
+
+    # -- the three equations ----------------------------------------------------------------------
+    def commanded_at(self, rows: slice) -> Floats | None:
+        """Motor torque (K, n) of a law without memory at some valid rows; None if unknown."""
+        record, drive = self.record, self.record.rig.drive
+        if self.signals.reference is None:
+            return None
+        valid = np.flatnonzero(record.valid > 0)[rows]
+        torque = commanded_torque(record, valid)
+        if torque is None:
+            return None
+        # A known torque that was injected beside the command acts on the motor, too.
+        injected = 0.0 if record.injected is None else record.injected[valid]
+        return drive.motor_torque(torque + injected)
+
+    @functools.cached_property
+    def commanded(self) -> Floats | None:
+        """Motor torque (M, n) of a law without memory, before the limit; None where it is unknown."""
+        return self.commanded_at(slice(None))
+
+    @functools.cached_property
+    def tracking(self) -> Floats:
+        """Difference (n,) of the speeds of reference and counts, as a share of both; 1 unknown."""
+        signals = self.signals
+        if signals.reference is None:
+            return np.ones(self.n)
+        shares = np.ones(self.n)
+        for i in range(self.n):
+            reference = self.filtered("reference", signals.reference, i)
+            counts = self.filtered("counts", signals.counts, i)
+            # A loop may lag: what is in proportion to the acceleration is no evidence.
+            error = reference.speed - counts.speed
+            lag = reference.acceleration
+            error = error - lag * (lag @ error) / max(lag @ lag, 1e-300)
+            shares[i] = _share(error, reference.speed, counts.speed, self._speed_noise)
+        return shares
+
+    @functools.cached_property
+    def _speed_noise(self):
+        """Variance of a smoothed speed that rounding to whole pulses causes."""
+        return float((self.filter.kernels[:, 1] ** 2).sum()) / 12
+
+    @functools.cached_property
+    def torques_of_law(self) -> tuple[Floats, Floats] | None:
+        """Commanded and logged motor torque (K, n) of comparable rows; None without both.
+
+        Those of a law with memory are steps from sample to sample.
+        """
+        signals = self.signals
+        law = self.record.law
+        if signals.torque is None or signals.reference is None or law is None or law.replays:
+            return None
+        if law.has_memory(self.n):
+            return steps_of_torque(signals)
+        rows = slice(None, None, max(1, len(signals.t) // SETTINGS.rows))
+        commanded = self.commanded_at(rows)
+        if commanded is None:
+            return None
+        drive = self.record.rig.drive
+        # The amplifier limits what the law commands.
+        commanded = drive.motor_torque(drive.limited(drive.joint_torque(commanded)))
+        return _centred(commanded), _centred(signals.torque[rows])
+
+    @functools.cached_property
+    def command(self) -> Floats | None:
+        """Difference (n,) of commanded and logged torque, as a share of both; None without both."""
+        if self.torques_of_law is None:
+            return None
+        commanded, logged = (table.T for table in self.torques_of_law)
+        return np.array(
+            [_share(a - b, a, b) for a, b in zip(commanded, logged, strict=True)]
+        )
+
+    @functools.cached_property
+    def torque(self) -> Floats | None:
+        """Motor torque (M, n), logged or else commanded; None without either."""
+        return self.commanded if self.signals.torque is None else self.signals.torque
+
+    @functools.cached_property
+    def motions(self) -> list[Motion] | None:
+        """The regression of each motor's torque on the motion; None without a torque."""
+        if self.torque is None:
+            return None
+        signals = self.signals
+        to_angle = self.record.rig.encoder.to_angle
+        per_pulse = np.broadcast_to(to_angle(np.ones(self.n)), (self.n,))
+        counts = [self.filtered("counts", signals.counts, i) for i in range(self.n)]
+        acceleration = np.column_stack([column.acceleration for column in counts]) * per_pulse
+        speed = np.column_stack([column.speed for column in counts]) * per_pulse
+        direction = np.column_stack([column.direction for column in counts])
+        angle = self.record.rig.cell_centre(np.column_stack([column.value for column in counts]))
+        # Gravity acts on absolute angles of links in one plane, behind a first joint that stands
+        # upright or not.
+        absolute = np.cumsum(angle, axis=1)
+        angles = [absolute] if self.n < 3 else [absolute, absolute[:, 1:] - angle[:, :1]]
+        gravity = [function(each) for each in angles for function in (np.sin, np.cos)]
+        shared = np.column_stack([np.ones(len(angle)), *gravity])
+        return [
+            _regression(
+                np.column_stack([acceleration[:, i], speed[:, i], direction[:, i]]),
+                np.column_stack([np.delete(acceleration, i, axis=1), shared]),
+                self.filtered("torque", self.torque, i).value,
+                self.filter.equations,
+            )
+            for i in range(self.n)
+        ]
+
+    # -- the score --------------------------------------------------------------------------------
+    @functools.cached_property
+    def terms(self) -> dict[str, Floats]:
+        """Log likelihoods (n,) of the equations, and of what rig and law state, by name."""
+        half = self.filter.equations / 2
+        terms = {"tracking": -half * np.log(self.tracking + SETTINGS.tracking)}
+        if self.command is not None:
+            memory = self.record.law.has_memory(self.n)
+            floor = SETTINGS.steps if memory else SETTINGS.command
+            terms["command"] = -half * np.log(self.command + floor)
+        if self.motions is not None:
+            unexplained = np.array([motion.unexplained for motion in self.motions])
+            terms["motion"] = -half * np.log(unexplained + SETTINGS.motion)
+            drive = self.record.rig.drive
+            terms["inertia"] = np.array(
+                [
+                    _inertia_prior(motion, rotor)
+                    for motion, rotor in zip(self.motions, drive.motor_inertia, strict=True)
+                ]
+            )
+            for name in ("coulomb", "viscous"):
+                terms[name] = np.array(
+                    [
+                        _friction_prior(getattr(motion, name), getattr(motion, f"{name}_std"), size)
+                        for motion, size in zip(self.motions, getattr(drive, name), strict=True)
+                    ]
+                )
+        if self.signals.torque is not None:
+            terms["limit"] = self._limit_prior
+        return terms
+
+    @property
+    def _limit_prior(self):
+        """Log likelihood (n,) of the largest torques under the amplifier's limit."""
+        drive = self.record.rig.drive
+        limit = drive.motor_gain * drive.current_limit
+        share = np.abs(self.signals.torque).max(axis=0) / limit
+        beyond = np.log(np.maximum(share / SETTINGS.beyond, 1.0)) / SETTINGS.beyond_spread
+        return -np.minimum(beyond, 10.0) ** 2 / 2
+
+    @functools.cached_property
+    def score(self) -> float:
+        """Log likelihood of the log."""
+        return float(sum(term.sum() for term in self.terms.values()))
+
+
+def _centred(columns):
+    return columns - columns.mean(axis=0)
+
+
+def _share(difference, a, b, noise=0.0):
+    """Mean square of a difference as a share of that of its terms, which noise takes to 1."""
+    size = (np.mean(a**2) + np.mean(b**2)) / 2 + noise
+    return float((np.mean(difference**2) + noise) / size) if size > 0 else 1.0
+
+
+def _regression(own, free, torque, equations):
+    """Regress a torque (M,) on columns of its own motion (M, 3), not negative, and free ones."""
+    torque = _centred(torque)
+    speed = own[:, 1]
+    rows = np.abs(speed) > SETTINGS.slow * np.sqrt(np.mean(speed**2))
+    size = float(np.mean(torque[rows] ** 2)) if rows.sum() > free.shape[1] + 3 else 0.0
+    if not size:
+        return Motion(0.0, np.inf, 0.0, np.inf, 0.0, np.inf, 1.0)
+    # 1. Normal equations of columns of one size; what the free ones explain is taken out.
+    columns = np.column_stack([own, free])[rows]
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    scale[scale == 0] = 1.0
+    columns = columns / scale
+    table = np.column_stack([columns, torque[rows]])
+    squares = table.T @ table / len(table)
+    k = own.shape[1]
+    free_squares = squares[k:-1, k:-1] + _RIDGE * np.eye(free.shape[1])
+    across = squares[k:-1][:, [*range(k), -1]]
+    mine = [*range(k), -1]
+    reduced = squares[np.ix_(mine, mine)] - across.T @ np.linalg.solve(free_squares, across)
+    # 2. The likeliest coefficients that are not negative: of some of the columns.
+    value, left = _not_negative(reduced)
+    # Late counts under a law add torque in proportion to speed: the part that the speed explains
+    # is no merit of a hypothesis.
+    beside_speed = squares[-1, -1] - squares[1, -1] ** 2 / max(squares[1, 1], _RIDGE)
+    share = max(left, 0.0) / max(beside_speed, _RIDGE * size)
+    variance = np.diag(np.linalg.pinv(reduced[:k, :k], hermitian=True)) * left / equations
+    std = np.sqrt(np.maximum(variance, 0.0)) / scale[:k]
+    inertia, viscous, coulomb = value / scale[:k]
+    return Motion(inertia, std[0], viscous, std[1], coulomb, std[2], min(share, 1.0))
+
+
+# Relative weight that keeps normal equations of columns that are alike solvable: rounding errors
+# of a sum of 2000 products are below it.
+_RIDGE = 1e-9
+
+
+def _not_negative(squares):
+    """Least squares with coefficients that are not negative; what it leaves unexplained.
+
+    squares (k + 1, k + 1): normal equations, the measured column last.
+    """
+    k = len(squares) - 1
+    value, least = np.zeros(k), squares[-1, -1]
+    # Of three columns there are seven choices; all of them is the usual one.
+    for count in range(k, 0, -1):
+        for some in itertools.combinations(range(k), count):
+            chosen = list(some)
+            inner = squares[np.ix_(chosen, chosen)] + _RIDGE * np.eye(count)
+            target = squares[chosen, -1]
+            coefficients = np.linalg.solve(inner, target)
+            left = squares[-1, -1] - target @ coefficients
+            if (coefficients >= 0).all() and left < least:
+                value, least = np.zeros(k), left
+                value[chosen] = coefficients
+        if value.any():
+            break
+    return value, least
+
+
+def _inertia_prior(motion, rotor):
+    """Log likelihood of an inertia at the motor: not less than its rotor, nor a thousand times."""
+    if not rotor or not np.isfinite(motion.inertia_std):
+        return 0.0
+    # An inertia that is not significant may be as large as its standard deviation.
+    size = max(motion.inertia, motion.inertia_std) / rotor
+    error = motion.inertia_std / max(motion.inertia, motion.inertia_std)
+    usual = np.log(size / SETTINGS.inertia) / np.hypot(SETTINGS.inertia_spread, error)
+    below = np.log(min(size / SETTINGS.rotor, 1.0)) / np.hypot(SETTINGS.rotor_spread, error)
+    return float(-(usual**2) / 2 - min(below**2, 100.0) / 2)
+
+
+def _friction_prior(size, std, stated):
+    """Log likelihood of a friction beside the stated one, which is measured, or a guess."""
+    if not stated or not np.isfinite(std):
+        return 0.0
+    likeliest = max(size, std, 1e-6 * stated)
+    error = std / likeliest
+    distance = np.log(likeliest / stated)
+    measured, guess = (
+        np.log(share) - (distance / np.hypot(spread, error)) ** 2 / 2 - np.log(spread)
+        for share, spread in (
+            (1 - SETTINGS.guessed, SETTINGS.friction_spread),
+            (SETTINGS.guessed, SETTINGS.guess_spread),
+        )
+    )
+    return float(np.logaddexp(measured, guess))

@@ -1,0 +1,242 @@
+"""Findings of the checks that the table of hypotheses covers: causes, and what is measured."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from plant.checkup.counts import hardly_asked
+from plant.checkup.finding import Check, Finding, unless
+from plant.checkup.hypothesis import Cause, Ranking
+from plant.checkup.score import Experiment
+from plant.checkup.signals import TRACKING, Signals
+from plant.checkup.without_arm import counts_in_time, delays, lag
+
+CAUSES = "swapped joints", "gear sign", "delay", "drive sign", "swapped torques", "units of torque"
+"""Checks whose findings the ranked list gives."""
+
+# A delay of which viscous friction is biased beyond use [samples], and one to look at.
+_VERY_LATE, _LATE = 2.0, 0.25
+
+# Factor between torques that means another unit, not a number of the machine.
+_OTHER_UNIT = 3.0
+
+# Standard deviations from which on an inertia, or a delay, is significant.
+_CERTAIN = 5.0
+
+
+def cause_findings(ranking: Ranking[Experiment]) -> Iterator[Finding]:
+    """Yield a finding of each cause and joint that it concerns, the likeliest cause first."""
+    for k, cause in enumerate(ranking.causes):
+        before = ranking.experiments[k]
+        after = ranking.experiments[min(k + 1, len(ranking.experiments) - 1)]
+        joints: Any = cause.joints or range(before.n)
+        if cause.check in ("rounding", "period"):
+            joints = (None,)
+        for i in joints:
+            value, unit = _measured(cause, before, after, i)
+            check = Check(cause.check, i, unit)
+            # The second joint of an exchange has the same advice.
+            judge = check.look if _harmless(cause) else check.wrong
+            yield judge(value, cause.advice, cause.sentence)
+
+
+def _harmless(cause: Cause) -> bool:
+    """Whether a cause is to be looked at: a parameter, or a small error that an arm may have."""
+    if not cause.certain or cause.name.endswith("friction"):
+        return True
+    if cause.check == "delay":
+        return abs(cause.size) <= _VERY_LATE
+    return cause.name in ("gain", "torque scale") and 1 / _OTHER_UNIT < cause.size < _OTHER_UNIT
+
+
+def _measured(cause, before, after, i):
+    """The measured value of a cause at joint i, and its unit."""
+    if cause.check == "swapped joints":
+        return 100 * np.sqrt(before.tracking[i]), "% off its reference"
+    if cause.check == "gear sign":
+        return before.signals.tracking_slope[i], "of the reference"
+    if cause.check == "drive sign":
+        if before.torques_of_law is not None:
+            return _law_slope(before, i), "of the law's"
+        return -after.motions[i].inertia if after.motions else None, "kg m^2"
+    if cause.check == "swapped torques":
+        return 100 * (1 - before.motions[i].unexplained) if before.motions else None, "% explained"
+    if cause.check == "units of torque":
+        if cause.name == "Coulomb friction":
+            return cause.size, "of the Coulomb friction"
+        if before.torques_of_law is not None:
+            return abs(_law_slope(before, i)), "of the law's"
+        return _rotor_inertias(before, i), "rotor inertias"
+    if cause.check == "viscous friction":
+        return before.motions[i].viscous, "N m s/rad of the motor"
+    return cause.size, cause.unit
+
+
+def _law_slope(experiment, i):
+    """Logged over commanded torque of a joint."""
+    commanded, logged = (table[:, i] for table in experiment.torques_of_law)
+    return float(commanded @ logged / max(commanded @ commanded, 1e-300))
+
+
+def _rotor_inertias(experiment, i):
+    rotor = experiment.record.rig.drive.motor_inertia[i]
+    if experiment.motions is None or not rotor:
+        return None
+    return experiment.motions[i].inertia / rotor
+
+
+# -- where nothing is wrong -------------------------------------------------------------------------
+def measured_findings(experiment: Experiment, caused: set[tuple[str, Any]]) -> Iterator[Finding]:
+    """Yield the findings of the table's checks and joints that no cause has, by what is measured.
+
+    `caused`: checks and joints that have a finding.
+    """
+    signals = experiment.signals
+    short = "" if signals.long_enough else "too short to compare speeds"
+    reference = short or ("no reference" if signals.reference is None else "")
+    reasons = {
+        "swapped joints": (reference, _tracking),
+        "gear sign": (reference, _slope),
+        "delay": (short, _delay),
+        "drive sign": (signals.no_torque, _inertia),
+        "swapped torques": (signals.no_torque, _explained),
+        "units of torque": (signals.no_torque, _units),
+    }
+    for name, (reason, judge) in reasons.items():
+        joints = [i for i in range(experiment.n) if (name, i) not in caused]
+        if joints:
+            yield from unless(reason, (name,), (judge(experiment, i) for i in joints))
+
+
+def _tracking(experiment, i):
+    check = Check("swapped joints", i, "% off its reference")
+    if not np.isfinite(experiment.signals.tracking_slope[i]):
+        return check.unknown("the reference does not move")
+    return check.fine(100 * np.sqrt(experiment.tracking[i]))
+
+
+def _slope(experiment, i):
+    check = Check("gear sign", i, "of the reference")
+    slope = experiment.signals.tracking_slope[i]
+    if not np.isfinite(slope):
+        return check.unknown("the reference does not move")
+    # Friction may hold the joint, and then its slope is that of noise.
+    if hardly_asked(experiment.record)[i]:
+        return check.unknown("the reference hardly moves")
+    if abs(slope - 1) <= TRACKING:
+        return check.fine(slope)
+    advice = f"The counts move {slope:.3g} times as far as the reference, of no known cause."
+    return check.look(slope, advice)
+
+
+def _delay(experiment, i):
+    check = Check("delay", i, "samples")
+    signals = experiment.signals
+    law = experiment.record.law
+    if not signals.tracks[i]:
+        return Check("delay", i).unknown("the counts do not follow the reference")
+    if experiment.torques_of_law is not None or (
+        signals.torque is not None and experiment.motions is not None
+    ):
+        value, std = _delay_by_score(experiment, i)
+    elif (delay := experiment.once("delay", delays)) is not None:
+        value, std = delay.by_jerk[i], delay.jerk_std[i]
+    elif signals.reference is None:
+        return Check("delay", i).unknown("neither reference nor torque")
+    else:
+        value, std = lag(experiment, i)
+        leads = law is not None and law.block(experiment.record.rig).step.jac_sparsity(0, 3).nnz()
+        if not leads and abs(value) > _LATE:
+            return check.unknown("the law itself may lag", value)
+    if not np.isfinite(value):
+        return Check("delay", i).unknown("the motor hardly moves")
+    if max(std, abs(value)) > _LATE:
+        return check.unknown(f"known to +-{max(std, abs(value)):.1f} samples only", value)
+    return check.fine(value)
+
+
+def _delay_by_score(experiment, i):
+    """The likeliest delay and its standard deviation: the vertex of the score's parabola."""
+    early, late = (
+        experiment.changed(counts_in_time(experiment.record, (i,), step)).score - experiment.score
+        for step in (-0.5, 0.5)
+    )
+    curvature = -(early + late) / 0.5**2
+    if curvature <= 0:
+        return 0.0, np.inf
+    return float(np.clip((late - early) / curvature, -9, 9)), float(curvature**-0.5)
+
+
+def _inertia(experiment, i):
+    check = Check("drive sign", i, "kg m^2")
+    if experiment.motions is None or not np.isfinite(experiment.motions[i].inertia_std):
+        return check.unknown("too little motion")
+    motion = experiment.motions[i]
+    if motion.inertia < _CERTAIN * motion.inertia_std:
+        return check.unknown("no acceleration that torque explains", motion.inertia)
+    return check.fine(motion.inertia)
+
+
+def _explained(experiment, i):
+    check = Check("swapped torques", i, "% explained")
+    if experiment.n == 1:
+        return check.unknown("one joint")
+    if experiment.motions is None or not np.isfinite(experiment.motions[i].inertia_std):
+        return check.unknown("too little motion")
+    return check.fine(100 * (1 - experiment.motions[i].unexplained))
+
+
+def _units(experiment, i):
+    check = Check("units of torque", i, "rotor inertias")
+    if experiment.command is not None and experiment.command[i] < 0.1:
+        return Check("units of torque", i, "of the law's").fine(abs(_law_slope(experiment, i)))
+    size = _rotor_inertias(experiment, i)
+    if size is None:
+        return check.unknown("no rotor inertia stated, and no law that tells the torque")
+    if not size > 0:
+        return check.unknown(
+            "no acceleration that torque explains, and no law that tells the torque"
+        )
+    return check.fine(size)
+
+
+# -- one column mapped to two joints ----------------------------------------------------------------
+def copied_columns(signals: Signals, i: int) -> Finding:
+    """Whether an earlier joint has the same columns, as they are or as angles."""
+    check = Check("copied columns", i)
+    # Earlier joints only, so that one of the two keeps its column.
+    for j in range(i):
+        remedy = f"as {signals.joint_labels[j]}: one column was mapped to both."
+        if _same_counts(signals, j, i):
+            return check.wrong(None, f"The same counts {remedy}")
+        if _same_torque(signals, j, i):
+            return check.look(None, f"The same torque {remedy}")
+    return check.fine()
+
+
+def _same_counts(signals, i, j):
+    """Whether two joints move alike, to a pulse, although their references differ."""
+    moved = signals.counts - signals.counts[0]
+    # Two joints at rest are alike for another reason.
+    if not moved[:, i].any():
+        return False
+    pulse = np.abs(np.diag(signals.rig.to_angle(np.eye(signals.n))))
+
+    def alike(pulses):
+        # Magnitudes, since the gears of the two joints may have different signs.
+        angle = np.abs(signals.rig.to_angle(pulses))
+        return bool(np.abs(angle[:, i] - angle[:, j]).max() <= pulse[i] + pulse[j])
+
+    if signals.reference is not None:
+        commanded = signals.reference - signals.reference[0]
+        if alike(commanded):
+            return False
+    return bool((moved[:, i] == moved[:, j]).all()) or alike(moved)
+
+
+def _same_torque(signals, i, j):
+    for table in (signals.record.torque, signals.record.current):
+        if table is not None and np.ptp(table[:, i]) and (table[:, i] == table[:, j]).all():
+            return True
+    return False
