@@ -11,7 +11,7 @@ import numpy as np
 
 from plant.checkup.counts import counts_findings
 from plant.checkup.finding import Check, Checkup, Finding, unless
-from plant.checkup.hypothesis import Hypothesis, Ranking, ranking
+from plant.checkup.hypothesis import Hypothesis, Ranking, SelectionSettings, ranking
 from plant.checkup.lost_rows import MOST, all_bridged, lost_rows, repeats_bridged
 from plant.checkup.oscillation import oscillation_findings
 from plant.checkup.quantisation import count_unit_findings, quantisation_findings
@@ -172,6 +172,9 @@ def _backlash(signals, i):
 
 
 # -- the checkup ----------------------------------------------------------------------------------
+# A cause that is undone by rounding counts again leaves some hundredths of its evidence behind.
+SELECTION = SelectionSettings(traces=0.03)
+
 # Checks of a log whose lost rows are bridged, before and after the ranked causes. What others take
 # for noise, saturation or a delay comes first, since the first finding is the first to be corrected.
 _BEFORE = _of_torque("clipped torque", _clipped), oscillation_findings, quantisation_findings
@@ -219,32 +222,40 @@ def _examined(record, hypotheses, labels):
     lost = lost_rows(record)
     if lost.any.mean() > MOST:
         return [*findings, *lost_findings(signals, lost)], as_it_is
-    units = list(count_unit_findings(signals))
-    copied = list(signals.per_joint(copied_columns))
-    findings += [*units, *lost_findings(signals, lost)]
-    # Glitches and jumps are findings of their own, so they are bridged for the later checks only.
-    findings += counts_findings(signals, Signals(repeats_bridged(record, lost)))
-
     # Angles are no counts, and no correction of a column mends the column of another motor.
+    copied = list(signals.per_joint(copied_columns))
     result = as_it_is
     if not signals.angular.any() and all(finding.ok for finding in copied):
         result = ranked_causes(record, lost, hypotheses, labels)
-    bridged = Signals(all_bridged(record, lost))
-    corrected = Signals(all_bridged(result.corrected.record, lost))
-    for check in _BEFORE:
-        findings += check(bridged)
-    findings += copied
     causes = list(cause_findings(result))
-    # A check of the data that sees the same mistake keeps its finding.
-    seen = {(finding.check, finding.joint) for finding in findings if not finding.ok}
-    findings += [cause for cause in causes if (cause.check, cause.joint) not in seen]
     caused = {(cause.check, cause.joint) for cause in causes}
+
+    # What a correction mends is a fault of its own; all else is seen in the corrected log.
+    corrected = result.corrected.record
+    signals = Signals(corrected)
+    lost = lost_rows(corrected)
+    data = [*time_findings(signals), *count_unit_findings(signals), *lost_findings(signals, lost)]
+    # Glitches and jumps are findings of their own, so they are bridged for the later checks only.
+    data += counts_findings(signals, Signals(repeats_bridged(corrected, lost)))
+    bridged = Signals(all_bridged(corrected, lost))
+    for check in _BEFORE:
+        data += check(bridged)
     if ("rounding", None) not in caused:
-        findings += rounding_findings(corrected)
-    findings += measured_findings(Experiment(corrected.record), caused)
+        data += rounding_findings(bridged)
+    data = [finding for finding in [*data, *copied] if (finding.check, finding.joint) not in caused]
+    after = [*measured_findings(Experiment(bridged.record), caused)]
     for check in _AFTER:
-        findings += check(corrected)
-    return findings, result
+        after += check(bridged)
+    # A loop that swings makes delays and units that are none: its finding comes first.
+    swings = [finding for finding in data if finding.check == "oscillation" and not finding.ok]
+    later = _LATER if not swings else (*_LATER, "delay")
+    mended = [cause for cause in causes if cause.check not in later]
+    rest = [cause for cause in causes if cause.check in later]
+    return [*mended, *data, *rest, *after], result
+
+
+# Causes of a torque's size: a coarse encoder, or a torque that is cut off, looks like one.
+_LATER = "units of torque", "viscous friction"
 
 
 def ranked_causes(record, lost, hypotheses=(), labels=()) -> Ranking[Experiment]:
@@ -253,7 +264,7 @@ def ranked_causes(record, lost, hypotheses=(), labels=()) -> Ranking[Experiment]
     `lost`: rows that are bridged for the comparison.
     """
     trials = Trials((*TABLE, *hypotheses))
-    result = ranking(Experiment(all_bridged(record, lost)), trials, labels)
+    result = ranking(Experiment(all_bridged(record, lost)), trials, labels, SELECTION)
     # Rows are bridged for the evidence only: the record keeps what was logged.
     records = [record]
     for cause, hypothesis in zip(result.causes, result.accepted, strict=False):

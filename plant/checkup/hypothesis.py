@@ -152,7 +152,9 @@ def log_odds(
 
 
 def _power(log_odds):
-    return f"1e{log_odds / np.log(10):.0f}"
+    power = log_odds / np.log(10)
+    # No model of a log is right to more digits.
+    return f"1e{power:.0f}" if power < 100 else "over 1e99"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -238,12 +240,16 @@ class SelectionSettings:
         Causes that are accepted of one log, at most.
     accepted : float
         Log odds above which a cause is accepted.
+    traces : float
+        The same for a further cause, as a share of the log odds of the one before: a mistake that
+        is undone imperfectly leaves traces.
     undecided : float
         Difference of log odds below which two causes are not told apart: odds of 20 to 1.
     """
 
     causes: int = 3
     accepted: float = 0.0
+    traces: float = 0.0
     undecided: float = 3.0
 
 
@@ -298,7 +304,8 @@ def ranking(
     accepted: list[Hypothesis[Experiment]] = []
     while len(causes) < settings.causes:
         ranked = sorted(candidates(experiments[-1]), key=lambda candidate: -candidate.log_odds)
-        if not ranked or not ranked[0].log_odds > settings.accepted:
+        traces = settings.traces * causes[-1].log_odds if causes else 0.0
+        if not ranked or not ranked[0].log_odds > max(settings.accepted, traces):
             break
         causes.append(_cause(ranked, labels, settings))
         accepted.append(ranked[0].hypothesis)

@@ -178,7 +178,11 @@ def scaled_torque(factor: Callable[[Any], Any], name: str = "torque") -> Callabl
         # A logged torque goes before the current.
         if column is None or (name == "current" and record.torque is not None):
             raise ValueError(f"the record must have the column {name}. Map it.")
-        return replace(record, **{name: column * _factors(record, joints, factor(record.rig))})
+        factors = _factors(record, joints, factor(record.rig))
+        # The motor's torque may have the direction of the motor, or that of the joint.
+        if size < 0:
+            factors = factors * np.sign(record.rig.drive.gear)
+        return replace(record, **{name: column * factors})
 
     return undo
 
@@ -187,6 +191,25 @@ def rescaled_torque(record: Any, joints: Joints, size: float) -> Any:
     """Divide torques by a factor."""
     factors = _factors(record, joints, size)
     return with_torques(record, lambda torque: torque / factors)
+
+
+def with_gravity(record: Any, joints: Joints, size: float) -> Any:
+    """Add to the logged torque what it lacks of the commanded one and depends on the pose."""
+    experiment = Experiment(record)
+    commanded, logged = experiment.commanded, experiment.signals.torque
+    if commanded is None or logged is None:
+        raise ValueError("the record must have a torque and a law without memory. Log both.")
+    angle = np.cumsum(record.rig.cell_centre(experiment.signals.counts), axis=1)
+    pose = np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
+    coefficients = np.linalg.lstsq(pose, commanded - logged, rcond=None)[0]
+    angle = np.cumsum(record.rig.cell_centre(record.counts), axis=1)
+    pose = np.column_stack([np.ones(len(angle)), np.sin(angle), np.cos(angle)])
+    drive = record.rig.drive
+    torque = drive.motor_torque(record.torque) if record.torque is not None else None
+    if torque is None:
+        torque = drive.motor_gain * record.current
+    gravity = drive.joint_torque(torque + pose @ coefficients)
+    return replace(record, torque=gravity, current=None)
 
 
 def scaled_counts(record: Any, joints: Joints, size: float) -> Any:
@@ -376,11 +399,18 @@ def friction_ratios(name: str) -> Callable[..., tuple[float, ...]]:
 
 def _positive(ratio):
     # A factor of one changes nothing, and signs have rows of their own.
-    return (float(ratio),) if ratio > 0 and abs(ratio - 1) > 1e-3 else ()
+    return (float(ratio),) if ratio > 0 and abs(ratio - 1) > _RELEVANT else ()
 
 
-DELAYS = (-8.0, -4.0, -2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Samples by which counts or torques may be late; the best is refined."""
+# A factor nearer to one is within what rounding and an imperfect undo cause.
+_RELEVANT = 0.03
+
+
+DELAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Samples by which counts may be late; the best is refined."""
+
+TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""The same of torques, which no cause makes early by much."""
 
 
 # -- evidence of other kinds -----------------------------------------------------------------------
@@ -560,36 +590,49 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             undo=undo,
             scope=each_joint,
         )
-    yield Hypothesis(
-        name="turned torques",
-        check="drive sign",
-        sentence="The torques of all joints have the wrong sign",
-        remedy="Change the sign of {torque}.",
-        undo=turned_torque,
-        scope=several,
-    )
+        # A driver, or a reader, that turns the sign of one joint turns those of all.
+        if name != "gear":
+            yield Hypothesis(
+                name=f"turned {name} of all joints",
+                check=check,
+                sentence=f"The {name} of all joints has the wrong sign",
+                remedy=f"Change the sign of {{{name}}} of every joint.",
+                undo=undo,
+                scope=several,
+            )
     units = {
-        "torque in mN m": (lambda rig: 1e-3, "torque", "in mN m"),
-        "torque in kN m": (lambda rig: 1e3, "torque", "in kN m"),
-        "torque of the motor": (lambda rig: np.abs(rig.drive.gear), "torque", "the motor's"),
-        "torque geared twice": (lambda rig: 1 / np.abs(rig.drive.gear), "torque", "geared twice"),
-        "current for torque": (
-            lambda rig: np.abs(rig.drive.gear) * rig.drive.motor_gain,
+        "in mN m": ("torque", lambda rig: 1e-3),
+        "in kN m": ("torque", lambda rig: 1e3),
+        "the motor's torque, not the joint's": ("torque", lambda rig: np.abs(rig.drive.gear)),
+        "a torque that crossed the gear twice": ("torque", lambda rig: 1 / np.abs(rig.drive.gear)),
+        "a motor current in A": (
             "torque",
-            "the motor current in A",
+            lambda rig: np.abs(rig.drive.gear) * rig.drive.motor_gain,
         ),
-        "per mille for torque": (lambda rig: rig.drive.torque_limit() / 1e3, "torque", "per mille"),
-        "current in mA": (lambda rig: 1e-3, "current", "in mA"),
-        "current in A, not in mA": (lambda rig: 1e3, "current", "in A, not in mA"),
+        "per mille of the amplifier's limit": (
+            "torque",
+            lambda rig: rig.drive.torque_limit() / 1e3,
+        ),
+        "in mA": ("current", lambda rig: 1e-3),
+        "in A, not in mA": ("current", lambda rig: 1e3),
     }
-    for name, (factor, column, unit) in units.items():
+    for unit, (column, factor) in units.items():
         yield Hypothesis(
-            name=name,
+            name=f"{column} {unit}",
             check="units of torque",
             sentence=f"The {column} may be {unit}",
-            remedy="State its unit.",
+            remedy="State its unit, or convert it.",
             undo=scaled_torque(factor, column),
+            sizes=(1.0, -1.0) if "motor" in unit else (1.0,),
         )
+    yield Hypothesis(
+        name="torque without gravity",
+        check="units of torque",
+        sentence="Gravity is taken out of the torque",
+        remedy="Log the torque with gravity; some drivers take it out by default.",
+        undo=with_gravity,
+        against=20.0,
+    )
     gears = lambda rig: np.abs(rig.drive.gear)  # noqa: E731
     both = {
         "counts in degrees, not radians": lambda rig: 180 / np.pi,
@@ -635,8 +678,8 @@ def _rows() -> Iterator[Hypothesis[Any]]:
     yield Hypothesis(
         name="rounding",
         check="rounding",
-        sentence="The counters round otherwise than stated",
-        remedy="State the other convention.",
+        sentence="The counts show {cell} at zero",
+        remedy="State Encoder(rounding={rounding}) for it.",
         undo=other_rounding,
         evidence=rounding_evidence,
         against=3.0,
@@ -652,8 +695,8 @@ def _rows() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name="gain",
             check="units of torque",
-            sentence="The gain of the law is {value:.3g} times what made the log",
-            remedy="Correct the gain.",
+            sentence="The torque is {inverse:.3g} times the commanded one, as of another gain",
+            remedy="Check gain, motor gain and gear.",
             undo=other_gain,
             scope=scope,
             sizes=command_ratios,
@@ -663,7 +706,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             name="torque scale",
             check="units of torque",
             sentence="The torque is {value:.3g} times the commanded one",
-            remedy="Check motor gain, gear and the driver's scale.",
+            remedy="Check gain, motor gain and gear, or the driver's scale.",
             undo=rescaled_torque,
             scope=scope,
             sizes=torque_ratios,
@@ -709,7 +752,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             remedy="Shift them.",
             undo=torques_in_time,
             scope=scope,
-            sizes=DELAYS,
+            sizes=TORQUE_DELAYS,
             tolerance=2.0,
             unit="samples",
         )
@@ -727,7 +770,7 @@ def _rows() -> Iterator[Hypothesis[Any]]:
         yield Hypothesis(
             name=title,
             check="units of torque" if name == "coulomb" else "viscous friction",
-            sentence=f"{title} of {{joint}} is {{value:.2g}} times the stated one",
+            sentence=f"{title} is not the rig's, but {{value:.2g}} times the stated one",
             remedy="Correct that if it was a guess.",
             undo=other_friction(name),
             scope=each_joint,
@@ -771,12 +814,13 @@ class Trials:
         evidence = hypothesis.evidence and hypothesis.evidence(experiment, joints)
         if evidence is None:
             evidence = self._scored(experiment, hypothesis, joints, changed)
-        words = _column_names(experiment, joints)
+        names = _column_names(experiment, joints)
         for size, gain in evidence:
             # Evidence of its own joins that of the score, which may see more of a large mistake.
             if hypothesis.evidence is not None and hypothesis.scored:
                 gain = max(gain, changed(size).score - experiment.score)
             odds = gain - hypothesis.against
+            words = {**names, "inverse": 1 / size if size else np.inf}
             yield Candidate(hypothesis, joints, size, odds, partial(changed, size), words)
 
     def _scored(self, experiment, hypothesis, joints, changed):
@@ -814,4 +858,8 @@ def _column_names(experiment, joints):
     """Names of the columns of the first joint in messages."""
     signals = experiment.signals
     joint = joints[0] if joints else 0
-    return {name: signals.column(name, joint) for name in ("torque", "counts", "reference", "error")}
+    names = {name: signals.column(name, joint) for name in ("torque", "counts", "reference", "error")}
+    # The convention that is not stated.
+    if experiment.record.rig.encoder.rounding == "fix":
+        return names | {"cell": "no wide cell", "rounding": '"floor"'}
+    return names | {"cell": "a cell two pulses wide", "rounding": '"fix"'}
