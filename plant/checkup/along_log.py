@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from plant.checkup.signals import Signals
+from plant.laws.law import block_of
 from plant.laws.resumed import FAST, Resumed
 from plant.motion.smooth_splines import smooth_splines
 from plant.parts.fields import Floats
@@ -21,12 +22,12 @@ class AlongLogSettings:
     Parameters
     ----------
     samples : int
-        Samples in the middle of the log along which the law is run.
+        Samples at the beginning of the log along which the law is run.
     period : float
         Largest ratio of the law's period, and of the rig's, to the interval of the log.
     """
 
-    samples: int = 2500
+    samples: int = 3000
     period: float = 1.01
 
 
@@ -40,12 +41,12 @@ def steps_of_torque(signals: Signals) -> tuple[Floats, Floats] | None:
         return None
     record = signals.record
     rig = signals.rig
-    # 1. The middle of the log: the law starts with the wrong memory, and forgets it.
-    start = max(0, (len(signals.clear) - SETTINGS.samples) // 2)
-    clear = signals.clear[start : start + SETTINGS.samples].copy()
+    # 1. The beginning of the log: a law that starts there has the right memory, and any other
+    # forgets the wrong one.
+    clear = signals.clear[: SETTINGS.samples].copy()
     clear[: signals.window] = False
     clear[-signals.window :] = False
-    t = signals.t[0] + signals.interval * (start + np.arange(len(clear)))
+    t = signals.t[0] + signals.interval * np.arange(len(clear))
 
     # 2. The law's own times: fast hardware has no period, and is run some steps per sample.
     period = law.period or signals.interval / FAST
@@ -91,7 +92,7 @@ def _reference_motion(signals, law, times, t):
     record = signals.record
     if record.reference is not None:
         return record.reference(times - record.t[0])
-    step = law.block(signals.rig).step
+    step = block_of(law, signals.rig).step
     # The law's outputs, torque and state, may depend on the inputs 1 to 3: reference position,
     # velocity and acceleration. Splines of a logged reference are made only if they do.
     if not any(step.jac_sparsity(out, of).nnz() for out in (0, 1) for of in (1, 2, 3)):

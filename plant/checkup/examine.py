@@ -20,7 +20,7 @@ from plant.checkup.score import Experiment
 from plant.checkup.signals import Signals
 from plant.checkup.stamps import lost_findings, time_findings
 from plant.checkup.views import cause_findings, copied_columns, measured_findings
-from plant.checkup.without_arm import TABLE, Trials
+from plant.checkup.without_arm import SWITCHES, TABLE, Trials
 
 
 # -- torque: saturation, clipping, backlash -------------------------------------------------------
@@ -175,6 +175,9 @@ def _backlash(signals, i):
 # A cause that is undone by rounding counts again leaves some hundredths of its evidence behind.
 SELECTION = SelectionSettings(traces=0.03)
 
+# Counts that are spoiled otherwise leave evidence for any change, but less than for an exchange.
+SPOILED = SelectionSettings(traces=0.03, accepted=100.0)
+
 # Checks of a log whose lost rows are bridged, before and after the ranked causes. What others take
 # for noise, saturation or a delay comes first, since the first finding is the first to be corrected.
 _BEFORE = _of_torque("clipped torque", _clipped), oscillation_findings, quantisation_findings
@@ -224,9 +227,14 @@ def _examined(record, hypotheses, labels):
         return [*findings, *lost_findings(signals, lost)], as_it_is
     # Angles are no counts, and no correction of a column mends the column of another motor.
     copied = list(signals.per_joint(copied_columns))
-    result = as_it_is
+    result, spoiled, counts = as_it_is, False, list[Finding]()
     if not signals.angular.any() and all(finding.ok for finding in copied):
-        result = ranked_causes(record, lost, hypotheses, labels)
+        # Counts that jump, stick or are cut off make delays and sizes that are none.
+        counts = [*counts_findings(signals, Signals(repeats_bridged(record, lost)))]
+        noisy = (signals.noise > signals.least_count).any()
+        spoiled = noisy or any(finding.check in _SPOILED and not finding.ok for finding in counts)
+        table = (*(SWITCHES if spoiled else TABLE), *hypotheses)
+        result = ranked_causes(record, lost, table, labels, SPOILED if spoiled else SELECTION)
     causes = list(cause_findings(result))
     caused = {(cause.check, cause.joint) for cause in causes}
 
@@ -236,7 +244,9 @@ def _examined(record, hypotheses, labels):
     lost = lost_rows(corrected)
     data = [*time_findings(signals), *count_unit_findings(signals), *lost_findings(signals, lost)]
     # Glitches and jumps are findings of their own, so they are bridged for the later checks only.
-    data += counts_findings(signals, Signals(repeats_bridged(corrected, lost)))
+    if not spoiled:
+        counts = [*counts_findings(signals, Signals(repeats_bridged(corrected, lost)))]
+    data += counts
     bridged = Signals(all_bridged(corrected, lost))
     for check in _BEFORE:
         data += check(bridged)
@@ -258,20 +268,20 @@ def _examined(record, hypotheses, labels):
 _LATER = "units of torque", "viscous friction"
 
 
-def ranked_causes(record, lost, hypotheses=(), labels=()) -> Ranking[Experiment]:
+_SPOILED = "jumps", "stuck encoder", "clipped counts", "glitches"
+
+
+def ranked_causes(record, lost, table, labels, settings=SELECTION) -> Ranking[Experiment]:
     """What explains a record better than what it states; its corrections change the record itself.
 
     `lost`: rows that are bridged for the comparison.
     """
-    trials = Trials((*TABLE, *hypotheses))
-    result = ranking(Experiment(all_bridged(record, lost)), trials, labels, SELECTION)
+    trials = Trials(table)
+    result = ranking(Experiment(all_bridged(record, lost)), trials, labels, settings)
     # Rows are bridged for the evidence only: the record keeps what was logged.
     records = [record]
     for cause, hypothesis in zip(result.causes, result.accepted, strict=False):
         if cause.certain:
             records.append(hypothesis.undo(records[-1], cause.joints, cause.size))
-    own = {hypothesis.name for hypothesis in hypotheses}
-    failed = tuple(
-        f"{name}: {reason}" for name, reason in trials.failed.items() if name in own
-    )
+    failed = tuple(f"{name}: {reason}" for name, reason in trials.failed.items())
     return Ranking(result.causes, tuple(map(Experiment, records)), failed)

@@ -39,6 +39,8 @@ class ScoreSettings:
         Share of the variance (0 to 1) that each equation leaves unexplained in a right log: by lag
         of the loop; by rounding; by the unknown memory of a law; by pose and couplings that the
         regression does not have.
+    unlike : float
+        Unexplained share of the steps of a torque from which on a law does not explain them.
     inertia, inertia_spread : float
         Median of the inertia at a motor [rotor inertias], and standard deviation of its logarithm.
     rotor : float
@@ -61,6 +63,7 @@ class ScoreSettings:
     tracking: float = 3e-2
     command: float = 1e-4
     steps: float = 1e-2
+    unlike: float = 0.3
     motion: float = 5e-3
     inertia: float = 5.0
     inertia_spread: float = 1.5
@@ -303,9 +306,11 @@ class Experiment:
         half = self.filter.equations / 2
         terms = {"tracking": -half * np.log(self.tracking + SETTINGS.tracking)}
         if self.command is not None:
-            memory = self.record.law.has_memory(self.n)
-            floor = SETTINGS.steps if memory else SETTINGS.command
-            terms["command"] = -half * np.log(self.command + floor)
+            share, floor = self.command, SETTINGS.command
+            if self.record.law.has_memory(self.n):
+                # Steps that the law does not explain differ by noise alone.
+                share, floor = np.minimum(share, SETTINGS.unlike), SETTINGS.steps
+            terms["command"] = -half * np.log(share + floor)
         if self.motions is not None:
             unexplained = np.array([motion.unexplained for motion in self.motions])
             terms["motion"] = -half * np.log(unexplained + SETTINGS.motion)

@@ -11,6 +11,7 @@ from plant.checkup.hypothesis import Cause, Ranking
 from plant.checkup.score import Experiment
 from plant.checkup.signals import TRACKING, Signals
 from plant.checkup.without_arm import counts_in_time, delays, lag
+from plant.laws.law import block_of
 
 CAUSES = "swapped joints", "gear sign", "delay", "drive sign", "swapped torques", "units of torque"
 """Checks whose findings the ranked list gives."""
@@ -146,7 +147,7 @@ def _delay(experiment, i):
         return Check("delay", i).unknown("neither reference nor torque")
     else:
         value, std = lag(experiment, i)
-        leads = law is not None and law.block(experiment.record.rig).step.jac_sparsity(0, 3).nnz()
+        leads = law is not None and block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz()
         if not leads and abs(value) > _LATE:
             return check.unknown("the law itself may lag", value)
     if not np.isfinite(value):

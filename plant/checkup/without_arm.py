@@ -24,6 +24,7 @@ from plant.checkup.quantisation import STEP_NOTE, grid
 from plant.checkup.rounding import rounding_log_odds
 from plant.checkup.score import Experiment
 from plant.checkup.torque_regression import TorqueRegression, least_squares
+from plant.laws.law import block_of
 from plant.parts.fields import Floats
 
 
@@ -363,7 +364,9 @@ def inverse_slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
 
 def torque_ratios(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     """Logged over commanded torque: of a joint, or the median of all."""
-    if experiment.torques_of_law is None:
+    law = experiment.record.law
+    # The unknown memory of a law makes its steps another size.
+    if experiment.torques_of_law is None or law.has_memory(experiment.n):
         return ()
     commanded, logged = experiment.torques_of_law
     ratio = _ratios(logged, commanded)
@@ -382,7 +385,8 @@ def used_limits(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
     i = joints[0]
     if torque is None or not np.isfinite(drive.current_limit[i]):
         return ()
-    return (float(np.abs(torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i]),)
+    share = float(np.abs(torque[:, i]).max() / drive.motor_gain[i] / drive.current_limit[i])
+    return (share,) if share < 1 - _RELEVANT else ()
 
 
 def friction_ratios(name: str) -> Callable[..., tuple[float, ...]]:
@@ -406,7 +410,7 @@ def _positive(ratio):
 _RELEVANT = 0.03
 
 
-DELAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
+DELAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
 """Samples by which counts may be late; the best is refined."""
 
 TORQUE_DELAYS = (-1.0, -0.5, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -466,13 +470,17 @@ _VISCOUS_SPREAD = 0.5
 
 def delay_evidence(experiment: Experiment, joints: Joints) -> Any:
     """Log odds of late counts without a logged torque; None with one: the score has it then."""
-    if experiment.signals.torque is not None:
-        return None
+    logged = experiment.signals.torque is not None
     if experiment.signals.reference is None:
-        return ()
+        return None if logged else ()
+    law = experiment.record.law
+    if law is not None and law.has_memory(experiment.n):
+        return _lag_evidence(experiment, joints) or (None if logged else ())
+    if logged:
+        return None
     delay = experiment.once("delay", delays)
     if delay is None:
-        return _lag_evidence(experiment, joints)
+        return ()
     chosen = list(joints) or slice(None)
     values = np.concatenate([delay.by_jerk[chosen], delay.by_speed[chosen]])
     stds = np.concatenate([delay.jerk_std[chosen], delay.speed_std[chosen]])
@@ -494,10 +502,17 @@ def _lag_evidence(experiment, joints):
     law = experiment.record.law
     # Any other law needs an error to act, and lags by itself. Input 3 of a law's step is the
     # reference's acceleration, output 0 the torque.
-    if law is None or not law.block(experiment.record.rig).step.jac_sparsity(0, 3).nnz():
+    if law is None or not block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz():
         return ()
     values, stds = np.array([lag(experiment, i) for i in joints or range(experiment.n)]).T
+    # What a law leaves of friction looks like a small lag.
+    if np.abs(values).max() < _LEAST_LAG or np.ptp(values) > _LEAST_LAG:
+        return ()
     return _common(values, stds)
+
+
+# Samples of lag that a law leaves by what its model lacks.
+_LEAST_LAG = 0.2
 
 
 def lag(experiment: Experiment, i: int) -> tuple[float, float]:
@@ -505,7 +520,8 @@ def lag(experiment: Experiment, i: int) -> tuple[float, float]:
     signals = experiment.signals
     reference = experiment.filtered("reference", signals.reference, i)
     counts = experiment.filtered("counts", signals.counts, i)
-    columns = np.column_stack([reference.speed, np.ones(len(reference.speed))])
+    # Friction that the law lacks is an error with the sign of the speed.
+    columns = np.column_stack([reference.speed, reference.direction, np.ones(len(counts.value))])
     value, std = least_squares(columns, reference.value - counts.value, signals.window)
     return value[0] / signals.interval, std[0] / signals.interval
 
@@ -778,6 +794,8 @@ def _rows() -> Iterator[Hypothesis[Any]]:
             tolerance=1.0,
             evidence=viscous_evidence if name == "viscous" else None,
             parameter=True,
+            # A friction that is stated is often a guess.
+            against=10.0,
         )
 
 
@@ -788,6 +806,9 @@ def several(n: int) -> Iterator[Joints]:
 
 
 TABLE: tuple[Hypothesis[Any], ...] = tuple(_rows())
+
+SWITCHES = tuple(row for row in TABLE if isinstance(row.sizes, tuple) and row.tolerance is None)
+"""Rows without a size that is estimated: a log whose counts are spoiled shows these alone."""
 
 
 # -- the evidence ----------------------------------------------------------------------------------
@@ -805,20 +826,35 @@ class Trials:
                 try:
                     yield from self._candidates(experiment, hypothesis, joints)
                 except ValueError as error:
-                    self.failed[hypothesis.name] = str(error)
+                    self._name(hypothesis, f"cannot be undone in this log: {error}")
+                except Exception as error:  # of a user's own function
+                    if hypothesis in TABLE:
+                        raise
+                    self._name(hypothesis, f"failed: {error!r}")
+
+    def _name(self, hypothesis, reason):
+        """Name a user's own hypothesis that is left out; built-in ones do not concern every log."""
+        if hypothesis not in TABLE:
+            self.failed[hypothesis.name] = reason
 
     def _candidates(self, experiment, hypothesis, joints):
         def changed(size):
-            return experiment.changed(hypothesis.undo(experiment.record, joints, size))
+            record = hypothesis.undo(experiment.record, joints, size)
+            if record == experiment.record:
+                self._name(hypothesis, "changes nothing in this log")
+            return experiment.changed(record)
 
         evidence = hypothesis.evidence and hypothesis.evidence(experiment, joints)
         if evidence is None:
             evidence = self._scored(experiment, hypothesis, joints, changed)
         names = _column_names(experiment, joints)
         for size, gain in evidence:
-            # Evidence of its own joins that of the score, which may see more of a large mistake.
-            if hypothesis.evidence is not None and hypothesis.scored:
-                gain = max(gain, changed(size).score - experiment.score)
+            if hypothesis.evidence is not None:
+                # A mistake that cannot be undone here is none of this log's.
+                undone = changed(size)
+                # Evidence of its own joins that of the score, which sees more of a large mistake.
+                if hypothesis.scored:
+                    gain = max(gain, undone.score - experiment.score)
             odds = gain - hypothesis.against
             words = {**names, "inverse": 1 / size if size else np.inf}
             yield Candidate(hypothesis, joints, size, odds, partial(changed, size), words)

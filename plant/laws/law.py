@@ -407,6 +407,12 @@ def _sent(
     return frame, inner.added(rig, q, qd, frame)
 
 
+@functools.lru_cache(maxsize=8)
+def block_of(law: Law, rig: Rig) -> Block:
+    """The symbolic step of a law for a rig, kept for the next call with the same two."""
+    return law.block(rig)
+
+
 def _checked_step(law: Law, arguments: tuple[Any, ...]) -> Step:
     """Torque and state of a law's equations; arguments or results of another form are refused."""
     kind = type(law).__name__

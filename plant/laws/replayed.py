@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.laws.law import Setpoint, StatelessLaw, Step
+from plant.laws.law import Setpoint, StatelessLaw, Step, block_of
 from plant.machine.rig import Rig
 from plant.parts.part import part
 
@@ -85,7 +85,7 @@ def commanded_torque(record: Any, at: Any = None) -> NDArray[np.float64] | None:
     # unknown.
     if law is None or law.replays or law.has_memory(record.n):
         return None
-    block = law.block(rig)
+    block = block_of(law, rig)
     reference = record.reference_pulses
     counts = record.counts
     if at is not None:

@@ -161,12 +161,11 @@ class AlongLog(Resumed):
         `columns`: q, qd, qdd, reference_pulses and counts, each (K, n), at times that are a
         `period` [s] apart.
         """
-        block = self.block(rig)
+        block, along = _prepared(self, rig)
         count = len(columns[-1])
         n = rig.n
         carried_fields = _carried(block)
         laws = len(block.values) - len(rig.number_values())
-        along = _repeated(_step(block, rig).serialize())
         calls = -(-count // _STEPS_PER_CALL)
         # The function takes a fixed number of steps; the last call repeats the last row.
         rows = np.minimum(np.arange(calls * _STEPS_PER_CALL), count - 1).reshape(calls, -1)
@@ -210,6 +209,14 @@ def _step(block: Block, rig: Rig) -> ca.Function:
     torque = rig.with_numbers(numbers[laws:]).drive.limited(commanded)
     after = ca.densify(fields.write(n, state=following, torque=torque))
     return ca.Function("step", [vector, *columns, dt, numbers], [after])
+
+
+# A law is run many times along one log, and its equations take longer than the run.
+@functools.lru_cache(maxsize=8)
+def _prepared(law, rig):
+    """The block of a law, and the function that repeats its step."""
+    block = law.block(rig)
+    return block, _repeated(_step(block, rig).serialize())
 
 
 @functools.lru_cache(maxsize=8)
