@@ -14,11 +14,10 @@ from identification.results.seen import APART, contradicted, motion_of
 from identification.results.with_arm import BY_NAME
 from identification.search.predictive import FALSE_ALARM, ROUGH, ROUNDINGS, doubtful
 from plant import Chain, Record, Rig
-from plant.checkup.law_delay import law_delays
+from plant.checkup.examine import late_counts
 from plant.checkup.lost_rows import BRIDGED, short_gaps
 from plant.checkup.oscillation import own_oscillations
 from plant.checkup.rounding import rounding_doubts
-from plant.checkup.signals import Signals
 from plant.machine.unlikely import unlikely_statements
 from plant.parts.fields import Floats
 
@@ -250,14 +249,14 @@ def _law_differs(apart):
 def _late(identification):
     """Delays (n,) of the counts after which the stated law gives the logged torque, by record.
 
-    NaN of a joint without one; records without any are left out.
+    0 of a joint without one; records without any are left out.
     """
     delays = {
-        i: law_delays(Signals(identification.records[i]))
+        i: late_counts(identification.records[i])
         for i, apart in enumerate(identification.diagnostics.law_apart)
         if _law_differs(apart)
     }
-    return {i: delay for i, delay in delays.items() if np.nan_to_num(delay).any()}
+    return {i: delay for i, delay in delays.items() if delay.any()}
 
 
 def _law(case):
@@ -270,8 +269,7 @@ def _law(case):
         # A delay explains the difference, so it is not the fault of the law.
         if i in case.late:
             delays = ", ".join(
-                f"{case.late[i][k]:+.0f} of {case.joints[k]}"
-                for k in np.flatnonzero(np.nan_to_num(case.late[i]))
+                f"{case.late[i][k]:+.0f} of {case.joints[k]}" for k in np.flatnonzero(case.late[i])
             )
             yield (
                 f"the counts of {case.log(i)} are late by samples: {delays}; in time the stated"

@@ -3,8 +3,8 @@
 Reading order: `hypothesis` (mistakes, their score and ranking) -> `finding` (one line per check and
 joint, and their table) -> `innovation` (how far counts deviate from their motion) -> `signals` and
 `torque_regression` (signals that need no model of the arm) -> `counts`, `lost_rows` and `stamps`
-(rows that are no measurement, and their times) -> the checks `quantisation`, `rounding`,
-`oscillation`, `law_delay`, `tracking` and `wiring` -> `corrections` (each correction is tried
-before it is advised) -> `examine` (`record.check()`: all checks of a record, those of its torque
-among them).
+(rows that are no measurement, and their times) -> `quantisation`, `rounding` and `oscillation` ->
+`along_log` (a law with memory, run along a log) and `score` (how likely a log is) -> `without_arm`
+(the table of what can be wrong) -> `views` (its causes as findings) -> `examine`
+(`record.check()`: all checks of a record).
 """

@@ -21,6 +21,7 @@ from plant.checkup.signals import Signals
 from plant.checkup.stamps import lost_findings, time_findings
 from plant.checkup.views import cause_findings, copied_columns, measured_findings
 from plant.checkup.without_arm import SWITCHES, TABLE, Trials
+from plant.parts.fields import Floats
 
 
 # -- torque: saturation, clipping, backlash -------------------------------------------------------
@@ -266,6 +267,15 @@ def _examined(record, hypotheses, labels):
 
 # Causes of a torque's size: a coarse encoder, or a torque that is cut off, looks like one.
 _LATER = "units of torque", "viscous friction"
+
+
+def late_counts(record) -> Floats:
+    """Samples (n,) by which the counts of each joint are late, as the law of the record shows."""
+    late = np.zeros(record.n)
+    for cause in ranked_causes(record, lost_rows(record), TABLE, record.rig.joint_labels).causes:
+        if cause.name == "late counts":
+            late[list(cause.joints) or slice(None)] = cause.size
+    return late
 
 
 _SPOILED = "jumps", "stuck encoder", "clipped counts", "glitches"

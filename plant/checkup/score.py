@@ -225,7 +225,7 @@ class Experiment:
             # A loop may lag: what is in proportion to the acceleration is no evidence.
             error = reference.speed - counts.speed
             lag = reference.acceleration
-            error = error - lag * (lag @ error) / max(lag @ lag, 1e-300)
+            error = error - lag * float(lag @ error) / max(float(lag @ lag), 1e-300)
             shares[i] = _share(error, reference.speed, counts.speed, self._speed_noise)
         return shares
 
@@ -261,9 +261,7 @@ class Experiment:
         if self.torques_of_law is None:
             return None
         commanded, logged = (table.T for table in self.torques_of_law)
-        return np.array(
-            [_share(a - b, a, b) for a, b in zip(commanded, logged, strict=True)]
-        )
+        return np.array([_share(a - b, a, b) for a, b in zip(commanded, logged, strict=True)])
 
     @functools.cached_property
     def torque(self) -> Floats | None:
@@ -339,7 +337,7 @@ class Experiment:
         limit = drive.motor_gain * drive.current_limit
         share = np.abs(self.signals.torque).max(axis=0) / limit
         beyond = np.log(np.maximum(share / SETTINGS.beyond, 1.0)) / SETTINGS.beyond_spread
-        return -np.minimum(beyond, 10.0) ** 2 / 2
+        return -(np.minimum(beyond, 10.0) ** 2) / 2
 
     @functools.cached_property
     def score(self) -> float:

@@ -147,7 +147,9 @@ def _delay(experiment, i):
         return Check("delay", i).unknown("neither reference nor torque")
     else:
         value, std = lag(experiment, i)
-        leads = law is not None and block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz()
+        leads = (
+            law is not None and block_of(law, experiment.record.rig).step.jac_sparsity(0, 3).nnz()
+        )
         if not leads and abs(value) > _LATE:
             return check.unknown("the law itself may lag", value)
     if not np.isfinite(value):

@@ -18,7 +18,6 @@ from plant.checkup.hypothesis import (
     Joints,
     each_joint,
     pairs,
-    whole,
 )
 from plant.checkup.quantisation import STEP_NOTE, grid
 from plant.checkup.rounding import rounding_log_odds
@@ -235,8 +234,8 @@ def scaled_both(factor: Callable[[Any], Any] | None = None) -> Callable[..., Any
         factors = _factors(record, joints, size if factor is None else factor(record.rig))
         counts, reference = record.counts / factors, record.reference_pulses / factors
         # Multiples of a step become whole again; anything else is rounded as counts are.
-        whole = record.rig.encoder.quantised
-        reference, counts = np.round(reference), whole(counts + 0.5 * _SLACK)
+        quantised = record.rig.encoder.quantised
+        reference, counts = np.round(reference), quantised(counts + 0.5 * _SLACK)
         return replace(
             record, reference=None, reference_pulses=reference, error_pulses=reference - counts
         )
@@ -344,9 +343,7 @@ def _ratios(numerator, denominator):
 
 def _speeds(experiment, name):
     table = getattr(experiment.signals, name)
-    return np.column_stack(
-        [experiment.filtered(name, table, i).speed for i in range(experiment.n)]
-    )
+    return np.column_stack([experiment.filtered(name, table, i).speed for i in range(experiment.n)])
 
 
 def slopes(experiment: Experiment, joints: Joints) -> tuple[float, ...]:
@@ -518,7 +515,7 @@ _LEAST_LAG = 0.2
 def lag(experiment: Experiment, i: int) -> tuple[float, float]:
     """Samples by which the counts of joint i lag behind the reference, and standard deviation."""
     signals = experiment.signals
-    reference = experiment.filtered("reference", signals.reference, i)
+    reference = experiment.filtered("reference", np.asarray(signals.reference), i)
     counts = experiment.filtered("counts", signals.counts, i)
     # Friction that the law lacks is an error with the sign of the speed.
     columns = np.column_stack([reference.speed, reference.direction, np.ones(len(counts.value))])
@@ -894,7 +891,9 @@ def _column_names(experiment, joints):
     """Names of the columns of the first joint in messages."""
     signals = experiment.signals
     joint = joints[0] if joints else 0
-    names = {name: signals.column(name, joint) for name in ("torque", "counts", "reference", "error")}
+    names = {
+        name: signals.column(name, joint) for name in ("torque", "counts", "reference", "error")
+    }
     # The convention that is not stated.
     if experiment.record.rig.encoder.rounding == "fix":
         return names | {"cell": "no wide cell", "rounding": '"floor"'}

@@ -213,7 +213,7 @@ def _step(block: Block, rig: Rig) -> ca.Function:
 
 # A law is run many times along one log, and its equations take longer than the run.
 @functools.lru_cache(maxsize=8)
-def _prepared(law, rig):
+def _prepared(law: AlongLog, rig: Rig) -> tuple[Block, ca.Function]:
     """The block of a law, and the function that repeats its step."""
     block = law.block(rig)
     return block, _repeated(_step(block, rig).serialize())
